@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,14 @@ HEAD = "press,time_s,depth_mm,fx_N,fy_N,fz_N,phase"
 class Made:
     """What is true: the kind, what is hidden and how strong it is in std, the modulus, and what was drawn.
 
-    `off_N` (N,) is what the best straight law of each radius leaves of what is hidden; `force_N` and
+    `each`: std of each hidden effect, beside the law and the other one. `off_N` (N,) is what the best straight law of each radius leaves of what is hidden; `force_N` and
     `slope_N_per_mm` (N,) are those of the gel without it.
     """
 
     kind: str
     sizes: dict[str, float]
     strength: float
+    each: dict[str, float]
     modulus_MPa: float
     presses: int
     samples: int
@@ -36,7 +38,7 @@ class Made:
     @property
     def told(self) -> dict[str, object]:
         """Plain numbers and words, for a log."""
-        names = ("kind", "sizes", "strength", "modulus_MPa", "presses", "samples")
+        names = ("kind", "sizes", "strength", "each", "modulus_MPa", "presses", "samples")
         return {name: getattr(self, name) for name in names} | {
             "noise": self.reader.kind,
             "stated": self.reader.stated,
@@ -58,21 +60,26 @@ def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = Fal
         tau_s=float(rng.choice([0.5, 2.0, 8.0])),
         at=float(rng.uniform(0.3, 0.7)),
     )
+    same = deepcopy(rng)
     truth, rows = _read(rng, gel, plan, reader)
     _write(folder, plan, reader, gel, rows)
     strength, off = _strength(plan, reader, truth)
+    each = {}
+    for key in gel.sizes:
+        others = replace(gel, sizes={k: v for k, v in gel.sizes.items() if k != key})
+        each[key] = _strength(plan, reader, truth, beside=_read(deepcopy(same), others, plan, reader)[0])[0]
     force, slope = (np.concatenate([one[k] for one in truth]) for k in (0, 1))
-    return Made(
-        kind, dict(gel.sizes), strength, gel.modulus_MPa, len(plan.presses), force.size, reader, force, slope, off
-    )
+    told = (kind, dict(gel.sizes), strength, each, gel.modulus_MPa, len(plan.presses), force.size)
+    return Made(*told, reader, force, slope, off)
 
 
 Read = tuple[Array, Array, float]
+Truth = list[tuple[Array, Array, Array]]
 
 
 def _read(
     rng: np.random.Generator, gel: hidden.Gel, plan: protocol.Protocol, reader: noise.Reader
-) -> tuple[list[tuple[Array, Array, Array]], list[Read]]:
+) -> tuple[Truth, list[Read]]:
     """Of each press what would be read without noise and without what is hidden, and what is read."""
     sound = hidden.Gel(gel.modulus_MPa, gel.nu, gel.bend, gel.curve, {}, gel.tau_s, gel.at)
     clean, truth, rows = hidden.forces_N(sound, plan), [], []
@@ -93,18 +100,19 @@ def _read(
 
 
 def _strength(
-    plan: protocol.Protocol, reader: noise.Reader, truth: list[tuple[Array, Array, Array]]
+    plan: protocol.Protocol, reader: noise.Reader, truth: Truth, *, beside: Truth | None = None
 ) -> tuple[float, Array]:
-    """Std that part what is hidden from the best that a straight law of each radius can do instead, and what that
-    leaves (N,), N.
+    """Std that part what is hidden from the best that a straight law of each radius can do instead, `beside` what
+    else is hidden, of any size; and what that leaves (N,), N.
     """
     radii = sorted({press.radius_mm for press in plan.presses})
     white, plain = [], []
-    for press, (force, slope, error) in zip(plan.presses, truth, strict=True):
+    for press, (force, slope, error), other in zip(plan.presses, truth, beside or truth, strict=True):
         own = np.diag(reader.force_N**2 + (slope * reader.depth_mm) ** 2)
         own = own + reader.gain**2 * np.outer(force, force) + reader.zero_mm**2 * np.outer(slope, slope)
         which = np.eye(len(radii))[radii.index(press.radius_mm)]
-        plain.append(np.column_stack([force, *(np.outer(force * press.depth_mm, which)).T, error]))
+        columns = [force, *(np.outer(force * press.depth_mm, which)).T, *([other[2]] if beside else []), error]
+        plain.append(np.column_stack(columns))
         white.append(np.linalg.solve(np.linalg.cholesky(own), plain[-1]))
     table, read = np.vstack(white), np.vstack(plain)
     best = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0]

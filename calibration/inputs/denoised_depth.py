@@ -41,23 +41,37 @@ def branches(data: Observations) -> Ints:
 
 
 def ways(data: Observations) -> Ints:
-    """The same (N,), but that a plateau begins and ends where the depth does: phases go by one clock, and depths
-    may by another.
+    """The same (N,), but that a phase begins and ends where the depth does: phases go by one clock, and depths may
+    by another. A depth that no longer moves at its press's speed is air.
     """
-    way, depth = branches(data).copy(), data.depth_mm
-    for begin, end in zip(data.first, [*data.first[1:], data.size], strict=True):
+    way, depth, noise = branches(data).copy(), data.depth_mm, _reading_noise(data)
+    ends = [*data.first[1:], data.size]
+    for begin, end, speed in zip(data.first, ends, data.presses.speed_mm_s, strict=True):
         one = slice(int(begin), int(end))
         for first, last in _runs(way[one] == HOLD):
             if last - first + 1 >= MIN_HELD:
-                _fit_plateau(way[one], depth[one], first, last)
+                _fit_plateau(way[one], depth[one], first, last, noise_mm=noise)
+        if speed > 0 and data.is_curves:
+            on = float(speed) * (data.time_s[one] - data.time_s[int(begin)])
+            _fit_turn(way[one], depth[one], on)
+            _fit_rest(way[one], depth[one], on, UNLOAD, noise)
+            _fit_rest(way[one][::-1], depth[one][::-1], on[::-1], LOAD, noise)
     return way
 
 
-def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int) -> None:
+def _reading_noise(data: Observations) -> float:
+    """Std of a reading, mm, from all plateaus: one alone has too few to tell."""
+    way, off = branches(data), [np.zeros(0)]
+    for first, last in _runs((way == HOLD) & (np.diff(data.press, prepend=-1) == 0)):
+        if last - first + 1 >= MIN_HELD:
+            off.append(data.depth_mm[first : last + 1] - np.median(data.depth_mm[first : last + 1]))
+    all_off = np.concatenate(off)
+    return max(mad_std(all_off, centre=0.0), FINEST_MM) if all_off.size else FINEST_MM
+
+
+def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int, *, noise_mm: float) -> None:
     """Move the ends of the plateau first to last of one press, in place."""
-    held = depth_mm[first : last + 1]
-    level = float(np.median(held))
-    flat = np.abs(depth_mm - level) <= 3 * max(mad_std(held, centre=level), FINEST_MM)
+    flat = np.abs(depth_mm - np.median(depth_mm[first : last + 1])) <= 3 * noise_mm
     for beside, end, step in ((LOAD, first, -1), (UNLOAD, last, 1)):
         k = end + step
         while 0 <= k < way.size and way[k] == beside and flat[k]:
@@ -65,6 +79,30 @@ def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int) -> None:
         k = end
         while first <= k <= last and not flat[k]:
             way[k], k = beside, k - step
+
+
+def _fit_turn(way: Ints, depth_mm: Floats, on_mm: Floats) -> None:
+    """Let a press without a plateau turn where it is deepest, in place; `on_mm` (n,) what its speed makes of time."""
+    moving = np.flatnonzero(way != FREE)
+    turns = np.flatnonzero(np.diff(way[moving]))
+    if (way == HOLD).any() or turns.size != 1 or way[moving[0]] != LOAD:
+        return
+    last, top = moving[turns[0]], moving[int(np.argmax(depth_mm[moving]))]
+    if depth_mm[top] - np.max(depth_mm[last : last + 2]) <= SAME_MM / 2:
+        return
+    risen, fallen = (
+        abs(depth_mm[top] - depth_mm[b] - abs(on_mm[top] - on_mm[b])) if b in moving else np.inf
+        for b in (top - 1, top + 1)
+    )
+    way[moving] = np.where(moving < top + (risen <= fallen), LOAD, UNLOAD)
+
+
+def _fit_rest(way: Ints, depth_mm: Floats, on_mm: Floats, kind: int, noise_mm: float) -> None:
+    """Take the end of a press for air, in place, where it is of this kind and stands still though it should move."""
+    still = (way == kind) & (np.abs(depth_mm - depth_mm[-1]) <= 3 * noise_mm)
+    begin = int(still.size - np.argmin(still[::-1])) if not still.all() else 0
+    if begin < still.size - 1 and abs(on_mm[-1] - on_mm[begin]) > SAME_MM:
+        way[begin:] = FREE
 
 
 def _runs(inside: Bools) -> list[tuple[int, int]]:
@@ -94,7 +132,7 @@ def nominal_depth(data: Observations) -> Floats:
 
 def _depths(data: Observations) -> tuple[Floats, Floats]:
     """Both, kept for the last few data sets, since every prediction of an effect that remembers asks again."""
-    key = (data.depth_mm, data.time_s, data.phase, data.press)
+    key = (data.depth_mm, data.time_s, data.phase, data.press, data.presses.speed_mm_s)
     for known, steady, nominal in _KEPT:
         if all(a is b for a, b in zip(known, key, strict=True)):
             return steady, nominal
