@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.others_curves import hidden, noise, protocol
 from benchmarks.others_curves.law import BEND, Array
+from benchmarks.others_curves.strength import NU_STD, TOLD_APART, StraightLaw, Truth, instead, without
 
 KINDS = ("clean", "single", "pair", "outside")
 HEAD = "press,time_s,depth_mm,fx_N,fy_N,fz_N,phase"
@@ -19,14 +20,16 @@ HEAD = "press,time_s,depth_mm,fx_N,fy_N,fz_N,phase"
 class Made:
     """What is true: the kind, what is hidden and how strong it is in std, the modulus, and what was drawn.
 
-    `each`: std of each hidden effect, beside the law and the other one. `off_N` (N,) is what the best straight law of each radius leaves of what is hidden; `force_N` and
-    `slope_N_per_mm` (N,) are those of the gel without it.
+    `each`: std of each hidden effect, beside the law and the other one; `near`: what else could be the one that is
+    hidden, within `TOLD_APART` std. `off_N` (N,) is what the best straight law of each radius leaves of what is
+    hidden; `force_N` and `slope_N_per_mm` (N,) are those of the gel without it.
     """
 
     kind: str
     sizes: dict[str, float]
     strength: float
     each: dict[str, float]
+    near: list[str]
     modulus_MPa: float
     presses: int
     samples: int
@@ -38,7 +41,7 @@ class Made:
     @property
     def told(self) -> dict[str, object]:
         """Plain numbers and words, for a log."""
-        names = ("kind", "sizes", "strength", "each", "modulus_MPa", "presses", "samples")
+        names = ("kind", "sizes", "strength", "each", "near", "modulus_MPa", "presses", "samples")
         return {name: getattr(self, name) for name in names} | {
             "noise": self.reader.kind,
             "stated": self.reader.stated,
@@ -63,18 +66,23 @@ def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = Fal
     same = deepcopy(rng)
     truth, rows = _read(rng, gel, plan, reader)
     _write(folder, plan, reader, gel, rows)
-    strength, off = _strength(plan, reader, truth)
-    each = {}
-    for key in gel.sizes:
-        others = replace(gel, sizes={k: v for k, v in gel.sizes.items() if k != key})
-        each[key] = _strength(plan, reader, truth, beside=_read(deepcopy(same), others, plan, reader)[0])[0]
+    straight_law = StraightLaw(plan, reader, gel.nu, truth)
+    strength, off = straight_law.leaves()
+
+    def errors_N(other: hidden.Gel) -> Array:
+        return np.concatenate([error for _, _, error in _read(deepcopy(same), other, plan, reader)[0]])
+
+    each = {key: straight_law.leaves(*map(errors_N, without(gel, key)))[0] for key in gel.sizes}
+    near = [] if kind != "single" else [
+        key for key in table if key not in gel.sizes
+        and min(straight_law.leaves(errors_N(other))[0] for other in instead(gel, key)) < TOLD_APART
+    ]  # fmt: skip
     force, slope = (np.concatenate([one[k] for one in truth]) for k in (0, 1))
-    told = (kind, dict(gel.sizes), strength, each, gel.modulus_MPa, len(plan.presses), force.size)
+    told = (kind, dict(gel.sizes), strength, each, near, gel.modulus_MPa, len(plan.presses), force.size)
     return Made(*told, reader, force, slope, off)
 
 
 Read = tuple[Array, Array, float]
-Truth = list[tuple[Array, Array, Array]]
 
 
 def _read(
@@ -99,26 +107,6 @@ def _read(
     return truth, rows
 
 
-def _strength(
-    plan: protocol.Protocol, reader: noise.Reader, truth: Truth, *, beside: Truth | None = None
-) -> tuple[float, Array]:
-    """Std that part what is hidden from the best that a straight law of each radius can do instead, `beside` what
-    else is hidden, of any size; and what that leaves (N,), N.
-    """
-    radii = sorted({press.radius_mm for press in plan.presses})
-    white, plain = [], []
-    for press, (force, slope, error), other in zip(plan.presses, truth, beside or truth, strict=True):
-        own = np.diag(reader.force_N**2 + (slope * reader.depth_mm) ** 2)
-        own = own + reader.gain**2 * np.outer(force, force) + reader.zero_mm**2 * np.outer(slope, slope)
-        which = np.eye(len(radii))[radii.index(press.radius_mm)]
-        columns = [force, *(np.outer(force * press.depth_mm, which)).T, *([other[2]] if beside else []), error]
-        plain.append(np.column_stack(columns))
-        white.append(np.linalg.solve(np.linalg.cholesky(own), plain[-1]))
-    table, read = np.vstack(white), np.vstack(plain)
-    best = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0]
-    return float(np.linalg.norm(table[:, -1] - table[:, :-1] @ best)), read[:, -1] - read[:, :-1] @ best
-
-
 def _write(folder: Path, plan: protocol.Protocol, reader: noise.Reader, gel: hidden.Gel, rows: list[Read]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     radii = sorted({press.radius_mm for press in plan.presses})
@@ -131,7 +119,7 @@ def _write(folder: Path, plan: protocol.Protocol, reader: noise.Reader, gel: hid
         "mm_per_px = 0.06",
     ]
     text += ["width_px = 400", "height_px = 300", "[sensor.gel]", f"thickness_mm = {plan.thickness_mm}"]
-    text += ['shape = "disc"', "radius_mm = 15.0", f"poisson_ratio = {gel.nu}", "poisson_ratio_std = 0.005"]
+    text += ['shape = "disc"', "radius_mm = 15.0", f"poisson_ratio = {gel.nu}", f"poisson_ratio_std = {NU_STD}"]
     if reader.stated:
         text += ["[force]", f"std_N = [{reader.force_N}, {reader.force_N}, {reader.force_N}]"]
     text += ["[depth]", 'source = "stage"']

@@ -38,9 +38,10 @@ _KEPT: deque[tuple[tuple[np.ndarray, ...], _Course]] = deque(maxlen=8)
 
 
 def depth_at(data: Observations, later_s: float) -> Floats:
-    """The depth as read (N,), at each sample's time plus `later_s`. Before a press that was caught on its way in, or
-    in the gel, the punch comes at that press's speed, after one that was left on its way out it goes on; else it
-    stands still.
+    """The depth as read (N,), at each sample's time plus `later_s`.
+
+    Before a press that was caught on its way in, or in the gel, the punch comes at that press's speed, after one
+    that was left on its way out it goes on; else it stands still.
     """
     course, press = _course(data), data.press
     asked = np.clip(course.samples_s + later_s, course.begin_s[press], course.end_s[press])
