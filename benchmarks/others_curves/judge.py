@@ -136,7 +136,7 @@ def report(rows: Sequence[Row]) -> str:
             mine = [r["verdict"] != "ADEQUATE" for r in clean if r["noise"] == kind]
             lines.append(share(f"  noise {kind}", mine))
     for kind in ("single", "pair"):
-        loud = [r for r in full if r["kind"] == kind and r["strength"] >= SEEN]
+        loud = [r for r in full if r["kind"] == kind and min(r["each"].values()) >= SEEN]
         hidden = [set(r["sizes"]) for r in loud]
         within = [h <= set(r.get("set", ())) for h, r in zip(hidden, loud, strict=True)]
         first = [r.get("named", [])[:1] for r in loud]

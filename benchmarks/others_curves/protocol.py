@@ -54,6 +54,7 @@ def draw(rng: np.random.Generator, *, rich: bool, count: int = 0) -> Protocol:
     uneven = bool(rng.random() < 0.5)
     depths = thickness * np.array([0.08, 0.11, 0.14] if rich or rng.random() < 0.5 else [0.12])
     days = np.sort(rng.integers(0, 30, count)) if rich else np.zeros(count, dtype=int)
+    days -= days[0]  # an age counts from the first press
     spots = np.round(rng.uniform(-6, 6, (SPOTS, 2)), 2) if rich else np.zeros((1, 2))
     clock, presses = 0.0, []
     for k in range(count):

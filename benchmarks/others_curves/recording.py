@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from benchmarks.others_curves import hidden, noise, protocol
 from benchmarks.others_curves.law import BEND, Array
+from benchmarks.others_curves.strength import NU_STD, TOLD_APART, StraightLaw, Truth, instead, without
 
 KINDS = ("clean", "single", "pair", "outside")
 HEAD = "press,time_s,depth_mm,fx_N,fy_N,fz_N,phase"
@@ -18,13 +20,16 @@ HEAD = "press,time_s,depth_mm,fx_N,fy_N,fz_N,phase"
 class Made:
     """What is true: the kind, what is hidden and how strong it is in std, the modulus, and what was drawn.
 
-    `off_N` (N,) is what the best straight law of each radius leaves of what is hidden; `force_N` and
-    `slope_N_per_mm` (N,) are those of the gel without it.
+    `each`: std of each hidden effect, beside the law and the other one; `near`: what else could be the one that is
+    hidden, within `TOLD_APART` std. `off_N` (N,) is what the best straight law of each radius leaves of what is
+    hidden; `force_N` and `slope_N_per_mm` (N,) are those of the gel without it.
     """
 
     kind: str
     sizes: dict[str, float]
     strength: float
+    each: dict[str, float]
+    near: list[str]
     modulus_MPa: float
     presses: int
     samples: int
@@ -36,7 +41,7 @@ class Made:
     @property
     def told(self) -> dict[str, object]:
         """Plain numbers and words, for a log."""
-        names = ("kind", "sizes", "strength", "modulus_MPa", "presses", "samples")
+        names = ("kind", "sizes", "strength", "each", "near", "modulus_MPa", "presses", "samples")
         return {name: getattr(self, name) for name in names} | {
             "noise": self.reader.kind,
             "stated": self.reader.stated,
@@ -58,13 +63,23 @@ def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = Fal
         tau_s=float(rng.choice([0.5, 2.0, 8.0])),
         at=float(rng.uniform(0.3, 0.7)),
     )
+    same = deepcopy(rng)
     truth, rows = _read(rng, gel, plan, reader)
     _write(folder, plan, reader, gel, rows)
-    strength, off = _strength(plan, reader, truth)
+    straight_law = StraightLaw(plan, reader, gel.nu, truth)
+    strength, off = straight_law.leaves()
+
+    def errors_N(other: hidden.Gel) -> Array:
+        return np.concatenate([error for _, _, error in _read(deepcopy(same), other, plan, reader)[0]])
+
+    each = {key: straight_law.leaves(*map(errors_N, without(gel, key)))[0] for key in gel.sizes}
+    near = [] if kind != "single" else [
+        key for key in table if key not in gel.sizes
+        and min(straight_law.leaves(errors_N(other))[0] for other in instead(gel, key)) < TOLD_APART
+    ]  # fmt: skip
     force, slope = (np.concatenate([one[k] for one in truth]) for k in (0, 1))
-    return Made(
-        kind, dict(gel.sizes), strength, gel.modulus_MPa, len(plan.presses), force.size, reader, force, slope, off
-    )
+    told = (kind, dict(gel.sizes), strength, each, near, gel.modulus_MPa, len(plan.presses), force.size)
+    return Made(*told, reader, force, slope, off)
 
 
 Read = tuple[Array, Array, float]
@@ -72,7 +87,7 @@ Read = tuple[Array, Array, float]
 
 def _read(
     rng: np.random.Generator, gel: hidden.Gel, plan: protocol.Protocol, reader: noise.Reader
-) -> tuple[list[tuple[Array, Array, Array]], list[Read]]:
+) -> tuple[Truth, list[Read]]:
     """Of each press what would be read without noise and without what is hidden, and what is read."""
     sound = hidden.Gel(gel.modulus_MPa, gel.nu, gel.bend, gel.curve, {}, gel.tau_s, gel.at)
     clean, truth, rows = hidden.forces_N(sound, plan), [], []
@@ -92,25 +107,6 @@ def _read(
     return truth, rows
 
 
-def _strength(
-    plan: protocol.Protocol, reader: noise.Reader, truth: list[tuple[Array, Array, Array]]
-) -> tuple[float, Array]:
-    """Std that part what is hidden from the best that a straight law of each radius can do instead, and what that
-    leaves (N,), N.
-    """
-    radii = sorted({press.radius_mm for press in plan.presses})
-    white, plain = [], []
-    for press, (force, slope, error) in zip(plan.presses, truth, strict=True):
-        own = np.diag(reader.force_N**2 + (slope * reader.depth_mm) ** 2)
-        own = own + reader.gain**2 * np.outer(force, force) + reader.zero_mm**2 * np.outer(slope, slope)
-        which = np.eye(len(radii))[radii.index(press.radius_mm)]
-        plain.append(np.column_stack([force, *(np.outer(force * press.depth_mm, which)).T, error]))
-        white.append(np.linalg.solve(np.linalg.cholesky(own), plain[-1]))
-    table, read = np.vstack(white), np.vstack(plain)
-    best = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0]
-    return float(np.linalg.norm(table[:, -1] - table[:, :-1] @ best)), read[:, -1] - read[:, :-1] @ best
-
-
 def _write(folder: Path, plan: protocol.Protocol, reader: noise.Reader, gel: hidden.Gel, rows: list[Read]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     radii = sorted({press.radius_mm for press in plan.presses})
@@ -123,7 +119,7 @@ def _write(folder: Path, plan: protocol.Protocol, reader: noise.Reader, gel: hid
         "mm_per_px = 0.06",
     ]
     text += ["width_px = 400", "height_px = 300", "[sensor.gel]", f"thickness_mm = {plan.thickness_mm}"]
-    text += ['shape = "disc"', "radius_mm = 15.0", f"poisson_ratio = {gel.nu}", "poisson_ratio_std = 0.005"]
+    text += ['shape = "disc"', "radius_mm = 15.0", f"poisson_ratio = {gel.nu}", f"poisson_ratio_std = {NU_STD}"]
     if reader.stated:
         text += ["[force]", f"std_N = [{reader.force_N}, {reader.force_N}, {reader.force_N}]"]
     text += ["[depth]", 'source = "stage"']

@@ -12,7 +12,7 @@ from calibration.noise.model import Noise, Whitener
 from calibration.repeats.draws import draw_errors
 from tactilevision.records import Floats
 
-SEEN = 0.03  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
+SEEN = 0.02  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
 
 
 class Cast:

@@ -15,6 +15,8 @@ from calibration.noise.model import Whitener
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Bools, Floats
 
+FLAT = 3.84  # of chi^2: a size that costs no more beside the best one is inside its 95 % interval
+HALVINGS = 6  # of a size at the end of its range, to the smallest that is as good
 STARTS = 2  # that promise most by their score; the others are not fitted
 FOLDS = 5  # of presses: each fifth is predicted from the other four
 CANNOT_FIT = (ConvergenceError, ValueError, ArithmeticError, RuntimeError)  # of one model: the others go on
@@ -49,8 +51,31 @@ def refit_with(base: Fit, effect: Effect, *, target_N: Floats | None = None, mos
     problem = Problem(model, data, model.parameters(data), whitener)
     starts = _best_starts(base, problem, effect, most)
     found = problem.solve(starts, tolerance=QUICK)
-    values = problem.full(found.values)
+    values = _smallest_as_good(problem, problem.full(found.values), effect)
     return Candidate(effect, model, values, found.chi2, model.predict(values, data))
+
+
+def _smallest_as_good(problem: Problem, values: Floats, effect: Effect) -> Floats:
+    """The values (p,), the effect's size halved from the end of its range as long as that costs nothing: what is
+    known to be no smaller is not at its end.
+    """
+    if not effect.parameters:
+        return values
+    at = problem.model.slices(problem.data)[effect.key].start
+    first, now = problem.parameters[at], values
+    if abs(values[at] - first.default) < (1 - 1e-4) * max(abs(b - first.default) for b in first.bounds):
+        return values
+    most = float(np.sum(problem.residual(values[problem.free]) ** 2)) + FLAT
+    for _ in range(HALVINGS):
+        less = float(now[at] + first.default) / 2
+        table = list(problem.parameters)
+        table[at] = replace(first, default=less, bounds=(less, less))
+        held = replace(problem, parameters=tuple(table))
+        found = held.solve(now[None], tolerance=QUICK)
+        if found.chi2 > most:
+            break
+        now = held.full(found.values)
+    return now
 
 
 def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floats:

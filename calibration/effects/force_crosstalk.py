@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.effects.support.untold_axes import told_starts, with_told
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from tactilevision.records import Bools, Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +39,25 @@ class ForceCrosstalk(EffectBase):
             Parameter("cy", "1", 0.0, (-0.3, 0.3), "normal force read for a unit of Fy", 0.02),
         )
 
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """The same; of a force that was never felt the factor is 0."""
+        return with_told(self.parameters, _felt(data))
+
     def missing(self, data: Observations) -> str:
         """What these data would need."""
-        size = float(np.ptp(data.force_N[:, :2], axis=0).max())
-        return "" if size > 0 else "needs tangential forces that were recorded and vary"
+        return "" if _felt(data).any() else "needs tangential forces that were recorded and vary"
 
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""
-        return np.array([[0.02, 0.0], [-0.02, 0.0], [0.0, 0.02], [0.0, -0.02], [0.02, 0.02], [0.02, -0.02]])
+        starts = np.array([[0.02, 0.0], [-0.02, 0.0], [0.0, 0.02], [0.0, -0.02], [0.02, 0.02], [0.02, -0.02]])
+        return told_starts(starts, _felt(data))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Add the leak."""
         leak = data.force_N[:, 0] * values[0] + data.force_N[:, 1] * values[1]
         return replace(state, force_N=state.force_N + leak)
+
+
+def _felt(data: Observations) -> Bools:
+    """Which of the two tangential forces vary (2,)."""
+    return np.asarray(np.ptp(data.force_N[:, :2], axis=0) > 0)

@@ -10,10 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.effects.support.untold_axes import told_starts, with_told
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from tactilevision.records import Bools, Floats
+
+APART_MM = 1.0  # mm that places lie apart along an axis which tells a slope
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,20 +41,30 @@ class ThicknessWedge(EffectBase):
             Parameter("slope_y", "mm/mm", 0.0, (-0.2, 0.2), "thickness gained along y", 0.01),
         )
 
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """The same; across a line of places the slope is 0."""
+        return with_told(self.parameters, _along(data))
+
     def missing(self, data: Observations) -> str:
         """What these data would need."""
-        place = np.column_stack([data.presses.x_mm, data.presses.y_mm])
-        if not np.isfinite(place).all() or np.ptp(place, axis=0).max() < 1:
+        if not _along(data).any():
             return "needs presses at several places (x_mm, y_mm)"
         return ""
 
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""
-        return np.array([[0.01, 0.0], [-0.01, 0.0], [0.0, 0.01], [0.0, -0.01], [0.01, 0.01], [0.01, -0.01],
-                         [-0.01, 0.01], [-0.01, -0.01]])  # fmt: skip
+        starts = np.array([[0.01, 0.0], [-0.01, 0.0], [0.0, 0.01], [0.0, -0.01], [0.01, 0.01], [0.01, -0.01],
+                           [-0.01, 0.01], [-0.01, -0.01]])  # fmt: skip
+        return told_starts(starts, _along(data))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Thickness by place."""
         gain = data.presses.x_mm * values[0] + data.presses.y_mm * values[1]
         thickness = np.maximum(state.thickness_mm + gain[data.press], 0.1 * data.gel.thickness_mm)
         return replace(state, thickness_mm=thickness)
+
+
+def _along(data: Observations) -> Bools:
+    """Along which of x and y places lie apart (2,)."""
+    place = np.column_stack([data.presses.x_mm, data.presses.y_mm])
+    return np.asarray(np.isfinite(place).all() & (np.ptp(place, axis=0) >= APART_MM))

@@ -7,6 +7,7 @@ zeros go equally deep: sorted, compared or remembered by what was read, residual
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,10 +18,15 @@ from tactilevision.robust import mad_std
 LOAD, HOLD, UNLOAD, FREE = range(4)
 BRANCHES = ("load", "hold", "unload", "free")
 MIN_HELD = 3  # samples of a plateau; fewer have no median of their own
+BESIDE = (
+    5.0  # std of a reading that a sample lies off a plateau's depth which is none of it: some have far outliers
+)
 FINEST_MM = 2e-4  # mm, std of a depth that is read very well
 SAME_MM = 0.02  # five press zeros: depths nearer than this may be one
 COURSE = 4  # highest degree of a ramp's depth over time
+NEARLY_ALL = 0.9  # share of a ramp's readings that lie near its course: some noises have far outliers
 SAMPLES_A_DEGREE = 4  # that each degree of it needs
+AS_NEAR = 1.5  # times the rms of the highest: what a lower degree leaves of the course is then readings' noise
 _KEPT: deque[tuple[tuple[np.ndarray, ...], Floats, Floats]] = deque(maxlen=8)
 
 
@@ -41,23 +47,37 @@ def branches(data: Observations) -> Ints:
 
 
 def ways(data: Observations) -> Ints:
-    """The same (N,), but that a plateau begins and ends where the depth does: phases go by one clock, and depths
-    may by another.
+    """The same (N,), but that a phase begins and ends where the depth does: phases go by one clock, and depths may
+    by another. A depth that no longer moves at its press's speed is air.
     """
-    way, depth = branches(data).copy(), data.depth_mm
-    for begin, end in zip(data.first, [*data.first[1:], data.size], strict=True):
+    way, depth, noise = branches(data).copy(), data.depth_mm, _reading_noise(data)
+    ends = [*data.first[1:], data.size]
+    for begin, end, speed in zip(data.first, ends, data.presses.speed_mm_s, strict=True):
         one = slice(int(begin), int(end))
         for first, last in _runs(way[one] == HOLD):
             if last - first + 1 >= MIN_HELD:
-                _fit_plateau(way[one], depth[one], first, last)
+                _fit_plateau(way[one], depth[one], first, last, noise_mm=noise)
+        if speed > 0 and data.is_curves:
+            on = float(speed) * (data.time_s[one] - data.time_s[int(begin)])
+            _fit_turn(way[one], depth[one], on)
+            _fit_rest(way[one], depth[one], on, UNLOAD, noise)
+            _fit_rest(way[one][::-1], depth[one][::-1], on[::-1], LOAD, noise)
     return way
 
 
-def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int) -> None:
+def _reading_noise(data: Observations) -> float:
+    """Std of a reading, mm, from all plateaus: one alone has too few to tell."""
+    way, off = branches(data), [np.zeros(0)]
+    for first, last in _runs((way == HOLD) & (np.diff(data.press, prepend=-1) == 0)):
+        if last - first + 1 >= MIN_HELD:
+            off.append(data.depth_mm[first : last + 1] - np.median(data.depth_mm[first : last + 1]))
+    all_off = np.concatenate(off)
+    return max(mad_std(all_off, centre=0.0), FINEST_MM) if all_off.size else FINEST_MM
+
+
+def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int, *, noise_mm: float) -> None:
     """Move the ends of the plateau first to last of one press, in place."""
-    held = depth_mm[first : last + 1]
-    level = float(np.median(held))
-    flat = np.abs(depth_mm - level) <= 3 * max(mad_std(held, centre=level), FINEST_MM)
+    flat = np.abs(depth_mm - np.median(depth_mm[first : last + 1])) <= BESIDE * noise_mm
     for beside, end, step in ((LOAD, first, -1), (UNLOAD, last, 1)):
         k = end + step
         while 0 <= k < way.size and way[k] == beside and flat[k]:
@@ -65,6 +85,30 @@ def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int) -> None:
         k = end
         while first <= k <= last and not flat[k]:
             way[k], k = beside, k - step
+
+
+def _fit_turn(way: Ints, depth_mm: Floats, on_mm: Floats) -> None:
+    """Let a press without a plateau turn where it is deepest, in place; `on_mm` (n,): time at its speed."""
+    moving = np.flatnonzero(way != FREE)
+    turns = np.flatnonzero(np.diff(way[moving]))
+    if (way == HOLD).any() or turns.size != 1 or way[moving[0]] != LOAD:
+        return
+    last, top = moving[turns[0]], moving[int(np.argmax(depth_mm[moving]))]
+    if depth_mm[top] - np.max(depth_mm[last : last + 2]) <= SAME_MM / 2:
+        return
+    risen, fallen = (
+        abs(depth_mm[top] - depth_mm[b] - abs(on_mm[top] - on_mm[b])) if b in moving else np.inf
+        for b in (top - 1, top + 1)
+    )
+    way[moving] = np.where(moving < top + (risen <= fallen), LOAD, UNLOAD)
+
+
+def _fit_rest(way: Ints, depth_mm: Floats, on_mm: Floats, kind: int, noise_mm: float) -> None:
+    """Take the end of a press for air, in place, where it is of this kind and stands still but should move."""
+    still = (way == kind) & (np.abs(depth_mm - depth_mm[-1]) <= BESIDE * noise_mm)
+    begin = int(still.size - np.argmin(still[::-1])) if not still.all() else 0
+    if begin < still.size - 1 and abs(on_mm[-1] - on_mm[begin]) > SAME_MM:
+        way[begin:] = FREE
 
 
 def _runs(inside: Bools) -> list[tuple[int, int]]:
@@ -94,7 +138,7 @@ def nominal_depth(data: Observations) -> Floats:
 
 def _depths(data: Observations) -> tuple[Floats, Floats]:
     """Both, kept for the last few data sets, since every prediction of an effect that remembers asks again."""
-    key = (data.depth_mm, data.time_s, data.phase, data.press)
+    key = (data.depth_mm, data.time_s, data.phase, data.press, data.presses.speed_mm_s)
     for known, steady, nominal in _KEPT:
         if all(a is b for a, b in zip(known, key, strict=True)):
             return steady, nominal
@@ -109,11 +153,53 @@ def _depths(data: Observations) -> tuple[Floats, Floats]:
 def _steady(data: Observations) -> Floats:
     branch, steady = ways(data), data.depth_mm.copy()
     begins = np.flatnonzero(np.diff(branch, prepend=-1) | np.diff(data.press, prepend=-1))
-    for start, end in zip(begins, [*begins[1:], data.size], strict=True):
-        if branch[start] != FREE:  # air may come and go as it likes
-            ramp = bool(branch[start] in (LOAD, UNLOAD))
-            steady[start:end] = _course(data.time_s[start:end], data.depth_mm[start:end], ramp)
+    parts = [slice(b, e) for b, e in zip(begins, [*begins[1:], data.size], strict=True)]
+    for part in (part for part in parts if branch[part][0] == HOLD):  # air may come and go as it likes
+        steady[part] = np.mean(data.depth_mm[part])
+    for kind in (LOAD, UNLOAD):
+        ramps = [part for part in parts if branch[part][0] == kind]
+        found = [_courses(data.time_s[part], data.depth_mm[part]) for part in ramps]
+        degree = _shared_degree([rms for _, rms in found])
+        for part, (courses, rms) in zip(ramps, found, strict=True):
+            steady[part] = _course(data.depth_mm[part], courses, rms, degree)
     return steady
+
+
+def _courses(time_s: Floats, depth_mm: Floats) -> tuple[Floats, Floats]:
+    """A ramp's polynomials in time of rising degree (k, n), and how far depths lie off each (k,), mm rms; none
+    where it has too few samples.
+    """
+    highest = min(time_s.size // SAMPLES_A_DEGREE, COURSE)
+    if not (highest and np.isfinite(time_s).all() and np.ptp(time_s) > 0):
+        return np.zeros((0, time_s.size)), np.zeros(0)
+    along = np.polynomial.legendre.legvander(2 * (time_s - time_s.min()) / np.ptp(time_s) - 1, highest)
+    q, _ = np.linalg.qr(along)
+    courses = np.cumsum(q * (q.T @ depth_mm), axis=1).T[1:]
+    dof = time_s.size - np.arange(2, highest + 2)
+    return courses, np.sqrt(np.sum((depth_mm - courses) ** 2, axis=1) / dof + FINEST_MM**2)
+
+
+def _shared_degree(rms: Sequence[Floats]) -> int:
+    """The lowest degree, less 1, whose course leaves most ramps little more than their highest does.
+
+    One for all: each ramp's own choice would follow its readings' noise, which is in the residual too, and more so
+    where neighbours are alike.
+    """
+    told = [one for one in rms if one.size]
+    for k in range(COURSE):
+        if not told or np.median([one[min(k, one.size - 1)] / one[-1] for one in told]) <= AS_NEAR:
+            return k
+    return COURSE - 1
+
+
+def _course(depth_mm: Floats, courses: Floats, rms: Floats, degree: int) -> Floats:
+    """The course (n,) of this degree; where more than a tenth of the depths lie farther from it than readings
+    scatter, that of least rms, or depths as read.
+    """
+    for k in (min(degree, len(courses) - 1), int(np.argmin(rms))) if len(courses) else ():
+        if np.quantile(np.abs(depth_mm - courses[k]), NEARLY_ALL) < SAME_MM:
+            return np.asarray(courses[k])
+    return depth_mm
 
 
 def _nominal(data: Observations, steady: Floats) -> Floats:
@@ -159,24 +245,3 @@ def clusters(values: Floats, apart: float) -> Ints:
     while (start := int(np.searchsorted(ordered, ordered[start] + apart, side="right"))) < values.size:
         number[start:] += 1
     return number
-
-
-def _course(time_s: Floats, depth_mm: Floats, ramp: bool) -> Floats:
-    """The mean of depths (n,), or the plainest polynomial in the time that does (Schwarz 1978); depths as read
-    where they are too few, or lie farther from it than readings scatter.
-
-    Terms that are not there would follow the readings' noise, which is in the residual too.
-    """
-    highest = min(time_s.size // SAMPLES_A_DEGREE, COURSE) if ramp else 0
-    if ramp and not (highest and np.isfinite(time_s).all() and np.ptp(time_s) > 0):
-        return depth_mm
-    if not highest:
-        return np.full(time_s.size, np.mean(depth_mm))
-    along = np.polynomial.legendre.legvander(2 * (time_s - time_s.min()) / np.ptp(time_s) - 1, highest)
-    q, _ = np.linalg.qr(along)
-    parts = q.T @ depth_mm
-    left = np.maximum(float(depth_mm @ depth_mm) - np.cumsum(parts**2), FINEST_MM**2 * time_s.size)
-    costs = time_s.size * np.log(left) + np.log(time_s.size) * np.arange(highest + 1)
-    degree = 1 + int(np.argmin(costs[1:]))
-    course = np.asarray(q[:, : degree + 1] @ parts[: degree + 1])
-    return course if np.abs(depth_mm - course).max() < SAME_MM else depth_mm

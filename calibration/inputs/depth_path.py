@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.inputs.denoised_depth import FREE, HOLD, LOAD, UNLOAD, ways
+from calibration.inputs.denoised_depth import FREE, HOLD, LOAD, SAME_MM, UNLOAD, ways
 from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Floats
 
 COMING_S = 1.0  # longer than any clock is off
-CORNERS = ((LOAD, HOLD), (HOLD, UNLOAD), (LOAD, UNLOAD))
+CORNERS = ((FREE, LOAD), (LOAD, HOLD), (HOLD, UNLOAD), (HOLD, FREE), (LOAD, UNLOAD), (UNLOAD, FREE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +38,10 @@ _KEPT: deque[tuple[tuple[np.ndarray, ...], _Course]] = deque(maxlen=8)
 
 
 def depth_at(data: Observations, later_s: float) -> Floats:
-    """The depth as read (N,), at each sample's time plus `later_s`. Before a press that was caught on its way in
-    the punch comes at that press's speed, after one that was left on its way out it goes on; else it stands still.
+    """The depth as read (N,), at each sample's time plus `later_s`.
+
+    Before a press that was caught on its way in, or in the gel, the punch comes at that press's speed, after one
+    that was left on its way out it goes on; else it stands still.
     """
     course, press = _course(data), data.press
     asked = np.clip(course.samples_s + later_s, course.begin_s[press], course.end_s[press])
@@ -77,9 +79,14 @@ def _drawn(data: Observations) -> _Course:
 
 
 def _coming(time_s: Floats, depth_mm: Floats, speed_mm_s: float) -> bool:
-    """Whether a press begins on its way in: nearer to the speed of its loading than to rest."""
-    first = _line(time_s[:2], depth_mm[:2]) if time_s.size > 1 else None
-    return first is not None and np.isfinite(speed_mm_s) and first > speed_mm_s / 2 > 0
+    """Whether a press begins on its way in: in the gel, which no press begins in, or where it goes nearer to its
+    speed than to rest over what readings' noise cannot make.
+    """
+    if not speed_mm_s > 0:
+        return False
+    far = int(np.argmax(speed_mm_s * (time_s - time_s[0]) > SAME_MM))
+    first = _line(time_s[[0, far]], depth_mm[[0, far]]) if far else None
+    return bool(depth_mm[0] > SAME_MM or (first is not None and first > speed_mm_s / 2))
 
 
 def _leaving(time_s: Floats, depth_mm: Floats, last: int, speed_mm_s: float) -> float | None:
@@ -118,10 +125,10 @@ def _corner(
         before = _line(time_s[k - 1 : k + 1], depth_mm[k - 1 : k + 1])
     if k + 2 < len(branch) and branch[k + 2] == branch[k + 1]:
         after = _line(time_s[k + 1 : k + 3], depth_mm[k + 1 : k + 3])
-    if kinds[0] == HOLD:
+    if kinds[0] in (HOLD, FREE):
         before = 0.0
-    if kinds[1] == HOLD:
-        after = 0.0
+    if kinds[1] in (HOLD, FREE):
+        after = ways[UNLOAD] if kinds[0] == HOLD else 0.0  # a way out that no sample hit ends at the next one
     if before is None or after is None or not np.isfinite(before - after) or before == after:
         return None
     gap = float(time_s[k + 1] - time_s[k])

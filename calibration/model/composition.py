@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from calibration.inputs.observations import Observations
+from calibration.inputs.press_noise import TYPICAL_ZERO_MM
 from calibration.model.parameters import Parameter
 from calibration.model.stages import Effect, Law, Stage, State
 from tactilevision.errors import InputError
@@ -101,8 +102,12 @@ class Model:
         return state
 
     def slope(self, values: Floats, data: Observations) -> Floats:
-        """d force / d depth as read (N,), N/mm, by central differences over 1 um."""
-        step = 1e-3
+        """d force / d depth as read (N,), N/mm, by central differences over what presses' zeros scatter by.
+
+        A sharper kink at the touch would give a sample near it the whole slope or none, from one step of a fit to
+        the next, and the fit would come to no end.
+        """
+        step = 4 * TYPICAL_ZERO_MM
         high, low = (self.predict(values, data.shifted(side * step)) for side in (0.5, -0.5))
         return (high - low) / step
 
