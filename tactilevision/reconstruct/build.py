@@ -216,7 +216,7 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
 def _doubt_of_guess(recording: Recording) -> str:
     """What else may be wrong where a frame was taken for untouched gel, or is all there is."""
     names = recording.frame_names
-    if len(names) == 1 and recording.frames_path is not None:
+    if len(names) == 1 and recording.path.is_file():
         return f" Or name its folder, {recording.frames_path}, whose other frames tell the light."
     if recording.flat_frames:
         return f" If {names[recording.flat_frames[0]]} shows a contact, name an untouched one with --reference."
