@@ -228,6 +228,6 @@ def _chosen(profile: Profile, indenter: Indenter | str | None) -> Indenter | Non
             "the profile has no indenter of that name",
             where=profile.path,
             value=indenter,
-            remedy=f"It has: {known}. Or give an Indenter.",
+            remedy=f"It has: {known}. In code an Indenter record may be given instead.",
         )
     return profile.indenters[indenter]
