@@ -204,7 +204,7 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
             where=recording.path if bare else recording.path / "reference" / ("ball" if flats else "flat"),
             value=f"sensor {sensor.kind}",
             remedy=f"Name what was calibrated before with {named}."
-            + (f" Ready without balls: {', '.join(ready_models())}." if flats else "")
+            + (f" Kinds that are ready without balls: {', '.join(ready_models())}." if flats else "")
             + (f" Or take in a frame with something round on the gel; {MIN_CONTACTS} do better." if flats else "")
             + ("" if bare else " Or add them to the recording.")
             + _doubt_of_guess(recording),

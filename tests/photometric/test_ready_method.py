@@ -70,7 +70,8 @@ def test_marks_that_the_sensor_should_not_have_are_named_and_filled(tmp_path: Pa
 def test_other_sensors_and_missing_references_are_told_what_they_lack(tmp_path: Path) -> None:
     here = re.escape(str(tmp_path))
     with pytest.raises(
-        InputError, match=f"{here}: no ball presses to calibrate the light from.*Ready without balls: gelslim3"
+        InputError,
+        match=f"{here}: no ball presses to calibrate the light from.*Kinds that are ready without balls: gelslim3",
     ):
         build_reconstructor(recording(tmp_path, "digit"))
     with pytest.raises(InputError, match=f"{here}: no picture of the untouched gel.*--reference"):
