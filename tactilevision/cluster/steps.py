@@ -20,6 +20,7 @@ from tactilevision.runs import copies_are_safe, worker_pool
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
+MAX_COUNT = 8  # processes where none are asked for: a diagnosis seldom has more steps at a time
 Sent = tuple[bool, object]  # whether it went well; what came of it, or what it raised
 _log = logging.getLogger(__name__)
 
@@ -81,14 +82,14 @@ def _done_there(act: bytes, one: bytes) -> Sent:
 def step_pool(workers: int | None, cluster: str | None = None) -> Iterator[Steps]:
     """Steps on so many processes, or on the Dask cluster at this address.
 
-    None: one process a core where they can be copies of this one, else this one alone. Raises ClusterError as
-    `cluster_pool` does.
+    None: one process a core, MAX_COUNT at most, where they can be copies of this one, else this one alone.
+    Raises ClusterError as `cluster_pool` does.
     """
     if cluster is not None:
         with cluster_pool(cluster) as remote:
             yield Steps(remote)
         return
-    count = workers or (os.cpu_count() or 1 if copies_are_safe() else 1)
+    count = workers or (min(os.cpu_count() or 1, MAX_COUNT) if copies_are_safe() else 1)
     if count == 1:
         yield Steps()
         return

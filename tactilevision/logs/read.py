@@ -46,7 +46,7 @@ class ImportSettings:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """What was found: counts, seconds, the frames of reference of pictures and wrench, and the largest force."""
+    """What was found: counts, seconds, frames of reference of pictures and wrench, largest force, guesses."""
 
     frames: int
     readings: int
@@ -54,13 +54,17 @@ class Imported:
     frame_id: str
     wrench_frame_id: str | None
     largest_N: float = 0.0
+    guessed: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is doubtful about it."""
         if self.largest_N <= MAX_USUAL_N:
-            return ()
-        return (f"the wrench reaches {self.largest_N:.4g} N, which no gel stands: is its topic in newtons?",)
+            return self.guessed
+        return (
+            *self.guessed,
+            f"the wrench reaches {self.largest_N:.4g} N, which no gel stands: is its topic in newtons?",
+        )
 
 
 def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> Imported:
@@ -83,11 +87,14 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
         write_frame_table(folder, [names[k] for k in order], times_s=frame_s[order])
         if readings:
             _write_forces(folder, readings, settings, origin_ns)
+        sensor, guessed = sensor.scaled(folder / layout.FRAMES, names)
         sensor.write_maps(folder)
         _write_settings(folder, log.path, settings, sensor=sensor.table, origin_ns=origin_ns)
     turned = readings[0].stamp.frame_id if readings else None
     largest_N = max((float(np.abs(one.force_N).max()) for one in readings), default=0.0)
-    return Imported(len(names), len(readings), float(np.ptp(frame_s)), stamps[0].frame_id, turned, largest_N)
+    return Imported(
+        len(names), len(readings), float(np.ptp(frame_s)), stamps[0].frame_id, turned, largest_N, guessed
+    )
 
 
 def the_picture_topic(path: Path | str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -14,6 +14,7 @@ from tactilevision.errors import InputError
 from tactilevision.files import replacing
 from tactilevision.profile.contents import SUFFIX
 from tactilevision.profile.read import read_profile
+from tactilevision.recording.pictures import first_look
 from tactilevision.records import Sensor
 from tactilevision.sensors import SENSORS
 
@@ -40,6 +41,23 @@ class SensorTable:
             known = f"a profile (FILE{SUFFIX}), or one of {', '.join(SENSORS)}"
             raise InputError("there is no such sensor", where="--sensor", value=named, remedy=f"Name {known}.")
         return cls(MappingProxyType({"kind": named} | stated))
+
+    def scaled(self, frames: Path, names: Sequence[str]) -> tuple[SensorTable, tuple[str, ...]]:
+        """With the scale of the pictures in a folder where the sensor's kind alone is named; what was guessed.
+
+        Raises RecordingError for pictures of another shape than the kind's.
+        """
+        from tactilevision.recording.guess import guess_scale
+        from tactilevision.recording.settings import SensorSettings
+
+        usual = SENSORS.get(self.table.get("kind", ""))
+        if usual is None or "mm_per_px" in self.table:
+            return self, ()
+        size_px, _ = first_look(frames, names)
+        if size_px == (usual.width_px, usual.height_px):
+            return self, ()
+        settings, notes = guess_scale(SensorSettings(kind=usual.kind), size_px)
+        return SensorTable({**self.table, "mm_per_px": settings.mm_per_px}, self.maps), notes
 
     def write_maps(self, folder: Path) -> None:
         """Write the maps beside recording.toml, where there are any."""

@@ -57,7 +57,7 @@ class CalibratedSensor:
     def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None, shadows: bool = False) -> None:
         self.profile = profile
         self.reconstructor = Reconstructor(profile.sensor, profile.method)
-        self.reconstructor.warnings = profile.warnings
+        self.reconstructor.warnings = _as_then(profile)
         self.reconstructor.frame_size_px = profile.frame_size_px
         self.indenter = _chosen(profile, indenter)
         self.shadows = shadows and profile.lamps is not None
@@ -140,7 +140,7 @@ class CalibratedSensor:
             indenter=self.indenter,
             shadows=self.shadows,
         )
-        made.warnings = (*profile.warnings, *made.warnings)
+        made.warnings = (*_as_then(profile), *made.warnings)
         made.frame_size_px = profile.frame_size_px
         fresh.reconstructor = made
         fresh._undo_shadows()
@@ -210,6 +210,11 @@ class CalibratedSensor:
             self.reconstructor.use(device)
 
 
+def _as_then(profile: Profile) -> tuple[str, ...]:
+    """What was doubtful when the profile was made: nothing that an option of today could mend."""
+    return tuple(f"when {profile.path.name} was made: {one}" for one in profile.warnings)
+
+
 def _again(profile: Profile, indenter: Indenter | None, shadows: bool) -> CalibratedSensor:
     return CalibratedSensor(profile, indenter=indenter, shadows=shadows)
 
@@ -223,6 +228,6 @@ def _chosen(profile: Profile, indenter: Indenter | str | None) -> Indenter | Non
             "the profile has no indenter of that name",
             where=profile.path,
             value=indenter,
-            remedy=f"It has: {known}. Or give an Indenter.",
+            remedy=f"It has: {known}. In code an Indenter record may be given instead.",
         )
     return profile.indenters[indenter]

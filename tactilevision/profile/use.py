@@ -22,7 +22,7 @@ def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = 
     have another size.
     """
     if (path / layout.SETTINGS).is_file():
-        own = read_recording(path)
+        own = read_recording(path, sensor=_keys(profile))
         _check_unit(own, profile)
         flats = read_folder(path, reference=reference).flats if reference is not None else ()
         gel = profile.sensor.gel or own.sensor.gel
@@ -56,6 +56,15 @@ def sensor_for(recording: Recording, profile: Profile, *, shadows: bool = False)
             sensor = sensor.with_reference(flats)
     sensor.look(some_frames(recording))
     return sensor
+
+
+def _keys(profile: Profile) -> dict[str, object]:
+    """What a recording.toml may leave to the profile."""
+    sensor = profile.sensor
+    keys: dict[str, object] = {"kind": sensor.kind, "mm_per_px": list(sensor.mm_per_px)}
+    if sensor.kind == NO_KIND and sensor.rectification is None:
+        keys |= {"width_px": sensor.width_px, "height_px": sensor.height_px}
+    return keys
 
 
 def _check_unit(own: Recording, profile: Profile) -> None:

@@ -204,7 +204,7 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
             where=recording.path if bare else recording.path / "reference" / ("ball" if flats else "flat"),
             value=f"sensor {sensor.kind}",
             remedy=f"Name what was calibrated before with {named}."
-            + (f" Ready without balls: {', '.join(ready_models())}." if flats else "")
+            + (f" Kinds that are ready without balls: {', '.join(ready_models())}." if flats else "")
             + (f" Or take in a frame with something round on the gel; {MIN_CONTACTS} do better." if flats else "")
             + ("" if bare else " Or add them to the recording.")
             + _doubt_of_guess(recording),
@@ -224,7 +224,7 @@ def _network_warning(ready: Reconstructor, kind: str) -> str:
 def _doubt_of_guess(recording: Recording) -> str:
     """What else may be wrong where a frame was taken for untouched gel, or is all there is."""
     names = recording.frame_names
-    if len(names) == 1 and recording.frames_path is not None:
+    if len(names) == 1 and recording.path.is_file():
         return f" Or name its folder, {recording.frames_path}, whose other frames tell the light."
     if recording.flat_frames:
         return f" If {names[recording.flat_frames[0]]} shows a contact, name an untouched one with --reference."

@@ -82,7 +82,7 @@ def read_folder(
 
 
 def _of_recording(root: Path, flats: tuple[Path, ...], mm_per_px: float | None) -> Recording:
-    own = read_recording(root)
+    own = read_recording(root, sensor={} if mm_per_px is None else {"mm_per_px": [mm_per_px, mm_per_px]})
     if own.frame_size_px is not None:
         check_references(own.frame_size_px, flats[:1])
     return replace(own, flats=flats or own.flats, sensor=_scaled(own.sensor, mm_per_px))

@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 Columns = Mapping[str, npt.NDArray[Any]]
 
 
-def read_recording(path: Path | str) -> Recording:
+def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None) -> Recording:
     """Read a recording folder and check all that can be checked without decoding its pictures.
 
-    Raises RecordingError, with file and line or key, for the first fault found. What is legal but unlikely
-    stands in `Recording.warnings`.
+    `sensor` holds keys of [sensor] for what the file leaves out. Raises RecordingError, with file and line or key,
+    for the first fault found. What is legal but unlikely stands in `Recording.warnings`.
     """
     # pydantic takes a while to load, and looking at the package should cost nothing
     from tactilevision.recording.settings_file import check_settings, load_toml
@@ -41,6 +41,7 @@ def read_recording(path: Path | str) -> Recording:
     toml = _find_settings(root)
     content = load_toml(toml)
     settings, news = check_settings(content, toml)
+    settings = _completed(settings, sensor or {})
     indenters = {name: _indenter(name, table) for name, table in settings.indenter.items()}
     recording = Recording(
         path=root,
@@ -61,6 +62,12 @@ def read_recording(path: Path | str) -> Recording:
     recording = _with_tables(recording, settings, toml)
     late = check_forces_cover(recording)
     return replace(recording, warnings=recording.warnings + late + tuple(doubts(recording)))
+
+
+def _completed(settings: Settings, sensor: Mapping[str, Any]) -> Settings:
+    """With keys of [sensor] that the file leaves out."""
+    left_out = {key: value for key, value in sensor.items() if getattr(settings.sensor, key) is None}
+    return settings.model_copy(update={"sensor": settings.sensor.model_copy(update=left_out)})
 
 
 def _find_settings(root: Path) -> Path:

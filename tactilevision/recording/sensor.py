@@ -106,7 +106,7 @@ def _named(
             f"frames of {settings.kind} are {_by(straight)} here, not {_by((usual.width_px, usual.height_px))}, "
             "so that its usual scale does not hold",
             where=toml,
-            remedy="State mm_per_px in [sensor].",
+            remedy="State mm_per_px in [sensor], or --mm-per-px where the command takes it.",
         )
     return dataclasses.replace(sensor, width_px=straight[0], height_px=straight[1]), tuple(warnings)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +38,8 @@ def where(number: int) -> tuple[int, int]:
     return number, os.getpid()
 
 
-def ends_another_process(number: int) -> int:
-    if number == 3 and os.getpid() != HERE:
+def ends_another_process(parent: int, number: int) -> int:
+    if number == 3 and os.getpid() != parent:
         os.kill(os.getpid(), signal.SIGKILL)
     return 2 * number
 
@@ -82,11 +84,20 @@ def test_one_process_does_each_step_when_it_is_fetched() -> None:
     assert seen == [7]
 
 
-def test_workers_that_end_lose_nothing_and_later_steps_are_done_here(caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize("copies", [True, False])
+def test_workers_that_end_lose_nothing_and_later_steps_are_done_here(
+    caplog: pytest.LogCaptureFixture, *, copies: bool
+) -> None:
+    """Copies of this process, and workers that are started anew since another thread runs in it."""
+    ended = threading.Event()
+    beside = threading.Thread(target=ended.wait)
+    if not copies:
+        beside.start()
     with worker_pool(2) as pool:
         each = Steps(pool)
-        assert [step() for step in each(ends_another_process, range(20))] == list(range(0, 40, 2))
+        assert [step() for step in each(partial(ends_another_process, HERE), range(20))] == list(range(0, 40, 2))
         assert [step() for step in each(where, [1, 2])] == [(1, HERE), (2, HERE)]
+    ended.set()
     assert caplog.text.count("workers are lost") == 1
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,12 @@ from drawn_logs import Draw, Drawn, drawer, image, pictures, time_ns
 from rosbags.highlevel import AnyReader
 
 from tactilevision.cli import main
+from tactilevision.errors import RecordingError
 from tactilevision.exports.tiff import write_tiff
 from tactilevision.logs.write import open_writer, wrench_message
+from tactilevision.profile.read import read_profile
+from tactilevision.profile.use import open_with_profile
+from tactilevision.recording import read_folder, read_recording
 from tactilevision.records import HeightMap
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
@@ -124,3 +129,29 @@ def test_the_only_topic_of_pictures_is_taken_and_several_are_listed(
         put("/ft", wrench_message(np.zeros(3), np.zeros(3), time_ns=1, frame_id="a", encoding=kind), 1)
     assert run("import", force, "--out", tmp_path / "rec3") == 2
     assert "no topic of pictures. It has: /ft (geometry_msgs/msg/WrenchStamped)." in capsys.readouterr().err
+
+
+def test_the_scale_of_a_kind_that_is_named_is_guessed_and_one_of_another_shape_refused(
+    draw: Draw, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else no command could read the recording: 8 x 6 px are a Mini's view over few pixels."""
+    log, rec = draw("bag"), tmp_path / "rec"
+    assert run("import", log, "--frames", "/camera", "--sensor", "gelsight_mini", "--out", rec) == 0
+    assert "guessed: 2.536 mm per pixel" in capsys.readouterr().err
+    assert read_recording(rec).sensor.mm_per_px == pytest.approx((2.536, 2.536))
+    other = tmp_path / "other"
+    assert run("import", log, "--frames", "/camera", "--sensor", "digit", "--out", other) == 2
+    assert "State it with --mm-per-px" in capsys.readouterr().err
+    assert not other.exists()
+
+
+def test_what_a_recording_leaves_out_of_its_sensor_a_profile_or_an_option_says(draw: Draw, tmp_path: Path) -> None:
+    rec, profile = tmp_path / "rec", read_profile(saved(tmp_path))
+    assert run("import", draw("bag"), "--frames", "/camera", "--out", rec) == 0
+    mini = replace(profile, sensor=replace(profile.sensor, kind="gelsight_mini"), frame_size_px=(8, 6))
+    assert open_with_profile(rec, mini).sensor.mm_per_px == profile.sensor.mm_per_px
+    settings = rec / "recording.toml"
+    settings.write_text(settings.read_text() + '[sensor]\nkind = "gelsight_mini"\n')
+    with pytest.raises(RecordingError, match="or --mm-per-px where the command takes it"):
+        read_recording(rec)
+    assert read_folder(rec, mm_per_px=0.5).sensor.mm_per_px == (0.5, 0.5)

@@ -448,3 +448,9 @@ def test_what_is_no_profile_is_told_apart(tmp_path: Path) -> None:
     for given, said in (("digit", "a kind of sensor"), (tmp_path, "a folder"), (tmp_path / "a.png", "no sensor")):
         with pytest.raises(InputError, match=f"{said}.*Make one with `tactilevision calibrate-sensor"):
             load_sensor(given)
+
+
+def test_what_was_doubtful_when_it_was_made_is_said_as_such(sensor: CalibratedSensor) -> None:
+    """Its options cannot be given beside a profile."""
+    assert f"when {sensor.profile.path.name} was made: made for tests" in sensor.warnings
+    assert sensor.with_reference([flat(np.random.default_rng(3))]).warnings[0] == sensor.warnings[0]
