@@ -1,7 +1,9 @@
 """DIGIT: a low-cost fingertip, 240 by 320 px upright, three lights below the gel.
 
 About 16 mm by 19 mm of gel fill the picture. The camera looks along the gel at an angle, so that the
-scale is a mean; measure your own where depth matters. Source: Lambeta et al., IEEE RA-L 5 (2020).
+scale is a mean; measure your own where depth matters. The ready network takes pictures as digit-interface gives
+them: red from the upper right, green from the upper left, blue from below.
+Source: Lambeta et al., IEEE RA-L 5 (2020).
 """
 
 from tactilevision.records import Sensor

@@ -114,7 +114,7 @@ SAID = {
         "depth",
         "{untouched}",
         "--sensor",
-        "digit",
+        "gelsight_wedge",
         "--mm-per-px",
         0.08,
     ),
@@ -151,7 +151,7 @@ def test_what_is_wrong_is_said_with_the_option_that_would_help(
 def test_a_bare_folder_is_read_with_what_is_guessed_and_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The light is that of the network that comes along; scale and reference are guessed."""
+    """The light is that of the contacts, which stand in another light than GelSlim's; the rest is guessed."""
     frames = write_frames(tmp_path / "frames")
     words = ("--sensor", "gelslim3", "--out", tmp_path / "d", "--pictures", 0)
     assert run("depth", frames, *words) == 0
@@ -159,7 +159,8 @@ def test_a_bare_folder_is_read_with_what_is_guessed_and_says_so(
     assert "guessed: 0.1128 mm per pixel, that of a usual gelslim3; --mm-per-px states it" in told
     assert "guessed: the first frame, 0.png, shows the untouched gel; --reference states it" in told
     assert "guessed: frames are rectified already" in told
-    assert "depth rests on the light of a usual gelslim3" in told
+    assert "contacts in the frames" in told
+    assert "They contradict the ready network for gelslim3" in told
     scale = read_tiff(tmp_path / "d" / "depth" / "1.tiff").mm_per_px
     assert scale == pytest.approx((0.0634 * 427 / 240, 0.0634 * 320 / 180))
     assert run("depth", frames, *words, "--mm-per-px", 0.08, "--reference", frames / "0.png") == 0
@@ -205,13 +206,13 @@ def test_force_takes_the_thickness_from_the_calibration_where_nothing_describes_
     assert "a profile, with --sensor" in told
 
 
-def test_a_ready_network_and_one_picture_of_the_gel_make_a_profile(tmp_path: Path) -> None:
+def test_contacts_and_one_picture_of_the_gel_make_a_profile(tmp_path: Path) -> None:
     frames, out = write_frames(tmp_path / "frames"), tmp_path / "a.tvs"
     words = ("--sensor", "gelslim3", "--mm-per-px", 0.08, "--reference", frames / "0.png", "--out", out)
     assert run("calibrate-sensor", frames, *words) == 0
     profile = read_profile(out)
-    assert profile.method.name == "network"
-    assert any("depth rests on the light of a usual gelslim3" in said for said in profile.warnings)
+    assert profile.method.card.fitted_by == "contacts"
+    assert any("the scale may be off by a factor of two or three" in said for said in profile.warnings)
     one = load_sensor(out).read(pressed())
     assert run("depth", frames, *words[:-2], "--out", tmp_path / "d", "--pictures", 0) == 0
     assert isinstance(one, Seen)

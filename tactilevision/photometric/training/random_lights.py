@@ -72,15 +72,13 @@ def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
     aim = towards * uniform(*kind.aim_mm, count, 3, 1) + uniform(-3.0, 3.0, count, 3, 2)
     beam = uniform(*kind.beam_mm, count, 3, 2)
     tint = _draw_tints(count, uniform, kind)
-    thrown_back = (
-        uniform(0.0, kind.thrown_back, count, 3, 1) * tint
-    )  # by the wall opposite: one lamp for a whole strip
+    back = uniform(0.0, kind.thrown_back, count, 3, 1) * tint  # by the wall opposite: one lamp for a whole strip
     mirrored = torch.cat([-towards * far[..., None], high[..., None]], -1)
     scenes = Scenes(
         torch.cat([place, mirrored], 1),
         torch.cat([aim.repeat_interleave(STRIP, 1), -aim], 1),
         torch.cat([beam.repeat_interleave(STRIP, 1), 2 * beam], 1),
-        torch.cat([tint.repeat_interleave(STRIP, 1), thrown_back], 1),
+        torch.cat([tint.repeat_interleave(STRIP, 1), back], 1),
         uniform(0.0, kind.stray, count, 3),
         uniform(1.0, 2.0, count, 1),
         uniform(0.0, 0.1, count, 1),
