@@ -14,6 +14,7 @@ from benchmarks.rendered.compare import keep, report
 from benchmarks.rendered.cut import cut
 from benchmarks.rendered.families import draw_rig
 from benchmarks.rendered.judge import report as judge
+from benchmarks.rendered.nu_of_steps import report as nu_of_steps
 from benchmarks.rendered.path_tracer import Transport
 from benchmarks.rendered.read import report as read
 from benchmarks.rendered.record import write_rendered_recording
@@ -30,6 +31,9 @@ def main(arguments: Sequence[str] = ()) -> None:
         return
     if options.judge:
         judge(options.judge, plain=options.plain)
+        return
+    if options.nu:
+        nu_of_steps(options.nu)
         return
     if options.read:
         read(options.read, results=options.results)
@@ -79,6 +83,7 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("--compare", action="store_true", help="the simulator's shadows beside Mitsuba's")
     parser.add_argument("--judge", type=Path, nargs="+", help="sets whose height maps are held against the truth")
     parser.add_argument("--plain", action="store_true", help="with --judge: leave cast shadows as they are")
+    parser.add_argument("--nu", type=Path, nargs="+", help="sets whose steps tell nu, by picture and by truth")
     parser.add_argument("--read", type=Path, nargs="+", help="recordings calibrated and held against the truth")
     parser.add_argument(
         "--results", type=Path, help="with --read: keeps calibrations; those there are not made anew"

@@ -18,7 +18,7 @@ from benchmarks.rendered.sets import TRUTH
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
 from tactilevision.reconstruct.shadows_seen import with_shadows
 from tactilevision.recording import Recording, read_frame, read_image, read_recording
-from tactilevision.records import HeightMap
+from tactilevision.records import HeightMap, Pair
 
 Array = npt.NDArray[np.floating]
 
@@ -61,32 +61,34 @@ def judge(folder: Path, *, plain: bool) -> tuple[list[float], list[Step]]:
     steps = []
     for number, step in enumerate(truth["step"], start=1):
         seen = reader.height_map(read_frame(recording, number))
-        steps.append(_step(seen, _truth(folder, f"frame_{number:05d}"), step))
+        steps.append(_step(seen, true_depth_mm(folder, f"frame_{number:05d}"), step))
     return ratios, steps
 
 
-def _truth(folder: Path, name: str) -> Array:
+def true_depth_mm(folder: Path, name: str) -> Array:
+    """The drawn surface (H, W) in mm of a picture of a set."""
     with np.load(folder / TRUTH / f"{name}.npz") as file:
         return np.asarray(file["depth_mm"], np.float64)
 
 
-def _distance(seen: HeightMap, centre_mm: Sequence[float]) -> Array:
-    rows, columns = seen.depth_mm.shape
-    x = (np.arange(columns) - (columns - 1) / 2) * seen.mm_per_px[0] - centre_mm[0]
-    y = (np.arange(rows) - (rows - 1) / 2) * seen.mm_per_px[1] - centre_mm[1]
+def distance_mm(shape: tuple[int, ...], mm_per_px: Pair, centre_mm: Sequence[float]) -> Array:
+    """Distance (H, W) in mm of the pixels of a picture of `shape` (H, W) from a place of the pad."""
+    rows, columns = shape
+    x = (np.arange(columns) - (columns - 1) / 2) * mm_per_px[0] - centre_mm[0]
+    y = (np.arange(rows) - (rows - 1) / 2) * mm_per_px[1] - centre_mm[1]
     return np.asarray(np.hypot(x[None, :], y[:, None]))
 
 
 def _ball(folder: Path, recording: Recording, reader: Reconstructor, number: int, ball: dict[str, Any]) -> float:
     record = recording.balls[number]
     seen = reader.rectified_map(read_image(record.path, white_level=recording.white_level))
-    middle = _distance(seen, ball["centre_mm"]) < BALL * ball["contact_radius_mm"]
-    truth = _truth(folder, f"ball_{number:02d}")
+    middle = distance_mm(seen.depth_mm.shape, seen.mm_per_px, ball["centre_mm"]) < BALL * ball["contact_radius_mm"]
+    truth = true_depth_mm(folder, f"ball_{number:02d}")
     return float(seen.depth_mm[middle].mean() / truth[middle].mean())
 
 
 def _step(seen: HeightMap, truth: Array, step: dict[str, Any]) -> Step:
-    far = _distance(seen, step["centre_mm"]) - step["radius_mm"]
+    far = distance_mm(seen.depth_mm.shape, seen.mm_per_px, step["centre_mm"]) - step["radius_mm"]
     depth, error = np.asarray(seen.depth_mm, np.float64), seen.depth_mm - truth
     face = far < (FACE - 1) * step["radius_mm"]
     near, end = (np.abs(far - at) < RING_MM for at in NEAR_MM)

@@ -8,7 +8,8 @@ Each folder or file imports only those before it:
 4. `depth`: pile-up, edge profile and depth scale; the depth that an event certifies.
 5. `rejection`, `recording_statistics`: whether a press can be trusted.
 6. `certified_point`, `certificate`, `evidence`: what a press and a recording yield.
-7. `assemble`, `certify`: the whole recording; `poisson_from_rise`, `step_validation`: what rests on a certificate.
+7. `assemble`, `certify`: the whole recording; `surface_beside_punch`, `poisson_from_rise`, `step_validation`:
+   what rests on it.
 
 A benchmark or test named beside a constant is where a change of it shows; it does not derive the value.
 """

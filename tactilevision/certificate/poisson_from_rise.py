@@ -1,11 +1,9 @@
 """Poisson's ratio from the gel's rise beside each accepted punch, read apart from the punch's walls.
 
 A height map reaches the gel beside a punch over walls that are too steep to be read, and what is missing there
-leaks into all of it. Here the slopes alone are taken: averaged over the frames near the event and over squares of
-a quarter of a millimetre, and integrated with the face and its walls left out (their edges have no weight), so
-that the gel beside stands on its own slopes. Its level and tilt are then open, which a fit of the rise does not
-mind. What lies under the bevel, and beyond it, is left out. The depth is the certified one, carried to each frame
-by the press's curve.
+leaks into all of it. Here the slopes alone are taken, averaged over the frames near the event and integrated with
+the face and its walls left out (surface_beside_punch.py). Level and tilt are then open, which a fit of the rise
+does not mind. The depth is the certified one, carried to each frame by the press's curve.
 
 Known of the map: its gain from balls that were held out, and a light that drifts unevenly, which the gel's gentle
 slopes are taken for in part: it leaves a bowl, which is fitted along.
@@ -14,20 +12,18 @@ slopes are taken for in part: it leaves a bowl, which is fitted along.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.certificate.certificate import Certificate
 from tactilevision.certificate.depth.cast_shadow import FLAG, LIT_NU_STD, NU_STD, fall_growth, shows_shadow
 from tactilevision.certificate.depth.pile_up import blur_place, combine, computed_ratio, depth_std
 from tactilevision.certificate.depth.slope_gain import ring_gain_std
-from tactilevision.contact.bevel import SIDES
+from tactilevision.certificate.surface_beside_punch import average_slopes, surface_view
 from tactilevision.errors import InputError, TactilevisionError
-from tactilevision.integration.half_squares import integrate_half_squares
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
@@ -38,34 +34,17 @@ from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.lamps import find_lamps
 from tactilevision.reconstruct.lit_slopes import LitSlopes, lit_slopes
 from tactilevision.recording import Recording, read_frame
-from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Indenter, Pair
+from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, SlopeMap
 
-SQUARE_MM = 0.25  # mm, side of the squares that slopes are averaged over; benchmarks.nu_from_frames
 FRAMES = 8  # a press: more no longer lower what is left, which all frames share; benchmarks.nu_from_frames
 NEAR = 0.15  # of the depth: frames this near to the event show one surface on another scale
 MAP_OFF = 0.1  # of the depth: pictures that are farther from the force's have lost or gained a wall
 FORCE_POWER = 1.1  # of the depth, as which the force grows near .1 of the thickness: 1 + beta w/h
-WALL_MM = 0.5  # mm beyond the edge: steep profile, ink and blur; benchmarks.nu_from_frames
-BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are left out, lest the bevel's dent be read
-SOUND = 0.9  # share of a square's pixels that must be readable; benchmarks.nu_from_frames
-CENTRE_STD_MM = 0.05  # mm, one sigma of the face's centre; benchmarks.nu_from_frames
 GUARD = 0.4  # thicknesses beside the edge, where the edge's radius and the wall's blur reach
 BOWL_STD_PER_MM = 3e-4  # slope per mm, one sigma: three thousandths of slope at 10 mm
 MAX_NU = 0.4999  # of a gel
 INTERVAL = 1.96  # deviations to either end of a 95 % interval
 STATED_STD = 0.005  # of a Poisson's ratio stated without one
-
-Picture = npt.NDArray[np.float32]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Slopes:
-    """Mean slopes (2h, 2w) over frames and half squares, share of readable pixels, and the frames' mean depth."""
-
-    dz_dx: Floats
-    dz_dy: Floats
-    share: Floats
-    depth_mm: float
 
 
 def fit_nu(
@@ -218,11 +197,19 @@ def surfaces_beside_punch(
             continue
         rows = _frames(recording, curves[point.press], point)
         reader = _reader(recording, reconstructor, rows, face=evidence.footprint, field=field)
-        slopes = _mean_slopes(recording, reader, rows)
+        slopes = average_slopes(list(_slope_maps(recording, reader, rows)), sensor.mm_per_px)
         if slopes is not None:
             distance = indenter.bevel_distance_mm or certificate.bevel_distance_mm
-            placed = replace(indenter, bevel_distance_mm=distance)
-            views.append(_view(slopes, evidence.footprint, point, placed, recording.sensor.mm_per_px))
+            view = surface_view(
+                slopes,
+                replace(indenter, bevel_distance_mm=distance),
+                centre_mm=evidence.footprint.centre_mm,
+                depth_std_mm=point.depth_std_mm if np.isfinite(point.depth_std_mm) else 0.02 * point.depth_mm,
+                mm_per_px=sensor.mm_per_px,
+                shape=evidence.footprint.mask.shape,
+                name=point.press,
+            )
+            views.append(view)
     return views
 
 
@@ -269,67 +256,9 @@ def _depths(curve: Curve, point: CertifiedPoint) -> Floats:
     return np.where(off, by_force, curve.depth_mm)
 
 
-def _mean_slopes(
+def _slope_maps(
     recording: Recording, reader: Reconstructor | LitSlopes, rows: Sequence[tuple[int, float]]
-) -> _Slopes | None:
-    total, depths = None, []
+) -> Iterator[tuple[SlopeMap, float]]:
     for row, depth in rows:
-        try:
-            slopes = reader.slope_map(read_frame(recording, row))
-        except TactilevisionError:  # a torn frame; the certificate names it
-            continue
-        readable = np.isfinite(slopes.dz_dx) & np.isfinite(slopes.dz_dy)
-        if slopes.valid is not None:
-            readable &= slopes.valid
-        parts = [np.where(readable, slopes.dz_dx, 0), np.where(readable, slopes.dz_dy, 0), readable]
-        coarse = np.stack([_shrink(np.asarray(p, np.float32), recording.sensor.mm_per_px) for p in parts])
-        total = coarse if total is None else total + coarse
-        depths.append(depth)
-    if total is None:
-        return None
-    share = total[2].astype(np.float64)
-    safe = np.maximum(share, 1e-6)
-    return _Slopes(total[0] / safe, total[1] / safe, share / len(depths), float(np.mean(depths)))
-
-
-def _shrink(picture: Picture, mm_per_px: Pair) -> Picture:
-    rows, columns = picture.shape
-    across, down = (max(round(n * mm / SQUARE_MM), 2) for n, mm in zip((columns, rows), mm_per_px, strict=True))
-    return np.asarray(cv2.resize(picture, (2 * across, 2 * down), interpolation=cv2.INTER_AREA), np.float32)
-
-
-def _view(
-    slopes: _Slopes, face: Footprint, point: CertifiedPoint, indenter: Indenter, mm_per_px: Pair
-) -> SurfaceView:
-    half = tuple(
-        mm * n / m for mm, n, m in zip(mm_per_px, face.mask.shape[::-1], slopes.share.shape[::-1], strict=True)
-    )
-    x, y = _places(slopes.share.shape, half, face)
-    share = np.where(np.hypot(x, y) > indenter.radius_mm + WALL_MM, slopes.share, 0.0)
-    depth, beside = integrate_half_squares(
-        slopes.dz_dx, slopes.dz_dy, share=share, least=SOUND, mm_per_px=(half[0], half[1])
-    )
-    scale = (2 * half[0], 2 * half[1])
-    if indenter.bevel is not None:
-        along, (x, y) = SIDES[indenter.bevel], _places(depth.shape, scale, face)
-        start = indenter.bevel_distance_mm or indenter.radius_mm + 2 * BEFORE_BEVEL_MM
-        beside &= along[0] * x + along[1] * y < start - BEFORE_BEVEL_MM
-    return SurfaceView(
-        depth,
-        beside,
-        scale,
-        indenter.radius_mm,
-        face.centre_mm,
-        CENTRE_STD_MM,
-        slopes.depth_mm,
-        point.depth_std_mm if np.isfinite(point.depth_std_mm) else 0.02 * point.depth_mm,
-        point.press,
-    )
-
-
-def _places(shape: tuple[int, ...], mm: Sequence[float], face: Footprint) -> tuple[Floats, Floats]:
-    """x (1, w) and y (h, 1) in mm of squares (h, w) from the face's centre; `mm` (x, y) of a square."""
-    rows, columns = shape
-    x = (np.arange(columns) - (columns - 1) / 2)[None, :] * mm[0] - face.centre_mm[0]
-    y = (np.arange(rows) - (rows - 1) / 2)[:, None] * mm[1] - face.centre_mm[1]
-    return np.asarray(x, np.float64), np.asarray(y, np.float64)
+        with suppress(TactilevisionError):  # a torn frame; the certificate names it
+            yield reader.slope_map(read_frame(recording, row)), depth

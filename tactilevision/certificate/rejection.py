@@ -218,7 +218,10 @@ def _dropped(evidence: PressEvidence, statistics: RecordingStatistics, forces: F
         return Finding("dropped_frames", "there are no force readings to go with the frames of this press")
     if not np.isfinite(evidence.event_s):
         return None
-    gap = interval_at(evidence.track.time_s, evidence.event_s)
+    times = evidence.track.time_s
+    gap = interval_at(times, evidence.event_s)
+    if evidence.touch is not None and np.isfinite(evidence.touch.seen_s):  # moved by the travel scale since
+        gap = min(gap, interval_at(times, evidence.touch.seen_s))
     moved = min(gap, _moving_s(evidence, evidence.force))
     if moved <= _MAX_GAP * statistics.interval_s:
         return None

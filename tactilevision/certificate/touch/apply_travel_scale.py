@@ -203,6 +203,7 @@ def _moved(
         time_s=time_s,
         std_s=float(np.hypot(crossed.std_s, measurements.offset.std or 0.0)),
         depth_seen_mm=float(np.interp(time_s, track.time_s, track.depth_mm)),
+        seen_s=one.touch.time_s,
     )
     return replace(one, crossed=crossed, touch=touch, event=found, travel_scale=scale, stop_std_N=0.0)
 

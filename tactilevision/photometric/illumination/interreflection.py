@@ -21,7 +21,7 @@ from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.illumination.lamps import shading
 from tactilevision.records import Bytes, Floats, Pair
 
-REFLECTANCE = 0.5  # of the ink, a share: the middle of grey inks; .1 moves nu by .001 (docs/evidence/rendered.md)
+REFLECTANCE = 0.5  # of the ink, a share, as cells show it: nu is right for inks of .6 (docs/evidence/rendered.md)
 CELL_MM = 0.25  # mm, side of the cells that light is exchanged between
 STEEP = 0.2  # slope from which a cell counts as one that shines on others: gentler ones give a hundredth
 CHUNK = 32  # steep cells whose light is worked out at once: more do not fit the cache
