@@ -174,17 +174,22 @@ def _saturated(evidence: PressEvidence, statistics: RecordingStatistics, forces:
 
 
 def _force_stopped(evidence: PressEvidence, force: ForceWindow) -> Finding | None:
-    """The force has stopped growing while the camera still sees the face go deeper."""
+    """The force has stopped growing while the camera still sees the face go deeper.
+
+    Frames count until the force falls again: on its way out no face goes deeper, but walls may be read wrongly.
+    """
     seen = find_phases(evidence.track.depth_mm)
     if force.phases is None or seen is None or seen.hold == 0:
         return None
-    still_s = float(force.time_s[force.phases.hold]) - evidence.offset_s
+    ends = [force.phases.hold, min(force.phases.release, force.time_s.size - 1)]
+    still_s, falls_s = force.time_s[ends] - evidence.offset_s
     depth = evidence.track.depth_mm
-    after = int(np.searchsorted(evidence.track.time_s, still_s))  # a frame taken since: none is made up in a gap
-    if after >= depth.size:
+    # frames taken since: none is made up in a gap
+    after, until = (int(k) for k in np.searchsorted(evidence.track.time_s, (still_s, falls_s)))
+    if until <= after:
         return None
     steady = _of_three(depth)
-    there, deepest = float(steady[after]), float(np.nanmax(steady[after:]))
+    there, deepest = float(steady[after]), float(np.nanmax(steady[after:until]))
     if deepest - there > max(5 * seen.noise, 0.15 * deepest):
         return Finding(
             "saturated", f"the force stays at {force.smooth_N.max():.2f} N while the face still goes deeper"

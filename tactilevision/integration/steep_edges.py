@@ -21,6 +21,10 @@ sin t and cos t as long as no lamp is turned away from, L tan t < 1, and half th
 attached shadows. On a path tracer's faces of .3 to .6 mm (light passing through the punch) this brought depths
 from .77-.98 of the truth to .86-1.04.
 
+A cast shadow beside the wall looks like slope, and a law through it may double a face's depth. It bends otherwise
+than the law, so walls that the slopes outside do not keep to are left as they are: faces of .3 to .55 mm beside
+shadows then read .96 to 1.00 of their depth, where the law made 1.3 to 2.5 of it.
+
 Only round rims with a sharp inner flank are treated so: the slopes of balls, cones and ridges grow gently and are
 left alone. Assumes a flat face, at least a third of whose rim is in the picture.
 Source: Johnson, Contact Mechanics (1985), eq. 3.38 (k = 0).
@@ -49,6 +53,9 @@ CAMERA_PX = (0.8, 0.5)  # px: usual blur of the camera, and the spread of its lo
 EDGE_PX = (0.5, 0.8)  # px: usual blur by the edge's rounding, and the spread of its logarithm
 SLOPE_ERROR = 0.03  # of the mean slope round the edge: its relative deviation
 SLOPE_FLOOR = 0.01  # mm/mm: deviation of the mean slope round the edge where it is gentle
+# mean square, in stated deviations, that slopes outside may lie off the law, and where the wall hides more than
+# half of FAR: punches' own .0 to .2, a path tracer's .35 after shadows were undone; beside shadows .4 to 2
+MAX_MISFIT = (0.45, 0.3)
 MIN_READ = 8  # bins outside the edge that can be read; with fewer it is not fitted
 MIN_FACE = 50  # pixels of a face; with fewer it counts as not known
 FINE = 0.25  # px: grid of the law
@@ -85,14 +92,17 @@ class PunchEdge:
     std_mm: float
 
 
-def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float, lean: float = LEAN) -> list[PunchEdge]:
+def find_punch_edges(
+    slopes: SlopeMap, mm_per_px: Pair, *, limit: float, lean: float = LEAN, strict: bool = True
+) -> list[PunchEdge]:
     """The walls round flat faces in `slopes` (H, W); `limit` is the steepest slope that is read reliably.
 
-    `lean` of the lamps: 1/tan of their mean elevation.
+    `lean` of the lamps: 1/tan of their mean elevation. Not `strict`: also walls that the slopes outside do not
+    keep to, of a picture whose shadows are half undone.
     """
     light = wall_light(round(lean, 2))
     edges = [
-        _fit_edge(circle, limit, px=min(mm_per_px), light=light)
+        _fit_edge(circle, limit, px=min(mm_per_px), light=light, strict=strict)
         for circle in find_circular_edges(slopes, mm_per_px, limit=limit)
     ]
     return [edge for edge in edges if edge is not None]
@@ -142,12 +152,13 @@ def restore_windows(
     mm_per_px: Pair,
     limit: float,
     lean: float = LEAN,
+    strict: bool = True,
 ) -> list[PunchEdge]:
     """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
     edges = []
     for window, (p, q) in zip(windows, fine, strict=True):
         slopes = SlopeMap(p, q, valid[window])
-        restored = find_punch_edges(slopes, mm_per_px, limit=limit, lean=lean)
+        restored = find_punch_edges(slopes, mm_per_px, limit=limit, lean=lean, strict=strict)
         restore(slopes, restored, mm_per_px=mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
         edges += [
@@ -182,21 +193,23 @@ def wall_light(lean: float) -> WallLight:
     return WallLight(u, sine, cosine, np.gradient(sine, u), np.gradient(cosine, u), seen, np.gradient(seen, u))
 
 
-def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight) -> PunchEdge | None:
+def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight, strict: bool) -> PunchEdge | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     mean, s = edge.slopes, edge.places_mm - edge.radius_mm
     known = np.isfinite(mean)
     steep = known & ~(edge.highest < limit)
     if not steep.any():
         return None
-    hidden = float(s[steep].max())
-    far = max(FAR * edge.radius_mm, 8 * px, min(hidden / HIDDEN_SHARE, float(s[-1])))
+    hidden, usual = float(s[steep].max()), max(FAR * edge.radius_mm, 8 * px)
+    far = max(usual, min(hidden / HIDDEN_SHARE, float(s[-1])))
     use = known & ~steep & (s > -FOOT_PX * px) & (s < far)
     if hidden > HIDDEN_SHARE * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
         return None
     std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + edge.std**2)[use]
     law = _Law(edge.radius_mm, px, far, light)
     unknown, covariance = law.fitted(s[use], mean[use], std)
+    if strict and law.misfit(unknown, s[use], mean[use], std) > MAX_MISFIT[int(far > usual)]:
+        return None
     shift, reach = float(unknown[0]), hidden + px
     falls, fall, rate = law.falls(unknown, reach - shift)
     with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
@@ -261,6 +274,11 @@ class _Law:
                 break
             unknown, (squares, uphill, normal), damping = trial, after, max(0.1 * damping, DAMPING)
         return unknown, np.asarray(cv2.invert(normal)[1])
+
+    def misfit(self, unknown: Floats, s: Floats, slopes: Floats, std: Floats) -> float:
+        """Mean square of what `slopes` (n,) outside the edge lie off the law, in their deviations `std`."""
+        outside = s > 0
+        return float(np.mean(np.square((self._shown(unknown, s)[0] - slopes)[outside] / std[outside])))
 
     def falls(self, unknown: Floats, s: float) -> tuple[Floats, float, Floats]:
         """Falls at the grid's edges from the shifted edge on, the one at `s`, and its rates (6,) by unknown."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -154,6 +155,7 @@ class Reconstructor:
                     self._mapped,
                     rgb,
                     self.shadows,
+                    again=partial(self._mapped, undone=True),
                     edges=lambda: self.evidence.edges if self.evidence else (),
                     thickness_mm=gel.thickness_mm if gel else USUAL_THICKNESS_MM,
                 )
@@ -167,12 +169,15 @@ class Reconstructor:
             flags = add(flags, (STEEP,))
         return surface, valid, std, flags
 
-    def _mapped(self, rgb: Bytes) -> Mapped:
-        """Depth, validity and deviation (H, W) each of a rectified picture, and its flags."""
+    def _mapped(self, rgb: Bytes, *, undone: bool = False) -> Mapped:
+        """Depth, validity and deviation (H, W) each of a rectified picture, and its flags.
+
+        `undone`: a picture whose shadows are being undone; its walls are taken as they come.
+        """
         if self.grids and self.referenced and (tiled := self.referenced.tiled_evaluator):
-            return self._on_two_grids(rgb, self.referenced, tiled, self.grids)
+            return self._on_two_grids(rgb, self.referenced, tiled, self.grids, undone=undone)
         slopes, untouched, drift, steepest, surface, lost = self._evaluate_tiled(rgb)
-        walls = self._walls(slopes, steepest)
+        walls = self._walls(slopes, steepest, undone=undone)
         if surface is None or walls:
             surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         self.zero = self._zero_plane(surface, untouched, self.sensor.mm_per_px)
@@ -182,7 +187,13 @@ class Reconstructor:
         return surface, valid, std, self.reference_match.flags(drift, self.zero) if self.reference_match else ()
 
     def _on_two_grids(
-        self, rgb: Bytes, method: ReferencedMethod, reader: TiledEvaluator, grids: TwoGridPoisson
+        self,
+        rgb: Bytes,
+        method: ReferencedMethod,
+        reader: TiledEvaluator,
+        grids: TwoGridPoisson,
+        *,
+        undone: bool,
     ) -> Mapped:
         """As `_mapped`, gentle gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
         tiles = self.elsewhere.read_tiles(rgb) if self.elsewhere else reader.read_tiles(rgb)
@@ -195,6 +206,7 @@ class Reconstructor:
                 mm_per_px=self.sensor.mm_per_px,
                 limit=self.readable,
                 lean=self.lean,
+                strict=not undone,
             )
         coarse = grids.coarse(tiles.coarse, tiles.windows, fine=tiles.fine)
         self.zero = self._zero_plane(coarse, tiles.drift.untouched & method.trusted_blocks, grids.coarse_mm)
@@ -271,11 +283,13 @@ class Reconstructor:
             self.light_check = LightCheck(method, self.sensor.mm_per_px)
         return self.light_check(drift)
 
-    def _walls(self, slopes: SlopeMap, steepest: float) -> list[PunchEdge]:
+    def _walls(self, slopes: SlopeMap, steepest: float, *, undone: bool) -> list[PunchEdge]:
         """The walls in `slopes`, which are restored there, in place."""
         if self.readable is None or steepest < self.readable:
             return []
-        walls = find_punch_edges(slopes, self.sensor.mm_per_px, limit=self.readable, lean=self.lean)
+        walls = find_punch_edges(
+            slopes, self.sensor.mm_per_px, limit=self.readable, lean=self.lean, strict=not undone
+        )
         restore(slopes, walls, mm_per_px=self.sensor.mm_per_px)
         return walls
 

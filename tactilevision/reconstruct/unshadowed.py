@@ -51,14 +51,15 @@ def undo_shadows(
     rgb: Bytes,
     field: LightField,
     *,
+    again: Callable[[Bytes], Mapped],
     edges: Callable[[], Sequence[PunchEdge]],
     thickness_mm: float,
 ) -> tuple[Mapped, npt.NDArray[np.floating[Any]] | None]:
     """Depth (H, W) mm, validity, deviation and flags of a rectified picture (H, W, 3), shadows undone.
 
-    `mapped` gives them for a picture as it is, `edges` those of the picture that it was called with last, in a gel
-    of `thickness_mm`. And the part (H, W) mm of the deviation that the shadows bring,
-    None for contacts too gentle to cast any.
+    `mapped` gives them for a picture as it is, `again` for one whose shadows are being undone, `edges` those of
+    the picture that was mapped last, in a gel of `thickness_mm`. And the part (H, W) mm of the deviation that the
+    shadows bring, None for contacts too gentle to cast any.
     """
     surface, valid, std, flags = mapped(rgb)
     if surface.max() < MIN_DEPTH_MM:
@@ -70,7 +71,7 @@ def undo_shadows(
         seen = visibility(field.lamps, shape, field.mm_per_px)
         lit = reached_by_all(seen)
         own = without(rgb, reflected(field, shape))
-        surface, valid, std, flags = mapped(_brightened(own, dimming(field, shape, seen)))
+        surface, valid, std, flags = again(_brightened(own, dimming(field, shape, seen)))
         moved = STEP * (surface - depth)
         depth += moved
         if np.percentile(np.abs(moved), 99) < SETTLED_MM:

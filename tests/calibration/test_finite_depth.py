@@ -10,6 +10,7 @@ import pytest
 from made_recordings import HEIGHTS_MM, Made, points_of
 
 from calibration.inputs.observations import Measured
+from calibration.laws.theory.admissible_range import deeper_than_elements
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import calibrate
 from tactilevision.mechanics.flat_contact import FlatContact
@@ -30,14 +31,15 @@ def read(
     thickness_mm: float = 3.0,
     edge_mm: float | None = None,
     lubricated: bool = False,
+    depth_mm: Floats = DEPTHS_MM,
 ) -> CalibrationResult:
-    """E of five presses of a punch of 2.5 mm on a gel of this nu."""
+    """E of presses of a punch of 2.5 mm on a gel of this nu."""
     gel = Gel(thickness_mm, shape="disc", radius_mm=15.0, poisson_ratio=nu, poisson_ratio_std=0.0)
     sensor, punch = (
         Sensor("custom", 427, 320, (0.0634, 0.0634), gel),
         Indenter("A", radius_mm=2.5, edge_radius_mm=edge_mm),
     )
-    presses = enumerate(zip(DEPTHS_MM, force_N, strict=True))
+    presses = enumerate(zip(depth_mm, force_N, strict=True))
     points = [
         CertifiedPoint(str(k), "A", float(w), float(P), lubricated=float(lubricated)) for k, (w, P) in presses
     ]
@@ -103,3 +105,15 @@ def test_E_of_nu_and_E_agree() -> None:
     force = punch_force(DEPTHS_MM, FlatContact(2.5, 0.05, 3.0, 0.3), material=Material(MODULUS_MPA, 0.46))
     found = read(force, 0.46)
     assert dict(found.youngs_modulus_of_nu)[0.46] == pytest.approx(found.youngs_modulus.value, rel=1e-9)
+
+
+def test_a_reading_at_first_touch_is_no_depth_of_the_elements() -> None:
+    """.03 um rounds to 0, where P/w is not known: it once divided by it."""
+    depths = np.concatenate([[3e-5], DEPTHS_MM])
+    force = punch_force(depths, FlatContact(2.5, 0.05, 3.0, 0.3), material=Material(MODULUS_MPA, 0.47))
+    assert abs(off(read(force, 0.47, edge_mm=0.05, depth_mm=depths))) < LIMIT
+
+
+@pytest.mark.parametrize(("deepest", "said"), [(0.25, False), (0.6 / 2.4 + 2e-4, False), (0.27, True)])
+def test_presses_as_deep_as_the_table_are_not_called_deeper(deepest: float, said: bool) -> None:
+    assert bool(deeper_than_elements(deepest)) is said

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from tactilevision.certificate.force.event_force import force_in_dwell, force_on
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.tare import find_tare
 from tactilevision.certificate.force.window import force_window
+from tactilevision.certificate.rejection import _force_stopped
 from tactilevision.certificate.touch.force_crossing import event_force, force_crossing
 from tactilevision.records import Floats, ForceSeries, Press
 
@@ -166,3 +170,24 @@ def test_a_press_that_is_recorded_from_its_ramp_on_is_tared_on_the_free_gel_afte
     held = (window.time_s > 5.05) & (window.time_s < 5.45)
     assert window.tare.before_N is None
     assert window.force_N[held, 2].mean() == pytest.approx(1.0, abs=0.004)
+
+
+@pytest.mark.parametrize(
+    ("rail_N", "wrong_out_mm", "stopped"), [(9.0, 0.0, False), (9.0, 0.3, False), (1.4, 0.0, True)]
+)
+def test_a_wall_read_wrongly_on_the_way_out_is_no_force_that_has_stopped(
+    rail_N: float, wrong_out_mm: float, stopped: bool
+) -> None:
+    """A face of .5 mm under 2 N, in and out at .25 mm/s; beside shadows its wall may be read 60 % too deep."""
+    rng = np.random.default_rng(4)
+
+    def depth_mm(time_s: Floats) -> Floats:
+        return np.asarray(np.interp(time_s, [1.0, 3.0, 3.5, 5.5], [0.0, 0.5, 0.5, 0.0]))
+
+    clock, frames = np.arange(0.0, 6.5, 0.005), np.arange(0.0, 6.5, 1 / 15)
+    normal = np.minimum(4.0 * depth_mm(clock), rail_N) + 0.01 * rng.standard_normal(clock.size)
+    force: Any = SimpleNamespace(time_s=clock, smooth_N=normal, phases=find_phases(normal))
+    wrong = wrong_out_mm * ((frames > 3.55) & (frames < 3.9))
+    seen = depth_mm(frames) + wrong + 0.002 * rng.standard_normal(frames.size)
+    evidence: Any = SimpleNamespace(track=SimpleNamespace(time_s=frames, depth_mm=seen), offset_s=0.0)
+    assert (_force_stopped(evidence, force) is not None) is stopped

@@ -157,3 +157,16 @@ def test_a_wall_that_hides_more_than_a_fifth_of_the_radius_is_carried_through(li
     truth = true_over_gel(depth)
     assert short < 0.75 * truth
     assert face_over_gel(read) == pytest.approx(truth, rel=0.05)
+
+
+def test_a_wall_beside_a_cast_shadow_is_left_as_it_is() -> None:
+    """A shadow looks like a slope of .35 that ends at once: the law through it made more than twice the depth."""
+    depth = punch(0.7)
+    read = photographed(depth)
+    x, y = places()
+    r = np.hypot(x, y)
+    dark = (r > 2.3) & (r < 2.9)
+    for plane, way in ((read.dz_dx, x), (read.dz_dy, y)):
+        plane[dark] = (-0.42 * way / r)[dark]
+    assert find_punch_edges(read, (STEP, STEP), limit=LIMIT) == []
+    assert len(find_punch_edges(read, (STEP, STEP), limit=LIMIT, strict=False)) == 1
