@@ -13,7 +13,7 @@ exactly the form that it is given here.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -64,7 +64,8 @@ class Step:
 class Searched:
     """From the base model's fit over each step to what is left at the end (`last`).
 
-    `bend_or` are the effects that explain as well what was taken for theory's own bend.
+    `bend_or` are the effects, not named, that explain as well what was taken for theory's own bend: E with each,
+    over E with the bend.
 
     `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
     `stopped`: the time was over before the search was.
@@ -75,7 +76,7 @@ class Searched:
     rounds: tuple[Round, ...]
     steps: tuple[Step, ...]
     last: ScoreTest
-    bend_or: tuple[Candidate, ...] = ()
+    bend_or: Mapping[str, float] = field(default_factory=dict)
     stopped: bool = False
 
     @property
@@ -114,7 +115,7 @@ def forward_selection(
     it has, `stopped`.
     """
     start = current = looked_at = base
-    rounds, steps, bend_or = list[Round](), list[Step](), tuple[Candidate, ...]()
+    rounds, steps, bend_or = list[Round](), list[Step](), dict[str, float]()
     while len(steps) < MAX_EFFECTS and not (rounds and watch.over):
         now = BEYOND_DOUBT if steps else level if current is base else level / 2
         turn, looked_at = _look(current, catalogue, rng, now, of_rig=of_rig, watch=watch), current
@@ -123,7 +124,8 @@ def forward_selection(
             break
         room, as_good = _roomier(current, turn, now)
         if room is not None and _takes(current, room, turn, rng):
-            current, bend_or = room, bend_or or as_good
+            current = room
+            bend_or = bend_or or {c.effect.key: float(c.values[0] / room.values[0]) for c in as_good}
             steps = [_with_own(step, room) for step in steps]
             if steps:
                 steps[-1] = replace(steps[-1], fitted=room)
@@ -139,7 +141,8 @@ def forward_selection(
         if cured_anew(step):  # what else is left is looked for once the frames are read anew
             break
     last = rounds[-1].score_test if looked_at is current else score_test(current, (), rng=rng, of_rig=of_rig)
-    return Searched(base, start, tuple(rounds), tuple(steps), last, () if steps else bend_or, watch.over)
+    other = {key: share for key, share in bend_or.items() if key not in current.model.keys}
+    return Searched(base, start, tuple(rounds), tuple(steps), last, other, watch.over)
 
 
 def cured_anew(step: Step) -> bool:

@@ -10,7 +10,7 @@ from calibration.fit.least_squares import Fit
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Noise, Whitener
 from calibration.repeats.draws import draw_errors
-from calibration.repeats.repeat_noise import renewed_noise
+from calibration.repeats.repeat_noise import drawn_noise, renewed_noise
 from tactilevision.records import Floats
 
 SEEN = 0.02  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
@@ -97,8 +97,12 @@ class Cast:
         return np.asarray(residual_N - self._jacobian @ (own + self._priors.T @ priors))
 
     def null(self, rng: np.random.Generator, draws: int) -> tuple[list[Noise], Floats, Floats]:
-        """Draws of the model itself: the noise estimated anew from each, errors (N, draws), priors (k, draws)."""
+        """Draws of the model itself: the noise estimated anew from each, errors (N, draws), priors (k, draws).
+
+        The noise's sizes are drawn too, as they are known: where repeats are few a press's gain may well be twice
+        what was estimated, and presses that differ by place or day are then no finding.
+        """
         fitted = self.fitted
-        errors = draw_errors(fitted, rng, draws)
+        errors = draw_errors(fitted, rng, draws, noises=drawn_noise(fitted, rng, draws))
         priors = rng.standard_normal((len(self._priors), draws))
         return renewed_noise(fitted, errors), errors, priors
