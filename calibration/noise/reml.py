@@ -164,7 +164,7 @@ def newton_move(costs: Floats, size: int) -> Floats:
 
 
 def spread(costs: Floats, size: int) -> Floats:
-    """Root (size, size) of the covariance of ln sizes, at their likeliest, from the costs (k,) on the stencil."""
+    """Root (size, size), dimensionless, of the covariance of ln sizes, from the costs (k,) on the stencil."""
     curvature, axes = _curvature(costs, size)
     return np.asarray(axes * np.sqrt(2 / curvature))  # of -2 ln L
 
