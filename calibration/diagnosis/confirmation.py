@@ -56,6 +56,11 @@ def inside(candidate: Candidate) -> bool:
     )
 
 
+def chance(presses: int) -> float:
+    """Relative std of an rms over so many presses."""
+    return float(1 / np.sqrt(2 * presses))
+
+
 def skill(current: Fit, candidate: Candidate) -> float:
     """1 - held-out error with over without the effect, both squared and whitened; below 0 where it rises in N.
 
@@ -68,8 +73,7 @@ def skill(current: Fit, candidate: Candidate) -> float:
     form = [begin + k for k, p in enumerate(table) if p.unit != table[0].unit]
     before = hold_out(current.model, current, start=current.values, folds=folds)
     after = hold_out(candidate.model, current, start=candidate.values, folds=folds, kept=form)
-    scatter = 1 / np.sqrt(2 * current.data.count)  # relative std of an rms over so many presses
-    if after.rms_N > (1 + scatter) * before.rms_N:
+    if after.rms_N > (1 + chance(current.data.count)) * before.rms_N:
         return 1 - after.rms_N / before.rms_N
     return 1 - after.squares / before.squares if before.squares > 0 else 0.0
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.diagnosis.confirmation import AS_GOOD, equals, inside, skill, weighed_again
+from calibration.diagnosis.confirmation import AS_GOOD, chance, equals, inside, skill, weighed_again
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.fit.identifiability import beta_name
@@ -270,7 +270,10 @@ def _look(
 
 
 def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
-    """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
+    """The best candidate, if its improvement is beyond chance for having looked at all, and carries over.
+
+    One that is beyond doubt may be predicted worse by as much as so many presses leave to chance.
+    """
     may = [
         c
         for c in turn.candidates
@@ -283,7 +286,7 @@ def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
         try:
             fitted = adopt(current, best)
             gain = skill(replace(current, noise=fitted.noise), best)
-            if gain > 0:
+            if gain > (-chance(current.data.count) if scored.p_adjusted <= BEYOND_DOUBT else 0.0):
                 return Step(best, scored, gain, fitted, equals(current, best, again))
         except CANNOT_FIT:
             continue  # the next best may still stand
