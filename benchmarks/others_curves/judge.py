@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.others_curves.recording import Made, make
+from benchmarks.others_curves.strength import TOLD_APART
 from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured, Observations
 from tactilevision.recording import read_recording
 
 SEED = 7
 LEVELS = (0.01, 0.05, 0.10)
-SEEN = 8.0  # std above which a hidden effect is to be found
+SEEN = 8.0  # std above which a hidden effect is to be found; of two, each beside the other
 HOLDS = 0.90  # of readings in their 95 % interval: with fewer a force, or a depth, has left it
 
 Row = dict[str, Any]
@@ -149,6 +150,10 @@ def report(rows: Sequence[Row]) -> str:
                 share(f"{kind}: first", [bool(set(f) & h) for f, h in zip(first, hidden, strict=True)]),
                 share(f"{kind}: confidently wrong", wrong),
                 share(f"{kind}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in loud]),
+                share(
+                    f"{kind}, another within {TOLD_APART:.0f} sigma: AMBIGUOUS",
+                    [r["verdict"] == "AMBIGUOUS" for r in loud if r["near"]],
+                ),
             ]
             if loud
             else []

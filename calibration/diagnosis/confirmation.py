@@ -60,17 +60,24 @@ def inside(candidate: Candidate) -> bool:
     )
 
 
+def chance(presses: int) -> float:
+    """Relative std of an rms over so many presses."""
+    return float(1 / np.sqrt(2 * presses))
+
+
 def skill(current: Fit, candidate: Candidate) -> float:
     """1 - held-out error with over without the effect, both squared and whitened; below 0 where it rises in N.
 
     `current` with the candidate's own noise: what a missing effect does to all presses alike passes for their
-    scatter, and against that nothing could be gained.
+    scatter, and against that nothing could be gained. The effect's size is found anew from each fold's others, not
+    its form: a time that four fifths of the presses leave open may run off, and says nothing of the effect.
     """
-    folds = press_folds(current.data)
+    folds, begin = press_folds(current.data), candidate.model.slices(current.data)[candidate.effect.key].start
+    table = candidate.effect.parameters
+    form = [begin + k for k, p in enumerate(table) if p.unit != table[0].unit]
     before = hold_out(current.model, current, start=current.values, folds=folds)
-    after = hold_out(candidate.model, current, start=candidate.values, folds=folds)
-    scatter = 1 / np.sqrt(2 * current.data.count)  # relative std of an rms over so many presses
-    if after.rms_N > (1 + scatter) * before.rms_N:
+    after = hold_out(candidate.model, current, start=candidate.values, folds=folds, kept=form)
+    if after.rms_N > (1 + chance(current.data.count)) * before.rms_N:
         return 1 - after.rms_N / before.rms_N
     return 1 - after.squares / before.squares if before.squares > 0 else 0.0
 

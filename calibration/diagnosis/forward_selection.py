@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.confirmation import AS_GOOD, equals, inside, skill, weighed_again
+from calibration.diagnosis.confirmation import AS_GOOD, chance, equals, inside, skill, weighed_again
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.fit.identifiability import beta_name
@@ -66,7 +66,8 @@ class Step:
 class Searched:
     """From the base model's fit over each step to what is left at the end (`last`).
 
-    `bend_or` are the effects that explain as well what was taken for theory's own bend.
+    `bend_or` are the effects, not named, that explain as well what was taken for theory's own bend: E with each,
+    over E with the bend.
 
     `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
     `stopped`: the time was over before the search was.
@@ -77,7 +78,7 @@ class Searched:
     rounds: tuple[Round, ...]
     steps: tuple[Step, ...]
     last: ScoreTest
-    bend_or: tuple[Candidate, ...] = ()
+    bend_or: Mapping[str, float] = field(default_factory=dict)
     stopped: bool = False
 
     @property
@@ -116,7 +117,7 @@ def forward_selection(
     it has, `stopped`.
     """
     start = current = looked_at = base
-    rounds, steps, bend_or = list[Round](), list[Step](), tuple[Candidate, ...]()
+    rounds, steps, bend_or = list[Round](), list[Step](), dict[str, float]()
     while len(steps) < MAX_EFFECTS and not (rounds and watch.over):
         now = BEYOND_DOUBT if steps else level if current is base else level / 2
         turn, looked_at = _look(current, catalogue, rng, now, of_rig=of_rig, watch=watch), current
@@ -125,7 +126,8 @@ def forward_selection(
             break
         room, as_good = _roomier(current, turn, now)
         if room is not None and _takes(current, room, turn, rng):
-            current, bend_or = room, bend_or or as_good
+            current = room
+            bend_or = bend_or or {c.effect.key: float(c.values[0] / room.values[0]) for c in as_good}
             steps = [_with_own(step, room) for step in steps]
             if steps:
                 steps[-1] = replace(steps[-1], fitted=room)
@@ -143,7 +145,8 @@ def forward_selection(
     last = rounds[-1].score_test
     if looked_at is not current:
         last = score_test(current, (), rng=rng, of_rig=of_rig, each=watch.each)
-    return Searched(base, start, tuple(rounds), tuple(steps), last, () if steps else bend_or, watch.over)
+    other = {key: share for key, share in bend_or.items() if key not in current.model.keys}
+    return Searched(base, start, tuple(rounds), tuple(steps), last, other, watch.over)
 
 
 def cured_anew(step: Step) -> bool:
@@ -270,7 +273,10 @@ def _look(
 
 
 def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | None:
-    """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
+    """The best candidate, if its improvement is beyond chance for having looked at all, and carries over.
+
+    One that is beyond doubt may be predicted worse by as much as so many presses leave to chance.
+    """
     may = [
         c
         for c in turn.candidates
@@ -283,7 +289,7 @@ def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | No
         try:
             fitted = adopt(current, best)
             gain = skill(replace(current, noise=fitted.noise), best)
-            if gain > 0:
+            if gain > (-chance(current.data.count) if scored.p_adjusted <= BEYOND_DOUBT else 0.0):
                 return Step(best, scored, gain, fitted, equals(current, best, again))
         except CANNOT_FIT:
             continue  # the next best may still stand

@@ -10,6 +10,7 @@ from calibration.fit.least_squares import Fit
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Noise, Whitener
 from calibration.repeats.draws import draw_errors
+from calibration.repeats.repeat_noise import drawn_noise
 from tactilevision.records import Floats
 
 SEEN = 0.02  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
@@ -96,6 +97,10 @@ class Cast:
         return np.asarray(residual_N - self._jacobian @ (own + self._priors.T @ priors))
 
     def null(self, rng: np.random.Generator, draws: int) -> tuple[Floats, Floats]:
-        """Draws of the model itself: errors (N, draws), priors (k, draws)."""
-        errors = draw_errors(self.fitted, rng, draws)
+        """Draws of the model itself: errors (N, draws), priors (k, draws).
+
+        The noise's sizes are drawn too, as they are known: where repeats are few a press's gain may well be twice
+        what was estimated, and presses that differ by place or day are then no finding.
+        """
+        errors = draw_errors(self.fitted, rng, draws, noises=drawn_noise(self.fitted, rng, draws))
         return errors, rng.standard_normal((len(self._priors), draws))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from calibration.fit.least_squares import Fit, Problem, fit
 from calibration.fit.minimise import QUICK, Minimum, minimise
 from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
+from calibration.model.parameters import Parameter
 from calibration.model.stages import Effect, EffectBase
 from calibration.noise.model import Whitener
 from tactilevision.errors import ConvergenceError
@@ -69,13 +71,17 @@ def _smallest_as_good(problem: Problem, values: Floats, effect: Effect) -> Float
     for _ in range(HALVINGS):
         less = float(now[at] + first.default) / 2
         table = list(problem.parameters)
-        table[at] = replace(first, default=less, bounds=(less, less))
+        table[at] = _held(first, less)
         held = replace(problem, parameters=tuple(table))
         found = held.solve(now[None], tolerance=QUICK)
         if found.chi2 > most:
             break
         now = held.full(found.values)
     return now
+
+
+def _held(parameter: Parameter, value: float) -> Parameter:
+    return replace(parameter, default=value, bounds=(value, value))
 
 
 def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floats:
@@ -138,11 +144,16 @@ class HeldOut:
     squares: float
 
 
-def hold_out(model: Model, about: Fit, *, start: Floats, folds: Ints) -> HeldOut:
-    """The force in N of each fold of presses (M,), predicted from the others; the history of all stays known."""
+def hold_out(model: Model, about: Fit, *, start: Floats, folds: Ints, kept: Sequence[int] = ()) -> HeldOut:
+    """The force in N of each fold of presses (M,), predicted from the others; the history of all stays known, and
+    the parameters `kept` are those of the start.
+    """
     data = about.data
     whitener = Whitener(data, about.noise, about.about)
-    problem = Problem(model, data, model.parameters(data), whitener)
+    table = list(model.parameters(data))
+    for at in kept:
+        table[at] = _held(table[at], float(start[at]))
+    problem = Problem(model, data, tuple(table), whitener)
     error, squares = np.zeros(data.size), 0.0
     for fold in np.unique(folds):
         out = (folds == fold)[data.press]

@@ -43,7 +43,7 @@ class Mullins(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """A, m and g."""
         return (
-            Parameter("softening", "1", 0.0, (0.0, 0.5), "how much softer far below the largest depth", 0.05),
+            Parameter("softening", "1", 0.0, (0.0, 1.0), "how much softer far below the largest depth", 0.05),
             Parameter("width_mm", "mm", 0.3, (0.1, 1.0), "depth over which the softening sets in", 0.1),
             Parameter("grows", "1", 0.0, (0.0, 3.0), "how much of that grows with the largest depth", 0.5),
         )

@@ -151,8 +151,6 @@ def fit(
         values = problem.full(found.values)
         about, stated = linearise(whole, values, data=data)
         points = values[None]
-        if found.at_bound[0]:  # E of 0: all force has passed for noise, and from there no way leads back
-            points = np.vstack([points, _starts(whole, data)])
         if noise is None and turn < MAX_ITERATIONS - 1:
             current = _noise_of(problem, values, about, stated)
     fitted = _finish(problem, found, current, about)

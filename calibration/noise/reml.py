@@ -158,12 +158,25 @@ def stencil(size: int) -> Floats:
 def newton_move(costs: Floats, size: int) -> Floats:
     """Newton's step (size,), by at most a factor e, from the costs (k,) on the stencil."""
     ahead, behind = costs[1 : size + 1], costs[size + 1 : 2 * size + 1]
+    curvature, axes = _curvature(costs, size)
+    move = -axes @ ((axes.T @ (ahead - behind)) / (2 * STEP) / curvature)
+    return np.asarray(np.clip(move, -1, 1))
+
+
+def spread(costs: Floats, size: int) -> Floats:
+    """Root (size, size), dimensionless, of the covariance of ln sizes, from the costs (k,) on the stencil."""
+    curvature, axes = _curvature(costs, size)
+    return np.asarray(axes * np.sqrt(2 / curvature))  # of -2 ln L
+
+
+def _curvature(costs: Floats, size: int) -> tuple[Floats, Floats]:
+    """Eigenvalues (size,), none below what a size known to a factor 7 has, and axes (size, size)."""
+    ahead, behind = costs[1 : size + 1], costs[size + 1 : 2 * size + 1]
     hessian = np.diag((ahead + behind - 2 * costs[0]) / STEP**2)
     for value, (i, j) in zip(costs[2 * size + 1 :], combinations(range(size), 2), strict=True):
         hessian[i, j] = hessian[j, i] = (value - ahead[i] - ahead[j] + costs[0]) / STEP**2
     curvature, axes = np.linalg.eigh(hessian)
-    move = -axes @ ((axes.T @ (ahead - behind)) / (2 * STEP) / np.maximum(curvature, 0.5))
-    return np.asarray(np.clip(move, -1, 1))
+    return np.maximum(curvature, 0.5), axes
 
 
 def _best(

@@ -6,12 +6,13 @@ where these bring no more than they cost (Schwarz, Ann. Stat. 6 (1978) 461).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from calibration.fit.least_squares import Fit
-from calibration.noise.model import Whitener
+from calibration.noise.model import Noise, Whitener
 from calibration.repeats.outlying_presses import TAILS, log_student, press_dof
 from tactilevision.records import Floats
 
@@ -19,17 +20,21 @@ NORMAL_DOF = 100.0  # degrees of freedom from which a t is drawn as a normal
 MIN_DOF = 2.5  # degrees of freedom: with 2 a t has no variance
 
 
-def draw_errors(fitted: Fit, rng: np.random.Generator, draws: int) -> Floats:
-    """Errors (N, draws), N, of the fit's error model, with the tails that its samples and presses have."""
+def draw_errors(fitted: Fit, rng: np.random.Generator, draws: int, *, noises: Sequence[Noise] = ()) -> Floats:
+    """Errors (N, draws), N, of the fit's error model, with the tails that its samples and presses have.
+
+    `noises`: the sizes of each draw, where they are not the fit's own.
+    """
     noise, about, press = fitted.noise, fitted.about, fitted.data.press
     own = replace(noise, gain=0.0, zero_mm=0.0)
+    sizes = np.array([[n.scale, n.gain, n.zero_mm] for n in noises or [noise] * draws]).T
     of_samples = student(rng, sample_dof(fitted), (fitted.data.size, draws))
-    errors = Whitener(fitted.data, own, about).colour(of_samples)
+    errors = Whitener(fitted.data, own, about).colour(of_samples) * sizes[0] / noise.scale
     if noise.gain or noise.zero_mm:
         gain, zero = student(rng, press_dof(fitted), (2, fitted.data.count, draws))
-        errors += noise.gain * about.force_N[:, None] * gain[press]
-        errors += noise.zero_mm * about.slope_N_per_mm[:, None] * zero[press]
-    return errors
+        errors += sizes[1] * about.force_N[:, None] * gain[press]
+        errors += sizes[2] * about.slope_N_per_mm[:, None] * zero[press]
+    return np.asarray(errors)
 
 
 def student(rng: np.random.Generator, dof: float, shape: tuple[int, ...]) -> Floats:

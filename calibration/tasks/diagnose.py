@@ -300,8 +300,7 @@ def _spanning(
 
 def _bent_or(after: CalibrationResult, searched: Searched) -> CalibrationResult:
     """E's interval stretched to what the effects make of it that explain a bend within theory's as well."""
-    E, start = after.youngs_modulus, searched.start
-    others = {c.effect.key: float(c.values[0] / start.values[0]) for c in searched.bend_or}
+    E, others = after.youngs_modulus, searched.bend_or
     if not others or E.interval95 is None:
         return after
     key = max(others, key=lambda one: abs(np.log(others[one])))

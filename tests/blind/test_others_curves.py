@@ -52,6 +52,13 @@ def test_readings_leave_their_interval_where_what_is_hidden_is_larger_than_their
         assert _held(made, said | {"sample_mN": 100.0}) > 0.95
 
 
+def test_what_hides_beside_another_effect_is_weaker_than_alone(tmp_path: Path) -> None:
+    made = make(tmp_path, "pair", 610000, rich=True)  # a bias of the force and an ageing gel
+    assert set(made.each) == set(made.sizes)
+    assert min(made.each.values()) > 8
+    assert max(made.each.values()) < made.strength
+
+
 def test_the_interval_of_a_share_is_exact() -> None:
     low, high = exact(0, 300)
     assert low == 0.0

@@ -120,3 +120,16 @@ def test_the_rigs_give_is_taken_from_the_models_own_force_not_from_the_noise() -
     noisy = data.with_force(0.3 * np.random.default_rng(0).standard_normal(9))
     force = model.predict(values, noisy)
     np.testing.assert_allclose(force, Model(FlatPunch()).predict(LAW, data.shifted(-0.05 * force)), rtol=5e-3)
+
+
+def test_an_axis_along_which_nothing_varies_tells_nothing() -> None:
+    """Places on a line, and a tangential force that was never felt: the other number is 0, at each start too."""
+    ramp = np.linspace(0.05, 0.3, 12)
+    data = observations([ramp] * 3, [indenter()] * 3, place_mm=[(-4.0, 0.0), (0.0, 0.0), (4.0, 0.0)])
+    force = np.column_stack([ramp.repeat(3), np.zeros(36), ramp.repeat(3)])
+    data = replace(data, force_N=force)
+    for key in ("thickness_wedge", "force_crosstalk"):
+        effect = EFFECTS[key]
+        assert [p.fixed for p in effect.parameters_on(data)] == [False, True]
+        assert (effect.starts(data)[:, 1] == 0).all()
+        assert not effect.missing(data)

@@ -166,7 +166,7 @@ def test_a_force_sensor_whose_zero_follows_the_temperature_is_told_by_the_air() 
             fit_alone(base_model(data), data), (), rng=np.random.default_rng(0), draws=99, of_rig=True
         )
         p = {one.key: one.p_adjusted for one in found.others}[f"{WANDERS}T of the force"]
-        assert (p < 0.01) is follows
+        assert (p < 0.05) is follows
 
 
 def test_one_distance_from_the_edge_holds_the_length_of_its_effect() -> None:

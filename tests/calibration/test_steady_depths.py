@@ -76,3 +76,36 @@ def test_a_press_left_in_air_on_its_way_out_is_followed_further(late_s: float) -
     data = observations([depth(time_s + late_s)], [indenter()], time_s=[time_s], phase=[phase])
     data = replace(data, presses=replace(data.presses, speed_mm_s=np.array([1.0])))
     np.testing.assert_allclose(depth_at(data, -late_s), depth(time_s), atol=1e-3)
+
+
+def test_ramps_do_not_follow_noise_that_is_alike() -> None:
+    """Forty ramps at one speed, neighbours' noise alike by .6: all of them straight."""
+    rng, noise = np.random.default_rng(3), np.zeros((40, 22))
+    white = rng.standard_normal(noise.shape)
+    for k in range(1, 22):
+        noise[:, k] = 0.6 * noise[:, k - 1] + 0.8 * white[:, k]
+    time_s = np.linspace(0.0, 1.0, 22)
+    ramps = list(0.02 + 0.3 * time_s + 0.004 * noise)
+    data = observations(ramps, [indenter()] * 40, time_s=[time_s] * 40, phase=[["load"] * 22] * 40)
+    bends = np.diff(denoised_depth(data).reshape(40, 22), n=2, axis=1)
+    np.testing.assert_allclose(bends, 0, atol=1e-9)
+
+
+def test_a_turn_and_an_end_that_the_depths_clock_saw_early_are_found() -> None:
+    """5 mm/s, the depth 30 ms ahead of the phases: down and up at once, and down and held."""
+    time_s = np.concatenate([np.linspace(0.004, 0.06, 15), np.linspace(0.064, 0.12, 15)])
+    turn = np.interp(time_s + 0.03, [-1, 0.06, 0.12, 1], [-5.02, 0.28, -0.02, -0.02])
+    way = np.interp(time_s + 0.03, [-1, 0.06, 1], [-5.02, 0.28, 0.28])
+    phase = ["load"] * 15 + ["unload"] * 15
+    data = observations(
+        [turn, way], [indenter()] * 2, time_s=[time_s, time_s], phase=[phase, ["load"] * 15 + ["hold"] * 15]
+    )
+    data = replace(data, presses=replace(data.presses, speed_mm_s=np.array([5.0, 5.0])))
+    true = np.concatenate(
+        [
+            np.interp(time_s, [0, 0.06, 0.12], [-0.02, 0.28, -0.02]),
+            np.interp(time_s, [0, 0.06, 1], [-0.02, 0.28, 0.28]),
+        ]
+    )
+    inside = true > 0.02
+    np.testing.assert_allclose(depth_at(data, -0.03)[inside], true[inside], atol=2e-3)
