@@ -9,7 +9,9 @@ import pytest
 from made_presses import GEL, indenter, observations
 
 from calibration.effects import EFFECTS
+from calibration.effects.force_crosstalk import ForceCrosstalk
 from calibration.effects.recovery import carried
+from calibration.effects.thickness_wedge import ThicknessWedge
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
@@ -128,8 +130,7 @@ def test_an_axis_along_which_nothing_varies_tells_nothing() -> None:
     data = observations([ramp] * 3, [indenter()] * 3, place_mm=[(-4.0, 0.0), (0.0, 0.0), (4.0, 0.0)])
     force = np.column_stack([ramp.repeat(3), np.zeros(36), ramp.repeat(3)])
     data = replace(data, force_N=force)
-    for key in ("thickness_wedge", "force_crosstalk"):
-        effect = EFFECTS[key]
+    for effect in (ThicknessWedge(), ForceCrosstalk()):
         assert [p.fixed for p in effect.parameters_on(data)] == [False, True]
         assert (effect.starts(data)[:, 1] == 0).all()
         assert not effect.missing(data)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.diagnosis import confirmation
@@ -39,3 +40,18 @@ def test_the_likelihood_is_that_of_the_whole_covariance() -> None:
     )
     covariance += np.diag((noise.scale * about.base_N) ** 2)
     assert confirmation._log_volume(fitted) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
+
+
+def test_a_face_that_never_let_go_is_given_the_least_work_that_does_as_well() -> None:
+    """Drawn off to 20 um above the touch, where any work of adhesion from some size on holds."""
+    depth = np.concatenate([np.linspace(0.03, 0.3, 12), np.linspace(0.25, -0.02, 12)])
+    phase = [["load"] * 12 + ["unload"] * 12] * 12
+    times = [300.0 * k + np.linspace(0.0, 4.0, 24) for k in range(12)]
+    data = observations([depth] * 12, [indenter()] * 12, time_s=times, phase=phase)
+    clings = EFFECTS["adhesion"]
+    force = (MODEL + clings).predict(np.array([*TRUTH, 0.001]), data)
+    base = pure(measured(data, force, np.random.default_rng(3)))
+    found = refit_with(base, clings)
+    assert confirmation.inside(found)
+    assert 0 < found.own_values[0] < 0.002
+    assert found.cost < base.chi2 - 100
