@@ -25,7 +25,7 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
     above, cuts = axes
     image = depth_image(above, height)
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
-    above.set_title(titled(height, title or _named(height, "depth of the gel's surface")))
+    above.set_title(titled(height, title or _named(height, "depth of the gel's surface"), between="\n"))
     row, column = deepest_place(height)
     cut_lines(cuts, height, row=row, column=column)
     _mark_cuts(above, height, row, column)
@@ -38,7 +38,7 @@ def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> 
     """The rectified frame (H, W, 3) with the depth's contours, the depth in mm from above, and two cuts."""
     figure, (frame, above, cuts, corner) = style.new_figure(style.WIDTH_IN, 5.6, rows=2, columns=2)
     overlay(frame, rgb, height=height, footprint=None)
-    frame.set_title(titled(height, title or _named(height, "frame")))
+    frame.set_title(titled(height, title or _named(height, "frame"), between="\n"))
     image = depth_image(above, height)
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
     row, column = deepest_place(height)
@@ -69,7 +69,7 @@ def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
     lit.imshow(_lit(down_x, down_y), cmap="gray", vmin=0, vmax=1, extent=extent_mm(height), interpolation="none")
     scale_bar(lit, height, colour="black")
     for axes, words in (
-        (tilt, titled(height, title or _named(height, "tilt, arrows point deeper"))),
+        (tilt, titled(height, title or _named(height, "tilt, arrows point deeper"), between="\n")),
         (lit, "Lit from above left"),
     ):
         axes.set_facecolor(style.INVALID)
@@ -181,9 +181,12 @@ def _size_of(height: HeightMap) -> str:
     return f"{columns} x {rows} px of {x:g} x {y:g} mm"
 
 
-def titled(height: HeightMap, words: str) -> str:
-    """A picture's title with what makes its map (H, W) doubtful, so that no picture of it goes without."""
-    return f"{words} · doubtful: {', '.join(height.flags)}" if height.flags else words
+def titled(height: HeightMap, words: str, *, between: str = " · ") -> str:
+    """A picture's title with what makes its map (H, W) doubtful, so that no picture of it goes without.
+
+    `between` is a line's end where another picture stands beside it.
+    """
+    return f"{words}{between}doubtful: {', '.join(height.flags)}" if height.flags else words
 
 
 def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
