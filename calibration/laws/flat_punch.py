@@ -116,11 +116,14 @@ def _at_rest(data: Observations, poisson_ratio: float, sticking: float) -> Float
 
 
 def on_its_edge(state: State, poisson_ratio: float, *, sticking: float = 0.0) -> State:
-    """The contact's radius in place of the punch's where the edge is rounded, its share of force in `factor`."""
-    if not np.any(state.edge_mm > 0):
+    """The contact's radius in place of the punch's where the edge is rounded, its share of force in `factor`.
+
+    Samples (N,) whose punch or thickness is not a number are left as they are: their force is none either.
+    """
+    left = (state.edge_mm > 0) & np.isfinite(state.radius_mm) & np.isfinite(state.thickness_mm)
+    if not left.any():
         return state
     radius, share = state.radius_mm.copy(), state.factor.copy()
-    left = state.edge_mm > 0
     while left.any():  # kinds of punch are few: quicker than to sort all samples
         k = int(np.argmax(left))
         outer, edge, thickness = (float(one[k]) for one in (state.radius_mm, state.edge_mm, state.thickness_mm))
