@@ -17,6 +17,10 @@ from functools import partial
 from typing import Any
 
 
+class Terminated(BaseException):
+    """The process was asked to end (SIGTERM). No guard against Exception or SystemExit holds it up."""
+
+
 class TactilevisionError(Exception):
     """Base of every error that this library raises on purpose."""
 

@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from tactilevision.errors import OutputError
+from tactilevision.errors import OutputError, Terminated
 
 _UNFINISHED = ".unfinished-"  # what is being written: then the number of the process that writes it
 _PAUSE_S = 0.05  # s between two looks at a process that is ending
@@ -100,7 +100,7 @@ def staged(folder: Path | str) -> Iterator[Path]:
         yield stage
         try:
             _move(stage, target)
-        except (KeyboardInterrupt, SystemExit):  # too late: all is made, and half of it must not stay alone
+        except (KeyboardInterrupt, SystemExit, Terminated):  # too late: half of what is made must not stay alone
             _move(stage, target)
             raise
     except OSError as fault:

@@ -9,6 +9,8 @@ import threading
 from types import FrameType
 from typing import NoReturn
 
+from tactilevision.errors import Terminated
+
 
 def main() -> int:
     """Run the command line; returns the exit code.
@@ -21,8 +23,8 @@ def main() -> int:
     before = signal.signal(signal.SIGTERM, _terminate) if heard else None
     try:
         code = _run()
-    except KeyboardInterrupt:  # while this was being imported
-        code = 130
+    except (KeyboardInterrupt, Terminated) as stop:  # while this was being imported
+        code = 130 if isinstance(stop, KeyboardInterrupt) else 143
         sys.stderr.write("interrupted before anything was done.\n")
     if code in (130, 143):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C adds nothing but noise
@@ -42,8 +44,6 @@ def _run() -> int:
     try:
         if app(standalone_mode=False) == INTERRUPTED:  # typer makes a number of what Ctrl-C raised
             return report_failure(KeyboardInterrupt())
-    except SystemExit as stop:
-        return report_failure(stop)
     except BaseException as fault:
         return report_failure(fault)
     return 0
@@ -52,7 +52,7 @@ def _run() -> int:
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:
     """SIGTERM unwinds as Ctrl-C does: workers end, and what is unfinished is taken away."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    raise SystemExit(128 + number)
+    raise Terminated
 
 
 if __name__ == "__main__":

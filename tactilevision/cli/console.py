@@ -12,7 +12,7 @@ from typing import Annotated, Any, Protocol
 
 import typer
 
-from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.errors import InputError, TactilevisionError, Terminated
 from tactilevision.files import write_json
 from tactilevision.runs import Ticker
 
@@ -130,9 +130,10 @@ def report_failure(fault: BaseException) -> int:
     if isinstance(fault, typer.Abort | KeyboardInterrupt):
         typer.echo("interrupted: results written earlier are as they were.", err=True)
         return INTERRUPTED
+    if isinstance(fault, Terminated):
+        typer.echo("terminated: results written earlier are as they were.", err=True)
+        return TERMINATED
     if isinstance(fault, SystemExit):
-        if fault.code == TERMINATED:
-            typer.echo("terminated: results written earlier are as they were.", err=True)
         return fault.code if isinstance(fault.code, int) else 1
     if isinstance(fault, BrokenPipeError):
         return 0

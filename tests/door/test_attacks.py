@@ -204,6 +204,25 @@ def test_ctrl_c_within_an_exec_ends_with_130_too(tmp_path: Path) -> None:
     assert subprocess.run(command, cwd=tmp_path, env=about, check=False, timeout=60).returncode == 130
 
 
+def test_sigterm_within_a_private_effect_ends_the_run(tmp_path: Path) -> None:
+    """What guards against the effect's own SystemExit does not hold up the word to end."""
+    effect = tmp_path / "effect.py"
+    effect.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGTERM)\n")
+    command = [
+        sys.executable,
+        "-m",
+        "tactilevision",
+        "diagnose",
+        str(ROOT / "sample_frames" / "hidden_rig"),
+        "--effect",
+    ]
+    about = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [*command, str(effect)], cwd=tmp_path, env=about, check=False, timeout=120, capture_output=True
+    )
+    assert done.returncode == 143, done.stderr.decode()
+
+
 def test_a_method_whose_numbers_do_not_fit_is_refused(tmp_path: Path) -> None:
     from tactilevision.photometric.storage import digest, load_method
 
