@@ -127,53 +127,56 @@ def share(what: str, hits: Sequence[bool]) -> str:
 def report(rows: Sequence[Row]) -> str:
     """The figures of all rows."""
     full, screened = [r for r in rows if not r["screen"]], [r for r in rows if r["screen"]]
+    of = {kind: [r for r in full if r["kind"] == kind] for kind in ("clean", "single", "pair", "outside")}
     lines = [_of_screen(screened)] if screened else []
-    if clean := [r for r in full if r["kind"] == "clean"]:
-        lines += [
-            share("clean: anything but ADEQUATE", [r["verdict"] != "ADEQUATE" for r in clean]),
-            share("clean: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in clean]),
-        ]
-        for kind in sorted({r["noise"] for r in clean}):
-            mine = [r["verdict"] != "ADEQUATE" for r in clean if r["noise"] == kind]
-            lines.append(share(f"  noise {kind}", mine))
+    lines += _of_clean(of["clean"]) if of["clean"] else []
     for kind in ("single", "pair"):
-        loud = [r for r in full if r["kind"] == kind and min(r["each"].values()) >= SEEN]
-        hidden = [set(r["sizes"]) for r in loud]
-        within = [h <= set(r.get("set", ())) for h, r in zip(hidden, loud, strict=True)]
-        first = [r.get("named", [])[:1] for r in loud]
-        wrong = [
-            r["verdict"] == "IDENTIFIED" and not set(r["named"]) <= h for r, h in zip(loud, hidden, strict=True)
-        ]
-        lines += (
-            [
-                share(f"{kind} above {SEEN:.0f} sigma: truth in the set", within),
-                share(f"{kind}: first", [bool(set(f) & h) for f, h in zip(first, hidden, strict=True)]),
-                share(f"{kind}: confidently wrong", wrong),
-                share(f"{kind}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in loud]),
-                share(
-                    f"{kind}, another within {TOLD_APART:.0f} sigma: AMBIGUOUS",
-                    [r["verdict"] == "AMBIGUOUS" for r in loud if r["near"]],
-                ),
-            ]
-            if loud
-            else []
-        )
-    if outside := [r for r in full if r["kind"] == "outside"]:
-        for name, mine in (("", outside), (", where it matters", [r for r in outside if _matters(r)])):
-            lines += [
-                share(f"outside{name}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in mine]),
-                share(
-                    f"outside{name}: wrongly named", [r["verdict"] in ("IDENTIFIED", "AMBIGUOUS") for r in mine]
-                ),
-            ]
+        lines += _of_hidden(kind, [r for r in of[kind] if min(r["each"].values()) >= SEEN])
+    lines += _of_outside(of["outside"]) if of["outside"] else []
     if full:
+        seconds = [r["cpu_s"] for r in full]
         lines += [
             share("E's interval holds the truth", [_holds(r, "interval_MPa") for r in full]),
             share("raised", [r["verdict"] == "RAISED" for r in full]),
-            f"processor time: median {np.median([r['cpu_s'] for r in full]):.1f} s, "
-            f"longest {max(r['cpu_s'] for r in full):.0f} s",
+            f"processor time: median {np.median(seconds):.1f} s, longest {max(seconds):.0f} s",
         ]
     return "\n".join(lines)
+
+
+def _of_clean(rows: Sequence[Row]) -> list[str]:
+    lines = [
+        share("clean: anything but ADEQUATE", [r["verdict"] != "ADEQUATE" for r in rows]),
+        share("clean: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in rows]),
+    ]
+    kinds = sorted({r["noise"] for r in rows})
+    cried = {kind: [r["verdict"] != "ADEQUATE" for r in rows if r["noise"] == kind] for kind in kinds}
+    return lines + [share(f"  noise {kind}", cried[kind]) for kind in kinds]
+
+
+def _of_hidden(kind: str, loud: Sequence[Row]) -> list[str]:
+    if not loud:
+        return []
+    hidden = [set(r["sizes"]) for r in loud]
+    within = [h <= set(r.get("set", ())) for h, r in zip(hidden, loud, strict=True)]
+    first = [bool(set(r.get("named", [])[:1]) & h) for h, r in zip(hidden, loud, strict=True)]
+    wrong = [r["verdict"] == "IDENTIFIED" and not set(r["named"]) <= h for h, r in zip(hidden, loud, strict=True)]
+    near = [r["verdict"] == "AMBIGUOUS" for r in loud if r["near"]]
+    return [
+        share(f"{kind} above {SEEN:.0f} sigma: truth in the set", within),
+        share(f"{kind}: first", first),
+        share(f"{kind}: confidently wrong", wrong),
+        share(f"{kind}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in loud]),
+        share(f"{kind}, another within {TOLD_APART:.0f} sigma: AMBIGUOUS", near),
+    ]
+
+
+def _of_outside(rows: Sequence[Row]) -> list[str]:
+    lines = []
+    for name, mine in (("", rows), (", where it matters", [r for r in rows if _matters(r)])):
+        named = [r["verdict"] in ("IDENTIFIED", "AMBIGUOUS") for r in mine]
+        lines.append(share(f"outside{name}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in mine]))
+        lines.append(share(f"outside{name}: wrongly named", named))
+    return lines
 
 
 def _holds(row: Row, name: str) -> bool:
