@@ -239,19 +239,19 @@ def test_a_browser_draws_drags_checks_and_saves(page: Guide, recording: Path) ->
         def at(x: float, y: float) -> tuple[float, float]:
             return canvas["x"] + (x + 0.5) * scale, canvas["y"] + (y + 0.5) * scale
 
-        start = circle(0)
-        view.mouse.move(*at(start[0], start[1]))
-        view.mouse.down()
-        view.mouse.move(*at(start[0] + 4, start[1] + 3), steps=3)
-        view.mouse.up()
+        def drag(begin: tuple[float, float], end: tuple[float, float]) -> None:
+            view.mouse.move(*at(*begin))
+            view.mouse.down()
+            view.mouse.move(*at(*end), steps=3)
+            view.mouse.up()
+
+        x, y, radius = circle(0)
+        drag((x, y), (x + 4, y + 3))
         view.wait_for_selector("li:first-child [data-state='drawn']")
-        np.testing.assert_allclose(circle(0), np.add(start, (4, 3, 0)), atol=0.6)
-        view.mouse.move(*at(start[0] + 4 + start[2], start[1] + 3))
-        view.mouse.down()
-        view.mouse.move(*at(start[0] + 4 + start[2] + 5, start[1] + 3), steps=3)
-        view.mouse.up()
+        np.testing.assert_allclose(circle(0), (x + 4, y + 3, radius), atol=0.6)
+        drag((x + 4 + radius, y + 3), (x + 9 + radius, y + 3))
         view.wait_for_selector("body[data-fits='2']", timeout=60000)
-        np.testing.assert_allclose(circle(0), np.add(start, (4, 3, 5)), atol=0.8)
+        np.testing.assert_allclose(circle(0), (x + 4, y + 3, radius + 5), atol=0.8)
         view.keyboard.press("f")
         view.wait_for_selector("li:first-child [data-state='found']")
         view.keyboard.press("Enter")

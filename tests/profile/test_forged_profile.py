@@ -1,0 +1,177 @@
+"""A profile that was changed by hand, forged or cut is refused in one sentence."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+from lamp_sensor import LAMPS, saved
+
+from tactilevision.errors import InputError
+from tactilevision.files import write_archive
+from tactilevision.profile import contents
+from tactilevision.profile.sensor import load_sensor
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return saved(tmp_path_factory.mktemp("profile"))
+
+
+def repacked(path: Path, out: Path, change: Callable[[dict[str, bytes]], None], *, hashed: bool = False) -> Path:
+    """The profile with its files changed; `hashed`: with hashes that fit, as a forger would."""
+    with zipfile.ZipFile(path) as packed:
+        files = {name: packed.read(name) for name in packed.namelist()}
+    change(files)
+    if hashed:
+        about = json.loads(files[contents.ABOUT])
+        about["files"] = {n: contents.hash_of_bytes(data) for n, data in files.items() if n != contents.ABOUT}
+        about[contents.HASH] = contents.hash_of(about)
+        files[contents.ABOUT] = json.dumps(about).encode()
+    write_archive(out, files)
+    return out
+
+
+def stated(**changes: Any) -> Callable[[dict[str, bytes]], None]:
+    """A change of profile.json; dots part the keys."""
+
+    def change(files: dict[str, bytes]) -> None:
+        about = json.loads(files[contents.ABOUT])
+        for key, value in changes.items():
+            *way, last = key.split("__")
+            place = about
+            for name in way:
+                place = place[name]
+            place[last] = value
+        files[contents.ABOUT] = json.dumps(about).encode()
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "name", ["method.npz", "method.json", "untouched.png", "calibration.json", "compliance.npz"]
+)
+def test_a_file_that_was_changed_is_named(path: Path, tmp_path: Path, name: str) -> None:
+    def change(files: dict[str, bytes]) -> None:
+        files[name] = files[name][:-1] + bytes([files[name][-1] ^ 1])
+
+    with pytest.raises(InputError, match=rf"was changed since it was written, or is damaged \(got '{name}'\)"):
+        load_sensor(repacked(path, tmp_path / "a.tvs", change))
+
+
+def test_numbers_changed_by_hand_and_files_taken_out_or_put_in_are_seen(path: Path, tmp_path: Path) -> None:
+    changes: tuple[Callable[[dict[str, bytes]], Any], ...] = (
+        stated(sensor__mm_per_px=[0.09, 0.09]),
+        stated(serial="08"),
+        lambda files: files.pop("calibration.json"),
+        lambda files: files.update({"more.txt": b"x"}),
+    )
+    for change in changes:
+        with pytest.raises(InputError, match="was changed since it was written"):
+            load_sensor(repacked(path, tmp_path / "a.tvs", change))
+
+
+def as_bytes(content: object) -> bytes:
+    return json.dumps(content).encode()
+
+
+FALSE = {
+    "mm_per_px lies above 0": stated(sensor__mm_per_px=[0.0, 0.08]),
+    "a picture's side is a whole number": stated(sensor__width_px="240"),
+    "reference has another size": stated(sensor__width_px=241),
+    "do not fit together: KeyError 'sensor'": lambda files: stated_without(files, "sensor"),
+    "do not fit together: ValueError": stated(date="tomorrow"),
+    "thickness lies above 0": stated(sensor__gel__thickness_mm=-3.0),
+    "thickness_mm is of another kind": stated(sensor__gel__thickness_mm="3"),
+    "is not solved": stated(sensor__gel__shape="dome"),
+    "do not fit together: TypeError": stated(indenters={"A1": {"radius": 2.0}}),
+    "followed is one of markers, texture, nothing": stated(sensor__followed="the stars"),
+    "beyond the limit": stated(sensor__mm_per_px=[1e13, 1e13]),
+    "the profile lacks untouched.png": lambda files: files.pop("untouched.png"),
+    "Young's modulus lies above 0": lambda files: in_json(files, "calibration.json", "youngs_modulus_MPa", -1.0),
+    "is not JSON": lambda files: files.update({"calibration.json": b"{"}),
+    "does not match its card": lambda files: in_json(files, "method.json", "sha256", "0"),
+    "a lamp has three colours": lambda files: files.update(
+        {
+            "lamps.json": as_bytes(
+                {"lamps": 3 * [asdict(LAMPS.lamps[0]) | {"colour": [1.0]}], "power": 2, "misfit": 1}
+            )
+        }
+    ),
+    "a camera's power lies above 0": lambda files: files.update(
+        {"lamps.json": as_bytes(asdict(LAMPS) | {"power": 0.0})}
+    ),
+    "do not fit together: ValueError not enough": lambda files: files.update(
+        {"lamps.json": as_bytes(asdict(LAMPS) | {"lamps": []})}
+    ),
+    "the array is damaged": lambda files: files.update({"compliance.npz": b"PK"}),
+}
+
+
+def stated_without(files: dict[str, bytes], key: str) -> None:
+    about = json.loads(files[contents.ABOUT])
+    del about[key]
+    files[contents.ABOUT] = json.dumps(about).encode()
+
+
+def in_json(files: dict[str, bytes], name: str, key: str, value: Any) -> None:
+    files[name] = json.dumps(json.loads(files[name]) | {key: value}).encode()
+
+
+@pytest.mark.parametrize("said", FALSE)
+def test_a_forged_profile_whose_hashes_fit_is_still_refused(path: Path, tmp_path: Path, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        load_sensor(repacked(path, tmp_path / "a.tvs", FALSE[said], hashed=True))
+
+
+@pytest.mark.parametrize(
+    ("version", "said"),
+    [
+        (2, r"is of a newer version: this one reads format 1 \(got 2\)\. Take a newer version of tactilevision"),
+        (0, "is not a sensor profile of a known format"),
+        (True, "is not a sensor profile of a known format"),
+        ("1", "is not a sensor profile of a known format"),
+    ],
+)
+def test_another_version_is_told(path: Path, tmp_path: Path, version: object, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        load_sensor(repacked(path, tmp_path / "a.tvs", stated(format=version)))
+
+
+def test_what_is_no_profile_is_told(path: Path, tmp_path: Path) -> None:
+    there = tmp_path / "a.tvs"
+    with pytest.raises(InputError, match=r"there is no such sensor profile. Make one with `tactilevision calib"):
+        load_sensor(there)
+    there.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(InputError, match="the archive is damaged"):
+        load_sensor(there)
+    there.write_text("no zip")
+    with pytest.raises(InputError, match="the archive is damaged"):
+        load_sensor(there)
+    write_archive(there, {"a.txt": b"x"})
+    with pytest.raises(InputError, match=r"is not a sensor profile: it holds no profile\.json"):
+        load_sensor(there)
+    with zipfile.ZipFile(there, "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("profile.json", "{}" * 100)
+    with pytest.raises(InputError, match="what is not stored as it is"):
+        load_sensor(there)
+    with zipfile.ZipFile(there, "w") as packed:
+        packed.writestr("profile.json", "{}")
+        with pytest.warns(UserWarning, match="Duplicate"):
+            packed.writestr("profile.json", "{}")
+    with pytest.raises(InputError, match="or one twice"):
+        load_sensor(there)
+    with pytest.raises(InputError, match="is a folder, not a sensor profile"):
+        load_sensor(tmp_path)
+
+
+def test_what_is_no_profile_is_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"no picture")
+    for given, said in (("digit", "a kind of sensor"), (tmp_path, "a folder"), (tmp_path / "a.png", "no sensor")):
+        with pytest.raises(InputError, match=f"{said}.*Make one with `tactilevision calibrate-sensor"):
+            load_sensor(given)
