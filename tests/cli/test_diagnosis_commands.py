@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_train_command import shortened
+from sample_light import light_of_sample
 
 from tactilevision.cli import main
 
@@ -160,7 +160,7 @@ def test_a_template_is_written_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.slow
 def test_a_method_made_from_balls_comes_with_its_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run(monkeypatch, "train", shortened(tmp_path, 8), "--out", tmp_path / "light.npz") == 0
+    assert run(monkeypatch, "train", light_of_sample(tmp_path, balls=8), "--out", tmp_path / "light.npz") == 0
     card = json.loads((tmp_path / "light.json").read_text())
     assert card["method"] == "polynomial"
     assert len(card["sha256"]) == 64

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from pathlib import Path
 
 import pytest
+from sample_light import SAMPLE, light_of_sample
 
 from tactilevision.cli import main
 from tactilevision.photometric import PHOTOMETRIC
@@ -15,37 +15,17 @@ from tactilevision.photometric.training.network_training import NetworkFitter
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 
-SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
-
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, arguments)])
     return main()
 
 
-def shortened(folder: Path, balls: int) -> Path:
-    """The sample's light and its first balls, without its presses."""
-    target = folder / "recording"
-    shutil.copytree(SAMPLE / "reference", target / "reference")
-    for name in SAMPLE.iterdir():
-        if name.is_file() and name.suffix in {".toml", ".npz"} and name.name != "truth.toml":
-            shutil.copy(name, target)
-    (target / "frames").mkdir()
-    shutil.copy(next((SAMPLE / "reference" / "flat").iterdir()), target / "frames" / "0.png")
-    (target / "frames.csv").write_text("frame,time_s\n0.png,0.0\n")
-    table = target / "reference" / "ball.csv"
-    table.write_text("\n".join(table.read_text().splitlines()[: balls + 1]) + "\n")
-    if balls == 0:
-        table.unlink()
-        shutil.rmtree(target / "reference" / "ball")
-    return target
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("balls", [6, 16])
 def test_a_network_is_trained_and_used_again(balls: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With six balls and no presses, or with the whole sample."""
-    sample = SAMPLE if balls == 16 else shortened(tmp_path, balls)
+    sample = SAMPLE if balls == 16 else light_of_sample(tmp_path, balls=balls)
     monkeypatch.setitem(PHOTOMETRIC, "network", NetworkFitter(steps=40))
     out = tmp_path / "light.npz"
     assert run(monkeypatch, "train", sample, "--method", "network", "--out", out, "--licence", "CC0-1.0") == 0
@@ -70,7 +50,7 @@ def test_a_network_is_trained_and_used_again(balls: int, tmp_path: Path, monkeyp
 def test_too_few_balls_are_told(
     balls: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(monkeypatch, "train", shortened(tmp_path, balls), "--out", tmp_path / "light.npz") == 2
+    assert run(monkeypatch, "train", light_of_sample(tmp_path, balls=balls), "--out", tmp_path / "light.npz") == 2
     said = capsys.readouterr().err
     assert ("no ball presses" in said) if balls == 0 else ("too few ball presses" in said)
     assert not (tmp_path / "light.npz").exists()

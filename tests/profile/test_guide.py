@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sample_light import light_of_sample
 
 from tactilevision.cli import main
 from tactilevision.errors import InputError
@@ -22,36 +23,19 @@ from tactilevision.profile.read import read_profile
 from tactilevision.recording import layout, read_recording
 from tactilevision.recording.tables import read_table
 
-SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 NASTY = '<img src=x onerror="document.title=1">.png'
 
 
-def light(folder: Path, balls: int = 5) -> Path:
-    """The sample's light and its first balls, the first under a name that a page must not take for HTML."""
-    target = folder / "recording"
-    shutil.copytree(SAMPLE / "reference", target / "reference")
-    for name in SAMPLE.iterdir():
-        if name.is_file() and name.suffix in {".toml", ".npz"} and name.name != "truth.toml":
-            shutil.copy(name, target)
-    (target / "frames").mkdir()
-    shutil.copy(next((SAMPLE / "reference" / "flat").iterdir()), target / "frames" / "0.png")
-    (target / "frames.csv").write_text("frame,time_s\n0.png,0.0\n")
-    pictures = target / "reference" / "ball"
-    rows = (target / "reference" / "ball.csv").read_text().splitlines()[: balls + 1]
-    names = [row.partition(",")[0] for row in rows[1:]]
-    for path in pictures.iterdir():
-        if path.name not in names:
-            path.unlink()
-    (pictures / names[0]).rename(pictures / NASTY)
-    quoted = '"' + NASTY.replace('"', '""') + '"'
-    (target / "reference" / "ball.csv").write_text("\n".join(rows).replace(names[0], quoted) + "\n")
-    return target
-
-
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    return light(tmp_path)
+    """The sample's light and its first balls, the first under a name that a page must not take for HTML."""
+    folder = light_of_sample(tmp_path, balls=5)
+    table, pictures = folder / "reference" / "ball.csv", folder / "reference" / "ball"
+    name = table.read_text().splitlines()[1].partition(",")[0]
+    (pictures / name).rename(pictures / NASTY)
+    table.write_text(table.read_text().replace(name, '"' + NASTY.replace('"', '""') + '"'))
+    return folder
 
 
 @pytest.fixture
