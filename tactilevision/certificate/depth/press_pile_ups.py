@@ -28,7 +28,7 @@ UNKNOWN_SCALE_STD = 0.25  # relative std of the map's scale where no event tells
 def press_pile_ups(events: Mapping[str, ContactTimes], gel: Gel | None) -> dict[str, PileUp]:
     """Pile-up of each press that was searched, by label.
 
-    The rise over the depth grows with the depth: by 6 to 8 % of itself from .15 to .6 mm on 3 mm of gel, whatever
+    The rise over the depth grows with the depth: by 6 to 10 % of itself from .15 to .6 mm on 3 mm of gel, whatever
     its Poisson's ratio. What the presses show together is carried to the depth of each by the computed ratio.
     """
     computed = {name: _computed(one, gel) for name, one in events.items()}
