@@ -55,7 +55,7 @@ def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
         curves=(),
         clock_offset=measurements.offset,
         evidence={},
-        pile_up=next(iter(pile_ups.values()), None),
+        pile_ups=pile_ups,
         bevel_distance_mm=given.distance_mm if given else None,
         depth_scale=find_depth_scale(faces),
         warnings=(*_warnings(measurements, events, pile_ups), *([doubt] if doubt else [])),

@@ -44,7 +44,7 @@ class Certificate:
     """Depth and force of every press of a recording, and what they rest on.
 
     `points` holds every press, in the recording's order, accepted or with its reason; `curves` the presses that
-    could be followed; `clock_offset` is F/T minus camera; `rise` the gel's rise at the bevel,
+    could be followed; `clock_offset` is F/T minus camera; `pile_ups` the gel's rise at the bevel, by press;
     `bevel_distance_mm` where that is (given or found, None: neither).
     """
 
@@ -52,7 +52,7 @@ class Certificate:
     curves: tuple[Curve, ...]
     clock_offset: Estimate
     evidence: Mapping[str, Evidence]
-    pile_up: PileUp | None = None
+    pile_ups: Mapping[str, PileUp] = field(default_factory=dict)
     bevel_distance_mm: float | None = None
     depth_scale: DepthScale | None = None
     warnings: tuple[str, ...] = field(default=())

@@ -145,8 +145,8 @@ def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_rati
 
     The rise that the frames show stays part of it. As it is where nu has no value or the bevel's place is unknown.
     """
-    gel, old = recording.sensor.gel, certificate.pile_up
-    if gel is None or old is None or poisson_ratio.value is None or certificate.bevel_distance_mm is None:
+    gel, pile_ups = recording.sensor.gel, certificate.pile_ups
+    if gel is None or not pile_ups or poisson_ratio.value is None or certificate.bevel_distance_mm is None:
         return certificate
     known = replace(gel, poisson_ratio=poisson_ratio.value, poisson_ratio_std=poisson_ratio.std)
     points, scales = [], {}
@@ -157,7 +157,8 @@ def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_rati
         if computed is None:
             points.append(point)
             continue
-        pile_up = combine(old.seen, computed)
+        old = pile_ups.get(point.press)
+        pile_up = combine(old.seen if old else None, computed)
         if indenter.bevel_distance_mm is None:
             pile_up = blur_place(pile_up, known, indenter=indenter, distance_mm=distance)
         depth = point.depth_uncorrected_mm / (1 + pile_up.ratio)

@@ -81,7 +81,8 @@ def certified(made: list[Made], record: Recording) -> Certificate:
         )
     known = Estimate(0.0, 0.0, (0.0, 0.0), "s")
     rise = PileUp(0.1, 0.02, None, (0.1, 0.02))
-    return Certificate(tuple(points), tuple(curves), known, evidence, rise, 5.0)
+    rises = {point.press: rise for point in points}
+    return Certificate(tuple(points), tuple(curves), known, evidence, rises, 5.0)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ the scatter of the presses about it, decides.
 
 What it does to Poisson's ratio when nothing is done: too low by .02 to .04, and Young's modulus 5 to 20 % too high
 (renderings of others and a path tracer's). Read from the places alone that all lamps reach, without the light that
-the wall sends there, nu was .0030 off (rms) on eight recordings of the path tracer, up to .0047.
+the wall sends there, nu was .0025 off (rms) on seven sets of the path tracer, up to .0062 in single frames.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MIN_SIGMA = 4.0  # deviations of the growth, by the scatter of the presses
 MIN_PRESSES = 4  # fewer tell no scatter
 MIN_SPAN = 1.5  # deepest over gentlest: less shows no growth
 MIN_COUNT = 20  # squares of gel in either ring
-LIT_NU_STD = 0.004  # of nu, read where all lamps reach: mostly the ink's reflectance; docs/evidence/rendered.md
+LIT_NU_STD = 0.003  # of nu, read where all lamps reach: .0025 rms on sets of `train`; docs/evidence/rendered.md
 NU_STD = 0.03  # of nu, where shadows are seen and cannot be left out; by the renderings above
 
 
