@@ -3,8 +3,8 @@
     python -m benchmarks.default_method [KIND [CLONES]]
 
 KIND is gelslim3 (the default), gelsight_mini or digit. Trained on gel drawn under many lights like that kind's,
-with the shadows that it casts (tactilevision/photometric/training), two to four minutes on one core. Its card says
-how far it is off on real frames, where they lie at ../shared/real or in clones in the folder CLONES
+with the shadows that it casts (tactilevision/photometric/training), three to six minutes on one core. Its card
+says how far it is off on real frames, where they lie at ../shared/real or in clones in the folder CLONES
 (public_frames.py), beside a polynomial calibrated on their own balls. The network learns nothing of them; one set
 a kind chose the bounds of its lights.
 """

@@ -57,14 +57,11 @@ def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
     def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
         return low + (high - low) * torch.rand(*shape, generator=rng)
 
-    def between(low: Triple, high: Triple) -> torch.Tensor:
-        least, most = torch.tensor(low), torch.tensor(high)
-        return least + (most - least) * uniform(0.0, 1.0, count, 3)
-
-    mean_azimuth = torch.tensor(kind.azimuth_deg)[None].expand(count, 3)
-    azimuth = torch.deg2rad(mean_azimuth + kind.astray_deg * torch.randn(count, 3, generator=rng).clamp(-2, 2))
-    far = between(kind.nearest_mm, kind.farthest_mm)
-    high = far * torch.tan(torch.deg2rad(between(kind.lowest_deg, kind.highest_deg)))
+    astray = kind.astray_deg * torch.randn(count, 3, generator=rng).clamp(-2, 2)
+    azimuth = torch.deg2rad(torch.tensor(kind.azimuth_deg) + astray)
+    far = _between(kind.nearest_mm, kind.farthest_mm, uniform(0.0, 1.0, count, 3))
+    elevation = torch.deg2rad(_between(kind.lowest_deg, kind.highest_deg, uniform(0.0, 1.0, count, 3)))
+    high = far * torch.tan(elevation)
     towards = torch.stack([torch.cos(azimuth), -torch.sin(azimuth)], -1)
     along = torch.stack([-towards[..., 1], towards[..., 0]], -1)
     spread = torch.linspace(-1, 1, STRIP)[None, None, :, None] * uniform(0.0, kind.half_length_mm, count, 3, 1, 1)
@@ -89,8 +86,16 @@ def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
         kind.size_mm,
         torch.zeros(count, 2),
     )
-    scenes = _exposed(scenes, uniform(0.6, 1.15, count, 1, 1) ** scenes.gamma[..., None])
-    return dataclasses.replace(scenes, bulge=uniform(-kind.bulge, kind.bulge, count, 2))
+    exposed = _exposed(scenes, uniform(0.6, 1.15, count, 1, 1) ** scenes.gamma[..., None])
+    return dataclasses.replace(exposed, bulge=uniform(-kind.bulge, kind.bulge, count, 2))
+
+
+def _between(low: Triple, high: Triple, share: torch.Tensor) -> torch.Tensor:
+    """For each of three lamps what lies at `share` (count, 3) of the way from its bound `low` to `high`."""
+    import torch
+
+    least, most = torch.tensor(low), torch.tensor(high)
+    return least + (most - least) * share
 
 
 def _draw_tints(count: int, uniform: Callable[..., torch.Tensor], kind: LightKind) -> torch.Tensor:

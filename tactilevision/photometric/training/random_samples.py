@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 BATCH = 32  # scenes drawn together; bounds the memory, and fixes which numbers are drawn
 EACH = 128  # samples a scene
-TEXTURED, TEXTURE = 0.1, 0.1  # share of samples with a texture, and one sigma of its slopes
+TEXTURED = 0.1  # share of samples with a fine texture
+TEXTURE = 0.1  # one sigma of its slopes, no unit
 AVERAGED = 16  # frames of the reference
 
 

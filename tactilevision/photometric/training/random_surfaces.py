@@ -23,14 +23,18 @@ if TYPE_CHECKING:
     import torch
 
 BODIES = 8  # bodies a scene, each pressed alone
-PUNCHES, LONG = 0.25, 0.25  # share of bodies that are flat, and of those about a segment that is no point
-ARC_MM, FLAT_MM = (0.8, 3.0), (0.5, 3.0)  # mm, w of what is round, and a of punches
+PUNCHES = 0.25  # share of bodies that are flat
+LONG = 0.25  # share of bodies about a segment that is no point
+ARC_MM = (0.8, 3.0)  # mm, w of what is round
+FLAT_MM = (0.5, 3.0)  # mm, a of punches
 FILLET_MM = (0.1, 0.4)  # mm, w of a punch
 SEGMENT_MM = (1.0, 6.0)  # mm, half its length
-ROUND_SLOPE, PUNCH_SLOPE = (0.25, 0.7), (0.25, 0.9)  # s, of a slope; the fixed press of real balls is .3 to .7
+ROUND_SLOPE = (0.25, 0.7)  # slope s of what is round, as of balls to .57 of their radius
+PUNCH_SLOPE = (0.25, 0.9)  # slope s of a punch: walls to 42 degrees
 SINK_MM = (0.2, 1.0)  # mm, l of free gel
 NEARBY = 1.5  # l beside the body within which places are drawn
-AHEAD_MM, STEPS = (0.05, 9.0), 24  # mm, the nearest and farthest height that may shade a place; evenly in log
+AHEAD_MM = (0.05, 9.0)  # mm, the nearest and the farthest height that may shade a place
+STEPS = 24  # heights on the way, evenly in the logarithm; shadows within .01 of the simulator's on the mean
 
 
 @dataclass(frozen=True)
