@@ -10,7 +10,7 @@ from __future__ import annotations
 from tactilevision.errors import InputError
 from tactilevision.photometric.card import MethodCard
 
-MAX_DIRECTION_DEG = 17.0  # degrees: real sensors 2 to 6, the ready network 15 on drawn lights, failures 19 to 55
+MAX_DIRECTION_DEG = 17.0  # degrees: real sensors 2 to 6, ready networks 6 to 10 on drawn lights, failures 19 to 55
 MIN_RATIO = 0.6  # of the depth: real sensors .91 to .98; failures .4
 MAX_RATIO = 1.6  # of the depth: as far off the other way
 

@@ -39,14 +39,14 @@ def read_folder(
     """Take pictures as they are: in the order of their names, without times.
 
     `sensor` is a Sensor, the name of a known one, or a TOML file with a table [sensor] as in recording.toml;
-    `reference` a picture of the untouched gel, or a folder of such, which is guessed with `guess` where there is
-    none; `mm_per_px` the scale, guessed where the sensor's usual one does not hold (guess.py). The warnings say
-    what was guessed. Where `path` is a recording, what is not given here is taken from it. `white_level` goes with
-    a Sensor. Raises RecordingError for an empty folder, an unknown or missing sensor, and a reference that is not
-    there.
+    `reference` a picture of the untouched gel, or a folder of such, here or in `path`, which is guessed with
+    `guess` where there is none; `mm_per_px` the scale, guessed where the sensor's usual one does not hold
+    (guess.py). The warnings say what was guessed. Where `path` is a recording, what is not given here is taken
+    from it. `white_level` goes with a Sensor. Raises RecordingError for an empty folder, an unknown or missing
+    sensor, and a reference that is not there.
     """
     root = Path(path)
-    flats = list_references(None if reference is None else Path(reference))
+    flats = list_references(_named(reference, root))
     if sensor is None and (root / layout.SETTINGS).is_file():
         return _of_recording(root, flats, mm_per_px)
     frames_path, names = _frames_of(root)
@@ -149,6 +149,13 @@ def _sensor_settings(sensor: Path | str) -> tuple[SensorSettings, Path, tuple[st
         settings, warnings = check_sensor(load_toml(Path(sensor)), Path(sensor))
         return settings, Path(sensor), warnings
     return SensorSettings(kind=str(sensor)), Path("--sensor"), ()
+
+
+def _named(reference: Path | str | None, root: Path) -> Path | None:
+    """The reference; where nothing has its name, what has it in `root`."""
+    if reference is None or Path(reference).exists() or not (root / reference).exists():
+        return None if reference is None else Path(reference)
+    return root / reference
 
 
 def list_references(path: Path | None) -> tuple[Path, ...]:

@@ -101,9 +101,9 @@ def test_filled_marks_make_better_slopes() -> None:
 @pytest.mark.parametrize(
     ("folder", "most"),
     [
-        ("gelslim3_mcubelab/markerless", 13.0),
-        ("gelslim3_mcubelab/markers", 15.0),
-        ("gelslim_heightmap/dots1", 13.0),
+        ("gelslim3_mcubelab/markerless", 7.0),
+        ("gelslim3_mcubelab/markers", 8.0),
+        ("gelslim_heightmap/dots1", 10.0),
     ],
 )
 def test_the_network_for_drawn_lights_reads_real_ones(folder: str, most: float) -> None:

@@ -43,6 +43,15 @@ def test_torn_pictures_have_no_say_in_the_size(tmp_path: Path) -> None:
     assert read_folder(folder, "gelsight_mini").frame_size_px == (32, 24)
 
 
+def test_a_reference_is_named_as_the_folder_names_it(tmp_path: Path) -> None:
+    folder = pictures(tmp_path / "a", [(32, 24)] * 3)
+    beside = pictures(tmp_path / "flat", [(32, 24)])
+    assert read_folder(folder, "gelsight_mini", reference="1.png").flats == (folder / "1.png",)
+    assert read_folder(folder, "gelsight_mini", reference=beside / "0.png").flats == (beside / "0.png",)
+    with pytest.raises(RecordingError, match=r"9.png: there is no picture of the untouched gel"):
+        read_folder(folder, "gelsight_mini", reference="9.png")
+
+
 def test_a_folder_without_pictures_says_where_some_lie_or_what_it_holds(tmp_path: Path) -> None:
     below = pictures(tmp_path / "day 0" / "trial ü", [(32, 24)])
     with pytest.raises(RecordingError, match=f"holds no pictures. There are some in {below}. Read are .png"):

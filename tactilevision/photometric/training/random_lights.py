@@ -7,10 +7,9 @@ beam; gel of the slope (p, q) has the normal n = (-p, -q, 1)/sqrt(1 + p^2 + q^2)
     s(n.e) + gloss |e| max(n.m, 0)^16     s(v) = (v + sqrt(v^2 + (2 d |e|)^2))/2,  m half-way to the camera
 
 times the picture's fields (vignette, uneven ink, by kornia); the camera adds stray light, takes the power
-1/gamma, cuts at white, adds noise and rounds. Directions and bounds are a LightKind's (`light_kinds.py`); each
-lamp is then turned by some 12 degrees.
-The untouched gel may bulge: its own slope is added. A lamp may be shaded from pressed gel, in part or whole.
-What no such light shows (double shadows, lens flare) is not in it.
+1/gamma, cuts at white, adds noise and rounds. Directions and bounds are a LightKind's (`light_kinds.py`).
+The untouched gel may bulge: its own slope is added. Pressed gel casts shadows (`random_surfaces.py`), the bulge
+casts none. What no such light shows (gel that lights gel, lens flare) is not in it.
 """
 
 from __future__ import annotations
@@ -21,13 +20,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from tactilevision.photometric.training.light_kinds import LightKind
+from tactilevision.photometric.training.light_kinds import LightKind, Triple
 from tactilevision.records import Pair
 
 if TYPE_CHECKING:
     import torch
 
-ASTRAY_DEG = 12.0  # degrees, one sigma by which lamps stand off a kind's azimuths; cut at two
 GRID = (24, 32)  # of the untouched picture that a reader of light sees
 STRIP = 3  # lamps a colour; one more is its light thrown back
 
@@ -59,11 +57,11 @@ def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
     def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
         return low + (high - low) * torch.rand(*shape, generator=rng)
 
-    mean_azimuth = torch.tensor(kind.azimuth_deg)[None].expand(count, 3)
-    azimuth = torch.deg2rad(mean_azimuth + ASTRAY_DEG * torch.randn(count, 3, generator=rng).clamp(-2, 2))
-    far = uniform(*kind.far_mm, count, 3)
-    lowest, highest = torch.tensor(kind.lowest_deg), torch.tensor(kind.highest_deg)
-    high = far * torch.tan(torch.deg2rad(uniform(0.0, 1.0, count, 3) * (highest - lowest) + lowest))
+    astray = kind.astray_deg * torch.randn(count, 3, generator=rng).clamp(-2, 2)
+    azimuth = torch.deg2rad(torch.tensor(kind.azimuth_deg) + astray)
+    far = _between(kind.nearest_mm, kind.farthest_mm, uniform(0.0, 1.0, count, 3))
+    elevation = torch.deg2rad(_between(kind.lowest_deg, kind.highest_deg, uniform(0.0, 1.0, count, 3)))
+    high = far * torch.tan(elevation)
     towards = torch.stack([torch.cos(azimuth), -torch.sin(azimuth)], -1)
     along = torch.stack([-towards[..., 1], towards[..., 0]], -1)
     spread = torch.linspace(-1, 1, STRIP)[None, None, :, None] * uniform(0.0, kind.half_length_mm, count, 3, 1, 1)
@@ -80,16 +78,24 @@ def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
         torch.cat([beam.repeat_interleave(STRIP, 1), 2 * beam], 1),
         torch.cat([tint.repeat_interleave(STRIP, 1), back], 1),
         uniform(0.0, kind.stray, count, 3),
-        uniform(1.0, 2.0, count, 1),
+        uniform(*kind.gamma, count, 1),
         uniform(0.0, 0.1, count, 1),
-        uniform(0.01, 0.08, count, 1),
+        uniform(*kind.soft_edge, count, 1),
         uniform(0.3, 2.0, count, 1),
         draw_fields(count),
         kind.size_mm,
         torch.zeros(count, 2),
     )
-    scenes = _exposed(scenes, uniform(0.6, 1.15, count, 1, 1))
-    return dataclasses.replace(scenes, bulge=uniform(-kind.bulge, kind.bulge, count, 2)) if kind.bulge else scenes
+    exposed = _exposed(scenes, uniform(0.6, 1.15, count, 1, 1) ** scenes.gamma[..., None])
+    return dataclasses.replace(exposed, bulge=uniform(-kind.bulge, kind.bulge, count, 2))
+
+
+def _between(low: Triple, high: Triple, share: torch.Tensor) -> torch.Tensor:
+    """For each of three lamps what lies at `share` (count, 3) of the way from its bound `low` to `high`."""
+    import torch
+
+    least, most = torch.tensor(low), torch.tensor(high)
+    return least + (most - least) * share
 
 
 def _draw_tints(count: int, uniform: Callable[..., torch.Tensor], kind: LightKind) -> torch.Tensor:
@@ -176,7 +182,10 @@ def lattice(count: int, size_mm: Pair) -> torch.Tensor:
 
 
 def _exposed(scenes: Scenes, white: torch.Tensor) -> Scenes:
-    """Each colour at the brightness drawn for it where it is brightest, then all to `white` (B, 1, 1) together."""
+    """Each colour at the brightness drawn for it where it is brightest, then all to `white` (B, 1, 1) together.
+
+    `white` is linear light, 1 is the camera's white.
+    """
     count = len(white)
     returned = _returned(
         scenes, lattice(count, scenes.size_mm), scenes.place_mm.new_zeros(count, GRID[0] * GRID[1], 2)
