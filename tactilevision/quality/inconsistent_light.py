@@ -61,7 +61,7 @@ GREY = 0.3  # grey levels that rounding and compression leave on means of places
 TINY = np.float32(1e-9)  # keeps ratios of nothing to nothing at 0
 MIN_AREA_MM2 = 3.0  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
 RISE_SHARE = 0.25  # of the depth; layer theory allows .16, tests/photometric/test_inconsistent_light.py
-RISE_MM = 0.1  # mm beside that: 235 pictures of four samples and of a path tracer have .06 at most
+RISE_MM = 0.1  # mm beside that: 235 pictures of samples and a path tracer have .05 beside .3 of the depth
 MIN_DEPTH_MM = 0.05  # mm of depth that rest on inconsistent places: less makes no map doubtful
 
 
