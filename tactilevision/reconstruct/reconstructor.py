@@ -37,7 +37,7 @@ from tactilevision.photometric.multiresolution import TiledEvaluator
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.contact_in_reference import check_reference
 from tactilevision.quality.fitness import unfit_warnings
-from tactilevision.quality.inconsistent_light import Inconsistency, LightCheck
+from tactilevision.quality.inconsistent_light import Inconsistency, LightCheck, stands_out
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
 from tactilevision.reconstruct.unshadowed import MIN_DEPTH_MM, undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
@@ -161,7 +161,7 @@ class Reconstructor:
                 )
         if gel is not None and surface.max() > gel.thickness_mm:
             flags = add(flags, (DEEPER,))
-        if self.inconsistency is not None and self.inconsistency.flagged:
+        if stands_out(surface) or (self.inconsistency is not None and self.inconsistency.flagged):
             flags = add(flags, (INCONSISTENT,))
         if self.keeps_shadows and surface.max() > MIN_DEPTH_MM:
             flags = add(flags, (SHADOW,))

@@ -28,8 +28,8 @@ MEANING = {
     "off or, where no network for the sensor is ready, by a factor of two or three",
     LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "
     "that has moved, or contact over much of it",
-    INCONSISTENT: "in places no slope has the colours that are seen: a shadow, a lamp that changed there, or a "
-    "light that the method does not know; depth that rests on them is uncertain",
+    INCONSISTENT: "in places no slope has the colours that are seen, or gel stands out further than any can: a "
+    "shadow, a lamp that changed there, or a light that the method does not know; depth there is uncertain",
     SHADOW: "the sensor's lamps cast shadows beside so deep a contact, and this map keeps them: gel falls too "
     "steeply there. `depth` and `force` undo them, `live --shadows` and load_sensor(path, shadows=True) too",
     STEEP: "slopes are steeper than any ball that told the light, and belong to no round flat face: what stands "

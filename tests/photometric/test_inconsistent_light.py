@@ -13,11 +13,12 @@ from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture
 
 from tactilevision.photometric import BallPicture, calibrate_from_balls, load_method, make_reference, save_method
 from tactilevision.photometric.methods.polynomial import fit_polynomial
-from tactilevision.quality.inconsistent_light import MIN_AREA_MM2, LightCheck
+from tactilevision.quality.inconsistent_light import MIN_AREA_MM2, RISE_MM, LightCheck, stands_out
 from tactilevision.reconstruct import Reconstructor, tuned
 from tactilevision.records import Bytes, HeightMap
 from tactilevision.records.flags import INCONSISTENT
 from tactilevision.sensors import get_sensor
+from tactilevision.synthetic.ball import BallPress
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
 DARK = (4.0, -2.0)  # mm, where the light is shaded
@@ -75,6 +76,25 @@ def test_a_darker_shade_leaves_a_map_and_no_error(share: float) -> None:
     """It once passed for a wall whose law had no place left: an IndexError."""
     height = reader().rectified_map(shaded(pressed(30), share))
     assert np.isfinite(height.depth_mm).all()
+
+
+def test_gel_that_stands_out_as_none_can_is_flagged_whatever_its_colours() -> None:
+    """A hill of .35 mm beside a ball, drawn in the light that the balls showed: no colour contradicts it."""
+    _, p, q = ball((-4.0, 2.0), 1.4, 4.0)
+    rows, columns = np.indices(SHAPE)
+    x, y = ((at - middle) * SENSOR.mm_per_px[0] for at, middle in zip((columns, rows), in_px(DARK), strict=True))
+    hill = 0.35 * np.exp(-0.5 * (x**2 + y**2) / 1.5**2) / 1.5**2
+    height = reader().rectified_map(picture(p + x * hill, q + y * hill, np.random.default_rng(50)))
+    assert height.depth_mm.min() < -0.25
+    assert INCONSISTENT in height.flags
+
+
+@pytest.mark.parametrize("contact_mm", [1.0, 1.9, 2.5])
+def test_no_gel_of_layer_theory_stands_out(contact_mm: float) -> None:
+    """The thinnest gel and nearly incompressible: up to .16 of the depth."""
+    _, depth = BallPress(4.0, contact_mm, 1.5, 0.4999, (0.0, 0.0)).section()
+    assert not stands_out(np.asarray(2.0 * depth[None], np.float32))
+    assert stands_out(np.asarray(np.append(depth, -0.35 * depth.max() - RISE_MM)[None], np.float32))
 
 
 def test_single_noisy_pixels_do_not_count() -> None:
