@@ -23,7 +23,8 @@ from .77-.98 of the truth to .86-1.04.
 
 A cast shadow beside the wall looks like slope, and a law through it may double a face's depth. It bends otherwise
 than the law, so walls that the slopes outside do not keep to are left as they are: faces of .3 to .55 mm beside
-shadows then read .96 to 1.00 of their depth, where the law made 1.3 to 2.5 of it.
+shadows then read .96 to 1.00 of their depth, where the law made 1.3 to 2.5 of it. Since walls are read too gentle,
+a law that makes less of a wall than was read is raised to what was read.
 
 Only round rims with a sharp inner flank are treated so: the slopes of balls, cones and ridges grow gently and are
 left alone. Assumes a flat face, at least a third of whose rim is in the picture.
