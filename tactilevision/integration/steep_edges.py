@@ -23,7 +23,8 @@ from .77-.98 of the truth to .86-1.04.
 
 A cast shadow beside the wall looks like slope, and a law through it may double a face's depth. It bends otherwise
 than the law, so walls that the slopes outside do not keep to are left as they are: faces of .3 to .55 mm beside
-shadows then read .96 to 1.00 of their depth, where the law made 1.3 to 2.5 of it.
+shadows then read .96 to 1.00 of their depth, where the law made 1.3 to 2.5 of it. Since walls are read too gentle,
+a law that makes less of a wall than was read is raised to what was read.
 
 Only round rims with a sharp inner flank are treated so: the slopes of balls, cones and ridges grow gently and are
 left alone. Assumes a flat face, at least a third of whose rim is in the picture.
@@ -216,6 +217,8 @@ def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight, 
     inner = -3.0 * float(np.hypot(*np.exp(unknown[1:3])))
     bands = known & (s > inner + shift) & (s < reach), known & (s >= reach)
     read, beyond = (float(mean[band].sum()) * (s[1] - s[0]) for band in bands)
+    if 0.0 < fall < read:  # slopes of walls are read too gentle: a law that takes depth away saw a shadow as gel
+        falls, fall = falls * (read / fall), read
     table = slice(*np.searchsorted(law.edges, (inner, reach - shift + 2 * px)))
     if len(law.edges[table]) < 2 or not edge.radius_mm + shift > 0:  # the edge ran off the wall: no law of it
         return None

@@ -7,8 +7,10 @@ shadow is read too deep beside the wall, so a forecast from it is too short: rou
 surface that theory has there (`pressed_gel.py`). The light that its wall sends to the gel beside it goes, too
 (`interreflection.py`). Where shadows reach so far that the wall's own law finds too little gentle gel beside
 it, a sharp round rim alone (integration/circular_edges.py) says where the face ends. Half steps from one map to
-the next settle where whole ones swing. What was given back is known to a share of itself, which the deviation
-holds.
+the next settle where whole ones swing. Some maps jump: as the forecast moves, slopes beside the wall pass the
+limit of what is read, and the wall's law has other gel to go by. So steps shrink as 1/n, and where maps still
+jump, their mean is the map (Mann's iteration). What was given back is known to a share of itself, which the
+deviation holds, along with how far the last map lies off that mean.
 
 Assumes three near lamps found from balls. What it does to faces and the gel beside is measured on pictures of a
 path tracer in docs/evidence/rendered.md.
@@ -39,8 +41,9 @@ Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any
 
 MIN_DEPTH_MM = 0.08  # mm: gentler contacts cast no shadow that matters
 STEP = 0.5  # of the way from one depth to the next: whole steps swing beyond .3 mm
+HALF_STEPS = 5  # such steps, before they shrink: maps that settle do so in these, of 48 faces of a path tracer
 MAX_ROUNDS = 10  # maps of one frame: what moves then moves by less than its deviation
-SETTLED_MM = 0.003  # mm, the most that 99 % of pixels move between rounds that end it
+SETTLED_MM = 0.006  # mm, the most that 99 % of pixels of a map lie off the last one's, where rounds end
 GIVEN_BACK_STD = 0.35  # of what the map changed by: rms on three sensors of the path tracer
 RIM_SLOPE = 0.3  # slope of a rim that shadows are looked for beside: walls of faces from .1 mm on are steeper
 BRIGHTEST = 250  # grey levels that a pixel is given at most, lest it count as saturated
@@ -65,21 +68,28 @@ def undo_shadows(
     if surface.max() < MIN_DEPTH_MM:
         return (surface, valid, std, flags), None
     plain, depth, lit = surface.copy(), surface.copy(), None
-    for _ in range(MAX_ROUNDS):
+    for number in range(MAX_ROUNDS):
         rims = edges() or _rims(depth, field)
         shape = with_faces(depth, rims, lit=lit, mm_per_px=field.mm_per_px, thickness_mm=thickness_mm)
         seen = visibility(field.lamps, shape, field.mm_per_px)
         lit = reached_by_all(seen)
         own = without(rgb, reflected(field, shape))
         surface, valid, std, flags = again(_brightened(own, dimming(field, shape, seen)))
-        moved = STEP * (surface - depth)
-        depth += moved
-        if np.percentile(np.abs(moved), 99) < SETTLED_MM:
+        off = surface - depth
+        depth += _step(number) * off
+        if np.percentile(np.abs(off), 99) < SETTLED_MM:
             break
-    given_back = GIVEN_BACK_STD * np.abs(surface - plain)
+    else:
+        surface = depth
+    given_back = np.hypot(GIVEN_BACK_STD * (surface - plain), off)
     if std is not None:
         std = np.hypot(std, given_back).astype(std.dtype)
     return (surface, valid, std, flags), given_back
+
+
+def _step(number: int) -> float:
+    """Share of the way that round `number` goes: STEP, then STEP/(1 + STEP n), as a mean of rounds takes it."""
+    return STEP / (1.0 + STEP * max(number - HALF_STEPS + 1, 0))
 
 
 def _rims(depth: npt.NDArray[np.floating[Any]], field: LightField) -> Sequence[CircularEdge]:

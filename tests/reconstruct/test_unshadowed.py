@@ -13,8 +13,9 @@ from tactilevision.photometric.illumination.cast_shadow import LightField, dimmi
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
 from tactilevision.reconstruct.shadows_seen import with_shadows
+from tactilevision.reconstruct.unshadowed import Mapped, undo_shadows
 from tactilevision.recording import read_frame, read_image, read_recording
-from tactilevision.records import Floats
+from tactilevision.records import Bytes, Floats
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "rendered_shadows"
 TRUTH = tomllib.loads((SAMPLE / "truth.toml").read_text())
@@ -84,11 +85,47 @@ def test_shadows_are_looked_for_before_they_are_undone() -> None:
     assert np.isnan(shadow_share(reader.shadows, [(shaded, level)], reference=reference))
 
 
-def test_a_flat_gel_dims_nothing_and_a_wall_dims_the_side_away_from_the_lamp() -> None:
+def small_field() -> LightField:
     lamps = tuple(
         Lamp(angle, 20.0, 8.0, 10.0, 0.0, tuple(np.eye(3)[k])) for k, angle in enumerate((0.0, 2.09, 4.19))
     )
-    field = LightField.of(Lamps((lamps[0], lamps[1], lamps[2]), 2.2, 1.0), (120, 160), (0.1, 0.1))
+    return LightField.of(Lamps((lamps[0], lamps[1], lamps[2]), 2.2, 1.0), (120, 160), (0.1, 0.1))
+
+
+def test_maps_that_jump_come_to_their_mean_and_those_that_settle_to_the_last() -> None:
+    """A map that is .6 mm deep after one of less than .5 mm, else .4 mm: no depth is its own map."""
+    faces: list[float] = []
+
+    def undone(jump: float) -> tuple[float, float]:
+        faces[:] = [0.3]
+
+        def mapped(rgb: Bytes) -> Mapped:
+            depth = np.zeros(rgb.shape[:2])
+            depth[40:80, 60:100] = faces[-1]
+            return depth, np.ones(depth.shape, np.bool_), np.full(depth.shape, 0.001), ()
+
+        def again(rgb: Bytes) -> Mapped:
+            middle = 0.5
+            faces.append(middle + jump if faces[-1] < middle else middle - jump)
+            return mapped(rgb)
+
+        picture = np.full((120, 160, 3), 90, np.uint8)
+        (depth, _, std, _), _ = undo_shadows(
+            mapped, picture, small_field(), again=again, edges=lambda: (), thickness_mm=3.0
+        )
+        assert std is not None
+        return float(depth[60, 80]), float(std[60, 80])
+
+    depth, std = undone(0.1)
+    assert depth == pytest.approx(0.5, abs=0.03)
+    assert std > 0.08
+    depth, std = undone(0.001)
+    assert depth == pytest.approx(0.5, abs=0.002)
+    assert std == pytest.approx(0.35 * 0.2, abs=0.01)
+
+
+def test_a_flat_gel_dims_nothing_and_a_wall_dims_the_side_away_from_the_lamp() -> None:
+    field = small_field()
     assert np.allclose(dimming(field, np.zeros((120, 160))), 1.0)
     wall = np.zeros((120, 160))
     wall[40:80, 60:100] = 0.5
