@@ -94,10 +94,11 @@ def _read(
     zeros = reader.zero_mm * noise.student(rng, reader.heavy, len(plan.presses))
     gains = reader.gain * noise.student(rng, reader.heavy, len(plan.presses))
     for k, (press, force) in enumerate(zip(plan.presses, hidden.forces_N(gel, plan), strict=True)):
+        held = (press.depth_mm > 0) | (force < 0)  # by a gel that clings beyond the touch: a depth's noise counts
         share = k / max(len(plan.presses) - 1, 1)
         depth, seen, cross = hidden.misread(gel, press, force, row=k, share=share, rng=rng)
         slope = np.gradient(clean[k], press.depth_mm + 1e-9 * np.arange(force.size), edge_order=1)
-        slope = np.where(press.depth_mm > 0, np.median(slope[slope > 0]) if (slope > 0).any() else 0.0, 0.0)
+        slope = np.where(held, np.median(slope[slope > 0]) if (slope > 0).any() else 0.0, 0.0)
         truth.append((clean[k], slope, seen - clean[k] - slope * (depth - press.depth_mm)))
         seen = seen * (1 + gains[k]) + reader.force_N * noise.samples(rng, reader, force.size)
         if reader.step_N:
