@@ -15,6 +15,7 @@ from calibration.diagnosis.refit import CANNOT_FIT, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, effect_directions, score_test
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, reading_error_mm
 from calibration.effects import get_effect
+from calibration.effects.clock_offset import in_phase
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import clear_of_touch, usable
@@ -151,7 +152,7 @@ class Prepared:
 
 def prepare(data: Observations, *, bulge: Estimate | None = None, bound: Pair | None = SILICONE_NU) -> Prepared:
     """The measurements as `compare` fits them. Raises InputError for unusable data."""
-    stated = clear_of_touch(usable(data))
+    stated = clear_of_touch(in_phase(usable(data)))
     return Prepared(stated, informed(stated, bulge, bound=bound))
 
 

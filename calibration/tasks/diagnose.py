@@ -20,7 +20,7 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis.change_point import change_point
-from calibration.diagnosis.confirmation import TOLD_APART
+from calibration.diagnosis.confirmation import TOLD_APART, inside
 from calibration.diagnosis.diagnosis import Added, Diagnosis, Errors
 from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
@@ -32,6 +32,7 @@ from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
 from calibration.effects import EFFECTS
+from calibration.effects.clock_offset import in_phase
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
@@ -75,7 +76,7 @@ def diagnose(
     over, nothing new is looked for: the answer is the best so far, `stopped`. `ruled_out`: keys of effects of the
     picture that its frames are known not to show. Raises InputError where no law can be fitted at all.
     """
-    data = clear_of_touch(usable(data))
+    data = clear_of_touch(in_phase(usable(data)))
     catalogue = [*EFFECTS.values(), *effects]
     held = partial(_diagnosed, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch)
     fitted = partial(held, catalogue=catalogue, ruled_out=ruled_out)
@@ -221,8 +222,10 @@ def _material(
     """What the last fit makes `alone`, E's interval reaching to each candidate's and over what may be unseen."""
     force, sight = both
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
-    after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
-    after = _bent_or(after, force.searched)
+    searched = force.searched
+    sets = [_tried(searched)] if force.unknown else [*force.sets, _unconfirmed(searched)]
+    after = _spanning(alone, sets, shares)
+    after = _bent_or(after, searched)
     after = replace(
         after,
         youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
@@ -283,6 +286,17 @@ def _tried(searched: Searched) -> tuple[Candidate, ...]:
         return ()
     here = searched.base
     return (Candidate(beyond[0].effect, here.model, here.values, here.chi2, here.force_N), *beyond)
+
+
+def _unconfirmed(searched: Searched) -> tuple[Candidate, ...]:
+    """The last fit, then what stands beyond the level on it but not beyond doubt, or not on presses left out."""
+    here, last = searched.current, searched.rounds[-1]
+    found = [
+        c for c in last.candidates
+        if last.scored[c.effect.key].p_adjusted < LEVEL and inside(c) and c.cost < here.chi2
+        and c.model.without(c.effect.key).keys == here.model.keys
+    ]  # fmt: skip
+    return (Candidate(found[0].effect, here.model, here.values, here.chi2, here.force_N), *found) if found else ()
 
 
 def _spanning(
