@@ -115,7 +115,9 @@ def _read(
     return truth, rows
 
 
-def _write(folder: Path, plan: protocol.Protocol, reader: noise.Reader, stated_nu: float, rows: list[Read]) -> None:
+def _write(
+    folder: Path, plan: protocol.Protocol, reader: noise.Reader, stated_nu: float, rows: list[Read]
+) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     radii = sorted({press.radius_mm for press in plan.presses})
     text = [

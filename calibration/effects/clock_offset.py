@@ -23,7 +23,6 @@ from tactilevision.records import Floats
 GRID_S = np.arange(-20, 21) / 100  # s: clocks that somebody has set lie no farther apart
 FAR = 4.0  # times less is left of the force at another offset than at none; 1.0 on recordings with other effects
 MISSED = 0.1  # of the squared force that is left at none: of 17 recordings with 10 to 80 ms half leave more
-
 OUT = 0.5  # of a ramp: an offset that is longer leaves too little of its course
 
 
@@ -74,10 +73,12 @@ def in_phase(data: Observations) -> Observations:
     offset = offset_by_phase(data)
     deepest = np.maximum.reduceat(data.depth_mm, data.first)
     out = np.nan_to_num(data.presses.speed_mm_s) * abs(offset) > OUT * deepest
-    if not 0 < np.count_nonzero(out) < data.count / 2:
+    if not 0 < (number := np.count_nonzero(out)) < data.count / 2:
         return data
-    said = f"the clocks of depth and force lie some {1e3 * abs(offset):.0f} ms apart: {np.count_nonzero(out)} presses "
-    said += "that are too fast for that are left out; set the clocks right"
+    said = (
+        f"the clocks of depth and force lie some {1e3 * abs(offset):.0f} ms apart: {number} presses too fast for "
+    )
+    said += "that are left out; set the clocks right"
     kept = data.take(~out)
     return replace(kept, warnings=(*kept.warnings, said))
 

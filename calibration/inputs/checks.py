@@ -10,7 +10,7 @@ import numpy as np
 from calibration.inputs.copies import check_times, without_copies
 from calibration.inputs.denoised_depth import BRANCHES, branches, drawn_off, nominal_depth
 from calibration.inputs.observations import Observations
-from calibration.inputs.press_noise import TYPICAL_ZERO_MM
+from calibration.inputs.press_noise import TYPICAL_FORCE_N, TYPICAL_ZERO_MM
 from tactilevision.errors import InputError
 from tactilevision.records import Bools, Floats, Indenter
 from tactilevision.robust import mad_std
@@ -235,7 +235,7 @@ def _clinging(data: Observations, clear: Bools) -> Bools:
     near, air = out & ~clear, data.normal_N[~out & (data.depth_mm < 0)]
     if air.size < MIN_AIR or not near.any():
         return np.zeros(data.size, dtype=bool)
-    pulls = data.normal_N[near] < np.median(air) - PULLS * mad_std(air)
+    pulls = data.normal_N[near] < np.median(air) - PULLS * max(mad_std(air), TYPICAL_FORCE_N)
     return near & bool(np.mean(pulls) > OFTEN)
 
 
