@@ -230,7 +230,7 @@ def clear_of_touch(data: Observations, *, zero_mm: float = 0.0, noise_mm: float 
 
 
 def _clinging(data: Observations, clear: Bools) -> Bools:
-    """The samples (N,) near the touch on the way out; none unless many pull, which no zero of a depth makes of air."""
+    """The samples (N,) near the touch on the way out; none unless many pull, which no zero of a depth does."""
     out = drawn_off(data)
     near, air = out & ~clear, data.normal_N[~out & (data.depth_mm < 0)]
     if air.size < MIN_AIR or not near.any():
