@@ -15,12 +15,12 @@ from calibration.diagnosis.refit import CANNOT_FIT, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, effect_directions, score_test
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, reading_error_mm
 from calibration.effects import get_effect
-from calibration.effects.clock_offset import in_phase
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress
 from calibration.inputs.observations import Observations
+from calibration.inputs.phase import in_phase
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect

@@ -9,12 +9,12 @@ import pytest
 from made_presses import GEL, indenter, observations
 
 from calibration.effects import EFFECTS
-from calibration.effects.clock_offset import in_phase, offset_by_phase
 from calibration.effects.force_crosstalk import ForceCrosstalk
 from calibration.effects.recovery import carried
 from calibration.effects.thickness_wedge import ThicknessWedge
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
+from calibration.inputs.phase import in_phase, offset_by_phase
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.stiffness import punch_stiffness
 from calibration.model.composition import Model
@@ -80,7 +80,7 @@ def test_a_positive_clock_offset_is_the_force_sensors_clock_running_ahead() -> N
 
 
 def test_presses_too_fast_for_clocks_that_far_apart_are_left_out() -> None:
-    """Ramps of .1 s beside slow ones, the depth read 60 ms late: the offset is that of all, the fast ones leave."""
+    """Ramps of .1 s beside slow ones, the depth read 60 ms late: the offset is all presses', the fast leave."""
     along, speeds = np.linspace(0, 1, 25), np.array([4.0, 0.4, 0.4, 4.0, 0.4])
     time = [100.0 * k + 3 * 0.4 / speed * along for k, speed in enumerate(speeds)]
     true, late = (
