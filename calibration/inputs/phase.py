@@ -12,8 +12,8 @@ from calibration.inputs.observations import Observations
 from tactilevision.records import Floats
 
 GRID_S = np.arange(-20, 21) / 100  # s: clocks that somebody has set lie no farther apart
-FAR = 2.0  # times less is left of the force at another offset than at none; 7 and more of 17, 1.0 without one
-MISSED = 0.1  # of the squared force that is left at none: of 17 recordings with 10 to 80 ms half leave more
+FAR = 2.0  # times less is left of the force at another offset than at none; 7 and more of 20, 1.0 of 16 without
+MISSED = 0.1  # of the squared force that is left at none; the search itself finds a clock that leaves less
 OUT = 0.5  # of a ramp: an offset that is longer leaves too little of its course
 
 
