@@ -71,7 +71,8 @@ def forces_N(gel: Gel, protocol: Protocol) -> list[Array]:
     for press in protocol.presses:
         force = _elastic(gel, protocol, press)
         past = deepest.get(press.place_mm, 0.0)
-        force = force * (1 - _softened(gel, press, past))
+        softer = 1 - _softened(gel, press, past)
+        force = force * softer
         deepest[press.place_mm] = max(past, float(press.depth_mm.max()))
         force = force * _relaxed_share(gel, press, force)
         if gel.size("recovery"):
@@ -79,7 +80,7 @@ def forces_N(gel: Gel, protocol: Protocol) -> list[Array]:
             state *= float(np.exp(-(press.time_s[0] - last) / 60.0))
             force = force * (1 - state)
             healing[press.place_mm] = gel.size("recovery") + state / 2, float(press.time_s[-1])
-        found.append(force + _pull(gel, protocol, press))
+        found.append(force + softer * _pull(gel, protocol, press))  # what is softer pulls less
     return found
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.inputs.denoised_depth import drawn_off
 from calibration.inputs.observations import Observations
 from calibration.laws.theory.stiffness import punch_stiffness
 from calibration.model.parameters import Parameter
@@ -86,11 +87,3 @@ def _growth(state: State, data: Observations) -> Floats:
     a, h = state.radius_mm, state.thickness_mm
     inner, outer = (punch_stiffness(1.0, nu, radius_mm=a * (1 + side), thickness_mm=h) for side in (-STEP, STEP))
     return np.asarray(state.stiffness_N_per_mm * (outer - inner) / (outer + inner) / (STEP * a))
-
-
-def drawn_off(data: Observations) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Samples (N,) after the deepest of their press."""
-    after = np.zeros(data.size, dtype=bool)
-    for start, end in zip(data.first, [*data.first[1:], data.size], strict=True):
-        after[start + int(np.argmax(data.depth_mm[start:end])) + 1 : end] = True
-    return after

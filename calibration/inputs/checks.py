@@ -8,13 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.inputs.copies import check_times, without_copies
-from calibration.inputs.denoised_depth import BRANCHES, branches, nominal_depth
+from calibration.inputs.denoised_depth import BRANCHES, branches, drawn_off, nominal_depth
 from calibration.inputs.observations import Observations
-from calibration.inputs.press_noise import TYPICAL_ZERO_MM
+from calibration.inputs.press_noise import TYPICAL_FORCE_N, TYPICAL_ZERO_MM
 from tactilevision.errors import InputError
-from tactilevision.records import Floats, Indenter
+from tactilevision.records import Bools, Floats, Indenter
+from tactilevision.robust import mad_std
 
 TOUCH = 3.0  # std of a press zero
+MIN_AIR = 5  # samples of air on the way in: fewer do not tell how forces scatter there
+PULLS = 4.0  # std of them: a force that lies farther below is none of air
+OFTEN = 0.1  # of the samples near the touch on the way out: so many pull only where a gel clings
 SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
 
 
@@ -211,6 +215,7 @@ def clear_of_touch(data: Observations, *, zero_mm: float = 0.0, noise_mm: float 
     """Curves without the samples nearer to the first touch than three press zeros.
 
     They are air in one press and contact in the next: a zero moves no force on one side, all of it on the other.
+    Where a gel clings it does so on both sides: the way out stays where its forces lie far below those of air.
     `zero_mm` and `noise_mm`: std of presses' zeros and of a depth's reading, where they are known; depths then
     count as read and as presses go alike.
     """
@@ -219,8 +224,19 @@ def clear_of_touch(data: Observations, *, zero_mm: float = 0.0, noise_mm: float 
     std = np.hypot(max(TYPICAL_ZERO_MM, zero_mm), np.maximum(np.nan_to_num(data.depth_std_mm), noise_mm))
     depth = np.abs(data.depth_mm)
     clear = (np.minimum(depth, np.abs(nominal_depth(data))) if zero_mm else depth) > TOUCH * std
+    clear |= _clinging(data, clear)
     kept = np.bincount(data.press, clear, minlength=data.count) > 0
     return data if clear.all() or not kept.all() else data.samples(clear)
+
+
+def _clinging(data: Observations, clear: Bools) -> Bools:
+    """The samples (N,) near the touch on the way out; none unless many pull, which no zero of a depth does."""
+    out = drawn_off(data)
+    near, air = out & ~clear, data.normal_N[~out & (data.depth_mm < 0)]
+    if air.size < MIN_AIR or not near.any():
+        return np.zeros(data.size, dtype=bool)
+    pulls = data.normal_N[near] < np.median(air) - PULLS * max(mad_std(air), TYPICAL_FORCE_N)
+    return near & bool(np.mean(pulls) > OFTEN)
 
 
 def lacks(data: Observations) -> Iterator[str]:

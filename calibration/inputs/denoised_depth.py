@@ -46,6 +46,14 @@ def branches(data: Observations) -> Ints:
     return np.where(known >= 0, known, found)
 
 
+def drawn_off(data: Observations) -> Bools:
+    """Samples (N,) after the deepest of their press."""
+    after = np.zeros(data.size, dtype=bool)
+    for start, end in zip(data.first, [*data.first[1:], data.size], strict=True):
+        after[start + int(np.argmax(data.depth_mm[start:end])) + 1 : end] = True
+    return after
+
+
 def ways(data: Observations) -> Ints:
     """The same (N,), but that a phase begins and ends where the depth does: phases go by one clock, and depths may
     by another. A depth that no longer moves at its press's speed is air.

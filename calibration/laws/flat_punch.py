@@ -16,6 +16,7 @@ slope of the chord up to w/h = .2, and gamma, one a radius, lies between the bou
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -25,7 +26,7 @@ from calibration.inputs.observations import Observations
 from calibration.laws.theory.admissible_range import RUBBING, bend_range, beta_range
 from calibration.laws.theory.sticking import sticking_surplus
 from calibration.laws.theory.stiffness import punch_stiffness
-from calibration.model.composition import Composable, rest_state
+from calibration.model.composition import Composable
 from calibration.model.parameters import Parameter, Prior
 from calibration.model.stages import State
 from tactilevision.errors import InputError
@@ -38,8 +39,10 @@ OPEN_NU: Pair = (0.3, 0.4999)  # of any gel: the range of the tables, where no b
 NU_TABLE: tuple[float, ...] = (*np.round(np.arange(0.45, 0.4999, 0.005), 3).tolist(), SILICONE_NU[1])
 NOMINAL_NU = 0.48  # where nothing states nu: within SILICONE_NU; what E would be at others is in NU_TABLE
 CHORD = 0.2  # w/h up to which theory's slopes are chords
-KEPT = 16  # data sets, each at some nu, of which the stiffness is kept: most steps of a fit move neither
+KEPT = 16  # states, each at some nu, of which the stiffness is kept: most steps of a fit move neither
 STATED_NU_STD = 0.005  # a nu stated without a std is taken to be good to its last usual digit
+
+_KEPT: deque[tuple[float, float, tuple[Floats, ...], Floats]] = deque(maxlen=KEPT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,10 +82,7 @@ class FlatPunch(Composable):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """c and the force on the state's own radius and thickness."""
         climbing = max(self.sticking, state.sticking)
-        if state is rest_state(data):
-            sharp, begun = values[0] * _at_rest(data, float(values[1]), climbing)
-        else:
-            sharp, begun = values[0] * _per_modulus(state, values[1], climbing)
+        sharp, begun = values[0] * _per_modulus(state, float(values[1]), climbing)
         if self.sticking:
             ratios = np.unique(data.presses.radius_mm) / data.gel.thickness_mm
             surplus = np.array([sticking_surplus(values[1], float(r)) for r in ratios])
@@ -99,20 +99,27 @@ class FlatPunch(Composable):
 
 
 def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats:
-    """Force over depth at E = 1 MPa, of a sharp edge and of the edge as it is, (2, N) in N/mm."""
-    return np.array(
+    """Force over depth at E = 1 MPa, of a sharp edge and of the edge as it is, (2, N) in N/mm; kept for the last
+    few states.
+    """
+    shape = (state.depth_mm, state.radius_mm, state.edge_mm, state.thickness_mm, state.factor)
+    for nu, sticks, known, found in reversed(_KEPT):
+        if nu == poisson_ratio and sticks == sticking and all(map(_same, known, shape)):
+            return found
+    found = np.array(
         [
             where.factor
             * punch_stiffness(1.0, poisson_ratio, radius_mm=where.radius_mm, thickness_mm=where.thickness_mm)
             for where in (state, on_its_edge(state, poisson_ratio, sticking=sticking))
         ]
     )
+    found.setflags(write=False)
+    _KEPT.append((poisson_ratio, sticking, shape, found))
+    return found
 
 
-@lru_cache(maxsize=KEPT)
-def _at_rest(data: Observations, poisson_ratio: float, sticking: float) -> Floats:
-    """The same where no effect comes before the law."""
-    return _per_modulus(rest_state(data), poisson_ratio, sticking)
+def _same(one: Floats, other: Floats) -> bool:
+    return one is other or np.array_equal(one, other)
 
 
 def on_its_edge(state: State, poisson_ratio: float, *, sticking: float = 0.0) -> State:

@@ -20,6 +20,7 @@ from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress
 from calibration.inputs.observations import Observations
+from calibration.inputs.phase import in_phase
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
@@ -151,7 +152,7 @@ class Prepared:
 
 def prepare(data: Observations, *, bulge: Estimate | None = None, bound: Pair | None = SILICONE_NU) -> Prepared:
     """The measurements as `compare` fits them. Raises InputError for unusable data."""
-    stated = clear_of_touch(usable(data))
+    stated = clear_of_touch(in_phase(usable(data)))
     return Prepared(stated, informed(stated, bulge, bound=bound))
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from calibration.diagnosis.change_point import change_point
 from calibration.diagnosis.confirmation import TOLD_APART
 from calibration.diagnosis.diagnosis import Added, Diagnosis, Errors
-from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
+from calibration.diagnosis.forward_selection import Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
 from calibration.diagnosis.outcome import Outcome, against_instrument_errors, odd_presses, outcome
@@ -30,13 +30,14 @@ from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, freed, hel
 from calibration.diagnosis.score_test import LEVEL, effect_directions
 from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
-from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
+from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture
 from calibration.effects import EFFECTS
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.inputs.observations import Observations
+from calibration.inputs.phase import in_phase
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
 from calibration.repeats.repeat_noise import beyond_stated
@@ -45,6 +46,7 @@ from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import base_fit, base_model, fit_alone
 from calibration.tasks.fit_errors import fit_errors
+from calibration.tasks.interval_reach import bent_or, spanning, tried, unconfirmed, unrisen
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate, Pair
 
@@ -75,7 +77,7 @@ def diagnose(
     over, nothing new is looked for: the answer is the best so far, `stopped`. `ruled_out`: keys of effects of the
     picture that its frames are known not to show. Raises InputError where no law can be fitted at all.
     """
-    data = clear_of_touch(usable(data))
+    data = clear_of_touch(in_phase(usable(data)))
     catalogue = [*EFFECTS.values(), *effects]
     held = partial(_diagnosed, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch)
     fitted = partial(held, catalogue=catalogue, ruled_out=ruled_out)
@@ -221,14 +223,16 @@ def _material(
     """What the last fit makes `alone`, E's interval reaching to each candidate's and over what may be unseen."""
     force, sight = both
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
-    after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
-    after = _bent_or(after, force.searched)
+    searched = force.searched
+    sets = [tried(searched)] if force.unknown else [*force.sets, unconfirmed(searched)]
+    after = spanning(alone, sets, shares)
+    after = bent_or(after, searched)
     after = replace(
         after,
         youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
         warnings=(*after.warnings, *_remarks(force)),
     )
-    return (after if sight is None else _risen(after, sight)), unseen
+    return (after if sight is None else unrisen(after, sight)), unseen
 
 
 def _remarks(force: Outcome) -> tuple[str, ...]:
@@ -273,53 +277,6 @@ def _beyond_prior(fitted: Fit, key: str) -> bool:
         for value, p in zip(fitted.values, fitted.parameters, strict=True)
         if p.prior is not None and p.name.startswith(f"{key}.")
     )
-
-
-def _tried(searched: Searched) -> tuple[Candidate, ...]:
-    """The base, then what screened beyond chance at first: where nothing is named, E may be any of theirs."""
-    first = searched.rounds[0]
-    beyond = [c for c in first.candidates if first.scored[c.effect.key].p_adjusted < LEVEL]
-    if not beyond:
-        return ()
-    here = searched.base
-    return (Candidate(beyond[0].effect, here.model, here.values, here.chi2, here.force_N), *beyond)
-
-
-def _spanning(
-    after: CalibrationResult, sets: Sequence[tuple[Candidate, ...]], others: Sequence[float]
-) -> CalibrationResult:
-    """E's interval stretched to what the candidates that cannot be told apart, and `others`, would make of it."""
-    E = after.youngs_modulus
-    others = [*others, *(c.values[0] / s[0].values[0] for s in sets for c in s[1:])]  # of the first of each set
-    if not others or E.interval95 is None:
-        return after
-    low, high = E.interval95[0] * min(1.0, *others), E.interval95[1] * max(1.0, *others)
-    warning = "E's interval spans the candidates that these data cannot tell apart"
-    return replace(after, youngs_modulus=replace(E, interval95=(low, high)), warnings=(*after.warnings, warning))
-
-
-def _bent_or(after: CalibrationResult, searched: Searched) -> CalibrationResult:
-    """E's interval stretched to what the effects make of it that explain a bend within theory's as well."""
-    E, others = after.youngs_modulus, searched.bend_or
-    if not others or E.interval95 is None:
-        return after
-    key = max(others, key=lambda one: abs(np.log(others[one])))
-    low, high = E.interval95[0] * min(1.0, *others.values()), E.interval95[1] * max(1.0, *others.values())
-    what, off = key.replace("_", " "), 100 * (others[key] - 1)
-    warning = f"what was taken for a bend that theory allows may be {what} as well: E is then {off:+.0f} %"
-    wide = replace(E, interval95=(low, high))
-    return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
-
-
-def _risen(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
-    """E's interval stretched to what it would be if the certified depth forgot the gel's rise."""
-    share = max((risen(c, sight.fitted.data) for s in sight.sets for c in s), default=0.0)
-    E = after.youngs_modulus
-    if share <= 0 or E.interval95 is None:
-        return after
-    wide = replace(E, interval95=(E.interval95[0], E.interval95[1] / (1 - share)))
-    warning = f"if the bevel met the gel early, depths are {100 * share:.1f} % too large and E that much too small"
-    return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
 
 
 def _added(fitted: Fit, step: Step) -> Added:

@@ -14,6 +14,7 @@ from calibration.effects.recovery import carried
 from calibration.effects.thickness_wedge import ThicknessWedge
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
+from calibration.inputs.phase import in_phase, offset_by_phase
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.stiffness import punch_stiffness
 from calibration.model.composition import Model
@@ -76,6 +77,28 @@ def test_a_positive_clock_offset_is_the_force_sensors_clock_running_ahead() -> N
     force = Model(FlatPunch()).predict(LAW, data.shifted(-0.5 * 0.1))
     found = (Model(FlatPunch()) + EFFECTS["clock_offset"]).predict(np.append(LAW, 0.1), data)
     np.testing.assert_allclose(found[4:], force[4:], atol=1e-12)
+
+
+def test_presses_too_fast_for_clocks_that_far_apart_are_left_out() -> None:
+    """Ramps of .1 s beside slow ones, the depth read 60 ms late: the offset is all presses', the fast leave."""
+    along, speeds = np.linspace(0, 1, 25), np.array([4.0, 0.4, 0.4, 4.0, 0.4])
+    time = [100.0 * k + 3 * 0.4 / speed * along for k, speed in enumerate(speeds)]
+    true, late = (
+        [
+            np.interp((t - t[0] - by) * v / 0.4, [0, 1, 2, 3], [0, 0.4, 0.4, 0])
+            for v, t in zip(speeds, time, strict=True)
+        ]
+        for by in (0.0, 0.06)
+    )
+    force = Model(FlatPunch()).predict(LAW, observations(true, [indenter()] * 5, time_s=time))
+    data = observations(late, [indenter()] * 5, time_s=time).with_force(force)
+    data = replace(data, presses=replace(data.presses, speed_mm_s=speeds))
+    assert offset_by_phase(data) == pytest.approx(-0.06)
+    kept = in_phase(data)
+    assert kept.presses.label == tuple(np.array(data.presses.label)[[1, 2, 4]])
+    assert "60 ms apart" in kept.warnings[-1]
+    right = replace(data, depth_mm=np.concatenate(true))
+    assert in_phase(right) is right
 
 
 def test_the_memory_fills_during_a_press_and_fades_in_the_wait() -> None:

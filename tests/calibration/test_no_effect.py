@@ -86,6 +86,20 @@ def test_samples_at_the_touch_are_left_out() -> None:
     assert clear_of_touch(data) is data
 
 
+def test_the_touch_stays_on_the_way_out_where_the_gel_pulls() -> None:
+    ramp = np.concatenate([np.linspace(-0.03, -0.02, 5), np.linspace(0.03, 0.4, 12)])
+    out = np.array([0.2, 0.05, 0.01, 0.004, -0.004, -0.01, -0.02])
+    true = np.concatenate([ramp, out])
+    data = observations(
+        [true] * 6, [indenter()] * 6, time_s=[300.0 * k + np.arange(float(true.size)) for k in range(6)]
+    )
+    air = data.with_force(np.maximum(MODEL.predict(TRUTH, data), 0.0))
+    clinging = np.where(data.depth_mm < 0, 8.0 * data.depth_mm, air.normal_N)
+    clinging = np.where(np.tile(np.arange(true.size) < ramp.size, 6), air.normal_N, clinging)
+    assert clear_of_touch(air).size == data.size - 6 * 4
+    assert clear_of_touch(data.with_force(clinging)).size == data.size
+
+
 def points(force_std_N: float = 0.004) -> Observations:
     """24 points at four depths, six of each."""
     depth = [np.array([0.15 * (1 + k % 4)]) for k in range(24)]
