@@ -16,6 +16,7 @@ Whatever its colours are, gel beside a contact of depth d stands out by no more 
     RISE_SHARE d + RISE_MM
 
 since layer theory has it rise by .16 d at most (ball, contact 1.7 gels in radius, nu .4999): what does is false.
+Within a ring it may rise by more than d, so that what deep places enclose is left out.
 
 Three colours and two slopes leave one residual. A false slope whose colour is that of a true one is not seen: a
 lamp shaded where the others are dark makes a hollow that no colour contradicts. A false slope that a surface could
@@ -203,9 +204,19 @@ class LightCheck:
 
 
 def stands_out(depth_mm: Picture) -> bool:
-    """Whether `depth_mm` (H, W) in mm, positive into the gel, rises somewhere as no gel beside such depth can."""
+    """Whether `depth_mm` (H, W) in mm, positive into the gel, rises somewhere as no gel beside such depth can.
+
+    Gel that contacts enclose, as within a ring, has nowhere else to go and may rise as far as it likes.
+    """
     low, high, *_ = cv2.minMaxLoc(depth_mm)
-    return -low > RISE_SHARE * max(high, 0.0) + RISE_MM
+    limit = RISE_SHARE * max(high, 0.0) + RISE_MM
+    if -low <= limit:
+        return False
+    beside = np.ones(depth_mm.shape, np.uint8)
+    if high > 0:
+        pressed = cv2.findNonZero((depth_mm > high / 2).astype(np.uint8))
+        cv2.fillConvexPoly(beside, cv2.convexHull(pressed), (0.0,))
+    return bool((depth_mm[beside > 0] < -limit).any())
 
 
 def _length(values: Planes) -> Picture:

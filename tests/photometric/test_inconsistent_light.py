@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 import pytest
 from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture
+from scipy.special import j0, j1
 
+from tactilevision.mechanics.layer import layer_compliance
 from tactilevision.photometric import BallPicture, calibrate_from_balls, load_method, make_reference, save_method
 from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.quality.inconsistent_light import MIN_AREA_MM2, RISE_MM, LightCheck, stands_out
@@ -95,6 +97,19 @@ def test_no_gel_of_layer_theory_stands_out(contact_mm: float) -> None:
     _, depth = BallPress(4.0, contact_mm, 1.5, 0.4999, (0.0, 0.0)).section()
     assert not stands_out(np.asarray(2.0 * depth[None], np.float32))
     assert stands_out(np.asarray(np.append(depth, -0.35 * depth.max() - RISE_MM)[None], np.float32))
+
+
+def test_gel_within_a_ring_may_stand_out() -> None:
+    """Even pressure on a ring of 2 to 6 mm, on 3 mm of gel that is nearly incompressible: .69 of the depth."""
+    k, across = np.linspace(1e-3, 30.0, 6001), np.linspace(-12.0, 12.0, 61)
+    pressure = (6.0 * j1(k * 6.0) - 2.0 * j1(k * 2.0)) * np.exp(-((k * 3.0 / 80) ** 2))  # times k
+    r = np.linspace(0.0, 17.0, 171)
+    section = np.trapezoid(layer_compliance(k * 3.0, 0.4999).normal * pressure * j0(r[:, None] * k), k)
+    depth = np.interp(np.hypot(across, across[:, None]), r, section / section.max()).astype(np.float32)
+    assert depth.min() < -0.6
+    assert not stands_out(depth)
+    depth[:5, :5] = -0.6
+    assert stands_out(depth)
 
 
 def test_single_noisy_pixels_do_not_count() -> None:
