@@ -103,7 +103,7 @@ def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats:
     few states.
     """
     shape = (state.depth_mm, state.radius_mm, state.edge_mm, state.thickness_mm, state.factor)
-    for nu, sticks, known, found in reversed(_KEPT):
+    for nu, sticks, known, found in tuple(reversed(_KEPT)):
         if nu == poisson_ratio and sticks == sticking and all(map(_same, known, shape)):
             return found
     found = np.array(
