@@ -34,6 +34,7 @@ GONE = {  # the module stands; what it lost was of use to the package alone
     "tactilevision.streaming.clear_leftovers",
     "tactilevision.streaming.fingerprint_of",
     "tactilevision.photometric.calibrate.locate",
+    "tactilevision.photometric.drawn_samples.draw_slopes",
     "tactilevision.photometric.method.Evaluator",
     "tactilevision.photometric.response.response_in",
     "tactilevision.plots.diagnosis.Panel",
