@@ -43,8 +43,8 @@ class Box:
 
 
 QUICK = 1e-7  # a tolerance at or above this is content with one-sided derivatives
-STEPS = 80  # of one descent: of 600 in recordings with several effects 1 % take more, and creep along a bound
-RENEWED = 4  # times that a descent begins anew from where it was, off its bounds, where it creeps no more
+MAX_STEPS = 80  # of one descent: of 600 in recordings with several effects 1 % take more, and creep along a bound
+MAX_RESTARTS = 4  # times that a descent begins anew from where it was, off its bounds, where it creeps no more
 
 
 def minimise(residual: Residual, starts: Floats, *, box: Box, tolerance: float = 1e-10) -> Minimum:
@@ -111,10 +111,10 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float) -> M
         xtol=tolerance,
         ftol=tolerance,
         gtol=1e-14,
-        max_nfev=STEPS,
+        max_nfev=MAX_STEPS,
     )
     solution = solve(start)
-    for _ in range(RENEWED):
+    for _ in range(MAX_RESTARTS):
         if solution.status:
             break
         solution = solve(_inside(solution.x, box))

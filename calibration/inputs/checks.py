@@ -17,8 +17,8 @@ from tactilevision.robust import mad_std
 
 TOUCH = 3.0  # std of a press zero
 MIN_AIR = 5  # samples of air on the way in: fewer do not tell how forces scatter there
-PULLS = 4.0  # std of them: a force that lies farther below is none of air
-OFTEN = 0.1  # of the samples near the touch on the way out: so many pull only where a gel clings
+PULL_SIGMA = 4.0  # std of them: a force that lies farther below is none of air
+MIN_PULLING_SHARE = 0.1  # of the samples near the touch on the way out: so many pull only where a gel clings
 SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
 
 
@@ -235,8 +235,8 @@ def _clinging(data: Observations, clear: Bools) -> Bools:
     near, air = out & ~clear, data.normal_N[~out & (data.depth_mm < 0)]
     if air.size < MIN_AIR or not near.any():
         return np.zeros(data.size, dtype=bool)
-    pulls = data.normal_N[near] < np.median(air) - PULLS * max(mad_std(air), TYPICAL_FORCE_N)
-    return near & bool(np.mean(pulls) > OFTEN)
+    pulls = data.normal_N[near] < np.median(air) - PULL_SIGMA * max(mad_std(air), TYPICAL_FORCE_N)
+    return near & bool(np.mean(pulls) > MIN_PULLING_SHARE)
 
 
 def lacks(data: Observations) -> Iterator[str]:

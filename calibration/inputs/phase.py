@@ -12,29 +12,31 @@ from calibration.inputs.observations import Observations
 from tactilevision.records import Floats
 
 GRID_S = np.arange(-20, 21) / 100  # s: clocks that somebody has set lie no farther apart
-FAR = 2.0  # times less is left of the force at another offset than at none; 7 and more of 20, 1.0 of 16 without
+MIN_GAIN = (
+    2.0  # times less is left of the force at another offset than at none; 7 and more of 20, 1.0 of 16 without
+)
 MISSED = 0.1  # of the squared force that is left at none; the search itself finds a clock that leaves less
-OUT = 0.5  # of a ramp: an offset that is longer leaves too little of its course
+MAX_RAMP_SHARE = 0.5  # of a ramp: an offset that is longer leaves too little of its course
 
 
 def in_phase(data: Observations) -> Observations:
-    """Without the presses that clocks far apart put out of phase, where most are left; a warning says so.
+    """Without the presses that clocks far apart put out of phase, where most are left; a warning says how far.
 
     A ramp that is over before the other clock sees it begin has no course of its own: the slow ones tell dt.
     """
     if not data.is_curves or not np.isfinite(data.time_s).all():
         return data
-    offset = offset_by_phase(data)
-    deepest = np.maximum.reduceat(data.depth_mm, data.first)
-    out = np.nan_to_num(data.presses.speed_mm_s) * abs(offset) > OUT * deepest
-    if not 0 < (number := np.count_nonzero(out)) < data.count / 2:
+    if not (offset := offset_by_phase(data)):
         return data
-    said = (
-        f"the clocks of depth and force lie some {1e3 * abs(offset):.0f} ms apart: {number} presses too fast for "
-    )
-    said += "that are left out; set the clocks right"
-    kept = data.take(~out)
-    return replace(kept, warnings=(*kept.warnings, said))
+    deepest = np.maximum.reduceat(data.depth_mm, data.first)
+    speed = np.nan_to_num(data.presses.speed_mm_s)
+    out = (deepest > 0) & (speed * abs(offset) > MAX_RAMP_SHARE * deepest)
+    at_least = "at least" if abs(offset) >= GRID_S[-1] else "some"
+    said = f"the clocks of depth and force lie {at_least} {1e3 * abs(offset):.0f} ms apart"
+    if 0 < np.count_nonzero(out) < data.count / 2:
+        names = ", ".join(np.array(data.presses.label)[out])
+        data, said = data.take(~out), f"{said}: left out are presses that go in faster than twice that ({names})"
+    return replace(data, warnings=(*data.warnings, f"{said}. Set the clocks right"))
 
 
 def offset_by_phase(data: Observations) -> float:
@@ -45,14 +47,14 @@ def offset_by_phase(data: Observations) -> float:
     steady = replace(data, depth_mm=denoised_depth(data))
     left = [_left_of_force(steady, np.maximum(depth_at(steady, -offset), 0.0)) for offset in GRID_S]
     best, none = int(np.argmin(left)), left[GRID_S.size // 2]
-    return float(GRID_S[best]) if none > max(FAR * left[best], MISSED) else 0.0
+    return float(GRID_S[best]) if none > max(MIN_GAIN * left[best], MISSED) else 0.0
 
 
 def _left_of_force(data: Observations, depth_mm: Floats) -> float:
     """The share of the squared force."""
-    left = 0.0
+    left, all_of_it = 0.0, float(np.sum(data.normal_N**2))
     for radius in np.unique(data.presses.radius_mm):
         mine = data.radius_mm == radius
         powers, force = depth_mm[mine, None] ** [1, 2, 3], data.normal_N[mine]
         left += float(np.sum((force - powers @ np.linalg.lstsq(powers, force, rcond=None)[0]) ** 2))
-    return left / float(np.sum(data.normal_N**2))
+    return left / all_of_it if all_of_it else 0.0

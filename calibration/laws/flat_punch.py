@@ -42,7 +42,7 @@ CHORD = 0.2  # w/h up to which theory's slopes are chords
 KEPT = 16  # states, each at some nu, of which the stiffness is kept: most steps of a fit move neither
 STATED_NU_STD = 0.005  # a nu stated without a std is taken to be good to its last usual digit
 
-_KEPT: deque[tuple[float, float, tuple[Floats, ...], Floats]] = deque(maxlen=KEPT)
+_STIFFNESS: deque[tuple[float, float, tuple[Floats, ...], Floats]] = deque(maxlen=KEPT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats:
     few states.
     """
     shape = (state.depth_mm, state.radius_mm, state.edge_mm, state.thickness_mm, state.factor)
-    for nu, sticks, known, found in tuple(reversed(_KEPT)):
+    for nu, sticks, known, found in tuple(reversed(_STIFFNESS)):
         if nu == poisson_ratio and sticks == sticking and all(map(_same, known, shape)):
             return found
     found = np.array(
@@ -114,7 +114,10 @@ def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats:
         ]
     )
     found.setflags(write=False)
-    _KEPT.append((poisson_ratio, sticking, shape, found))
+    own = tuple(
+        one.copy() if one.flags.writeable else one for one in shape
+    )  # an effect may write into its own again
+    _STIFFNESS.append((poisson_ratio, sticking, own, found))
     return found
 
 

@@ -49,7 +49,7 @@ def spanning(
     if not others or E.interval95 is None:
         return after
     low, high = E.interval95[0] * min(1.0, *others), E.interval95[1] * max(1.0, *others)
-    warning = "E's interval spans the candidates that these data cannot tell apart"
+    warning = "E's interval reaches to what effects that cannot be told apart, or are not beyond doubt, make of E"
     return replace(after, youngs_modulus=replace(E, interval95=(low, high)), warnings=(*after.warnings, warning))
 
 

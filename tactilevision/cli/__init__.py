@@ -25,7 +25,7 @@ def main() -> int:
         code = _run()
     except (KeyboardInterrupt, Terminated) as stop:  # while this was being imported
         code = 130 if isinstance(stop, KeyboardInterrupt) else 143
-        sys.stderr.write("interrupted before anything was done.\n")
+        sys.stderr.write(f"{'interrupted' if code == 130 else 'terminated'} before anything was done.\n")
     if code in (130, 143):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C adds nothing but noise
         exec("")  # noqa: S102 -- with -m, CPython else ends by the signal itself if Ctrl-C came within an exec

@@ -219,6 +219,8 @@ def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight, 
     read, beyond = (float(mean[band].sum()) * (s[1] - s[0]) for band in bands)
     if 0.0 < fall < read:  # slopes of walls are read too gentle: a law that takes depth away saw a shadow as gel
         falls, fall = falls * (read / fall), read
+    elif fall <= 0.0 < read:
+        return None
     table = slice(*np.searchsorted(law.edges, (inner, reach - shift + 2 * px)))
     if len(law.edges[table]) < 2 or not edge.radius_mm + shift > 0:  # the edge ran off the wall: no law of it
         return None

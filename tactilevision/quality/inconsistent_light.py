@@ -15,7 +15,8 @@ Whatever its colours are, gel beside a contact of depth d stands out by no more 
 
     RISE_SHARE d + RISE_MM
 
-since layer theory has it rise by .16 d at most (ball, contact 1.7 gels in radius, nu .4999): what does is false.
+since layer theory (nu .4999) has it rise by .16 d beside a ball (contact 1.7 gels in radius) and by .30 d beside
+a punch of 1.5 gels, which RISE_MM covers to 2 mm of depth. Beside a contact beyond the border d is not seen.
 Within a ring it may rise by more than d, so that what deep places enclose is left out.
 
 Three colours and two slopes leave one residual. A false slope whose colour is that of a true one is not seen: a
@@ -61,7 +62,7 @@ RAMP = 0.4  # of the limit, from which on a slope counts in part as unexplained
 GREY = 0.3  # grey levels that rounding and compression leave on means of places
 TINY = np.float32(1e-9)  # keeps ratios of nothing to nothing at 0
 MIN_AREA_MM2 = 3.0  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
-RISE_SHARE = 0.25  # of the depth; layer theory allows .16, tests/photometric/test_inconsistent_light.py
+RISE_SHARE = 0.25  # of the depth; tests/photometric/test_inconsistent_light.py
 RISE_MM = 0.1  # mm beside that: 235 pictures of samples and a path tracer have .05 beside .3 of the depth
 MIN_DEPTH_MM = 0.05  # mm of depth that rest on inconsistent places: less makes no map doubtful
 

@@ -10,7 +10,7 @@ it, a sharp round rim alone (integration/circular_edges.py) says where the face 
 the next settle where whole ones swing. Some maps jump: as the forecast moves, slopes beside the wall pass the
 limit of what is read, and the wall's law has other gel to go by. So steps shrink as 1/n, and where maps still
 jump, their mean is the map (Mann's iteration). What was given back is known to a share of itself, which the
-deviation holds, along with how far the last map lies off that mean.
+deviation holds, along with how far the last map lies off that mean. All else is the last map's.
 
 Assumes three near lamps found from balls. What it does to faces and the gel beside is measured on pictures of a
 path tracer in docs/evidence/rendered.md.
@@ -42,7 +42,7 @@ Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any
 MIN_DEPTH_MM = 0.08  # mm: gentler contacts cast no shadow that matters
 STEP = 0.5  # of the way from one depth to the next: whole steps swing beyond .3 mm
 HALF_STEPS = 5  # such steps, before they shrink: maps that settle do so in these, of 48 faces of a path tracer
-MAX_ROUNDS = 10  # maps of one frame: what moves then moves by less than its deviation
+MAX_ROUNDS = 10  # maps of one frame: what still moves is in the deviation
 SETTLED_MM = 0.006  # mm, the most that 99 % of pixels of a map lie off the last one's, where rounds end
 GIVEN_BACK_STD = 0.35  # of what the map changed by: rms on three sensors of the path tracer
 RIM_SLOPE = 0.3  # slope of a rim that shadows are looked for beside: walls of faces from .1 mm on are steeper
@@ -88,7 +88,7 @@ def undo_shadows(
 
 
 def _step(number: int) -> float:
-    """Share of the way that round `number` goes: STEP, then STEP/(1 + STEP n), as a mean of rounds takes it."""
+    """Share of the way that round `number` goes: STEP, then STEP/(1 + STEP n) of the n-th after, as of a mean."""
     return STEP / (1.0 + STEP * max(number - HALF_STEPS + 1, 0))
 
 

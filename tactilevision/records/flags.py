@@ -28,7 +28,7 @@ MEANING = {
     "off or, where no network for the sensor is ready, by a factor of two or three",
     LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "
     "that has moved, or contact over much of it",
-    INCONSISTENT: "in places no slope has the colours that are seen, or gel stands out further than any can: a "
+    INCONSISTENT: "in places no slope has the colours that are seen, or gel rises further than theory allows: a "
     "shadow, a lamp that changed there, or a light that the method does not know; depth there is uncertain",
     SHADOW: "the sensor's lamps cast shadows beside so deep a contact, and this map keeps them: gel falls too "
     "steeply there. `depth` and `force` undo them, `live --shadows` and load_sensor(path, shadows=True) too",

@@ -97,8 +97,11 @@ def test_presses_too_fast_for_clocks_that_far_apart_are_left_out() -> None:
     kept = in_phase(data)
     assert kept.presses.label == tuple(np.array(data.presses.label)[[1, 2, 4]])
     assert "60 ms apart" in kept.warnings[-1]
+    assert f"({data.presses.label[0]}, {data.presses.label[3]})" in kept.warnings[-1]
     right = replace(data, depth_mm=np.concatenate(true))
     assert in_phase(right) is right
+    missed = replace(right, depth_mm=np.where(right.press == 1, -0.05, right.depth_mm))
+    assert in_phase(missed) is missed, "a press that misses the gel tells nothing of clocks"
 
 
 def test_the_memory_fills_during_a_press_and_fades_in_the_wait() -> None:
