@@ -12,9 +12,7 @@ from calibration.inputs.observations import Observations
 from tactilevision.records import Floats
 
 GRID_S = np.arange(-20, 21) / 100  # s: clocks that somebody has set lie no farther apart
-MIN_GAIN = (
-    2.0  # times less is left of the force at another offset than at none; 7 and more of 20, 1.0 of 16 without
-)
+MIN_GAIN = 2.0  # times less of the force is left at another offset than at none; 7 and more of 20, else 1.0 of 16
 MISSED = 0.1  # of the squared force that is left at none; the search itself finds a clock that leaves less
 MAX_RAMP_SHARE = 0.5  # of a ramp: an offset that is longer leaves too little of its course
 
@@ -22,7 +20,8 @@ MAX_RAMP_SHARE = 0.5  # of a ramp: an offset that is longer leaves too little of
 def in_phase(data: Observations) -> Observations:
     """Without the presses that clocks far apart put out of phase, where most are left; a warning says how far.
 
-    A ramp that is over before the other clock sees it begin has no course of its own: the slow ones tell dt.
+    A ramp that is over before the other clock sees it begin has no course of its own: the slow ones tell the
+    clocks apart. Points, and curves without times, are handed back as they are.
     """
     if not data.is_curves or not np.isfinite(data.time_s).all():
         return data
@@ -35,7 +34,7 @@ def in_phase(data: Observations) -> Observations:
     said = f"the clocks of depth and force lie {at_least} {1e3 * abs(offset):.0f} ms apart"
     if 0 < np.count_nonzero(out) < data.count / 2:
         names = ", ".join(np.array(data.presses.label)[out])
-        data, said = data.take(~out), f"{said}: left out are presses that go in faster than twice that ({names})"
+        data, said = data.take(~out), f"{said}: left out are presses that go in within twice that time ({names})"
     return replace(data, warnings=(*data.warnings, f"{said}. Set the clocks right"))
 
 
@@ -51,7 +50,7 @@ def offset_by_phase(data: Observations) -> float:
 
 
 def _left_of_force(data: Observations, depth_mm: Floats) -> float:
-    """The share of the squared force."""
+    """The share of the squared force that a cubic of depths (N,) in mm leaves, each radius fitted alone."""
     left, all_of_it = 0.0, float(np.sum(data.normal_N**2))
     for radius in np.unique(data.presses.radius_mm):
         mine = data.radius_mm == radius

@@ -114,9 +114,8 @@ def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats:
         ]
     )
     found.setflags(write=False)
-    own = tuple(
-        one.copy() if one.flags.writeable else one for one in shape
-    )  # an effect may write into its own again
+    # an effect may write into its own arrays again
+    own = tuple(one.copy() if one.flags.writeable else one for one in shape)
     _STIFFNESS.append((poisson_ratio, sticking, own, found))
     return found
 

@@ -159,15 +159,20 @@ def test_a_wall_that_hides_more_than_a_fifth_of_the_radius_is_carried_through(li
     assert face_over_gel(read) == pytest.approx(truth, rel=0.05)
 
 
-def test_a_wall_beside_a_cast_shadow_is_left_as_it_is() -> None:
-    """A shadow looks like a slope of .35 that ends at once: the law through it made more than twice the depth."""
-    depth = punch(0.7)
-    read = photographed(depth)
+def shaded(inner_mm: float, outer_mm: float, *, slope: float) -> SlopeMap:
+    """A face of .7 mm as photographed, whose gel between these radii is read with this slope outwards."""
+    read = photographed(punch(0.7))
     x, y = places()
     r = np.hypot(x, y)
-    dark = (r > 2.3) & (r < 2.9)
+    dark = (r > inner_mm) & (r < outer_mm)
     for plane, way in ((read.dz_dx, x), (read.dz_dy, y)):
-        plane[dark] = (-0.42 * way / r)[dark]
+        plane[dark] = (slope * way / r)[dark]
+    return read
+
+
+def test_a_wall_beside_a_cast_shadow_is_left_as_it_is() -> None:
+    """A shadow looks like a slope of .35 that ends at once: the law through it made more than twice the depth."""
+    read = shaded(2.3, 2.9, slope=-0.42)
     assert find_punch_edges(read, (STEP, STEP), limit=LIMIT) == []
     assert len(find_punch_edges(read, (STEP, STEP), limit=LIMIT, strict=False)) == 1
 
@@ -175,13 +180,7 @@ def test_a_wall_beside_a_cast_shadow_is_left_as_it_is() -> None:
 @pytest.mark.parametrize("false_slope", [-1.2, 0.4, 0.8])
 def test_a_wall_takes_no_depth_away(false_slope: float) -> None:
     """Beside a shadow half undone, or undone too much: gel read too steep makes a law of too small a fall."""
-    depth = punch(0.7)
-    read = photographed(depth)
-    x, y = places()
-    r = np.hypot(x, y)
-    dark = (r > 2.05) & (r < 2.4)
-    for plane, way in ((read.dz_dx, x), (read.dz_dy, y)):
-        plane[dark] = (false_slope * way / r)[dark]
+    read = shaded(2.05, 2.4, slope=false_slope)
     plain = face_over_gel(read)
     walls = find_punch_edges(read, (STEP, STEP), limit=LIMIT, strict=False)
     assert all(wall.missing_mm == 0.0 for wall in walls)

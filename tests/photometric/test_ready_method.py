@@ -44,7 +44,6 @@ def test_it_fits_its_card(kind: str) -> None:
     assert isinstance(method.law, Network)
     assert method.card.other["licence"] == "MIT"
     assert method.card.other["versions"]["kornia"]
-    assert "cast by every drawn body" in method.card.other["shadows"]
     assert all("direction_error_deg" in one for one in method.card.other["real_ball_presses"].values())
     assert method.card.sensor == kind
     unseen, still = draw_samples(32, 77, kind=kind)
