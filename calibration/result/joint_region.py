@@ -24,6 +24,7 @@ from tactilevision.records import Floats, Pair
 
 TWO_UNKNOWNS = 2.4477  # sqrt of the 95 % point of chi square with 2 degrees of freedom
 ONE_UNKNOWN = 1.96  # 97.5 % point of the normal distribution
+USUAL_NU = 0.3  # gels lie above: the curve begins here, however wide nu is, unless nu is below
 STEPS = 61  # values of nu along the region's edge
 
 
@@ -53,7 +54,8 @@ def joint_picture(result: CalibrationResult) -> JointPicture:
     softer = usual_softening(result.fitted, radius, poisson_ratio=result.poisson_ratio.value or SILICONE_NU[1])
     nu, modulus = result.poisson_ratio.value, result.youngs_modulus.value
     low = (result.poisson_ratio.interval95 or SILICONE_NU)[0]
-    grid = np.linspace(max(low - 0.05, 0.3), 0.4999, STEPS)
+    floor = USUAL_NU if nu is None or nu > USUAL_NU else 0.0
+    grid = np.linspace(max(low - 0.05, floor), 0.4999, STEPS)
     deep = finite_depth(result.fitted, result.poisson_ratio, radius_mm=radius)
     if deep is not None:
         surplus = max(surplus, deep.room(result.poisson_ratio.value or SILICONE_NU[1])[0])

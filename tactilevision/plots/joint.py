@@ -20,6 +20,7 @@ WORDS = {
     "beta": "law of β (not used)",
 }
 ROW = 0.055  # of the height of the picture, for each route's bar
+MIN_MARGIN = 0.002  # of nu, beside what is drawn: where nu is stated without doubt, all of it is one line
 
 
 @style.house_look
@@ -63,8 +64,9 @@ def _frame(
     used = [interval for _, interval, is_used in routes if is_used]
     low = min([float(region[:, 0].min()), *(interval[0] for interval in used)])
     high = max([float(region[:, 0].max()), *(interval[1] for interval in used)])
-    margin = 0.2 * (high - low)
+    margin = max(0.2 * (high - low), MIN_MARGIN)
     left, right = max(low - margin, float(curve[0, 0])), min(high + margin, 0.505)
-    shown = curve[(curve[:, 0] >= left) & (curve[:, 0] <= right), 1]
+    inside = curve[(curve[:, 0] >= left) & (curve[:, 0] <= right), 1]
+    shown = np.append(inside, np.interp([left, right], *curve.T))
     bottom = min(float(region[:, 1].min()), float(shown.min()))
     return left, right, bottom, max(float(region[:, 1].max()), float(shown.max()))

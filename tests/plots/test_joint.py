@@ -29,3 +29,12 @@ def test_the_region_the_best_value_and_every_route_are_drawn() -> None:
     (arrow,) = [line for line in axes.lines if line.get_marker() == "<"]
     inside = (float(np.asarray(arrow.get_xdata(), dtype=float)[0]) - left) / (right - left)
     assert 0 < inside < 0.03, "it points to where the interval lies"
+
+
+@pytest.mark.parametrize("nu", [0.48, 0.0, 0.4999])
+def test_a_nu_that_is_stated_without_doubt_is_drawn_too(nu: float) -> None:
+    curve = np.column_stack([np.linspace(nu - 0.04 if nu else 0.0, 0.4999, 7), np.linspace(0.23, 0.18, 7)])
+    region = np.array([[nu, 0.21], [nu, 0.19]])
+    (axes,) = draw_joint(curve, region, best=(nu, 0.2), routes=[("prior", (nu, nu), True)]).axes
+    left, right = axes.get_xlim()
+    assert left <= nu < right
