@@ -88,6 +88,8 @@ def _border(evidence: PressEvidence, statistics: RecordingStatistics, forces: Fo
         return None
     half = [0.5 * n * s for n, s in zip(map_.depth_mm.shape[::-1], map_.mm_per_px, strict=True)]
     room = min(h - abs(c) - face.radius_mm for h, c in zip(half, face.centre_mm, strict=True))
+    if room < 0:
+        return Finding("border", f"the face reaches {-room:.2f} mm beyond the view's border")
     if room < 2 * max(map_.mm_per_px):
         return Finding("border", f"the face comes within {room:.2f} mm of the view's border")
     if evidence.distance_mm is not None:
