@@ -195,6 +195,58 @@ def test_train_takes_the_circles_as_drawn_and_writes_a_profile(
     assert read_profile(tmp_path / "m.tvs").method.card.balls == 4
 
 
+class Canvas:
+    """The guide in a browser: circles of the session, dragged on the picture by their pixels."""
+
+    def __init__(self, view: Any, page: Guide) -> None:
+        self.view, self.page = view, page
+        self.box = view.locator("#picture").bounding_box()
+
+    def circle(self, index: int) -> tuple[float, float, float]:
+        drawn = self.page.session.labels[index].circle
+        assert drawn is not None
+        return drawn
+
+    def at(self, x: float, y: float) -> tuple[float, float]:
+        scale = self.box["width"] / 427
+        return self.box["x"] + (x + 0.5) * scale, self.box["y"] + (y + 0.5) * scale
+
+    def drag(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
+        self.view.mouse.move(*self.at(*begin))
+        self.view.mouse.down()
+        self.view.mouse.move(*self.at(*end), steps=3)
+        self.view.mouse.up()
+
+
+def drag_and_check(canvas: Canvas) -> None:
+    """The first circle is moved, then widened, then found by itself and checked."""
+    view = canvas.view
+    x, y, radius = canvas.circle(0)
+    canvas.drag((x, y), (x + 4, y + 3))
+    view.wait_for_selector("li:first-child [data-state='drawn']")
+    np.testing.assert_allclose(canvas.circle(0), (x + 4, y + 3, radius), atol=0.6)
+    canvas.drag((x + 4 + radius, y + 3), (x + 9 + radius, y + 3))
+    view.wait_for_selector("body[data-fits='2']", timeout=60000)
+    np.testing.assert_allclose(canvas.circle(0), (x + 4, y + 3, radius + 5), atol=0.8)
+    view.keyboard.press("f")
+    view.wait_for_selector("li:first-child [data-state='found']")
+    view.keyboard.press("Enter")
+    view.wait_for_selector("li:first-child [data-state='checked']")
+
+
+def leave_out_and_take_in(canvas: Canvas) -> None:
+    """The second press is left out, taken in by a click, and left out again."""
+    view = canvas.view
+    view.wait_for_selector("li:nth-child(2) [aria-current='true']")
+    view.keyboard.press("x")
+    view.wait_for_selector("li:nth-child(2) [data-state='left out']")
+    view.mouse.click(*canvas.at(60, 60))
+    view.wait_for_selector("li:nth-child(2) [data-state='drawn']")
+    np.testing.assert_allclose(canvas.circle(1)[:2], (60, 60), atol=0.6)
+    view.keyboard.press("x")
+    view.wait_for_selector("li:nth-child(2) [data-state='left out']")
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no browser")
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
@@ -212,42 +264,9 @@ def test_a_browser_draws_drags_checks_and_saves(page: Guide, recording: Path) ->
         assert view.title() == "Circles of ball presses"
         assert view.inner_text("#title") == NASTY
         assert view.inner_text("#direction").endswith("off")
-        canvas = view.locator("#picture").bounding_box()
-        scale = canvas["width"] / 427
-
-        def circle(index: int) -> tuple[float, float, float]:
-            drawn = page.session.labels[index].circle
-            assert drawn is not None
-            return drawn
-
-        def at(x: float, y: float) -> tuple[float, float]:
-            return canvas["x"] + (x + 0.5) * scale, canvas["y"] + (y + 0.5) * scale
-
-        def drag(begin: tuple[float, float], end: tuple[float, float]) -> None:
-            view.mouse.move(*at(*begin))
-            view.mouse.down()
-            view.mouse.move(*at(*end), steps=3)
-            view.mouse.up()
-
-        x, y, radius = circle(0)
-        drag((x, y), (x + 4, y + 3))
-        view.wait_for_selector("li:first-child [data-state='drawn']")
-        np.testing.assert_allclose(circle(0), (x + 4, y + 3, radius), atol=0.6)
-        drag((x + 4 + radius, y + 3), (x + 9 + radius, y + 3))
-        view.wait_for_selector("body[data-fits='2']", timeout=60000)
-        np.testing.assert_allclose(circle(0), (x + 4, y + 3, radius + 5), atol=0.8)
-        view.keyboard.press("f")
-        view.wait_for_selector("li:first-child [data-state='found']")
-        view.keyboard.press("Enter")
-        view.wait_for_selector("li:first-child [data-state='checked']")
-        view.wait_for_selector("li:nth-child(2) [aria-current='true']")
-        view.keyboard.press("x")
-        view.wait_for_selector("li:nth-child(2) [data-state='left out']")
-        view.mouse.click(*at(60, 60))  # a click takes it in again, there
-        view.wait_for_selector("li:nth-child(2) [data-state='drawn']")
-        np.testing.assert_allclose(circle(1)[:2], (60, 60), atol=0.6)
-        view.keyboard.press("x")
-        view.wait_for_selector("li:nth-child(2) [data-state='left out']")
+        canvas = Canvas(view, page)
+        drag_and_check(canvas)
+        leave_out_and_take_in(canvas)
         view.click("#done")
         view.wait_for_selector(".end")
         browser.close()
