@@ -86,7 +86,7 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("--nu", type=Path, nargs="+", help="sets whose steps tell nu, by picture and by truth")
     parser.add_argument("--read", type=Path, nargs="+", help="recordings calibrated and held against the truth")
     parser.add_argument(
-        "--results", type=Path, help="with --read: keeps calibrations; those there are not made anew"
+        "--results", type=Path, help="with --read: keeps calibrations; those of the same sources are not made anew"
     )
     parser.add_argument("--cut", type=Path, help="rendered recording whose good presses become a sample")
     parser.add_argument("--keep", type=Path, help="npz for one rig and step of that comparison, for the tests")

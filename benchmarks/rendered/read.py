@@ -1,10 +1,13 @@
 """Whole recordings read by `tactilevision calibrate --no-prior`, beside the truth that only this file opens.
 
 python -m benchmarks.rendered --read FOLDER... [--results FOLDER]
+
+What FOLDER keeps is of one revision of the library: other sources calibrate into another folder beside it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -55,6 +58,8 @@ class Reading:
     flags: tuple[str, ...]
 
 
+ROOT = Path(__file__).parents[2]
+SOURCES = ("tactilevision", "calibration", "models")  # folders that decide what a calibration says
 QUANTITIES = ("poisson_ratio", "youngs_modulus_MPa", "c_N_per_mm", "clock_offset_s")
 ASKED: tuple[tuple[str, float, Callable[[Reading], bool]], ...] = (  # what, share of recordings, whether one does
     ("c within 1.5 %", 18 / 20, lambda one: abs(one.c.share) < 0.015),
@@ -71,11 +76,12 @@ ASKED: tuple[tuple[str, float, Callable[[Reading], bool]], ...] = (  # what, sha
 
 
 def report(folders: Sequence[Path], *, results: Path | None) -> None:
-    """A row for each recording, then how many do what is asked. What lies in `results` is not read anew."""
+    """A row for each recording, then how many do what is asked. What these sources left in `results` is kept."""
     if results is None:
         with tempfile.TemporaryDirectory() as scratch:
             report(folders, results=Path(scratch))
         return
+    results = results / revision(ROOT)
     readings = []
     print("| recording | nu | off | E off | c off | clock off | good kept | bad named |\n" + 8 * "|---" + "|")
     for folder in folders:
@@ -85,6 +91,15 @@ def report(folders: Sequence[Path], *, results: Path | None) -> None:
         print(f"{what}: {sum(map(does, readings))} of {len(readings)} (asked {share * len(readings):.1f})")
     offs = [one.nu.off for one in readings]
     print(f"nu off on average {sum(offs) / len(offs):+.4f}")
+
+
+def revision(root: Path) -> str:
+    """The first twelve digits of the SHA-256 of all sources: it changes with any of them, committed or not."""
+    digest = hashlib.sha256()
+    for path in sorted(one for name in SOURCES for one in (root / name).rglob("*") if one.is_file()):
+        if "__pycache__" not in path.parts:
+            digest.update(f"{path.relative_to(root)}\n{path.stat().st_size}\n".encode() + path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 def calibrated(folder: Path, out: Path) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 import tomli_w
 
-from benchmarks.rendered.read import ASKED, report, scored
+from benchmarks.rendered import read
+from benchmarks.rendered.read import ASKED, report, revision, scored
 
 TRUTH: dict[str, Any] = {
     "poisson_ratio": 0.45,
@@ -69,10 +70,39 @@ def test_each_miss_is_counted(tmp_path: Path, changes: dict[str, Any], missed: s
     assert {what for what, _, does in ASKED if not does(one)} == missed
 
 
-def test_calibrations_that_are_there_are_not_made_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "results" / "a").mkdir(parents=True)
-    (tmp_path / "results" / "a" / "calibration.json").write_text(json.dumps(found(c_N_per_mm=estimate(2.9, 0.05))))
+def keep(results: Path, **changes: Any) -> None:
+    results.mkdir(parents=True)
+    (results / "calibration.json").write_text(json.dumps(found(**changes)))
+
+
+def test_calibrations_of_these_sources_are_not_made_anew(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keep(tmp_path / "results" / revision(read.ROOT) / "a", c_N_per_mm=estimate(2.9, 0.05))
     report([recording(tmp_path / "a")], results=tmp_path / "results")
     said = capsys.readouterr().out
     assert "| a | 0.4500 | -0.0040 ± 0.0051 | +0.5 % | -3.3 % ! | +1.5 ms | 2 of 2 | 2 of 2 |" in said
     assert "c within 1.5 %: 0 of 1" in said
+
+
+def test_calibrations_of_other_sources_are_not_taken_for_these(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keep(tmp_path / "results" / "a", c_N_per_mm=estimate(2.9, 0.05))
+    keep(tmp_path / "results" / "0123456789ab" / "a", c_N_per_mm=estimate(2.9, 0.05))
+
+    def calibrate(command: list[str], **_: object) -> None:
+        keep(Path(command[-1]))
+
+    monkeypatch.setattr(read.subprocess, "run", calibrate)
+    report([recording(tmp_path / "a")], results=tmp_path / "results")
+    assert "c within 1.5 %: 1 of 1" in capsys.readouterr().out
+
+
+def test_a_revision_changes_with_any_source(tmp_path: Path) -> None:
+    (tmp_path / "calibration").mkdir()
+    source = tmp_path / "calibration" / "law.py"
+    source.write_text("BETA = 1")
+    before = revision(tmp_path)
+    source.write_text("BETA = 2")
+    assert revision(tmp_path) != before
