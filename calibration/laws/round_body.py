@@ -29,6 +29,7 @@ NODES = 4  # thicknesses of a wedge that are solved; those between are interpola
 MIN_SHARE = 1e-3  # of the largest depth, below which the force counts as that of a power law
 TABLE = 60  # depths of a force curve, spaced by a constant factor
 NU_STEP = 0.01  # of nu between curves that a parabola joins
+RADIUS_STEP = 0.02  # of the logarithm of a ball's radius over thickness, between curves that a parabola joins
 STIFFNESS_STEP = 1e-4  # of the depth
 
 Body = Ball | Cone
@@ -92,23 +93,47 @@ def _on_layers(body: Body, thickness_mm: Floats, nu: float, depth_mm: Floats) ->
 
 
 def _force_over_E(body: Body, thickness_mm: float, nu: float, depth_mm: Floats) -> Floats:
-    """F (n,) at depths > 0, by logarithms of tables at three nu about this one, which all steps of a fit share."""
-    deepest = float(1.3 ** np.ceil(np.log(float(depth_mm.max())) / np.log(1.3)))
+    """F (n,) at depths > 0, by logarithms of tables at three nu about this one, which all steps of a fit share.
+
+    Of a ball also at three radii over thickness. Lengths count in thicknesses, so that all the balls and gels that
+    a fit tries lie between few tables.
+    """
+    from scipy.interpolate import CubicSpline
+
+    share = depth_mm / thickness_mm
+    deepest = float(1.3 ** np.ceil(np.log(float(share.max())) / np.log(1.3)))
     middle = min(max(round(nu / NU_STEP), 1) * NU_STEP, 0.5 - NU_STEP)
-    t = (nu - middle) / NU_STEP
-    weights = (t * (t - 1) / 2, 1 - t * t, t * (t + 1) / 2)
-    tables = [_table(body, thickness_mm, middle + k * NU_STEP, deepest) for k in (-1, 0, 1)]
-    depth = tables[0][0]
-    force = np.exp(sum(w * np.log(table[1]) for w, table in zip(weights, tables, strict=True)))
-    inside = np.maximum(depth_mm, depth[0])
-    value = np.exp(np.interp(np.log(inside), np.log(depth), np.log(force / depth**1.5))) * inside**1.5
-    return np.asarray(value * (depth_mm / inside) ** (1.5 if isinstance(body, Ball) else 2.0))
+    columns = [(middle + k * NU_STEP, w) for k, w in enumerate(_parabola((nu - middle) / NU_STEP), start=-1)]
+    rows = _bodies(body, thickness_mm)
+    tables = [(w * v, _table(one, nearby, deepest)) for one, w in rows for nearby, v in columns]
+    depth = tables[0][1][0]
+    force = np.exp(sum(weight * np.log(table[1]) for weight, table in tables))
+    inside = np.maximum(share, depth[0])
+    curve = CubicSpline(np.log(depth), np.log(force / depth**1.5))
+    value = np.exp(curve(np.log(inside))) * inside**1.5
+    return np.asarray(thickness_mm**2 * value * (share / inside) ** (1.5 if isinstance(body, Ball) else 2.0))
+
+
+def _bodies(body: Body, thickness_mm: float) -> list[tuple[Body, float]]:
+    """Bodies on a layer of thickness 1 about this one, and their weights: balls in steps of their radius."""
+    if isinstance(body, Cone):
+        return [(body, 1.0)]
+    place = np.log(body.radius_mm / thickness_mm) / RADIUS_STEP
+    middle = round(place)
+    weights = _parabola(place - middle)
+    return [(Ball(float(np.exp((middle + k) * RADIUS_STEP))), w) for k, w in enumerate(weights, start=-1)]
+
+
+def _parabola(t: float) -> tuple[float, float, float]:
+    """Weights of values at -1, 0 and 1, for the value at t."""
+    return t * (t - 1) / 2, 1 - t * t, t * (t + 1) / 2
 
 
 @lru_cache(maxsize=512)
-def _table(body: Body, thickness_mm: float, nu: float, deepest_mm: float) -> tuple[Floats, Floats]:
-    depth = np.geomspace(MIN_SHARE * deepest_mm, deepest_mm, TABLE)
-    return depth, contact_curve(body, depth, thickness_mm=thickness_mm, poisson_ratio=nu).force_over_E_mm2
+def _table(body: Body, nu: float, deepest: float) -> tuple[Floats, Floats]:
+    """Depths and forces over E of a layer of thickness 1."""
+    depth = np.geomspace(MIN_SHARE * deepest, deepest, TABLE)
+    return depth, contact_curve(body, depth, thickness_mm=1.0, poisson_ratio=nu).force_over_E_mm2
 
 
 def _indenter_of(data: Observations, sample: int) -> Indenter:

@@ -11,7 +11,7 @@ import pytest
 from made_recordings import points_of
 
 from calibration.inputs.observations import Measured
-from calibration.laws.round_body import _force_over_E
+from calibration.laws.round_body import _force_over_E, _table
 from calibration.result.round_sticking import stuck_surplus
 from calibration.tasks.calibrate import calibrate
 from tactilevision.errors import InputError
@@ -141,3 +141,14 @@ def test_the_command_reads_a_ball(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     content = json.loads((tmp_path / "out" / "calibration.json").read_text())
     assert content["law"] == "sphere"
     assert content["youngs_modulus_MPa"]["value"] == pytest.approx(E_MPA, rel=2e-3)
+
+
+def test_balls_and_gels_that_a_fit_tries_share_few_tables() -> None:
+    rng = np.random.default_rng(5)
+    _table.cache_clear()
+    for radius, thickness in rng.uniform(0.99, 1.01, (40, 2)):
+        depth = np.array([0.05, 0.2, 0.5])
+        got = _force_over_E(Ball(3.0 * radius), 3.0 * thickness, NU, depth)
+        at = {"youngs_modulus_MPa": 1.0, "poisson_ratio": NU, "thickness_mm": 3.0 * thickness}
+        np.testing.assert_allclose(got, contact_force(Ball(3.0 * radius), depth, **at), rtol=2e-5)
+    assert _table.cache_info().misses < 40
