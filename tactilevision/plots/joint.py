@@ -45,7 +45,7 @@ def draw_joint(
         bar, words = np.clip([low, high], left, right), WORDS.get(name, name)
         if used:
             axes.axvspan(low, high, color=colour, alpha=0.12, lw=0, label=f"95 % of ν, {words}")
-        if bar[0] == bar[1]:  # an arrow at the edge says where it lies
+        if high <= left or low >= right:  # an arrow at the edge says where it lies
             words += f": {low:.3f} to {high:.3f}, off the picture"
             inwards = 0.012 * (right - left) * (1 if high <= left else -1)
             axes.plot(bar[0] + inwards, y, "<" if high <= left else ">", color=colour, label=words)

@@ -38,3 +38,4 @@ def test_a_nu_that_is_stated_without_doubt_is_drawn_too(nu: float) -> None:
     (axes,) = draw_joint(curve, region, best=(nu, 0.2), routes=[("prior", (nu, nu), True)]).axes
     left, right = axes.get_xlim()
     assert left <= nu < right
+    assert not any("off the picture" in str(line.get_label()) for line in axes.lines)
