@@ -45,10 +45,10 @@ def draw_joint(
         bar, words = np.clip([low, high], left, right), WORDS.get(name, name)
         if used:
             axes.axvspan(low, high, color=colour, alpha=0.12, lw=0, label=f"95 % of ν, {words}")
-        if high <= left or low >= right:  # an arrow at the edge says where it lies
+        if high < left or low > right:  # an arrow at the edge says where it lies
             words += f": {low:.3f} to {high:.3f}, off the picture"
-            inwards = 0.012 * (right - left) * (1 if high <= left else -1)
-            axes.plot(bar[0] + inwards, y, "<" if high <= left else ">", color=colour, label=words)
+            inwards = 0.012 * (right - left) * (1 if high < left else -1)
+            axes.plot(bar[0] + inwards, y, "<" if high < left else ">", color=colour, label=words)
             continue
         axes.plot(bar, [y, y], "|-", ms=9, mew=1.5, color=colour, lw=4 if used else 1.5, label=words)
     axes.set(xlim=(left, right), ylim=(floor, floor + height), xlabel="Poisson's ratio ν")

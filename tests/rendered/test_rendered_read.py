@@ -94,7 +94,7 @@ def test_calibrations_of_other_sources_are_not_taken_for_these(
     def calibrate(command: list[str], **_: object) -> None:
         keep(Path(command[-1]))
 
-    monkeypatch.setattr(read.subprocess, "run", calibrate)
+    monkeypatch.setattr("subprocess.run", calibrate)
     report([recording(tmp_path / "a")], results=tmp_path / "results")
     assert "c within 1.5 %: 1 of 1" in capsys.readouterr().out
 
