@@ -30,7 +30,7 @@ class PunchEdge:
     std_mm: float
 
     def taught_by(self, walls: TaughtWalls) -> PunchEdge:
-        """The wall with the depth that certified faces have it hide, in mm; their deviation, where it is smaller."""
+        """The wall with the depth that certified faces have it hide, mm; their deviation, where it is smaller."""
         fall = float(np.interp(self.reach_mm, self.places_mm, self.fall_mm))
         if not (fall > 0 and self.missing_mm > 0):
             return self

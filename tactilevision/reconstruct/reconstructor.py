@@ -235,7 +235,7 @@ class Reconstructor:
         return surface, tiles.valid, std, self._match_flags(tiles.drift)
 
     def _match_flags(self, drift: Drift | None) -> tuple[str, ...]:
-        return self.reference_match.flags(drift, self.zero) if self.reference_match else ()
+        return self.reference_match.flags(drift, self.zero) if self.reference_match and self.zero else ()
 
     def depth_terms(self, height: HeightMap) -> dict[str, npt.NDArray[np.float32]]:
         """Deviation (h, w) mm by term (uncertainty/) of the `height` map, which must be the last that was made.
@@ -299,12 +299,7 @@ class Reconstructor:
         if self.readable is None or steepest < self.readable:
             return []
         walls = find_punch_edges(
-            slopes,
-            self.sensor.mm_per_px,
-            limit=self.readable,
-            lean=self.lean,
-            strict=not undone,
-            taught=taught,
+            slopes, self.sensor.mm_per_px, limit=self.readable, lean=self.lean, strict=not undone, taught=taught
         )
         restore(slopes, walls, mm_per_px=self.sensor.mm_per_px)
         return walls

@@ -48,7 +48,7 @@ class TaughtWalls:
 
 @dataclass(frozen=True, slots=True)
 class WallLessons:
-    """Of pictures whose cast shadows are `left`, and of those where they are `undone`; None: nothing was taught."""
+    """Of pictures whose cast shadows are `left`, and of those where they are `undone`; None: nothing taught."""
 
     left: TaughtWalls | None = None
     undone: TaughtWalls | None = None
