@@ -46,13 +46,13 @@ def _sum_up(name: str, steps: Sequence[Step]) -> None:
     inside = (face >= BAND[0]) & (face <= BAND[1])
     for deep in sorted(set(depth)):
         here = depth == deep
-        off = np.sqrt(np.mean((face[here] - 1) ** 2))
-        print(
-            f"{name}, {deep:.2f} mm: {inside[here].sum()} of {here.sum()}, mean {face[here].mean():.3f}, rms {off:.3f}"
-        )
+        rms = np.sqrt(np.mean((face[here] - 1) ** 2))
+        count, mean = f"{inside[here].sum()} of {here.sum()}", face[here].mean()
+        print(f"{name}, {deep:.2f} mm: {count}, mean {mean:.3f}, rms {rms:.3f}")
     within = 100 * np.mean([one.within for one in steps], axis=0)
+    off = np.sqrt(np.mean((face - 1) ** 2))
     print(
-        f"{name}: {inside.sum()} of {face.size}, mean {face.mean():.3f}, rms {np.sqrt(np.mean((face - 1) ** 2)):.4f}; "
+        f"{name}: {inside.sum()} of {face.size}, mean {face.mean():.3f}, rms {off:.4f}; "
         f"beside {1e3 * np.mean([one.beside_rms_mm for one in steps]):.1f} um; within "
         + ", ".join(f"{share:.0f}" for share in within)
         + " %"

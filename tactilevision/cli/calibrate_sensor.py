@@ -104,7 +104,7 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
 
 
 def _taught(recording: Recording, reconstructor: Reconstructor, certified: Any) -> dict[bool, DepthScale | None]:
-    """Teaches the reader's walls by certified faces. How deep these are over how deep they are read then.
+    """Lets certified faces teach the walls; then, how deep these faces are over how deep they are read.
 
     With cast shadows left (False) and undone (True).
     """
@@ -119,6 +119,7 @@ def _taught(recording: Recording, reconstructor: Reconstructor, certified: Any) 
     if light is None:
         return {False: found.depth_scale}
     leave(reconstructor)
+    teach_walls(recording, reconstructor, certified=certified)
     plain = face_depth_correction(recording, reconstructor, certified=certified)
     undo_by(reconstructor, light.lamps)
     return {False: plain.depth_scale, True: found.depth_scale}

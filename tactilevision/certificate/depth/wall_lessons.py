@@ -20,30 +20,24 @@ from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.integration.taught_walls import WallFace, teach
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.reconstruct import Reconstructor
-from tactilevision.reconstruct.shadows_seen import leave, undo_by
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import Footprint, HeightMap, Indenter
-from tactilevision.records.taught_walls import TaughtWalls, WallLessons
+from tactilevision.records.taught_walls import WallLessons
 
 NEAR = 0.5  # of the radius, within which a wall's middle is the face's: the next face lies beyond
 
 
-def teach_walls(recording: Recording, reader: Reconstructor, *, certified: Sequence[Certified]) -> WallLessons:
-    """What the recording's `certified` faces teach of walls; the reader keeps to it from then on.
+def teach_walls(recording: Recording, reader: Reconstructor, *, certified: Sequence[Certified]) -> bool:
+    """Let the recording's `certified` faces teach the reader's walls, cast shadows left or undone as it does now.
 
-    Taught for shadows as the reader treats them now and, where it undoes them, for shadows left, too.
+    The reader keeps to it from then on. False where too few faces show a wall, and where what they say is more
+    than walls can be off.
     """
-    light, warnings = reader.shadows, reader.warnings
-    reader.walls = WallLessons()
-    if light is None:
-        reader.walls = WallLessons(left=_taught(recording, reader, certified))
-        return reader.walls
-    undone = _taught(recording, reader, certified)
-    leave(reader)
-    left = _taught(recording, reader, certified)
-    undo_by(reader, light.lamps)
-    reader.walls, reader.warnings = WallLessons(left, undone), warnings
-    return reader.walls
+    undone = reader.shadows is not None
+    reader.walls = replace(reader.walls, **{"undone" if undone else "left": None})
+    lesson = teach(_faces(recording, reader, certified))
+    reader.walls = replace(reader.walls, **{"undone" if undone else "left": lesson})
+    return lesson is not None
 
 
 def with_walls(method: ReferencedMethod, walls: WallLessons) -> ReferencedMethod:
@@ -51,7 +45,7 @@ def with_walls(method: ReferencedMethod, walls: WallLessons) -> ReferencedMethod
     return method if walls == WallLessons() else replace(cast(CalibratedMethod, method), walls=walls)
 
 
-def _taught(recording: Recording, reader: Reconstructor, certified: Sequence[Certified]) -> TaughtWalls | None:
+def _faces(recording: Recording, reader: Reconstructor, certified: Sequence[Certified]) -> list[WallFace]:
     presses = {press.press: press for press in recording.presses}
     faces = []
     for one in certified:
@@ -61,7 +55,7 @@ def _taught(recording: Recording, reader: Reconstructor, certified: Sequence[Cer
             continue
         face = _face(recording, reader, one, indenter)
         faces += [face] if face else []
-    return teach(faces)
+    return faces
 
 
 def _face(
