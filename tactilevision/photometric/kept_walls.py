@@ -20,7 +20,7 @@ MAX_CHANGE = 3.0  # of what a wall hides: two thirds of a face are no wall's; li
 
 
 def wall_arrays(walls: WallLessons) -> dict[str, Floats]:
-    """The NUMBERS of each lesson by its name in the file; none of those that were not taught."""
+    """The numbers (8,) of each lesson by its name in the file, depths in mm; none where nothing was taught."""
     lessons = {name: getattr(walls, key) for key, name in NAMES.items()}
     return {
         name: np.array([one.share, one.growth, *one.covariance, *one.limits_mm, one.scatter])
@@ -30,7 +30,7 @@ def wall_arrays(walls: WallLessons) -> dict[str, Floats]:
 
 
 def walls_of(arrays: Mapping[str, npt.NDArray[Any]], *, where: Path) -> WallLessons | None:
-    """The lessons of arrays (NUMBERS,), finite; older files, and methods that no face taught, have none.
+    """The lessons of arrays (8,), finite, depths in mm; older files, and methods that no face taught, have none.
 
     Raises InputError for numbers that no faces teach.
     """
