@@ -19,6 +19,7 @@ from benchmarks.rendered.path_tracer import Transport
 from benchmarks.rendered.read import report as read
 from benchmarks.rendered.record import write_rendered_recording
 from benchmarks.rendered.sets import write_set
+from benchmarks.rendered.taught import report as taught
 
 CACHE = Path(tempfile.gettempdir()) / "tactilevision-rendered"
 
@@ -31,6 +32,9 @@ def main(arguments: Sequence[str] = ()) -> None:
         return
     if options.judge:
         judge(options.judge, plain=options.plain)
+        return
+    if options.taught:
+        taught(options.taught)
         return
     if options.nu:
         nu_of_steps(options.nu)
@@ -83,6 +87,9 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("--compare", action="store_true", help="the simulator's shadows beside Mitsuba's")
     parser.add_argument("--judge", type=Path, nargs="+", help="sets whose height maps are held against the truth")
     parser.add_argument("--plain", action="store_true", help="with --judge: leave cast shadows as they are")
+    parser.add_argument(
+        "--taught", type=Path, nargs="+", help="sets of which half the faces teach the other half's walls"
+    )
     parser.add_argument("--nu", type=Path, nargs="+", help="sets whose steps tell nu, by picture and by truth")
     parser.add_argument("--read", type=Path, nargs="+", help="recordings calibrated and held against the truth")
     parser.add_argument(

@@ -61,7 +61,7 @@ def judge(folder: Path, *, plain: bool) -> tuple[list[float], list[Step]]:
     steps = []
     for number, step in enumerate(truth["step"], start=1):
         seen = reader.height_map(read_frame(recording, number))
-        steps.append(_step(seen, true_depth_mm(folder, f"frame_{number:05d}"), step))
+        steps.append(judge_step(seen, true_depth_mm(folder, f"frame_{number:05d}"), step))
     return ratios, steps
 
 
@@ -87,7 +87,8 @@ def _ball(folder: Path, recording: Recording, reader: Reconstructor, number: int
     return float(seen.depth_mm[middle].mean() / truth[middle].mean())
 
 
-def _step(seen: HeightMap, truth: Array, step: dict[str, Any]) -> Step:
+def judge_step(seen: HeightMap, truth: Array, step: dict[str, Any]) -> Step:
+    """The map of a flat face beside the `truth` (H, W) mm."""
     far = distance_mm(seen.depth_mm.shape, seen.mm_per_px, step["centre_mm"]) - step["radius_mm"]
     depth, error = np.asarray(seen.depth_mm, np.float64), seen.depth_mm - truth
     face = far < (FACE - 1) * step["radius_mm"]

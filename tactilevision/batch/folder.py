@@ -180,7 +180,8 @@ def _reconstruct(
             make_folder(out / kind)
     seen = way_of_reading(recording, job.reconstructor.height_map)
     form = "tiff" if scratch is None else "zarr"
-    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, seen, job.anchor.depth_scale, job.with_std))
+    laws = job.anchor.depth_scale, job.reconstructor.walls
+    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, seen, laws, job.with_std))
 
     def begin() -> None:
         if scratch is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactilevision.certificate import certify
+from tactilevision.certificate.depth.face_depth import Certified
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import TactilevisionError
 from tactilevision.reconstruct import Reconstructor
@@ -19,20 +20,24 @@ from tactilevision.uncertainty.ball_validation import Known
 FLAT = "flat_cylinder"
 
 
-def flat_steps(recording: Recording, reconstructor: Reconstructor) -> tuple[list[Known], str]:
-    """The steps of a recording's certified presses, and why there are none: one of the two is empty."""
+def flat_steps(
+    recording: Recording, reconstructor: Reconstructor
+) -> tuple[list[Known], str, tuple[Certified, ...]]:
+    """The steps of a recording's certified presses, why there are none, one of these empty, and the presses."""
     flat = {name for name, indenter in recording.indenters.items() if indenter.shape == FLAT}
     if not any(press.indenter in flat for press in recording.presses):
-        return [], "no flat steps in this recording"
+        return [], "no flat steps in this recording", ()
     try:
         certificate = certify(recording, reconstructor)
     except TactilevisionError as fault:
-        return [], f"no flat steps: their presses cannot be certified ({fault})"
+        return [], f"no flat steps: their presses cannot be certified ({fault})", ()
     steps = []
-    for point in certificate.points:
-        step = _step(recording, reconstructor, point) if point.accepted and point.indenter in flat else None
+    good = [point for point in certificate.points if point.accepted and point.indenter in flat]
+    for point in good:
+        step = _step(recording, reconstructor, point)
         steps += [step] if step else []
-    return steps, "" if steps else "no flat steps: none of the recording's presses was certified"
+    certified = tuple(Certified(point.press, point.time_s, point.depth_mm) for point in good)
+    return steps, "" if steps else "no flat steps: none of the recording's presses was certified", certified
 
 
 def _step(recording: Recording, reconstructor: Reconstructor, point: CertifiedPoint) -> Known | None:

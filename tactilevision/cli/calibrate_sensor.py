@@ -88,7 +88,7 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         material_of(content, where=calibration)
         if recording.sensor.gel is not None:
             check_gel(calibration, recording.sensor.gel)
-        return _Known(content, _face_laws(recording, reconstructor, read_certified(calibration)))
+        return _Known(content, _taught(recording, reconstructor, read_certified(calibration)))
     if not (recording.presses and recording.forces is not None and recording.sensor.gel is not None):
         return _Known()
     from tactilevision.cli.calibrate import LawName, calibrate_one
@@ -100,22 +100,26 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         return _Known()
     points = outcome.taken.points
     certified = [Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted]
-    return _Known(outcome.content, _face_laws(recording, reconstructor, certified))
+    return _Known(outcome.content, _taught(recording, reconstructor, certified))
 
 
-def _face_laws(
-    recording: Recording, reconstructor: Reconstructor, certified: Any
-) -> dict[bool, DepthScale | None]:
-    """How deep faces are over how deep they are read, with cast shadows left (False) and undone (True)."""
+def _taught(recording: Recording, reconstructor: Reconstructor, certified: Any) -> dict[bool, DepthScale | None]:
+    """Lets certified faces teach the walls; then, how deep these faces are over how deep they are read.
+
+    With cast shadows left (False) and undone (True).
+    """
     from tactilevision.certificate.depth.face_depth import face_depth_correction
+    from tactilevision.certificate.depth.wall_lessons import teach_walls
     from tactilevision.reconstruct.shadows_seen import leave, undo_by
 
+    teach_walls(recording, reconstructor, certified=certified)
     found = face_depth_correction(recording, reconstructor, certified=certified)
     console.warn([found.doubt] if found.doubt else [])
     light = reconstructor.shadows
     if light is None:
         return {False: found.depth_scale}
     leave(reconstructor)
+    teach_walls(recording, reconstructor, certified=certified)
     plain = face_depth_correction(recording, reconstructor, certified=certified)
     undo_by(reconstructor, light.lamps)
     return {False: plain.depth_scale, True: found.depth_scale}
@@ -138,6 +142,8 @@ def _told(profile: Profile) -> list[str]:
         lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given; {_SHEAR[profile.followed]}")
     if profile.lamps is not None:
         lines.append("  the lamps cast shadows: `depth` and `force` undo them, `live` does not")
+    if getattr(profile.method, "walls", None) is not None:
+        lines.append("  certified faces taught the walls' law: any flat face gains from it")
     if profile.face_law is not None:
         lines.append("  flat faces are as deep as certified ones, where an indenter is looked for")
     return lines

@@ -211,10 +211,13 @@ def open_face_correction(
 ) -> FaceDepthCorrection:
     """What holds the faces of presses that `calibration` certified; a warning where it knows too few."""
     from tactilevision.certificate.depth.face_depth import NO_CORRECTION, face_depth_correction, read_certified
+    from tactilevision.certificate.depth.wall_lessons import teach_walls
 
     if calibration is None:
         return NO_CORRECTION
-    anchor = face_depth_correction(recording, reconstructor, certified=read_certified(calibration))
+    certified = read_certified(calibration)
+    teach_walls(recording, reconstructor, certified=certified)
+    anchor = face_depth_correction(recording, reconstructor, certified=certified)
     if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
         console.warn([f"{points} certifies too few faces of this recording: depths are the picture's own"])

@@ -14,6 +14,7 @@ from tactilevision.cli import source as sources
 from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
+    from tactilevision.certificate.depth.face_depth import Certified
     from tactilevision.photometric.method import ReferencedMethod
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
@@ -69,8 +70,10 @@ def train(
     console.warn([*source.warnings, *made.warnings])
     assert made.referenced is not None
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
-    card = made.referenced.card.extended(_certified(source, made) | provenance(data, licence=licence))
-    _save(_with_lamps(source, made, made.referenced.with_card(card)), out, network=method == "network")
+    known, certified = _certified(source, made)
+    card = made.referenced.card.extended(known | provenance(data, licence=licence))
+    kept = _with_lamps(source, made, made.referenced.with_card(card))
+    _save(_with_walls(source, made, kept, certified), out, network=method == "network")
     shown = {name: value for name, value in card.to_json().items() if not isinstance(value, dict | list)}
     console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))
     if guide:
@@ -117,18 +120,18 @@ def _save_profile(source: Recording, made: Reconstructor, out: Path) -> None:
     console.say(f"wrote {out.with_suffix(SUFFIX)}, for --sensor")
 
 
-def _certified(source: Recording, made: Reconstructor) -> dict[str, Any]:
-    """What the recording's own certified presses say of the method, for its card; doubts of the scale are told."""
+def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], tuple[Certified, ...]]:
+    """What the recording's own certified presses say of the method, for its card, and they; doubts are told."""
     from tactilevision.certificate.depth.depth_scale import scale_warning
     from tactilevision.certificate.step_validation import flat_steps
     from tactilevision.uncertainty.ball_validation import told
 
     with console.progress_bar("certifying flat steps"):
-        steps, why = flat_steps(source, made)
+        steps, why, certified = flat_steps(source, made)
     doubt = scale_warning([(s.found_mm, s.true_mm) for s in steps], [ball.ball_radius_mm for ball in source.balls])
     console.warn([doubt] if doubt else [])
     known: Mapping[str, Any] = told("flat_steps", steps) if steps else {"flat_steps": why}
-    return {**known, "doubt_of_scale": doubt} if doubt else dict(known)
+    return ({**known, "doubt_of_scale": doubt} if doubt else dict(known)), certified
 
 
 def _with_lamps(source: Recording, made: Reconstructor, method: ReferencedMethod) -> ReferencedMethod:
@@ -139,6 +142,22 @@ def _with_lamps(source: Recording, made: Reconstructor, method: ReferencedMethod
     with console.progress_bar("looking for the lamps"):
         lamps = find_lamps(source, made)
     return replace(cast(CalibratedMethod, method), lamps=lamps)
+
+
+def _with_walls(
+    source: Recording, made: Reconstructor, method: ReferencedMethod, certified: tuple[Certified, ...]
+) -> ReferencedMethod:
+    """The method with what certified faces teach of walls, shadows left and, where frames show them, undone."""
+    from tactilevision.certificate.depth.wall_lessons import teach_walls, with_walls
+    from tactilevision.reconstruct.shadows_seen import with_shadows
+
+    if not certified:
+        return method
+    with console.progress_bar("learning walls"):
+        teach_walls(source, made, certified=certified)
+        if with_shadows(source, made).shadows is not None:
+            teach_walls(source, made, certified=certified)
+    return with_walls(method, made.walls)
 
 
 def _save(method: ReferencedMethod, out: Path, *, network: bool) -> None:

@@ -42,8 +42,10 @@ import numpy as np
 
 from tactilevision.integration.circle import solved
 from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, window_of
+from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
+from tactilevision.records.taught_walls import TaughtWalls
 
 FOOT_PX = 6.0  # px inside the edge from which slopes are read
 FAR = (
@@ -73,40 +75,26 @@ MIN_RATE = 0.02  # of h: walls so steep look alike
 TABLED = 801  # slopes in the table: finer ones change no depth by .1 um
 
 
-@dataclass(frozen=True, slots=True)
-class PunchEdge:
-    """The wall round one flat face.
-
-    `centre_mm` from the middle of the picture's top left pixel; `radius_mm` of the edge; `reach_mm` from the edge
-    within which slopes are replaced; `places_mm`, `fall_mm` (n,): distances from the edge, and how far the
-    surface lies below the face there; `depth_mm` of the face over the gel at the profile's end, about;
-    `missing_mm` what the slopes as read lack of the step, `std_mm` how far the step may be off.
-    """
-
-    centre_mm: Pair
-    radius_mm: float
-    reach_mm: float
-    places_mm: Floats
-    fall_mm: Floats
-    depth_mm: float
-    missing_mm: float
-    std_mm: float
-
-
 def find_punch_edges(
-    slopes: SlopeMap, mm_per_px: Pair, *, limit: float, lean: float = LEAN, strict: bool = True
+    slopes: SlopeMap,
+    mm_per_px: Pair,
+    *,
+    limit: float,
+    lean: float = LEAN,
+    strict: bool = True,
+    taught: TaughtWalls | None = None,
 ) -> list[PunchEdge]:
     """The walls round flat faces in `slopes` (H, W); `limit` is the steepest slope that is read reliably.
 
     `lean` of the lamps: 1/tan of their mean elevation. Not `strict`: also walls that the slopes outside do not
-    keep to, of a picture whose shadows are half undone.
+    keep to, of a picture whose shadows are half undone. `taught` by certified faces of the sensor.
     """
     light = wall_light(round(lean, 2))
     edges = [
         _fit_edge(circle, limit, px=min(mm_per_px), light=light, strict=strict)
         for circle in find_circular_edges(slopes, mm_per_px, limit=limit)
     ]
-    return [edge for edge in edges if edge is not None]
+    return [edge if taught is None else edge.taught_by(taught) for edge in edges if edge is not None]
 
 
 def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> None:
@@ -154,12 +142,13 @@ def restore_windows(
     limit: float,
     lean: float = LEAN,
     strict: bool = True,
+    taught: TaughtWalls | None = None,
 ) -> list[PunchEdge]:
     """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
     edges = []
     for window, (p, q) in zip(windows, fine, strict=True):
         slopes = SlopeMap(p, q, valid[window])
-        restored = find_punch_edges(slopes, mm_per_px, limit=limit, lean=lean, strict=strict)
+        restored = find_punch_edges(slopes, mm_per_px, limit=limit, lean=lean, strict=strict, taught=taught)
         restore(slopes, restored, mm_per_px=mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
         edges += [

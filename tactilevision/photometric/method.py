@@ -28,6 +28,7 @@ from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_fo
 from tactilevision.photometric.protocols import ColourLaw, PhotometricMethod, PixelMethod, Reading
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats, SlopeMap
+from tactilevision.records.taught_walls import WallLessons
 
 Picture = npt.NDArray[np.float32]
 Array = npt.NDArray[np.floating[Any]]
@@ -71,7 +72,7 @@ class CalibratedMethod:
     `relative_error` is the law's own held-out error as a part of the slope. `card` says what it was made from.
     `two_colours` read the pixels of which a colour is overexposed; None: nothing does, and they are not valid.
     `light_law` says which colours slopes should have; None where no ball told it. `lamps` are where shadows come
-    from; None where they are not known.
+    from; None where they are not known. `walls` are what certified faces taught; None where there were none.
     Not thread-safe: buffers are reused; make one for each thread.
     """
 
@@ -83,6 +84,7 @@ class CalibratedMethod:
     two_colours: TwoColourLaws | None = None
     light_law: LightLaw | None = None
     lamps: Lamps | None = None
+    walls: WallLessons | None = None
 
     def __post_init__(self) -> None:
         self.name = self.law.name

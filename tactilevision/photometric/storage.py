@@ -26,6 +26,8 @@ from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.kept_lamps import SHAPES as LAMP_SHAPES
 from tactilevision.photometric.illumination.kept_lamps import lamp_arrays, lamps_of
 from tactilevision.photometric.illumination.light_match import light_of
+from tactilevision.photometric.kept_walls import SHAPES as WALL_SHAPES
+from tactilevision.photometric.kept_walls import wall_arrays, walls_of
 from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
@@ -58,6 +60,7 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
     "light_noise": (COLOURS, 0, 0),
     "light_limits": (2,),
     **LAMP_SHAPES,
+    **WALL_SHAPES,
 }  # sides of each array; 0: any
 
 
@@ -87,6 +90,8 @@ def pack_method(method: ReferencedMethod) -> dict[str, bytes]:
         arrays |= {f"light_{name}": values for name, values in method.light_law.arrays().items()}
     if (lamps := getattr(method, "lamps", None)) is not None:
         arrays |= lamp_arrays(lamps)
+    if (walls := getattr(method, "walls", None)) is not None:
+        arrays |= wall_arrays(walls)
     numbers = pack_arrays(arrays, small=True)
     files = {".npz": numbers}
     entries: dict[str, Any] = {
@@ -153,9 +158,9 @@ def _method(
     law, error = _law(card, arrays, network, path), float(arrays["relative_error"])
     if error < 0:
         raise InputError("the method's relative error is negative", where=path, value=error)
-    lamps = lamps_of(arrays, where=path)
+    lamps, walls = lamps_of(arrays, where=path), walls_of(arrays, where=path)
     return CalibratedMethod(
-        law, reference, error, background, card, _two_colours(arrays), _light_law(arrays), lamps
+        law, reference, error, background, card, _two_colours(arrays), _light_law(arrays), lamps, walls
     )
 
 

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from tactilevision.certificate.depth.depth_scale import DepthScale
+from tactilevision.certificate.depth.wall_lessons import with_walls
 from tactilevision.errors import InputError
 from tactilevision.force.compliance import gel_compliance
 from tactilevision.force.field import ForceSettings
@@ -37,7 +38,7 @@ def make_profile(
     """The profile of a recording's sensor, read by its `reconstructor`.
 
     `face_laws` are those of maps with cast shadows left (False) and undone (True). The lamps are kept where the
-    reader undoes their shadows.
+    reader undoes their shadows, and what faces taught it of walls.
     `calibration` is the content of calibration.json. Without one, E and nu that the recording's gel states serve.
     Where gel, E and nu are known its compliance is worked out: half a minute where free sides are near. Raises
     InputError where the method has no reference, or E and nu are not fixed.
@@ -53,7 +54,7 @@ def make_profile(
     today = datetime.datetime.now(tz=datetime.UTC).date()
     made = Profile(
         sensor,
-        method,
+        with_walls(method, reconstructor.walls),
         picture,
         recording.frame_size_px,
         (recording.date or today).isoformat(),

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.integration.circular_edges import CircularEdge
-from tactilevision.integration.steep_edges import PunchEdge
+from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.records import Bools, Floats, Pair

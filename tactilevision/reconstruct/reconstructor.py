@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.integration.poisson import integrate
-from tactilevision.integration.steep_edges import LEAN, PunchEdge, find_punch_edges, restore, restore_windows
+from tactilevision.integration.punch_edge import PunchEdge
+from tactilevision.integration.steep_edges import LEAN, find_punch_edges, restore, restore_windows
 from tactilevision.integration.two_grid_poisson import TwoGridPoisson
 from tactilevision.integration.zero_plane import (
     USUAL_THICKNESS_MM,
@@ -42,6 +43,7 @@ from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMat
 from tactilevision.reconstruct.unshadowed import MIN_DEPTH_MM, undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.records.flags import DEEPER, INCONSISTENT, SHADOW, STEEP, add
+from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 from tactilevision.sensors import rectify
 from tactilevision.uncertainty.depth import DepthError, MapEvidence
 
@@ -92,11 +94,17 @@ class Reconstructor:
         self.shadows: LightField | None = None
         self.keeps_shadows = False
         self.lean = LEAN
+        self.walls: WallLessons = getattr(self.referenced, "walls", None) or WallLessons()
         self.given_back: npt.NDArray[np.floating[Any]] | None = None
         self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
         self.light_check: LightCheck | None = None
         self.inconsistency: Inconsistency | None = None
         self.frame_size_px: tuple[int, int] | None = None  # of raw frames, where it is known
+
+    @property
+    def taught(self) -> TaughtWalls | None:
+        """What certified faces taught of walls in pictures whose shadows are left, or undone, as they are now."""
+        return self.walls.left if self.shadows is None else self.walls.undone
 
     def height_map(self, frame: Frame) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
@@ -149,13 +157,14 @@ class Reconstructor:
         gel = self.sensor.gel
         with self.turn.lock:
             if self.shadows is None:
-                (surface, valid, std, flags), self.given_back = self._mapped(rgb), None
+                (surface, valid, std, flags), self.given_back = self._mapped(rgb, taught=self.taught), None
             else:
                 (surface, valid, std, flags), self.given_back = undo_shadows(
                     self._mapped,
                     rgb,
                     self.shadows,
                     again=partial(self._mapped, undone=True),
+                    taught=partial(self._mapped, undone=True, taught=self.taught) if self.taught else None,
                     edges=lambda: self.evidence.edges if self.evidence else (),
                     thickness_mm=gel.thickness_mm if gel else USUAL_THICKNESS_MM,
                 )
@@ -169,22 +178,22 @@ class Reconstructor:
             flags = add(flags, (STEEP,))
         return surface, valid, std, flags
 
-    def _mapped(self, rgb: Bytes, *, undone: bool = False) -> Mapped:
+    def _mapped(self, rgb: Bytes, *, undone: bool = False, taught: TaughtWalls | None = None) -> Mapped:
         """Depth, validity and deviation (H, W) each of a rectified picture, and its flags.
 
         `undone`: a picture whose shadows are being undone; its walls are taken as they come.
         """
         if self.grids and self.referenced and (tiled := self.referenced.tiled_evaluator):
-            return self._on_two_grids(rgb, self.referenced, tiled, self.grids, undone=undone)
+            return self._on_two_grids(rgb, self.referenced, tiled, self.grids, undone=undone, taught=taught)
         slopes, untouched, drift, steepest, surface, lost = self._evaluate_tiled(rgb)
-        walls = self._walls(slopes, steepest, undone=undone)
+        walls = self._walls(slopes, steepest, undone=undone, taught=taught)
         if surface is None or walls:
             surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         self.zero = self._zero_plane(surface, untouched, self.sensor.mm_per_px)
         level(surface, self.zero)
         std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift, lost_share=lost)
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
-        return surface, valid, std, self.reference_match.flags(drift, self.zero) if self.reference_match else ()
+        return surface, valid, std, self._match_flags(drift)
 
     def _on_two_grids(
         self,
@@ -194,6 +203,7 @@ class Reconstructor:
         grids: TwoGridPoisson,
         *,
         undone: bool,
+        taught: TaughtWalls | None,
     ) -> Mapped:
         """As `_mapped`, gentle gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
         tiles = self.elsewhere.read_tiles(rgb) if self.elsewhere else reader.read_tiles(rgb)
@@ -207,6 +217,7 @@ class Reconstructor:
                 limit=self.readable,
                 lean=self.lean,
                 strict=not undone,
+                taught=taught,
             )
         coarse = grids.coarse(tiles.coarse, tiles.windows, fine=tiles.fine)
         self.zero = self._zero_plane(coarse, tiles.drift.untouched & method.trusted_blocks, grids.coarse_mm)
@@ -221,12 +232,10 @@ class Reconstructor:
             drift=tiles.drift,
             lost_share=tiles.lost_share,
         )
-        return (
-            surface,
-            tiles.valid,
-            std,
-            self.reference_match.flags(tiles.drift, self.zero) if self.reference_match else (),
-        )
+        return surface, tiles.valid, std, self._match_flags(tiles.drift)
+
+    def _match_flags(self, drift: Drift | None) -> tuple[str, ...]:
+        return self.reference_match.flags(drift, self.zero) if self.reference_match and self.zero else ()
 
     def depth_terms(self, height: HeightMap) -> dict[str, npt.NDArray[np.float32]]:
         """Deviation (h, w) mm by term (uncertainty/) of the `height` map, which must be the last that was made.
@@ -283,12 +292,14 @@ class Reconstructor:
             self.light_check = LightCheck(method, self.sensor.mm_per_px)
         return self.light_check(drift)
 
-    def _walls(self, slopes: SlopeMap, steepest: float, *, undone: bool) -> list[PunchEdge]:
+    def _walls(
+        self, slopes: SlopeMap, steepest: float, *, undone: bool, taught: TaughtWalls | None
+    ) -> list[PunchEdge]:
         """The walls in `slopes`, which are restored there, in place."""
         if self.readable is None or steepest < self.readable:
             return []
         walls = find_punch_edges(
-            slopes, self.sensor.mm_per_px, limit=self.readable, lean=self.lean, strict=not undone
+            slopes, self.sensor.mm_per_px, limit=self.readable, lean=self.lean, strict=not undone, taught=taught
         )
         restore(slopes, walls, mm_per_px=self.sensor.mm_per_px)
         return walls

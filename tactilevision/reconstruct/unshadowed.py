@@ -10,7 +10,8 @@ it, a sharp round rim alone (integration/circular_edges.py) says where the face 
 the next settle where whole ones swing. Some maps jump: as the forecast moves, slopes beside the wall pass the
 limit of what is read, and the wall's law has other gel to go by. So steps shrink as 1/n, and where maps still
 jump, their mean is the map (Mann's iteration). What was given back is known to a share of itself, which the
-deviation holds, along with how far the last map lies off that mean. All else is the last map's.
+deviation holds, along with how far the last map lies off that mean. All else is the last map's. What certified
+faces taught of walls comes last of all: within the rounds it would move the forecast, and some maps would jump.
 
 Assumes three near lamps found from balls. What it does to faces and the gel beside is measured on pictures of a
 path tracer in docs/evidence/rendered.md.
@@ -25,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges
-from tactilevision.integration.steep_edges import PunchEdge
+from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.photometric.illumination.cast_shadow import (
     LightField,
     dimming,
@@ -55,14 +56,16 @@ def undo_shadows(
     field: LightField,
     *,
     again: Callable[[Bytes], Mapped],
+    taught: Callable[[Bytes], Mapped] | None,
     edges: Callable[[], Sequence[PunchEdge]],
     thickness_mm: float,
 ) -> tuple[Mapped, npt.NDArray[np.floating[Any]] | None]:
     """Depth (H, W) mm, validity, deviation and flags of a rectified picture (H, W, 3), shadows undone.
 
-    `mapped` gives them for a picture as it is, `again` for one whose shadows are being undone, `edges` those of
-    the picture that was mapped last, in a gel of `thickness_mm`. And the part (H, W) mm of the deviation that the
-    shadows bring, None for contacts too gentle to cast any.
+    `mapped` gives them for a picture as it is, `again` for one whose shadows are being undone, `taught` for that
+    picture with walls as certified faces taught them, None where none did. `edges` are those of the picture that
+    was mapped last, in a gel of `thickness_mm`. And the part (H, W) mm of the deviation that the shadows bring,
+    None for contacts too gentle to cast any.
     """
     surface, valid, std, flags = mapped(rgb)
     if surface.max() < MIN_DEPTH_MM:
@@ -74,17 +77,33 @@ def undo_shadows(
         seen = visibility(field.lamps, shape, field.mm_per_px)
         lit = reached_by_all(seen)
         own = without(rgb, reflected(field, shape))
-        surface, valid, std, flags = again(_brightened(own, dimming(field, shape, seen)))
-        off = surface - depth
+        undone = _brightened(own, dimming(field, shape, seen))
+        surface, valid, std, flags = again(undone)
+        last, off = surface, surface - depth
         depth += _step(number) * off
         if np.percentile(np.abs(off), 99) < SETTLED_MM:
             break
     else:
         surface = depth
     given_back = np.hypot(GIVEN_BACK_STD * (surface - plain), off)
+    if taught is not None:
+        surface, valid, std, flags = _as_taught(taught, undone, kept=surface, last=last)
     if std is not None:
         std = np.hypot(std, given_back).astype(std.dtype)
     return (surface, valid, std, flags), given_back
+
+
+def _as_taught(
+    taught: Callable[[Bytes], Mapped],
+    rgb: Bytes,
+    *,
+    kept: npt.NDArray[np.floating[Any]],
+    last: npt.NDArray[np.floating[Any]],
+) -> Mapped:
+    """The `kept` map (H, W) mm with what certified faces change of the `last` one, that of the picture `rgb`."""
+    kept, last = kept.copy(), last.copy()  # maps are made in arrays that the next one is made in
+    surface, valid, std, flags = taught(rgb)
+    return kept + (surface - last), valid, std, flags
 
 
 def _step(number: int) -> float:

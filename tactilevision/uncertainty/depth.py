@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.integration.steep_edges import PunchEdge
+from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.illumination.block_means import shares
 from tactilevision.photometric.illumination.drift import Drift

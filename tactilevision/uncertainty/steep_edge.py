@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.integration.circular_edges import window_of
-from tactilevision.integration.steep_edges import PunchEdge
+from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.records import Pair
 
 Picture = npt.NDArray[np.float32]

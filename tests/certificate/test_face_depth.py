@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import cv2
@@ -17,10 +18,13 @@ from tactilevision.certificate.depth.face_depth import (
     face_depth_correction,
     read_certified,
 )
+from tactilevision.certificate.depth.wall_lessons import teach_walls
 from tactilevision.exports.tiff import read_tiff
+from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Frame, HeightMap, Indenter, Pair, Press, Sensor
+from tactilevision.records.taught_walls import WallLessons
 
 SIZE: Pair = (160, 120)
 MM, RADIUS = 0.1, 2.5
@@ -45,6 +49,23 @@ class Short:
         surface = lacking(depth) * np.where(r < RADIUS, 1.0, beside)
         noise = 1e-4 * np.random.default_rng(0).standard_normal(surface.shape)
         return HeightMap(surface + noise, np.ones(surface.shape, np.bool_), (MM, MM), time_s=frame.time_s)
+
+
+class Walled(Short):
+    """As `Short`; what it reads too little, its walls hide by half again as much as their law says."""
+
+    shadows = None
+    walls = WallLessons()
+    evidence: SimpleNamespace
+
+    def height_map(self, frame: Frame) -> HeightMap:
+        depth = float(np.median(frame.rgb)) / 100
+        hidden, none = (depth - lacking(depth)) / 0.5, np.zeros(2)
+        middle = (int(SIZE[0]) - 1) / 2 * MM, (int(SIZE[1]) - 1) / 2 * MM
+        far = PunchEdge((0.0, 0.0), RADIUS, 0.2, none, none, depth, 1.0, 0.02)
+        near = PunchEdge(middle, RADIUS, 0.2, none, none, lacking(depth), hidden, 0.02)
+        self.evidence = SimpleNamespace(edges=[far, near])
+        return super().height_map(frame)
 
 
 def recorded(folder: Path) -> Recording:
@@ -134,3 +155,15 @@ def test_maps_on_disk_hold_the_faces_too(tmp_path: Path) -> None:
         peaks.append(float(np.median(read_tiff(tmp_path / "depth" / "20.tiff").depth_mm[50:70, 70:90])))
     assert peaks[0] == pytest.approx(lacking(0.4), rel=0.01)
     assert peaks[1] == pytest.approx(0.4, rel=0.01)
+
+
+def test_certified_faces_teach_what_walls_hide(tmp_path: Path) -> None:
+    recording, reader = recorded(tmp_path), Walled()
+    assert teach_walls(recording, cast(Reconstructor, reader), certified=certified())
+    assert reader.walls.left is not None
+    assert reader.walls.undone is None, "its shadows are left as they are"
+    for depth in (0.45, 0.6):
+        change, std_mm = reader.walls.left.change_mm((depth - lacking(depth)) / 0.5, lacking(depth))
+        assert abs(change - (depth - lacking(depth))) < std_mm
+    assert not teach_walls(recording, cast(Reconstructor, reader), certified=certified()[:2])
+    assert reader.walls == WallLessons(), "what it knew before is another recording's"

@@ -10,6 +10,7 @@ from tactilevision.integration.circular_edges import find_circular_edges
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.steep_edges import find_punch_edges, restore, restore_windows
 from tactilevision.records import Floats, SlopeMap
+from tactilevision.records.taught_walls import TaughtWalls
 
 STEP = 0.06
 FINER = 3
@@ -88,6 +89,22 @@ def test_the_hidden_step_is_found(w: float, blur_px: float) -> None:
     assert abs(found - true) < 0.05 * true
     assert abs(found - true) < 2 * walls[0].std_mm
     assert abs(found - true) < 0.5 * abs(plain - true)
+
+
+@pytest.mark.parametrize("share", [-0.3, 0.4])
+def test_a_taught_wall_carries_the_depth_that_it_was_taught(share: float) -> None:
+    walls = TaughtWalls(share, 0.0, (0.0, 0.0, 0.0), (0.2, 0.9), 0.01)
+    slopes = photographed(punch(0.6))
+    as_read, usual, taught = (SlopeMap(*np.array([slopes.dz_dx, slopes.dz_dy])) for _ in range(3))
+    (before,) = find_punch_edges(as_read, (STEP, STEP), limit=LIMIT)
+    (after,) = find_punch_edges(as_read, (STEP, STEP), limit=LIMIT, taught=walls)
+    restore(usual, [before], mm_per_px=(STEP, STEP))
+    restore(taught, [after], mm_per_px=(STEP, STEP))
+    assert before.missing_mm > 0.02
+    assert after.missing_mm == pytest.approx((1 + share) * before.missing_mm)
+    change = face_over_gel(taught) - face_over_gel(usual)
+    assert change == pytest.approx(share * before.missing_mm, rel=0.1)
+    assert after.std_mm == pytest.approx(0.01 * before.depth_mm) != before.std_mm
 
 
 def test_a_tilted_face_keeps_its_tilt() -> None:

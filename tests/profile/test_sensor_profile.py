@@ -26,6 +26,7 @@ from tactilevision.profile.write import write_profile
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.shadows_seen import undo_by
 from tactilevision.records import Bytes, Frame, Gel, Indenter
+from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 
 
 @pytest.fixture(scope="module")
@@ -165,6 +166,16 @@ def test_a_face_law_is_kept(tmp_path: Path) -> None:
     law = DepthScale((1.02, 0.1), (0.05, 0.5), 0.01)
     there = write_profile(replace(profile(), face_law=law), tmp_path / "a.tvs")
     assert read_profile(there).face_law == law
+
+
+def test_what_faces_taught_of_walls_is_kept_and_used_as_shadows_are_left_or_undone(tmp_path: Path) -> None:
+    left, undone = (TaughtWalls(share, 0.1, (0.01, 0.02, 0.001), (0.2, 0.5), 0.03) for share in (0.5, -0.5))
+    taught = replace(method(), walls=WallLessons(left, undone))
+    there = write_profile(replace(profile(), method=taught, lamps=LAMPS), tmp_path / "a.tvs")
+    assert getattr(read_profile(there).method, "walls", None) == taught.walls
+    for shadows, lesson in ((False, left), (True, undone)):
+        assert load_sensor(there, shadows=shadows).reconstructor.taught == lesson
+    assert load_sensor(saved(tmp_path)).reconstructor.taught is None
 
 
 def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactilevision.integration.circular_edges import CircularEdge
-from tactilevision.integration.steep_edges import PunchEdge
+from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.reconstruct.pressed_gel import with_faces
 from tactilevision.records import Bools, Floats

@@ -111,7 +111,7 @@ def test_maps_that_jump_come_to_their_mean_and_those_that_settle_to_the_last() -
 
         picture = np.full((120, 160, 3), 90, np.uint8)
         (depth, _, std, _), _ = undo_shadows(
-            mapped, picture, small_field(), again=again, edges=lambda: (), thickness_mm=3.0
+            mapped, picture, small_field(), again=again, taught=None, edges=lambda: (), thickness_mm=3.0
         )
         assert std is not None
         return float(depth[60, 80]), float(std[60, 80])
@@ -122,6 +122,35 @@ def test_maps_that_jump_come_to_their_mean_and_those_that_settle_to_the_last() -
     depth, std = undone(0.001)
     assert depth == pytest.approx(0.5, abs=0.002)
     assert std == pytest.approx(0.35 * 0.2, abs=0.01)
+
+
+def test_what_faces_taught_is_added_to_the_map_that_is_kept_and_moves_no_forecast() -> None:
+    maps: list[float] = []
+
+    def deep(mm: float) -> Mapped:
+        maps.append(mm)
+        depth = np.zeros((120, 160))
+        depth[40:80, 60:100] = mm
+        return depth, np.ones(depth.shape, np.bool_), np.full(depth.shape, 0.001), ()
+
+    def jumping(_: Bytes) -> Mapped:
+        return deep(0.6 if maps[-1] < 0.5 else 0.4)
+
+    picture, deepest = np.full((120, 160, 3), 90, np.uint8), []
+    for lesson in (None, lambda _: deep(maps[-1] + 0.02)):
+        maps.clear()
+        (depth, *_), _ = undo_shadows(
+            lambda _: deep(0.3),
+            picture,
+            small_field(),
+            again=jumping,
+            taught=lesson,
+            edges=lambda: (),
+            thickness_mm=3,
+        )
+        deepest.append(float(depth.max()))
+    assert deepest[0] == pytest.approx(0.5, abs=0.03)
+    assert deepest[1] - deepest[0] == pytest.approx(0.02)
 
 
 def test_a_flat_gel_dims_nothing_and_a_wall_dims_the_side_away_from_the_lamp() -> None:

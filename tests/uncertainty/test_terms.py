@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tactilevision.integration.steep_edges import PunchEdge
+from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane
 from tactilevision.photometric import PHOTOMETRIC, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor

@@ -1,0 +1,95 @@
+"""Faces of rendered sets once other faces of the same sensor have taught the wall's law, beside as they were.
+
+python -m benchmarks.rendered --taught FOLDER...
+
+Half of a set's faces teach, with their true depth for a certificate's; the other half is read, and the other way
+round. Halves alternate in depth and radius; no face has the place of another.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.rendered.judge import Step, judge_step, true_depth_mm
+from tactilevision.integration.taught_walls import WallFace, teach
+from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.reconstruct.shadows_seen import with_shadows
+from tactilevision.recording import read_frame, read_recording
+from tactilevision.records.taught_walls import WallLessons
+
+BAND = (0.96, 1.02)  # of the true depth: where faces are asked to be
+NEAR = 0.5  # of the radius, within which a wall's middle is the face's
+DEPTHS = 4  # depths of one radius in a set, in a row
+
+
+def report(folders: Sequence[Path]) -> None:
+    """Each set's faces before and after, and what all of them come to."""
+    before: list[Step] = []
+    after: list[Step] = []
+    for folder in folders:
+        plain, taught = _halves(folder)
+        print(folder.name, "  depth:", *(f"{one.depth_mm:.2f}" for one in plain))
+        for name, steps in (("before", plain), ("taught", taught)):
+            print(f"  {name}:", *(f"{one.face:.3f}" for one in steps), flush=True)
+        before, after = before + plain, after + taught
+    for name, steps in (("before", before), ("taught", after)):
+        _sum_up(name, steps)
+
+
+def _sum_up(name: str, steps: Sequence[Step]) -> None:
+    face, depth = np.array([one.face for one in steps]), np.array([one.depth_mm for one in steps])
+    inside = (face >= BAND[0]) & (face <= BAND[1])
+    for deep in sorted(set(depth)):
+        here = depth == deep
+        rms = np.sqrt(np.mean((face[here] - 1) ** 2))
+        count, mean = f"{inside[here].sum()} of {here.sum()}", face[here].mean()
+        print(f"{name}, {deep:.2f} mm: {count}, mean {mean:.3f}, rms {rms:.3f}")
+    within = 100 * np.mean([one.within for one in steps], axis=0)
+    off = np.sqrt(np.mean((face - 1) ** 2))
+    print(
+        f"{name}: {inside.sum()} of {face.size}, mean {face.mean():.3f}, rms {off:.4f}; "
+        f"beside {1e3 * np.mean([one.beside_rms_mm for one in steps]):.1f} um; within "
+        + ", ".join(f"{share:.0f}" for share in within)
+        + " %"
+    )
+
+
+def _halves(folder: Path) -> tuple[list[Step], list[Step]]:
+    recording, truth = read_recording(folder), tomllib.loads((folder / "truth.toml").read_text())["step"]
+    reader = build_reconstructor(recording)
+    frames = [reader.rectified(read_frame(recording, k)) for k in range(len(recording.frame_names))]
+    reader = with_shadows(recording, reader, frames=frames)
+
+    def read(number: int) -> Step:
+        seen = reader.rectified_map(frames[number + 1])
+        return judge_step(seen, true_depth_mm(folder, f"frame_{number + 1:05d}"), truth[number])
+
+    plain, faces = [], []
+    for number, step in enumerate(truth):
+        plain.append(read(number))
+        faces.append(_face(reader, step, plain[-1].face * step["face_mm"], place=str(number)))
+    halves = [(number + number // DEPTHS) % 2 for number in range(len(truth))]
+    taught = []
+    for number, half in enumerate(halves):
+        lesson = teach([face for face, other in zip(faces, halves, strict=True) if other != half])
+        reader.walls = WallLessons(left=lesson, undone=lesson)
+        taught.append(read(number))
+    return plain, taught
+
+
+def _face(reader: Reconstructor, step: dict[str, Any], read_mm: float, *, place: str) -> WallFace:
+    """The face of the map made last, with its wall where one was found."""
+    sensor = reader.sensor
+    middle = [
+        (n - 1) / 2 * mm for n, mm in zip((sensor.width_px, sensor.height_px), sensor.mm_per_px, strict=True)
+    ]
+    at = np.add(step["centre_mm"], middle)
+    edges = reader.evidence.edges if reader.evidence else ()
+    near = [one for one in edges if np.hypot(*(np.array(one.centre_mm) - at)) < NEAR * step["radius_mm"]]
+    hidden, depth = (near[0].missing_mm, near[0].depth_mm) if near else (0.0, read_mm)
+    return WallFace(place, read_mm, hidden, depth, step["face_mm"])
