@@ -30,16 +30,13 @@ def scale_variance(depth_mm: Picture, gain_square: Picture) -> Picture:
 def gain_variance(card: MethodCard, relative_error: float, *, shape: tuple[int, ...]) -> Picture:
     """Relative variance of the depth scale over a picture of `shape` (h, w), as a method's card tells it."""
     squares = place_gain_std(card, relative_error) ** 2, extrapolated_gain_std(card) ** 2
-    return np.sum([_over(np.asarray(one, np.float32), shape) for one in squares], axis=0, dtype=np.float32)
+    place, beyond = (np.asarray(cv2.resize(np.asarray(one, np.float32), shape[::-1])) for one in squares)
+    return np.asarray(place + beyond)
 
 
 def extrapolated_gain_std(card: MethodCard) -> Floats:
     """Relative deviation (h, w) of the depth scale by what lies beyond the balls; 0 where a card tells none."""
     return np.array(card.extrapolated_gain_std or [[0.0]], np.float64)
-
-
-def _over(plane: Picture, shape: tuple[int, ...]) -> Picture:
-    return np.asarray(cv2.resize(plane, shape[::-1], interpolation=cv2.INTER_LINEAR))
 
 
 def place_gain_std(card: MethodCard, relative_error: float) -> Floats:

@@ -99,7 +99,7 @@ def scale_uncertainty(
         left_out = contact.where(np.isin(contact.press, group))
         gains |= gains_of(other.at(left_out.change, left_out.place), left_out)
         beyond = _beyond_others(contact, group)
-        outside |= {number: float(extrapolated_std(rate, far)) for number, far in beyond.items()}
+        outside |= dict(zip(beyond, extrapolated_std(rate, np.array([*beyond.values()])).tolist(), strict=True))
     errors = np.array([gains[number] - 1.0 for number in stated])
     wide = np.hypot(list(stated.values()), [outside[number] for number in stated])
     factor = coverage_factor(errors, np.hypot(wide, fitted_std))

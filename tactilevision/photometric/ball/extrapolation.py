@@ -36,7 +36,7 @@ def distance_beyond(places: Floats, at: Floats) -> Floats:
     """Distance (N,) of points `at` (N, 2) from the convex hull of `places` (M, 2), in their unit; 0 inside."""
     hull = cv2.convexHull(np.asarray(places, np.float32))
     inwards = [cv2.pointPolygonTest(hull, (float(x), float(y)), measureDist=True) for x, y in at]
-    return np.maximum(0.0, -np.array(inwards))
+    return np.asarray(np.maximum(0.0, -np.array(inwards)))
 
 
 def growth_rate(errors: Floats, beyond: Floats, *, inside_std: float) -> float:
