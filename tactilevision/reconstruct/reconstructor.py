@@ -41,7 +41,7 @@ from tactilevision.quality.inconsistent_light import Inconsistency, LightCheck, 
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
 from tactilevision.reconstruct.unshadowed import MIN_DEPTH_MM, undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
-from tactilevision.records.flags import BEYOND_BALLS, DEEPER, INCONSISTENT, SHADOW, STEEP, add
+from tactilevision.records.flags import DEEPER, INCONSISTENT, SHADOW, STEEP, add
 from tactilevision.sensors import rectify
 from tactilevision.uncertainty.depth import DepthError, MapEvidence
 
@@ -167,8 +167,6 @@ class Reconstructor:
             flags = add(flags, (SHADOW,))
         if self.error and self.evidence and self.error.hides_much(surface, self.evidence):
             flags = add(flags, (STEEP,))
-        if self.error and self.error.beyond_balls(surface):
-            flags = add(flags, (BEYOND_BALLS,))
         return surface, valid, std, flags
 
     def _mapped(self, rgb: Bytes, *, undone: bool = False) -> Mapped:

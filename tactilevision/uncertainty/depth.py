@@ -23,7 +23,7 @@ from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.illumination.block_means import shares
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import ReferencedMethod
-from tactilevision.records import HeightMap, Pair, SlopeMap
+from tactilevision.records import Bools, HeightMap, Pair, SlopeMap
 from tactilevision.uncertainty.depth_scale import extrapolated_gain_std, gain_variance, scale_variance
 from tactilevision.uncertainty.illumination import DriftError
 from tactilevision.uncertainty.leakage import leaked_variance
@@ -42,7 +42,6 @@ MAX_HIDDEN_SHARE = 0.2
 MAX_EXTRAPOLATED = (
     0.05  # of the depth, by what lies beyond the balls; A to I's own balls have .01 (real_frames.md)
 )
-CLEAR_OF_WAVES = 5.0  # deviations of untouched gel from which a hill counts as pressed; free frames have 4 at most
 TERMS = (
     "depth scale",
     "leakage",
@@ -167,19 +166,16 @@ class DepthError:
         few = self._on_grid(depth_mm)
         return self._hidden_mm(few, evidence) > MAX_HIDDEN_SHARE * float(few.max())
 
-    def beyond_balls(self, depth_mm: Array) -> bool:
-        """Whether what is pressed in `depth_mm` (H, W) lies well beyond the balls, so that depth is extrapolated.
+    def beyond_balls(self, contact: Bools) -> bool:
+        """Whether a `contact` lies so far beyond the balls, on the mean over it, that its depth is extrapolated.
 
-        Of all that is over half as deep as the deepest place, where that is no wave of untouched gel.
+        `contact` is a mask (h, w) of the whole picture, of any resolution.
         """
         if not self.extrapolates:
             return False
-        few = self._on_grid(depth_mm)
-        _, deepest, _, (x, y) = cv2.minMaxLoc(few)
-        if deepest**2 < CLEAR_OF_WAVES**2 * float(self.free_mm2[y, x]):
-            return False
-        pressed = cv2.compare(few, 0.5 * deepest, cv2.CMP_GT)
-        return cv2.mean(self.extrapolated_std, mask=pressed)[0] > MAX_EXTRAPOLATED
+        size = self.extrapolated_std.shape[::-1]
+        share = cv2.resize(contact.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        return float(np.sum(share * self.extrapolated_std)) > MAX_EXTRAPOLATED * float(share.sum())
 
     @property
     def _step_mm(self) -> Pair:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from shared_scenes import SAMPLE, sample_reconstructor
 
+from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor, untouched_rms_mm
@@ -58,7 +59,7 @@ def test_balls_are_as_deep_as_they_are(contact_mm: float) -> None:
     assert np.sqrt(np.mean(error[r > 4.0] ** 2)) < 0.012
 
 
-def test_a_contact_beyond_the_balls_is_flagged_and_its_deviation_grows() -> None:
+def test_the_deviation_of_a_contact_beyond_the_balls_grows_and_is_flagged() -> None:
     """The balls of this card lie in the left half."""
     rng, method = np.random.default_rng(6), calibrated().method
     card = dataclasses.replace(method.card, extrapolated_gain_std=[[0.0, 0.0, 0.2, 0.6]])
@@ -66,16 +67,14 @@ def test_a_contact_beyond_the_balls_is_flagged_and_its_deviation_grows() -> None
     far, older = (Reconstructor(SENSOR, dataclasses.replace(method, card=one)) for one in (card, before))
     for x_mm, beyond in ((-6.0, False), (8.0, True)):
         depth, p, q = ball((x_mm, 0.0), 1.5, 4.0)
-        frame = Frame(picture(p, q, rng))
-        now, then = far.height_map(frame), older.height_map(frame)
-        assert (BEYOND_BALLS in now.flags) is beyond
-        assert BEYOND_BALLS not in then.flags, "a card of before tells nothing of it"
+        height = far.height_map(Frame(picture(p, q, rng)))
+        contact = find_contact(height, far.error)
+        assert (BEYOND_BALLS in contact_flags(contact, far.error)) is beyond
+        assert BEYOND_BALLS not in contact_flags(contact, older.error), "a card of before tells nothing of it"
         deepest = np.unravel_index(np.argmax(depth), depth.shape)
-        assert now.std_mm is not None
-        assert then.std_mm is not None
-        assert bool(now.std_mm[deepest] > 0.3 * depth.max()) is beyond
-    free = [far.height_map(Frame(flat(rng))).flags for _ in range(3)]
-    assert not any(BEYOND_BALLS in flags for flags in free)
+        assert height.std_mm is not None
+        assert bool(height.std_mm[deepest] > 0.3 * depth.max()) is beyond
+    assert contact_flags(np.zeros(SHAPE, np.bool_), far.error) == ()
 
 
 CENTRES = [(-8.2, 0.5), (8.1, -2.0), (1.0, 5.9), (-9.5, 1.0), (2.0, 7.1), (8.3, 6.0)]
