@@ -143,7 +143,7 @@ class Stream:
 
     def _contact(self, height: HeightMap) -> tuple[bool, float, float, tuple[str, ...]]:
         """Whether there is a contact, its depth, the depth that would show as one in half of the picture, and
-        whether the contact reaches the picture's border."""
+        the flags of where it lies."""
         depth, valid = height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX], height.valid[::SAMPLE_PX, ::SAMPLE_PX]
         spread = untouched_std(height, self.reconstructor.error, every=SAMPLE_PX)
         if spread is None:

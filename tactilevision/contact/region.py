@@ -145,7 +145,7 @@ def at_border(contact: Bools) -> bool:
 
 
 def contact_flags(contact: Bools, error: DepthError | None = None) -> tuple[str, ...]:
-    """What is doubtful by where a contact (H, W) lies, by the `error` of the method that made the map."""
+    """Flags of a `contact`, a mask (H, W) without unit, by where it lies; `error` is that of the map's method."""
     border = (BORDER,) if at_border(contact) else ()
     return (*border, BEYOND_BALLS) if error and contact.any() and error.beyond_balls(contact) else border
 

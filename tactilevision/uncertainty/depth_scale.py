@@ -35,12 +35,12 @@ def gain_variance(card: MethodCard, relative_error: float, *, shape: tuple[int, 
 
 
 def extrapolated_gain_std(card: MethodCard) -> Floats:
-    """Relative deviation (h, w) of the depth scale by what lies beyond the balls; 0 where a card tells none."""
+    """Deviation (h, w) of the depth scale beyond the balls, a ratio; 0 where a card tells none."""
     return np.array(card.extrapolated_gain_std or [[0.0]], np.float64)
 
 
 def place_gain_std(card: MethodCard, relative_error: float) -> Floats:
-    """Relative deviation (h, w) of the depth scale over the picture, but for what lies beyond the balls."""
+    """Deviation (h, w) of the depth scale over the picture, relative, but for what lies beyond the balls."""
     return np.hypot(gain_std(card, relative_error), np.array(card.place_gain_std or [[0.0]], np.float64))
 
 

@@ -19,7 +19,7 @@ from tactilevision.photometric.ball.samples import Samples
 from tactilevision.records import Floats
 
 OUTER_SHARE = 0.2  # of the balls, left out on each side; real_frames.md, beyond the outermost balls
-PRIOR_RATE = 0.5  # of the scale for each half picture; nine sets have .2 to 1.6, real_frames.md
+PRIOR_RATE = 0.5  # of the scale for each half picture; eight sets have .3 to 1.4: real_frames.md
 PRIOR_BALLS = 4  # balls that PRIOR_RATE is worth; 2 to 8 cover alike on nine sets
 MAX_STD = 1.0  # of the scale: more says no more
 
@@ -33,7 +33,7 @@ def sides_of(contact: Samples) -> list[npt.NDArray[np.int64]]:
 
 
 def distance_beyond(places: Floats, at: Floats) -> Floats:
-    """Distance (N,) of points `at` (N, 2) from the convex hull of `places` (M, 2), in their unit; 0 inside."""
+    """Distance (N,), in any unit, of points `at` (N, 2) from the convex hull of `places` (M, 2); 0 inside."""
     hull = cv2.convexHull(np.asarray(places, np.float32))
     inwards = [cv2.pointPolygonTest(hull, (float(x), float(y)), measureDist=True) for x, y in at]
     return np.asarray(np.maximum(0.0, -np.array(inwards)))
@@ -42,7 +42,7 @@ def distance_beyond(places: Floats, at: Floats) -> Floats:
 def growth_rate(errors: Floats, beyond: Floats, *, inside_std: float) -> float:
     """s: relative error of the depth scale for each half picture, of `errors` (n,) at distances `beyond` (n,).
 
-    `inside_std` is how far balls of the fit are off.
+    `inside_std` is how far balls of the fit are off. None has a unit.
     """
     square = beyond**2
     prior = PRIOR_BALLS * float(square.mean())
@@ -53,5 +53,5 @@ def growth_rate(errors: Floats, beyond: Floats, *, inside_std: float) -> float:
 
 
 def extrapolated_std(rate: float, beyond: Floats) -> Floats:
-    """Relative deviation of the depth scale at distances `beyond` from the hull, in its shape."""
+    """Deviation (n,) of the depth scale, relative, at distances `beyond` (n,) from the hull."""
     return np.asarray(np.minimum(rate * beyond, MAX_STD))

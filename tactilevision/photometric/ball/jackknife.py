@@ -75,7 +75,7 @@ def places() -> Floats:
 
 
 def nearest_inside(values: Floats, beyond: Floats) -> Floats:
-    """`values` (12, 16), those at a distance `beyond` (192,) from the balls replaced by the nearest among them."""
+    """`values` (12, 16), in any unit; at a distance `beyond` (192,) from the balls the nearest among them."""
     at, inside = places(), np.flatnonzero(beyond == beyond.min())
     nearest = np.argmin(np.hypot(*(at[:, None] - at[inside]).T), axis=0)
     return np.asarray(values.ravel()[inside[nearest]].reshape(values.shape))
