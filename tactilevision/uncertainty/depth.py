@@ -174,8 +174,8 @@ class DepthError:
         if not self.extrapolates:
             return False
         size = self.extrapolated_std.shape[::-1]
-        share = cv2.resize(contact.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        return float(np.sum(share * self.extrapolated_std)) > MAX_EXTRAPOLATED * float(share.sum())
+        mask = cv2.resize(contact.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+        return cv2.mean(self.extrapolated_std, mask=mask)[0] > MAX_EXTRAPOLATED
 
     @property
     def _step_mm(self) -> Pair:
