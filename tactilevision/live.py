@@ -14,14 +14,14 @@ from typing import Protocol
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
-from tactilevision.contact.region import at_border, in_question, strong_evidence
+from tactilevision.contact.region import contact_flags, in_question, strong_evidence
 from tactilevision.errors import InputError
 from tactilevision.quality.fitness import check_fit
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.gpu.device import find_gpu
 from tactilevision.records import Bools, Bytes, Floats, Footprint, Frame, HeightMap, Indenter, TractionMap, Wrench
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
-from tactilevision.records.flags import BORDER, add
+from tactilevision.records.flags import add
 from tactilevision.robust import median
 from tactilevision.uncertainty.untouched_noise import untouched_std
 
@@ -120,9 +120,9 @@ class Stream:
         if self.frames == 0:  # for all that come: it takes longer than a frame
             self.reconstructor.look([rgb])
         height = self.reconstructor.rectified_map(rgb, time_s=frame.time_s, name=frame.name)
-        contact, peak_mm, least_mm, cut = self._contact(height)
-        if cut:
-            height = replace(height, flags=add(height.flags, [BORDER]))
+        contact, peak_mm, least_mm, doubts = self._contact(height)
+        if doubts:
+            height = replace(height, flags=add(height.flags, doubts))
         self._last = self._footprint(height) if contact else None
         tractions = None
         if self.sensor is not None:
@@ -141,9 +141,9 @@ class Stream:
         """(upper edge in ms, frames) of the latencies so far."""
         return [(float(edge), int(count)) for edge, count in zip(EDGES_MS, self.latencies, strict=True)]
 
-    def _contact(self, height: HeightMap) -> tuple[bool, float, float, bool]:
+    def _contact(self, height: HeightMap) -> tuple[bool, float, float, tuple[str, ...]]:
         """Whether there is a contact, its depth, the depth that would show as one in half of the picture, and
-        whether the contact reaches the picture's border."""
+        the flags of where it lies."""
         depth, valid = height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX], height.valid[::SAMPLE_PX, ::SAMPLE_PX]
         spread = untouched_std(height, self.reconstructor.error, every=SAMPLE_PX)
         if spread is None:
@@ -153,8 +153,8 @@ class Stream:
         if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
             pressed = _strongly_pressed(height)
         if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
-            return False, 0.0, least_mm, False
-        return True, float(depth[pressed].max()), least_mm, at_border(pressed)
+            return False, 0.0, least_mm, ()
+        return True, float(depth[pressed].max()), least_mm, contact_flags(pressed, self.reconstructor.error)
 
     def _footprint(self, height: HeightMap) -> Footprint | None:
         if self.indenter is None:

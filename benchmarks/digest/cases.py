@@ -14,7 +14,7 @@ from benchmarks.digest.values import Values, of_json, of_map, of_table
 from benchmarks.digest.workspace import ROOT, SAMPLES, Workspace
 
 BY_HEIGHT = "fall_"  # columns of points.csv that hold numbers in their names
-BULKY = ("place_gain_std", "answers")
+BULKY = ("place_gain_std", "extrapolated_gain_std", "answers")
 EVERY = 40  # pixels between those of a map that are kept
 GELSLIM3 = SAMPLES / "gelslim3"
 RIG = SAMPLES / "hidden_rig"

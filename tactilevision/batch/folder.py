@@ -22,7 +22,7 @@ from tactilevision.batch.fingerprint import fingerprint_of
 from tactilevision.batch.jobs import Journal, Row, run_job, way_of_reading
 from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.cluster.connect import check_cluster
-from tactilevision.contact.region import at_border, find_contact
+from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.door.numbers import read_cells
 from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked, write_tiff
@@ -31,7 +31,7 @@ from tactilevision.files import make_folder, write_text
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Bools, Frame, HeightMap
-from tactilevision.records.flags import BORDER, add
+from tactilevision.records.flags import add
 from tactilevision.robust import median
 from tactilevision.runs import output_lock
 from tactilevision.uncertainty.depth import DepthError
@@ -99,7 +99,7 @@ class DepthJob:
             return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
         contact = find_contact(height, self.reconstructor.error)
         peak_mm, area_mm2 = peak_and_area(height, contact)
-        flags = add(height.flags, [BORDER] if at_border(contact) else [])
+        flags = add(height.flags, contact_flags(contact, self.reconstructor.error))
         self.keep(replace(height, flags=flags), frame.name, number)
         std_mm = std_at(height, peak_mm)
         return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags).as_row()

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from tactilevision.records import Bools, HeightMap, Pair
 from tactilevision.records.contact_thresholds import CONTACT, depth_limit_mm, wide_depth_limit_mm
+from tactilevision.records.flags import BEYOND_BALLS, BORDER
 from tactilevision.robust import median
 from tactilevision.uncertainty.depth import DepthError
 from tactilevision.uncertainty.untouched_noise import map_noise_mm, untouched_std
@@ -141,6 +142,12 @@ def _widened(box: Window, shape: tuple[int, ...]) -> Window:
 def at_border(contact: Bools) -> bool:
     """Whether a contact (H, W) reaches the picture's border."""
     return bool(contact[0].any() or contact[-1].any() or contact[:, 0].any() or contact[:, -1].any())
+
+
+def contact_flags(contact: Bools, error: DepthError | None = None) -> tuple[str, ...]:
+    """Flags of a `contact`, a mask (H, W) without unit, by where it lies; `error` is that of the map's method."""
+    border = (BORDER,) if at_border(contact) else ()
+    return (*border, BEYOND_BALLS) if error and contact.any() and error.beyond_balls(contact) else border
 
 
 def _to_its_edge(height: HeightMap, window: Window, region: Bools) -> Bools:

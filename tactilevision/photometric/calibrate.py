@@ -191,6 +191,7 @@ def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
         held_out_slope_rms=best.slope_error,
         held_out_gain_std=gain_std(best.held_out, pressed),
         place_gain_std=np.round(best.scale.gain_std, 5).tolist(),
+        extrapolated_gain_std=np.round(best.scale.extrapolated_std, 5).tolist(),
         coverage_factor=best.scale.coverage_factor,
         fitted_by=getattr(best.fitter, "__name__", type(best.fitter).__name__),
         ridge=best.ridge,

@@ -61,6 +61,7 @@ _READERS: dict[str, Callable[[Any], Any]] = {
     "sensor": str,
     "light": list,
     "place_gain_std": list,
+    "extrapolated_gain_std": list,
     "untouched_std_mm": list,
     "baseline": _numbers,
     "contact_in_reference_px": _pair,
@@ -94,6 +95,7 @@ class MethodCard:
     held_out_gain_std: float | None = None
     seen_gain_std: float | None = None  # over the balls of the fit
     place_gain_std: Rows | None = None
+    extrapolated_gain_std: Rows | None = None  # beyond the outermost balls
     coverage_factor: float | None = None
     leakage_std: float | None = None
     min_slope_noise: float | None = None  # best direction

@@ -16,7 +16,7 @@ from pathlib import Path
 import scipy.interpolate  # noqa: F401 -- kappa's table asks for it: now, not with the first contact
 
 from tactilevision.contact.footprint import find_footprint
-from tactilevision.contact.region import at_border, find_contact
+from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import ForceField, ForceSettings
@@ -27,7 +27,7 @@ from tactilevision.profile.seen import Seen, SeenBatch
 from tactilevision.reconstruct import Reconstructor, with_flats
 from tactilevision.reconstruct.gpu.device import find_gpu
 from tactilevision.records import Bytes, Footprint, Frame, Gel, HeightMap, Indenter, Material, Pair, TractionMap
-from tactilevision.records.flags import BORDER, add
+from tactilevision.records.flags import add
 from tactilevision.sensors import rectify
 from tactilevision.shear.measure import Untouched, read_untouched
 
@@ -175,8 +175,7 @@ class CalibratedSensor:
         touched = bool(contact.any())
         face = find_footprint(height, self.indenter) if touched and self.indenter is not None else None
         height = self.held(height, face)
-        if at_border(contact):
-            height = replace(height, flags=add(height.flags, [BORDER]))
+        height = replace(height, flags=add(height.flags, contact_flags(contact, self.reconstructor.error)))
         found = self.tractions(height, rgb)
         unsolved = (NOT_SOLVED,) if found is None and self.field is not None else ()
         return Seen(height, contact, face, found, (*height.flags, *(found.flags if found else ()), *unsolved))

@@ -9,6 +9,7 @@ LIGHT = "light"
 BORDER = "border"
 REFERENCE = "reference"
 BALLS = "balls"
+BEYOND_BALLS = "beyond_balls"
 DEEPER = "deeper_than_gel"
 UNFIT = "unfit"
 ASSUMED_SCALE = "assumed_scale"
@@ -24,6 +25,8 @@ MEANING = {
     "and may be everywhere where the light was calibrated with it",
     BALLS: "the light was calibrated on balls in less than half of the picture, along one side at least: depth "
     "elsewhere is extrapolated",
+    BEYOND_BALLS: "what is pressed lies beyond the outermost balls that told the light: its depth is "
+    "extrapolated, and the stated deviation grows with the distance; press balls there",
     ASSUMED_SCALE: "no ball told how deep a colour is: the depth's scale is that of a usual light, at times 40 % "
     "off or, where no network for the sensor is ready, by a factor of two or three",
     LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "

@@ -23,8 +23,8 @@ from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.illumination.block_means import shares
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import ReferencedMethod
-from tactilevision.records import HeightMap, Pair, SlopeMap
-from tactilevision.uncertainty.depth_scale import place_gain_std, scale_variance
+from tactilevision.records import Bools, HeightMap, Pair, SlopeMap
+from tactilevision.uncertainty.depth_scale import extrapolated_gain_std, gain_variance, scale_variance
 from tactilevision.uncertainty.illumination import DriftError
 from tactilevision.uncertainty.leakage import leaked_variance
 from tactilevision.uncertainty.missing_colour import missing_colour_variance
@@ -39,6 +39,9 @@ Array = npt.NDArray[np.floating[Any]]
 GRID_MM = 0.18  # mm between points of the grid, about: finer than the deviation varies, but for edges
 # of the greatest depth: what too steep slopes may hide before a map says so; calibrated balls stay below .1
 MAX_HIDDEN_SHARE = 0.2
+MAX_EXTRAPOLATED = (
+    0.05  # of the depth, by what lies beyond the balls; A to I's own balls have .01 (real_frames.md)
+)
 TERMS = (
     "depth scale",
     "leakage",
@@ -89,9 +92,10 @@ class DepthError:
         waves_mm = card.untouched_depth_rms_mm or 0.0
         free = free_variance(noise, waves_mm, untouched_std=np.array(card.untouched_std_mm or [[0.0]], np.float32))
         self.noise_mm2, self.free_mm2 = (whole[::every, ::every].copy() for whole in (noise, free))
-        size = (self.free_mm2.shape[1], self.free_mm2.shape[0])
-        gain = np.asarray(place_gain_std(card, method.relative_error) ** 2, np.float32)
-        self.gain_square: Picture = np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR))
+        self.gain_square = gain_variance(card, method.relative_error, shape=self.free_mm2.shape)
+        self.extrapolates = card.extrapolated_gain_std is not None
+        beyond = np.asarray(extrapolated_gain_std(card), np.float32)
+        self.extrapolated_std: Picture = np.asarray(cv2.resize(beyond, self.free_mm2.shape[::-1]))
         self._in_pixels: dict[tuple[int, ...], list[Picture]] = {}
 
     def std_mm(self, depth_mm: Array, evidence: MapEvidence) -> Picture:
@@ -161,6 +165,17 @@ class DepthError:
         """Whether slopes that are too steep may hide a good part of the greatest depth of `depth_mm` (H, W)."""
         few = self._on_grid(depth_mm)
         return self._hidden_mm(few, evidence) > MAX_HIDDEN_SHARE * float(few.max())
+
+    def beyond_balls(self, contact: Bools) -> bool:
+        """Whether a `contact` lies so far beyond the balls, on the mean over it, that its depth is extrapolated.
+
+        `contact` is a mask (h, w) of the whole picture, of any resolution.
+        """
+        if not self.extrapolates:
+            return False
+        size = self.extrapolated_std.shape[::-1]
+        mask = cv2.resize(contact.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+        return cv2.mean(self.extrapolated_std, mask=mask)[0] > MAX_EXTRAPOLATED
 
     @property
     def _step_mm(self) -> Pair:

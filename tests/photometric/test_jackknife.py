@@ -15,7 +15,15 @@ from tactilevision.photometric.ball.cross_validation import (
     held_out,
     scale_uncertainty,
 )
-from tactilevision.photometric.ball.jackknife import DIRECTIONS, PLACES, STEEP, gain_map, jackknife_std
+from tactilevision.photometric.ball.jackknife import (
+    DIRECTIONS,
+    PLACES,
+    STEEP,
+    gain_map,
+    jackknife_std,
+    nearest_inside,
+    places,
+)
 from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.protocols import ColourLaw
@@ -86,7 +94,7 @@ def many() -> tuple[Floats, Floats, Floats]:
         uncertainty = scale_uncertainty(
             fitting, samples, untouched_samples=still(), ridge=1e-3, law=law, others=others
         )
-        borne.append(uncertainty.gain_std)
+        borne.append(np.hypot(uncertainty.gain_std, uncertainty.extrapolated_std))
         off.append(true_gain(law))
     return np.stack(off), np.stack(stated), np.stack(borne)
 
@@ -99,19 +107,26 @@ def test_of_a_mean_it_is_the_deviation_of_a_mean(groups: int) -> None:
     assert jackknife_std([np.array(one) for one in without]) == pytest.approx(means.std(ddof=1) / np.sqrt(groups))
 
 
-def test_laws_that_agree_leave_no_doubt_but_beyond_the_balls() -> None:
+def test_laws_that_agree_leave_no_doubt() -> None:
     samples = balls(np.random.default_rng(0), range(6))
     law = fitted(samples)
-    doubt = gain_map(law, [law, law, law], contact=samples)
-    assert np.abs(doubt[5:7, 7:9]).max() == 0.0
-    assert doubt[[0, 0, -1, -1], [0, -1, 0, -1]].max() == doubt.max()
-    assert 0.05 < doubt.max() < 0.6, "as contacts drawn beyond the balls are off"
+    assert np.abs(gain_map(law, [law, law, law], contact=samples)).max() == 0.0
+
+
+def test_beyond_the_balls_a_jackknife_is_that_of_the_nearest_place_among_them() -> None:
+    values = np.arange(192.0).reshape(PLACES[::-1])
+    inside = (np.abs(places()) < 0.5).all(axis=1)
+    found = nearest_inside(values, np.where(inside, 0.0, 1.0))
+    kept = inside.reshape(values.shape)
+    assert (found[kept] == values[kept]).all()
+    assert found[0, 0] == values[kept].min()
+    assert found[-1, -1] == values[kept].max()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", [np.s_[4:8, 5:11], np.s_[:, :2], np.s_[:2, :]])
 def test_what_is_stated_is_how_calibrations_scatter(part: tuple[slice, slice]) -> None:
-    off, stated = (maps[:, *part] for maps in many()[:2])
+    off, _, stated = (maps[:, *part] for maps in many())
     assert 0.5 < 1.4826 * np.median(np.abs(off) / stated) < 1.3
 
 
@@ -148,5 +163,5 @@ def test_each_ball_has_a_law_that_never_saw_it() -> None:
 
 
 def test_beyond_the_outermost_balls_less_is_known() -> None:
-    stated = np.sqrt(np.mean(np.square(many()[1]), axis=0))
+    stated = np.sqrt(np.mean(np.square(many()[2]), axis=0))
     assert stated[:, 0].mean() > 3.0 * stated[4:8, 5:11].mean()

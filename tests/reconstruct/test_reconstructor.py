@@ -14,12 +14,14 @@ import numpy as np
 import pytest
 from shared_scenes import SAMPLE, sample_reconstructor
 
+from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor, untouched_rms_mm
 from tactilevision.reconstruct.untouched_frames import subtract_background, tare
 from tactilevision.recording import read_frame, read_recording
 from tactilevision.records import Bytes, Frame, SlopeMap
+from tactilevision.records.flags import BEYOND_BALLS
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
@@ -55,6 +57,24 @@ def test_balls_are_as_deep_as_they_are(contact_mm: float) -> None:
     error = height.depth_mm - depth
     assert abs(error[r < 0.3].mean()) < max(0.04 * depth.max(), 0.010)
     assert np.sqrt(np.mean(error[r > 4.0] ** 2)) < 0.012
+
+
+def test_the_deviation_of_a_contact_beyond_the_balls_grows_and_is_flagged() -> None:
+    """The balls of this card lie in the left half."""
+    rng, method = np.random.default_rng(6), calibrated().method
+    card = dataclasses.replace(method.card, extrapolated_gain_std=[[0.0, 0.0, 0.2, 0.6]])
+    before = dataclasses.replace(card, extrapolated_gain_std=None)
+    far, older = (Reconstructor(SENSOR, dataclasses.replace(method, card=one)) for one in (card, before))
+    for x_mm, beyond in ((-6.0, False), (8.0, True)):
+        depth, p, q = ball((x_mm, 0.0), 1.5, 4.0)
+        height = far.height_map(Frame(picture(p, q, rng)))
+        contact = find_contact(height, far.error)
+        assert (BEYOND_BALLS in contact_flags(contact, far.error)) is beyond
+        assert BEYOND_BALLS not in contact_flags(contact, older.error), "a card of before tells nothing of it"
+        deepest = np.unravel_index(np.argmax(depth), depth.shape)
+        assert height.std_mm is not None
+        assert bool(height.std_mm[deepest] > 0.3 * depth.max()) is beyond
+    assert contact_flags(np.zeros(SHAPE, np.bool_), far.error) == ()
 
 
 CENTRES = [(-8.2, 0.5), (8.1, -2.0), (1.0, 5.9), (-9.5, 1.0), (2.0, 7.1), (8.3, 6.0)]

@@ -21,7 +21,13 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.ball.jackknife import gain_map
+from tactilevision.photometric.ball.extrapolation import (
+    distance_beyond,
+    extrapolated_std,
+    growth_rate,
+    sides_of,
+)
+from tactilevision.photometric.ball.jackknife import gain_map, places
 from tactilevision.photometric.ball.samples import KEPT, Samples
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
@@ -47,10 +53,12 @@ class Fitter(Protocol):
 class ScaleUncertainty:
     """`gain_std` (12, 16): relative deviation of a law's depth scale; `coverage_factor` (k) in it.
 
+    `extrapolated_std` (12, 16): what lying beyond the balls adds to it, of which k is no part.
     `held_out_laws`: for each ball, by its number, a law that never saw it, with the deviation of its scale there.
     """
 
     gain_std: Floats
+    extrapolated_std: Floats
     coverage_factor: float
     held_out_laws: dict[int, tuple[ColourLaw, float]]
 
@@ -85,18 +93,44 @@ def scale_uncertainty(
     """How far the depth scale of `law` may be off; `others` are fitted alike, each without a group."""
     stated = _stated_std(fit, contact, untouched_samples, ridge=ridge, laws=others)
     fitted_std = gain_std(law.at(contact.change, contact.place), contact)
-    gains = dict[int, float]()
+    rate = _growth_rate(fit, contact, untouched_samples, ridge=ridge, inside_std=fitted_std)
+    gains, outside = dict[int, float](), dict[int, float]()
     for group, other in zip(groups_of(contact), others, strict=True):
         left_out = contact.where(np.isin(contact.press, group))
         gains |= gains_of(other.at(left_out.change, left_out.place), left_out)
+        beyond = _beyond_others(contact, group)
+        outside |= dict(zip(beyond, extrapolated_std(rate, np.array([*beyond.values()])).tolist(), strict=True))
     errors = np.array([gains[number] - 1.0 for number in stated])
-    factor = coverage_factor(errors, np.hypot(list(stated.values()), fitted_std))
+    wide = np.hypot(list(stated.values()), [outside[number] for number in stated])
+    factor = coverage_factor(errors, np.hypot(wide, fitted_std))
     held_out_laws = {
-        int(number): (other, factor * stated[int(number)])
+        number: (other, float(np.hypot(factor * stated[number], outside[number])))
         for group, other in zip(groups_of(contact), others, strict=True)
-        for number in group
+        for number in map(int, group)
     }
-    return ScaleUncertainty(factor * gain_map(law, others, contact=contact), factor, held_out_laws)
+    inside = gain_map(law, others, contact=contact)
+    extrapolated = extrapolated_std(rate, distance_beyond(contact.place, places())).reshape(inside.shape)
+    return ScaleUncertainty(factor * inside, extrapolated, factor, held_out_laws)
+
+
+def _growth_rate(
+    fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float, inside_std: float
+) -> float:
+    """How fast the depth scale is lost beyond the balls, for each half picture, by sides left out."""
+    errors, far = list[float](), list[float]()
+    for side in sides_of(contact):
+        gains = gains_without(side, fit, contact=contact, untouched_samples=untouched_samples, ridge=ridge)
+        beyond = _beyond_others(contact, side)
+        errors += [gains[number] - 1.0 for number in beyond]
+        far += beyond.values()
+    return growth_rate(np.array(errors), np.array(far), inside_std=inside_std)
+
+
+def _beyond_others(contact: Samples, group: npt.NDArray[np.int64]) -> dict[int, float]:
+    """How far each ball of a `group` (balls,) lies beyond the samples under the others, in half pictures."""
+    others = contact.place[~np.isin(contact.press, group)]
+    centres = np.array([contact.place[contact.press == number].mean(axis=0) for number in group])
+    return dict(zip(map(int, group), map(float, distance_beyond(others, centres)), strict=True))
 
 
 def _stated_std(

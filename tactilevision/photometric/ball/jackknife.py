@@ -10,11 +10,11 @@ slopes it is asked what a contact's depth rests on: with u the colours that a sl
 
     gain_k(X, Y) = mean over n and s of n . (f_k(u) - f(u)) / s
 
-u is drawn from the light's law (`shading_fit.py`). Small between the balls, large beyond the outermost ones,
-where colours are extrapolated; among the balls it is rather too large (by up to 1.6), which balls left out show
-(`cross_validation.py`). Where three laws cross beyond the outermost balls it vanishes by chance; so BEYOND,
-times how far a place lies beyond them, stands beside it. What no choice of balls mends, as a light that the law
-cannot follow, is not in it: balls that the law was fitted to show that.
+u is drawn from the light's law (`shading_fit.py`). Among the balls it is rather too large (by up to 1.6), which
+balls left out show (`cross_validation.py`). Where three laws cross beyond the outermost balls it vanishes by
+chance: there it is taken as at the nearest place among them. What is lost beyond them is told by sides left out
+(`extrapolation.py`). What no choice of balls mends, as a light that the law cannot follow, is not in it: balls of
+the fit show that.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.photometric.ball.extrapolation import distance_beyond
 from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.ball.shading_fit import colours_of, fit_light
 from tactilevision.photometric.protocols import ColourLaw
@@ -34,7 +35,6 @@ from tactilevision.records import Floats
 PLACES = (16, 12)  # places across and down the picture; gain changes slowly between them
 DIRECTIONS = 12  # of slope, averaged over at each place: a contact holds all of them
 CONTACT = 1.0  # places over which a contact reaches: its depth rests on the gain all over it
-BEYOND = 0.4  # of the scale for each half picture beyond the samples: drawn contacts at the border read 16 % low
 STEEP = (0.25, 0.5)  # of the steepest slope under the balls; most of a contact is that gentle
 
 
@@ -51,8 +51,7 @@ def gain_map(law: ColourLaw, others: Sequence[ColourLaw], *, contact: Samples) -
 
     `others` are the laws fitted without a group of balls each, `contact` the samples under all of them.
     """
-    x, y = (2.0 * (np.arange(count) + 0.5) / count - 1.0 for count in PLACES)
-    place = np.stack([grid.ravel() for grid in np.meshgrid(x, y)], axis=1)
+    place = places()
     light = fit_light(contact)
     gains = np.zeros((len(others), len(place)))
     for steep in np.hypot(*contact.slopes.T).max() * np.array(STEEP):
@@ -66,7 +65,17 @@ def gain_map(law: ColourLaw, others: Sequence[ColourLaw], *, contact: Samples) -
         cv2.GaussianBlur(gain, (0, 0), CONTACT, borderType=cv2.BORDER_REPLICATE)
         for gain in gains.reshape(len(others), *PLACES[::-1])
     ]
-    beyond = np.maximum(contact.place.min(axis=0) - place, 0.0) + np.maximum(
-        place - contact.place.max(axis=0), 0.0
-    )
-    return np.asarray(np.hypot(jackknife_std(maps), BEYOND * np.hypot(*beyond.T).reshape(PLACES[::-1])))
+    return nearest_inside(jackknife_std(maps), distance_beyond(contact.place, place))
+
+
+def places() -> Floats:
+    """The places (192, 2), from -1 to 1, at which gain is told; row by row."""
+    x, y = (2.0 * (np.arange(count) + 0.5) / count - 1.0 for count in PLACES)
+    return np.stack([grid.ravel() for grid in np.meshgrid(x, y)], axis=1)
+
+
+def nearest_inside(values: Floats, beyond: Floats) -> Floats:
+    """`values` (12, 16), in any unit; at a distance `beyond` (192,) from the balls the nearest among them."""
+    at, inside = places(), np.flatnonzero(beyond == beyond.min())
+    nearest = np.argmin(np.hypot(*(at[:, None] - at[inside]).T), axis=0)
+    return np.asarray(values.ravel()[inside[nearest]].reshape(values.shape))
