@@ -1,1 +1,1 @@
-"""Light calibrated on contacts of unknown shape: `moments.py` what each asks, `self_calibration.py` the law."""
+"""Light from contacts of unknown shape: `moments.py`, `roundness.py` what each asks; `self_calibration.py`."""
