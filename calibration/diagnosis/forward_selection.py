@@ -35,6 +35,7 @@ from tactilevision.records import Floats
 
 REFITTED = 8  # candidates of a round that are fitted, the best by score; the others are far behind
 MAX_EFFECTS = 3  # effects in one model: the data of one recording bear no more
+SECOND = 0.01  # family-wise level of a second and a third effect: what may be confidently wrong
 BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
 FEW = 49  # draws where the statistic alone is asked for
 
@@ -119,7 +120,7 @@ def forward_selection(
     start = current = looked_at = base
     rounds, steps, bend_or = list[Round](), list[Step](), dict[str, float]()
     while len(steps) < MAX_EFFECTS and not (rounds and watch.over):
-        now = BEYOND_DOUBT if steps else level if current is base else level / 2
+        now = SECOND if steps else level if current is base else level / 2
         turn, looked_at = _look(current, catalogue, rng, now, of_rig=of_rig, watch=watch), current
         rounds.append(turn)
         if watch.over:

@@ -22,7 +22,7 @@ from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.inputs.deadline import Each, in_turn
-from calibration.model.stages import Effect
+from calibration.model.stages import Effect, Stage
 from calibration.noise.heteroscedasticity import Scatter
 from calibration.noise.model import Noise
 from calibration.repeats.at_denoised_depth import at_denoised_depth
@@ -43,6 +43,7 @@ SCATTER = "scatter while loading"
 FAILED = "it failed"
 ONE_WAY = 0.9999  # cosine from which two directions are one
 DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
+FORM = 0.1  # std of what an effect adds over what the same effect adds in other gels and rigs, in each step
 OTHER_BINS = 6  # steps of every other covariate
 
 
@@ -107,7 +108,7 @@ def score_test(
     plain, _ = effect_directions(fitted, INSTRUMENT_ERRORS if of_rig else ())
     plain = {key: _either_way(table) for key, table in plain.items()}
     steps = covariate_steps(fitted)
-    cast = Cast(fitted, [*tables.values(), *plain.values(), *steps.values()])
+    cast = Cast(fitted, [*tables.values(), *plain.values(), *steps.values()], form_errors(fitted))
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
@@ -205,6 +206,19 @@ def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
     return covariates(steady.data.with_force(steady.force_N))
 
 
+def form_errors(steady: Fit) -> Floats:
+    """What the form of the fit's effects may be off by (N, m), N: of what each adds, one std of a share of its own
+    in each step of everything recorded. Rigs err by definition; how gels do is a model.
+    """
+    model, places = steady.model, steady.model.slices(steady.data)
+    of_all = np.hstack([np.zeros((steady.data.size, 0)), *(_hot(c, OTHER_BINS) for c in seen_covariates(steady))])
+    added = [
+        steady.force_N - model.without(key).predict(np.delete(steady.values, places[key]), steady.data)
+        for key in (e.key for e in model.effects if e.stage not in (Stage.DEPTH, Stage.INSTRUMENT))
+    ]
+    return np.hstack([np.zeros((steady.data.size, 0)), *(FORM * one[:, None] * of_all for one in added)])
+
+
 def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str, Floats], dict[str, str]]:
     """Change of the force (N, s) for each start of each effect that can be tested, and why others cannot."""
     tables: dict[str, Floats] = {}
@@ -246,10 +260,15 @@ def _directions(fitted: Fit, effect: Effect, base: Floats) -> Floats:
 
 def _steps(fitted: Fit, covariate: Covariate) -> Floats:
     """Step functions (N, k) of a covariate: of the stiffness for a press's, of the depth for a sample's."""
-    number = bins(covariate, DEPTH_BINS if covariate.name == "w" else OTHER_BINS)
     carried = fitted.about.force_N if covariate.of_press else fitted.about.slope_N_per_mm
-    hot = np.eye(int(number.max()) + 1)[number]
+    hot = _hot(covariate, DEPTH_BINS if covariate.name == "w" else OTHER_BINS)
     return np.asarray(hot * (np.abs(carried) + fitted.about.base_N * fitted.noise.scale)[:, None])
+
+
+def _hot(covariate: Covariate, most: int) -> Floats:
+    """Which bin each sample is in (N, k), 1 or 0."""
+    number = bins(covariate, most)
+    return np.asarray(np.eye(int(number.max()) + 1)[number])
 
 
 def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
@@ -259,8 +278,7 @@ def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
         name = f"{effect.key}.{effect.parameters[0].name}" if effect.parameters else ""
         for covariate in (c for c in seen if c.name in getattr(effect, "same_over", ())):
             change = fitted.jacobian[:, fitted.index(name)]
-            number = bins(covariate, OTHER_BINS)
-            found[f"{effect.key} by {covariate.name}"] = np.eye(int(number.max()) + 1)[number] * change[:, None]
+            found[f"{effect.key} by {covariate.name}"] = _hot(covariate, OTHER_BINS) * change[:, None]
     return found
 
 
