@@ -5,8 +5,9 @@ starts), or a step function of a covariate. Whitened and freed of what the fit c
 t = d.z/|d|. Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is
 searched; of a covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from
 its like and how presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses
-are drawn with the tails that they have and the error model is estimated anew. The level is shared: effects have
-`SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
+are drawn with the tails that they have and the error model is estimated anew. What an effect in the fit leaves
+where a gel follows another form of it (`form_errors`) is in the fit, and no finding. The level is shared: effects
+have `SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ SCATTER = "scatter while loading"
 FAILED = "it failed"
 ONE_WAY = 0.9999  # cosine from which two directions are one
 DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
-FORM = 0.1  # std of what an effect adds over what the same effect adds in other gels and rigs, in each step
+FORM = 0.1  # std, of what a gel's effect adds: by how much its form is off in each step (others_curves)
 OTHER_BINS = 6  # steps of every other covariate
 
 
@@ -207,8 +208,9 @@ def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
 
 
 def form_errors(steady: Fit) -> Floats:
-    """What the form of the fit's effects may be off by (N, m), N: of what each adds, one std of a share of its own
-    in each step of everything recorded. Rigs err by definition; how gels do is a model.
+    """What the form of the gel's effects in the fit may be off by (N, m), N, one std a column: a random share of
+    what each adds, in each step of everything recorded. Errors of rigs are definitions: no form can be off.
+    Source: Kennedy, O'Hagan, J. R. Stat. Soc. B 63 (2001) 425 (a discrepancy as a random function).
     """
     model, places = steady.model, steady.model.slices(steady.data)
     of_all = np.hstack([np.zeros((steady.data.size, 0)), *(_hot(c, OTHER_BINS) for c in seen_covariates(steady))])
