@@ -23,20 +23,23 @@ class Cast:
     never far from it, nothing that matters cancels.
     """
 
-    def __init__(self, fitted: Fit, tables: Sequence[Floats]) -> None:
+    def __init__(self, fitted: Fit, tables: Sequence[Floats], form_N: Floats) -> None:
+        """`form_N` (N, m): what the form of effects in the fit may be off by, each column one std."""
         self.fitted = fitted
         free = fitted.free & ~fitted.at_bound  # what stands at its bound cannot give way any further
         known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
+        known = np.concatenate([known, np.ones(form_N.shape[1])])
         self.own_priors = np.array(
             [
                 (p.prior.mean - v) / p.prior.std
                 for p, v, gives in zip(fitted.parameters, fitted.values, free, strict=True)
                 if p.prior is not None and gives
             ]
+            + [0.0] * form_N.shape[1]
         )
         self.ends = np.cumsum([t.shape[1] for t in tables])
         directions = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
-        self._free_and_norm(fitted.jacobian[:, free], np.diag(known)[known > 0], directions)
+        self._free_and_norm(np.hstack([fitted.jacobian[:, free], form_N]), np.diag(known)[known > 0], directions)
         self.left = list(np.split(self._visible, self.ends[:-1]))
         self._weighing = Weighing(fitted.data, fitted.about, fitted.noise)
         own, looked = self._weighing.take(self._jacobian), self._weighing.take(self._directions)

@@ -5,8 +5,9 @@ starts), or a step function of a covariate. Whitened and freed of what the fit c
 t = d.z/|d|. Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is
 searched; of a covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from
 its like and how presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses
-are drawn with the tails that they have and the error model is estimated anew. The level is shared: effects have
-`SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
+are drawn with the tails that they have and the error model is estimated anew. What an effect in the fit leaves
+where a gel follows another form of it (`form_errors`) is in the fit, and no finding. The level is shared: effects
+have `SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.inputs.deadline import Each, in_turn
-from calibration.model.stages import Effect
+from calibration.model.stages import Effect, Stage
 from calibration.noise.heteroscedasticity import Scatter
 from calibration.noise.model import Noise
 from calibration.repeats.at_denoised_depth import at_denoised_depth
@@ -43,6 +44,7 @@ SCATTER = "scatter while loading"
 FAILED = "it failed"
 ONE_WAY = 0.9999  # cosine from which two directions are one
 DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
+FORM = 0.1  # std, of what a gel's effect adds: by how much its form is off in each step (others_curves)
 OTHER_BINS = 6  # steps of every other covariate
 
 
@@ -107,7 +109,7 @@ def score_test(
     plain, _ = effect_directions(fitted, INSTRUMENT_ERRORS if of_rig else ())
     plain = {key: _either_way(table) for key, table in plain.items()}
     steps = covariate_steps(fitted)
-    cast = Cast(fitted, [*tables.values(), *plain.values(), *steps.values()])
+    cast = Cast(fitted, [*tables.values(), *plain.values(), *steps.values()], form_errors(fitted))
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
@@ -205,6 +207,20 @@ def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
     return covariates(steady.data.with_force(steady.force_N))
 
 
+def form_errors(steady: Fit) -> Floats:
+    """What the form of the gel's effects in the fit may be off by (N, m), N, one std a column: a random share of
+    what each adds, in each step of everything recorded. Errors of rigs are definitions: no form can be off.
+    Source: Kennedy, O'Hagan, J. R. Stat. Soc. B 63 (2001) 425 (a discrepancy as a random function).
+    """
+    model, places = steady.model, steady.model.slices(steady.data)
+    of_all = np.hstack([np.zeros((steady.data.size, 0)), *(_hot(c, OTHER_BINS) for c in seen_covariates(steady))])
+    added = [
+        steady.force_N - model.without(key).predict(np.delete(steady.values, places[key]), steady.data)
+        for key in (e.key for e in model.effects if e.stage not in (Stage.DEPTH, Stage.INSTRUMENT))
+    ]
+    return np.hstack([np.zeros((steady.data.size, 0)), *(FORM * one[:, None] * of_all for one in added)])
+
+
 def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str, Floats], dict[str, str]]:
     """Change of the force (N, s) for each start of each effect that can be tested, and why others cannot."""
     tables: dict[str, Floats] = {}
@@ -246,10 +262,15 @@ def _directions(fitted: Fit, effect: Effect, base: Floats) -> Floats:
 
 def _steps(fitted: Fit, covariate: Covariate) -> Floats:
     """Step functions (N, k) of a covariate: of the stiffness for a press's, of the depth for a sample's."""
-    number = bins(covariate, DEPTH_BINS if covariate.name == "w" else OTHER_BINS)
     carried = fitted.about.force_N if covariate.of_press else fitted.about.slope_N_per_mm
-    hot = np.eye(int(number.max()) + 1)[number]
+    hot = _hot(covariate, DEPTH_BINS if covariate.name == "w" else OTHER_BINS)
     return np.asarray(hot * (np.abs(carried) + fitted.about.base_N * fitted.noise.scale)[:, None])
+
+
+def _hot(covariate: Covariate, most: int) -> Floats:
+    """Which bin each sample is in (N, k), 1 or 0."""
+    number = bins(covariate, most)
+    return np.asarray(np.eye(int(number.max()) + 1)[number])
 
 
 def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
@@ -259,8 +280,7 @@ def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
         name = f"{effect.key}.{effect.parameters[0].name}" if effect.parameters else ""
         for covariate in (c for c in seen if c.name in getattr(effect, "same_over", ())):
             change = fitted.jacobian[:, fitted.index(name)]
-            number = bins(covariate, OTHER_BINS)
-            found[f"{effect.key} by {covariate.name}"] = np.eye(int(number.max()) + 1)[number] * change[:, None]
+            found[f"{effect.key} by {covariate.name}"] = _hot(covariate, OTHER_BINS) * change[:, None]
     return found
 
 

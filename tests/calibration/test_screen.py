@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
+from calibration.diagnosis.refit import adopt, refit_with
 from calibration.diagnosis.score_test import score_test
 from calibration.diagnosis.tail_probability import Tail
 from calibration.effects import EFFECTS
@@ -198,3 +199,18 @@ def test_a_noise_that_was_stated_too_small_is_told_from_one_that_was_not(
     )
     found = beyond_stated(pure(noisy))
     assert found is None if said is None else found == pytest.approx(said, rel=0.06)
+
+
+def test_what_another_form_of_an_effect_leaves_is_no_second_effect() -> None:
+    """A stiffening that is 15 % stronger in the second half of the recording is no drift; a drift is one still."""
+    data, effect = presses(), EFFECTS["stiffening"]
+    law, both = MODEL.predict(TRUTH, data), (MODEL + effect).predict(np.array([*TRUTH, 8.0]), data)
+    late = (data.press >= data.count // 2).astype(float)
+    for force, p in (
+        (law + (both - law) * (1 + 0.15 * late), (0.05, 1.0)),
+        (both * (1 + 0.05 * late), (0.0, 0.01)),
+    ):
+        base = pure(measured(data, force, np.random.default_rng(4)))
+        fitted = adopt(base, refit_with(base, effect))
+        looked = {c.key: c.p_adjusted for c in score_test(fitted, (), rng=np.random.default_rng(0)).covariates}
+        assert p[0] <= looked["order"] <= p[1]
