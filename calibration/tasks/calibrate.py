@@ -58,8 +58,8 @@ def calibrate(
     `law` a Law or the key of one ("default": the flat punch; where there is none, the ball or the cone); `effects`
     a model whose effects are fitted along; `clock_offset` and `bulge` (nu from the rise beside the punch) come
     from the certificate, where it has them; `bound` holds nu to what elastomers have where nothing is stated of
-    it, None leaves that out. Presses that clocks far apart put out of phase are left out. Raises NothingCertified where every press was rejected, InputError for measurements
-    no law can be fitted to.
+    it, None leaves that out. Presses that clocks far apart put out of phase are left out, with a warning. Raises
+    NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
     """
     sets = [measured] if isinstance(measured, Measured) else list(measured)
     seen = observe(sets)

@@ -136,7 +136,7 @@ def test_curves_alone_are_enough() -> None:
 
 
 def test_presses_out_of_phase_are_left_out() -> None:
-    """Ramps of .1 s beside slow ones, the depth read 60 ms late: c is that of the slow ones, and a warning says so."""
+    """Ramps of .1 s beside slow ones, the depth read 60 ms late: c is the slow ones', and a warning says so."""
     curves, presses = [], []
     for k, speed in enumerate((4.0, 0.4, 0.4, 4.0, 0.4)):
         time = 3 * 0.4 / speed * np.linspace(0, 1, 40)
