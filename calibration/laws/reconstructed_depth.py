@@ -81,7 +81,7 @@ def _stated(data: Observations) -> Floats | None:
 
 @lru_cache(maxsize=KEPT)
 def of_face(data: Observations) -> Floats:
-    """1 for the depth of a face (N,), 0 for a slope beside it."""
+    """1 for the depth of a face (N,), mm, 0 for a slope beside it."""
     return np.ones(data.size) if data.slopes is None else np.isnan(data.slopes.slope).astype(float)
 
 
@@ -118,6 +118,7 @@ def _open(data: Observations) -> list[tuple[str, float, Floats]]:
 
 @lru_cache(maxsize=KEPT)
 def beside_face(data: Observations) -> Bools:
+    """Whether a sample (N,) is a slope beside a face, read as a depth in mm."""
     return np.asarray(of_face(data) == 0)
 
 
