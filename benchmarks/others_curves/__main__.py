@@ -2,8 +2,10 @@
 [--presses M] [--screen] [--jobs J] [--log FILE] [--all].
 
 Each recording is made from its seed, diagnosed (or, with --screen, screened alone), and kept as a line of JSON in
-the log: a run that was cut goes on from it. `--all` runs what is quoted: 300 clean, 300 with one effect, 100
-pairs, 100 outside the catalogue, 2,000 screens, from seed 500000 on; seeds below 100000 are for tuning.
+the log: a run that was cut goes on from it. Of kind `near` another effect lies within 3 std of the hidden one, by
+the same formulas: few radii, waits, places and days do not tell them apart. `--all` runs what is quoted: 300
+clean, 300 with one effect, 100 pairs, 100 outside the catalogue, 2,000 screens, from seed 500000 on; seeds below
+100000 are for tuning.
 """
 
 from __future__ import annotations

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.others_curves.recording import Made, make
-from benchmarks.others_curves.strength import TOLD_APART
+from benchmarks.others_curves.strength import SEEN, TOLD_APART
 from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured, Observations
 from tactilevision.recording import read_recording
 
 SEED = 7
 LEVELS = (0.01, 0.05, 0.10)
-SEEN = 8.0  # std above which a hidden effect is to be found; of two, each beside the other
 HOLDS = 0.90  # of readings in their 95 % interval: with fewer a force, or a depth, has left it
 
 Row = dict[str, Any]
@@ -133,6 +132,7 @@ def report(rows: Sequence[Row]) -> str:
     for kind in ("single", "pair"):
         lines += _of_hidden(kind, [r for r in of[kind] if min(r["each"].values()) >= SEEN])
     lines += _of_outside(of["outside"]) if of["outside"] else []
+    lines += _of_near([r for r in full if r["kind"] == "near"])
     if full:
         seconds = [r["cpu_s"] for r in full]
         lines += [
@@ -167,6 +167,23 @@ def _of_hidden(kind: str, loud: Sequence[Row]) -> list[str]:
         share(f"{kind}: confidently wrong", wrong),
         share(f"{kind}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in loud]),
         share(f"{kind}, another within {TOLD_APART:.0f} sigma: AMBIGUOUS", near),
+    ]
+
+
+def _of_near(rows: Sequence[Row]) -> list[str]:
+    """Where another effect lies so near that a set is to be told."""
+    if not rows:
+        return []
+    held = [set(r["sizes"]) <= set(r.get("set", ())) for r in rows]
+    told = [r["verdict"] == "AMBIGUOUS" for r in rows]
+    verdicts = {v: [r["verdict"] == v for r in rows] for v in ("IDENTIFIED", "UNKNOWN", "ADEQUATE")}
+    wrong = [one and not h for one, h in zip(verdicts["IDENTIFIED"], held, strict=True)]
+    return [
+        share(f"another within {TOLD_APART:.0f} sigma: AMBIGUOUS", told),
+        share("  with the truth in the set", [t and h for t, h in zip(told, held, strict=True)]),
+        share("  truth in the set, whatever the verdict", held),
+        *(share(f"  {verdict}", hits) for verdict, hits in verdicts.items()),
+        share("  IDENTIFIED, and wrong", wrong),
     ]
 
 

@@ -41,8 +41,12 @@ class Protocol:
     thickness_mm: float
 
 
-def draw(rng: np.random.Generator, *, rich: bool, count: int = 0) -> Protocol:
-    """A protocol; `rich` ones have what every effect needs, the others leave things out; `count` presses."""
+def draw(rng: np.random.Generator, *, rich: bool, count: int = 0, sparse: bool = False) -> Protocol:
+    """A protocol; `rich` ones have what every effect needs, the others leave things out; `count` presses.
+
+    A `sparse` one among the rich has two radii, one speed, one wait, two places and two days, each with its own
+    temperature: effects can be seen, and some not be told apart.
+    """
     thickness = float(rng.choice([2.0, 2.5, 3.0, 4.0]))
     radii = [round(share * thickness, 2) for share in ((0.5, 0.8, 1.1) if rich else (0.8,))]
     drawn = int(rng.choice([36, 51] if rich else [8, 12, 24]))
@@ -50,15 +54,20 @@ def draw(rng: np.random.Generator, *, rich: bool, count: int = 0) -> Protocol:
     speeds = (0.05, 0.5, 5.0) if rich else tuple(rng.choice([(0.5,), (0.1, 1.0)][int(rng.integers(2))], 1))
     holds = (0.0, 1.0, 8.0) if rich else (float(rng.choice([0.0, 1.0])),)
     back = rich or bool(rng.random() < 0.7)
+    if sparse:
+        radii, speeds, holds = [radii[0], radii[-1]], (float(rng.choice(speeds)),), (float(rng.choice(holds)),)
     samples = int(rng.choice([20, 30, 45]))
     uneven = bool(rng.random() < 0.5)
     depths = thickness * np.array([0.08, 0.11, 0.14] if rich or rng.random() < 0.5 else [0.12])
     days = np.sort(rng.integers(0, 30, count)) if rich else np.zeros(count, dtype=int)
+    if sparse:
+        days = np.where(np.arange(count) < count // 2, days[0], days[-1])
     days -= days[0]  # an age counts from the first press
-    spots = np.round(rng.uniform(-6, 6, (SPOTS, 2)), 2) if rich else np.zeros((1, 2))
+    spots = np.round(rng.uniform(-6, 6, (2 if sparse else SPOTS, 2)), 2) if rich else np.zeros((1, 2))
+    each_day = np.round(22 + rng.normal(0, 2.5, 30), 1) if sparse else np.zeros(30)
     clock, presses = 0.0, []
     for k in range(count):
-        rest = float(np.exp(rng.uniform(np.log(3.0), np.log(300.0)))) if rich else 20.0
+        rest = float(np.exp(rng.uniform(np.log(3.0), np.log(300.0)))) if rich and not sparse else 20.0
         rest += 86400.0 * float(days[k] - days[k - 1]) if k else 0.0
         clock += rest
         speed, hold = float(rng.choice(speeds)), float(rng.choice(holds))
@@ -66,7 +75,8 @@ def draw(rng: np.random.Generator, *, rich: bool, count: int = 0) -> Protocol:
         path = _path(
             rng, float(rng.choice(depths)), speed=speed, hold=hold, back=back, samples=samples, uneven=uneven
         )
-        warm = float(np.round(22 + rng.normal(0, 2.5), 1)) if rich else float("nan")
+        warm = float(np.round(22 + rng.normal(0, 2.5), 1)) if rich and not sparse else float("nan")
+        warm = float(each_day[days[k]]) if sparse else warm
         one = Press(
             float(rng.choice(radii)),
             clock + path[0],

@@ -10,10 +10,12 @@ import numpy as np
 
 from benchmarks.others_curves import hidden, noise, protocol
 from benchmarks.others_curves.law import BEND, Array
-from benchmarks.others_curves.strength import NU_STD, TOLD_APART, StraightLaw, Truth, instead, without
+from benchmarks.others_curves.strength import NU_STD, SEEN, StraightLaw, Truth, near, without
 
-KINDS = ("clean", "single", "pair", "outside", "allowed")
+KINDS = ("clean", "single", "pair", "outside", "allowed", "near")
 EDGE_STD_MM = 0.1  # of edges that nobody stated, as E's interval allows for them
+MAX_DRAWS = 200  # of a recording in which another effect lies near: one in five has it
+STRENGTHS = (9.0, 14.0)  # std of what is hidden where another effect is to lie near: seen, and not yet told apart
 NU_LARGEST = 0.4995  # of what somebody states
 HEAD = "press,time_s,depth_mm,fx_N,fy_N,fz_N,phase"
 
@@ -51,11 +53,57 @@ class Made:
 
 
 def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = False, count: int = 0) -> Made:
-    """Write the recording of this seed into `folder`; `straight` leaves the law's curve out, `count` presses."""
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
-    plan, reader = protocol.draw(rng, rich=rich or kind not in ("clean", "allowed"), count=count), noise.draw(rng)
+    """Write the recording of this seed into `folder`; `straight` leaves the law's curve out, `count` presses.
+
+    One of kind "near" is drawn until what is hidden would be seen and another effect lies near it.
+    """
+    for draw in range(MAX_DRAWS if kind == "near" else 1):
+        stream = [seed, KINDS.index(kind), *([2 + draw] if kind == "near" else [])]
+        made = _make(folder, kind, stream, rich=rich, straight=straight, count=count)
+        if kind != "near" or made.near:
+            return made
+    raise RuntimeError(f"no recording of seed {seed} has another effect near the one that is hidden")
+
+
+def _make(folder: Path, kind: str, stream: list[int], *, rich: bool, straight: bool, count: int) -> Made:
+    rng = np.random.default_rng(stream)
+    rich = rich or kind not in ("clean", "allowed")
+    plan = protocol.draw(rng, rich=rich, count=count, sparse=kind == "near")
+    reader = noise.draw(rng)
+    own = np.random.default_rng([*stream, 1])  # of what was drawn later than all else
+    gel = _gel(rng, own, kind, straight=straight)
+    stated_nu = min(round(gel.nu + own.normal(0.0, NU_STD), 4), NU_LARGEST)
+    same = deepcopy(rng)
+    if kind == "near":
+        gel = _as_strong(gel, float(own.uniform(*STRENGTHS)), _law(deepcopy(same), gel, plan, reader))
+    truth, rows = _read(rng, gel, plan, reader)
+    _write(folder, plan, reader, stated_nu, rows)
+    law = StraightLaw(plan, reader, gel.nu, truth)
+    strength, off = law.leaves()
+
+    def errors_N(other: hidden.Gel) -> Array:
+        return np.concatenate([error for _, _, error in _read(deepcopy(same), other, plan, reader)[0]])
+
+    each = {key: law.leaves(*map(errors_N, without(gel, key)))[0] for key in gel.sizes}
+    alone = kind == "single" or (kind == "near" and strength > SEEN)
+    force, slope = (np.concatenate([one[k] for one in truth]) for k in (0, 1))
+    told = (kind, dict(gel.sizes), strength, each, near(law, gel, errors_N) if alone else [], gel.modulus_MPa)
+    return Made(*told, len(plan.presses), force.size, reader, force, slope, off)
+
+
+def _law(rng: np.random.Generator, gel: hidden.Gel, plan: protocol.Protocol, reader: noise.Reader) -> StraightLaw:
+    return StraightLaw(plan, reader, gel.nu, _read(rng, gel, plan, reader)[0])
+
+
+def _as_strong(gel: hidden.Gel, strength: float, law: StraightLaw) -> hidden.Gel:
+    """The gel with what is hidden no larger than it takes to be this strong, in std."""
+    smaller = min(1.0, strength / max(law.leaves()[0], 1e-9))
+    return replace(gel, sizes={key: size * smaller for key, size in gel.sizes.items()})
+
+
+def _gel(rng: np.random.Generator, own: np.random.Generator, kind: str, *, straight: bool) -> hidden.Gel:
+    """A gel with what is hidden in a recording of this kind."""
     table = hidden.OUTSIDE if kind == "outside" else hidden.SINGLE
-    own = np.random.default_rng([seed, KINDS.index(kind), 1])  # of what was drawn later than all else
     drawn = {"clean": 0, "pair": 2, "allowed": int(own.integers(2))}.get(kind, 1)
     keys = rng.choice(list(table), drawn, replace=False)
     gel = hidden.Gel(
@@ -69,24 +117,7 @@ def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = Fal
     )
     if kind == "allowed":
         gel = replace(gel, sizes={"edge_fillet": abs(own.normal(0.0, EDGE_STD_MM)), **gel.sizes})
-    stated_nu = min(round(gel.nu + own.normal(0.0, NU_STD), 4), NU_LARGEST)
-    same = deepcopy(rng)
-    truth, rows = _read(rng, gel, plan, reader)
-    _write(folder, plan, reader, stated_nu, rows)
-    straight_law = StraightLaw(plan, reader, gel.nu, truth)
-    strength, off = straight_law.leaves()
-
-    def errors_N(other: hidden.Gel) -> Array:
-        return np.concatenate([error for _, _, error in _read(deepcopy(same), other, plan, reader)[0]])
-
-    each = {key: straight_law.leaves(*map(errors_N, without(gel, key)))[0] for key in gel.sizes}
-    near = [] if kind != "single" else [
-        key for key in table if key not in gel.sizes
-        and min(straight_law.leaves(errors_N(other))[0] for other in instead(gel, key)) < TOLD_APART
-    ]  # fmt: skip
-    force, slope = (np.concatenate([one[k] for one in truth]) for k in (0, 1))
-    told = (kind, dict(gel.sizes), strength, each, near, gel.modulus_MPa, len(plan.presses), force.size)
-    return Made(*told, reader, force, slope, off)
+    return gel
 
 
 Read = tuple[Array, Array, float]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +11,18 @@ from benchmarks.others_curves import hidden, noise, protocol
 from benchmarks.others_curves.law import Array, slope_N_per_mm
 
 NU_STD = 0.005  # of Poisson's ratio, as it is stated
+SEEN = 8.0  # std above which a hidden effect is to be found; of two, each beside the other
 TOLD_APART = 3.0  # std: effects that are nearer are to be told as a set
 MEMORIES_S = (0.5, 2.0, 8.0)  # that a relaxation may have
+ONE_WAY = (
+    "backing_compliance",
+    "edge_fillet",
+    "lateral_boundary",
+    "adhesion",
+    "viscoelasticity",
+    "recovery",
+    "mullins",
+)
 
 Truth = list[tuple[Array, Array, Array]]  # of each press force and slope of the sound gel, and what is hidden
 
@@ -36,13 +46,24 @@ class StraightLaw:
 
     def leaves(self, *beside: Array) -> tuple[float, Array]:
         """Std, and N (N,), that are left of what is hidden beside any share of others (N,)."""
+        read, table = self._tables(*beside)
+        best = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0]
+        return float(np.linalg.norm(table[:, -1] - table[:, :-1] @ best)), read[:, -1] - read[:, :-1] @ best
+
+    def apart(self, other: Array, *, least: float, most: float) -> float:
+        """Std that are left of what is hidden beside the best share of another (N,) from `least` to `most`."""
+        _, table = self._tables(other)
+        share = float(np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0][0])
+        target, law = table[:, -1] - np.clip(share, least, most) * table[:, 0], table[:, 1:-1]
+        return float(np.linalg.norm(target - law @ np.linalg.lstsq(law, target, rcond=1e-9)[0]))
+
+    def _tables(self, *beside: Array) -> tuple[Array, Array]:
+        """Others, law and what is hidden as columns, in N and white (with what is known of nu as a last row)."""
         read = np.column_stack([*beside, self._plain])
         parts = zip(self._roots, np.split(read, self._ends), strict=True)
         prior = np.zeros(read.shape[1])
         prior[-2] = 1.0
-        table = np.vstack([*(np.linalg.solve(root, own) for root, own in parts), prior])
-        best = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0]
-        return float(np.linalg.norm(table[:, -1] - table[:, :-1] @ best)), read[:, -1] - read[:, :-1] @ best
+        return read, np.vstack([*(np.linalg.solve(root, own) for root, own in parts), prior])
 
 
 def without(gel: hidden.Gel, key: str) -> Iterator[hidden.Gel]:
@@ -51,7 +72,19 @@ def without(gel: hidden.Gel, key: str) -> Iterator[hidden.Gel]:
         yield replace(gel, sizes=others)
 
 
-def instead(gel: hidden.Gel, key: str) -> Iterator[hidden.Gel]:
+def near(law: StraightLaw, gel: hidden.Gel, errors_N: Callable[[hidden.Gel], Array]) -> list[str]:
+    """What else, no larger than it is ever drawn, looks like what is hidden; `errors_N` (N,) of another gel."""
+    return [
+        key for key, (_, largest) in hidden.SINGLE.items() if key not in gel.sizes
+        and any(
+            law.apart(errors_N(other), least=-share * (key not in ONE_WAY), most=share) < TOLD_APART
+            for other in _instead(gel, key)
+            for share in [largest / other.sizes[key]]
+        )
+    ]  # fmt: skip
+
+
+def _instead(gel: hidden.Gel, key: str) -> Iterator[hidden.Gel]:
     """Gels with another effect in place of what is hidden, of small and large size and of any memory."""
     for tau_s in MEMORIES_S if key == "viscoelasticity" else (gel.tau_s,):
         for size in hidden.SINGLE[key]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -58,13 +58,7 @@ class Errors:
 
     def as_json(self) -> dict[str, float]:
         """rms_error_N."""
-        return {
-            "before": self.before,
-            "after": self.after,
-            "held_out_before": self.held_out_before,
-            "held_out_after": self.held_out_after,
-            "floor": self.floor,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)

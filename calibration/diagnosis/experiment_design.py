@@ -15,6 +15,7 @@ import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
 from calibration.fit.least_squares import Fit, Problem, linearise
+from calibration.inputs.join import join
 from calibration.inputs.observations import Observations, Presses
 from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from calibration.laws.flat_punch import FlatPunch
@@ -66,14 +67,14 @@ def actions(data: Observations) -> tuple[Action, ...]:
     speed = float(np.nanmedian(data.presses.speed_mm_s)) if np.isfinite(data.presses.speed_mm_s).any() else 0.2
     return (
         Action("press with two more radii (x .6 and x 1.4)", 15.0,
-               lambda d: _join(_presses(d, radius=0.6 * radius), _presses(d, radius=1.4 * radius))),
+               lambda d: join(_presses(d, radius=0.6 * radius), _presses(d, radius=1.4 * radius))),
         Action("press ten times slower and ten times faster", 8.0,
-               lambda d: _join(_presses(d, speed=speed / 10), _presses(d, speed=speed * 10))),
+               lambda d: join(_presses(d, speed=speed / 10), _presses(d, speed=speed * 10))),
         Action("hold a press for 25 s", 3.0, lambda d: _presses(d, speed=speed, hold_s=25.0)),
-        Action("press at +-6 mm in x and y", 10.0, lambda d: _join(*[
+        Action("press at +-6 mm in x and y", 10.0, lambda d: join(*[
             _presses(d, place=place) for place in ((6.0, 0.0), (-6.0, 0.0), (0.0, 6.0), (0.0, -6.0))])),
         Action("vary the waits from 3 s to 10 min", 25.0,
-               lambda d: _join(*[_presses(d, rest_s=rest) for rest in (3.0, 30.0, 600.0)])),
+               lambda d: join(*[_presses(d, rest_s=rest) for rest in (3.0, 30.0, 600.0)])),
         Action("unload slowly until the punch lets go", 4.0, lambda d: _presses(d, speed=speed, unload=True)),
         Action("record air before the first touch", 3.0, lambda d: _presses(d, air=True)),
         Action("repeat the presses in a month", 10.0, lambda d: _presses(d, later_days=30.0)),
@@ -148,37 +149,9 @@ def _observations(
     )
 
 
-def _join(*sets: Observations) -> Observations:
-    """Several sets after one another, indenters renumbered."""
-    first = sets[0]
-    indenters = tuple(i for s in sets for i in s.indenters)
-    shift = np.cumsum([0, *[len(s.indenters) for s in sets[:-1]]])
-    before = np.cumsum([0, *[s.count for s in sets[:-1]]])
-
-    def whole(name: str) -> Floats:
-        return np.concatenate([getattr(s, name) for s in sets])
-
-    columns = {name: np.concatenate([getattr(s.presses, name) for s in sets]) for name in (
-        "recording", "radius_mm", "x_mm", "y_mm", "rest_s", "speed_mm_s", "hold_s", "temperature_C", "lubricated",
-        "day")}  # fmt: skip
-    presses = Presses(
-        label=tuple(label for s in sets for label in s.presses.label),
-        indenter=np.concatenate([s.presses.indenter + k for s, k in zip(sets, shift, strict=True)]),
-        order=np.arange(float(sum(s.count for s in sets))),
-        **columns,
-    )
-    return replace(
-        first, indenters=indenters, presses=presses, reconstructed_mm=None, reconstructed_std_mm=None,
-        press=np.concatenate([s.press + k for s, k in zip(sets, before, strict=True)]),
-        time_s=whole("time_s"), depth_mm=whole("depth_mm"), force_N=whole("force_N"),
-        phase=np.concatenate([s.phase for s in sets]), temperature_C=whole("temperature_C"),
-        depth_std_mm=whole("depth_std_mm"), force_std_N=whole("force_std_N"),
-    )  # fmt: skip
-
-
 def _separation(base: Fit, one: Candidate, rival: Candidate, extra: Observations) -> float:
     """Separation with the presses so far and these, both candidates' laws about their own fits."""
-    data = _join(base.data, extra)
+    data = join(base.data, extra)
     f_one, _ = _force(one.model, one.values, base.data, data)
     model = rival.model
     f_rival, values = _force(model, rival.values, base.data, data)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,19 +38,11 @@ class InadmissibleBeta:
     value: float
     r_squared: float
     rms_error_N: float
-    modulus_MPa: float
+    youngs_modulus_MPa: float
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
-        return {
-            "key": self.key,
-            "parameter": self.parameter,
-            "unit": self.unit,
-            "value": self.value,
-            "r_squared": self.r_squared,
-            "rms_error_N": self.rms_error_N,
-            "youngs_modulus_MPa": self.modulus_MPa,
-        }
+        return asdict(self)
 
 
 def instead_of_beta() -> tuple[Effect, ...]:
@@ -88,15 +80,9 @@ def _candidate(fitted: Fit, effect: Effect) -> InadmissibleBeta:
             thickness = float(np.sqrt(thickness * fitted_mm))  # halfway in the logarithm, or it swings for ever
             starts = values[None]
     force = model.predict(values, data)
-    return InadmissibleBeta(
-        key,
-        effect.parameters[0].name,
-        effect.parameters[0].unit,
-        float(values[place]),
-        straightness(data, force),
-        float(np.sqrt(np.mean((data.normal_N - force) ** 2))),
-        float(values[0]),
-    )
+    first, rms = effect.parameters[0], float(np.sqrt(np.mean((data.normal_N - force) ** 2)))
+    straight, value, modulus = straightness(data, force), float(values[place]), float(values[0])
+    return InadmissibleBeta(key, first.name, first.unit, value, straight, rms, modulus)
 
 
 def _with_theory(fitted: Fit, model: Model, key: str, starts: Floats, thickness_mm: float) -> Floats:

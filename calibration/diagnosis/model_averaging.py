@@ -23,11 +23,11 @@ import numpy as np
 from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.diagnosis.sensitivity import NOTHING, change_of_force
 from calibration.diagnosis.typical_sizes import absent, largest, to_be_expected, typical
+from calibration.fit.absorbed import Absorbed
 from calibration.fit.alternative_fits import stuck
 from calibration.fit.identifiability import identify
-from calibration.fit.least_squares import Fit, inverse_information
+from calibration.fit.least_squares import Fit
 from calibration.model.stages import STICKING, Effect
-from calibration.noise.model import Whitener
 from calibration.repeats.at_denoised_depth import at_denoised_depth
 from tactilevision.records import Estimate, Floats
 
@@ -71,9 +71,8 @@ def average_models(
     """
     if modulus.value is None or modulus.interval95 is None:
         return modulus, ()
-    others = [
-        e for e in effects if getattr(e, "condition", "") != STICKING
-    ]  # a gel that sticks is a law of its own
+    # a gel that sticks is a law of its own
+    others = [e for e in effects if getattr(e, "condition", "") != STICKING]
     looked = [e for e in others if e.key not in fitted.model.keys and not absent(e, fitted.data)]
     parts = [part for one, found in _laws(fitted, modulus) for part in _parts(one, found, looked, modulus.value)]
     if not parts:
@@ -82,10 +81,8 @@ def average_models(
     top = float(log_weight.max())
     weight = np.exp(log_weight - top)
     std = np.concatenate([np.full(p.shift.size, p.std) for p in parts])
-    low, high = (
-        modulus.value * float(np.exp(_quantile(share, weight / weight.sum(), shift, std)))
-        for share in (0.025, 0.975)
-    )
+    ends = (_quantile(share, weight / weight.sum(), shift, std) for share in (0.025, 0.975))
+    low, high = (modulus.value * float(np.exp(end)) for end in ends)
     reach = min(low, modulus.interval95[0]), max(high, modulus.interval95[1])
     return replace(modulus, interval95=reach), _ranked(parts, top + float(np.log(weight.sum())))
 
@@ -117,18 +114,12 @@ class _Space:
     """What the fit absorbs, white, with its priors; and what its residual says about a change of the force."""
 
     def __init__(self, fitted: Fit) -> None:
-        self._fitted = fitted
-        modulus = fitted.index("youngs_modulus_MPa")
-        free = fitted.free & (~fitted.at_bound | (np.arange(fitted.free.size) == modulus))
-        self._whitener = Whitener(fitted.data, fitted.noise, fitted.about)
-        known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])
+        self._fitted, self._modulus = fitted, fitted.index("youngs_modulus_MPa")
+        free = fitted.free & (~fitted.at_bound | (np.arange(fitted.free.size) == self._modulus))
+        self._absorbed = Absorbed(fitted, free)
         mean = np.array([0.0 if p.prior is None else p.prior.mean for p in fitted.parameters])
-        self._jacobian = np.vstack([self._whitener.apply(fitted.jacobian[:, free]), np.diag(known[free])])
-        self._residual = np.concatenate(
-            [self._whitener.apply(fitted.residual_N), (known * (mean - fitted.values))[free]]
-        )
-        self._inverse = inverse_information(self._jacobian)
-        self._modulus = int(np.flatnonzero(np.flatnonzero(free) == modulus)[0])
+        pull = self._absorbed.known * (mean - fitted.values)[free]
+        self._residual = np.concatenate([self._absorbed.white(fitted.residual_N), pull])
 
     def rivals(self, effect: Effect, chance: float) -> list[_Part]:
         """One for each start of the effect that does anything; they share its chance."""
@@ -141,12 +132,13 @@ class _Space:
         return [self._rival(effect, own, change, chance / len(changes)) for own, change in changes]
 
     def _rival(self, effect: Effect, own: Floats, change_N: Floats, chance: float) -> _Part:
-        target = np.concatenate([self._whitener.apply(change_N), np.zeros(self._inverse.shape[0])])
-        moved = self._inverse @ (self._jacobian.T @ target)
-        seen = target - self._jacobian @ moved
-        size = _sizes(effect, own, self._fitted)
+        absorbed, fitted = self._absorbed, self._fitted
+        target = absorbed.padded(change_N)
+        moved = absorbed.moved(target)
+        seen = target - absorbed.rows @ moved
+        size = _sizes(effect, own, fitted)
         gain = size * float(seen @ self._residual) - size**2 * float(seen @ seen) / 2
-        per_size = float(moved[self._modulus]) / self._fitted.values[self._fitted.index("youngs_modulus_MPa")]
+        per_size = float(moved[absorbed.row_of(self._modulus)]) / fitted.values[self._modulus]
         return _Part(effect.key, np.log(chance / NODES) + gain, -per_size * size)
 
 

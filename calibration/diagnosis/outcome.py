@@ -92,11 +92,5 @@ def against_instrument_errors(force: Outcome, watch: Watch, *, level: float) -> 
     nearest_of_all = next(iter(plain), None) if found is not None or force.unknown else None
     if found is None:
         return replace(force, plain=nearest_of_all)
-    return replace(
-        force,
-        steps=(),
-        tried=force.tried or found.instead_of,
-        unknown=True,
-        alternative_explanation=found,
-        plain=nearest_of_all,
-    )
+    tried = force.tried or found.instead_of
+    return replace(force, steps=(), tried=tried, unknown=True, alternative_explanation=found, plain=nearest_of_all)

@@ -87,12 +87,9 @@ def _held(parameter: Parameter, value: float) -> Parameter:
 def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floats:
     """Starts with the rest as it was, in the order of what each explains when everything is let go linearly."""
     place = problem.model.slices(problem.data)[effect.key]
-    rows = []
-    for start in effect.starts(problem.data):
-        row = np.insert(base.values, place.start, start)
-        rows.append(row)
+    rows = np.array([np.insert(base.values, place.start, start) for start in effect.starts(problem.data)])
     if len(rows) <= most:
-        return np.array(rows)
+        return rows
     white = problem.whitener.apply
     jacobian = white(base.jacobian[:, base.free])
     q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
@@ -103,7 +100,7 @@ def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floa
         d = white(problem.model.predict(row, problem.data) - base.force_N)
         d = d - q @ (q.T @ d)
         gains.append(float(d @ z) ** 2 / max(float(d @ d), 1e-300) * np.sign(float(d @ z)))
-    return np.array(rows)[np.argsort(gains)[::-1][:most]]
+    return rows[np.argsort(gains)[::-1][:most]]
 
 
 def separation(base: Fit, one: Candidate, other: Effect) -> float:
@@ -122,14 +119,9 @@ def freed(effect: Effect) -> Effect:
 
 
 def _prior_cost(base: Fit, one: Candidate) -> float:
-    table = one.model.parameters(base.data)
-    return float(
-        sum(
-            ((v - p.prior.mean) / p.prior.std) ** 2
-            for v, p in zip(one.values, table, strict=True)
-            if p.prior and not p.fixed
-        )
-    )
+    known = zip(one.values, one.model.parameters(base.data), strict=True)
+    pulls = [(value - p.prior.mean) / p.prior.std for value, p in known if p.prior and not p.fixed]
+    return float(np.sum(np.square(pulls)))
 
 
 @dataclass(frozen=True, slots=True)

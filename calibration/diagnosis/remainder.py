@@ -22,8 +22,9 @@ import numpy as np
 from calibration.diagnosis.refit import CANNOT_FIT, refit_with
 from calibration.diagnosis.score_test import SCATTER, ScoreTest, covariate_steps
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
+from calibration.fit.absorbed import Absorbed
 from calibration.fit.identifiability import identify
-from calibration.fit.least_squares import Fit, inverse_information
+from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import bins, covariates
 from calibration.inputs.denoised_depth import LOAD, branches
 from calibration.laws.flat_punch import FlatPunch
@@ -154,12 +155,10 @@ def _zeros(fitted: Fit, key: str) -> Floats:
 def _random_function(fitted: Fit, steps: Floats) -> tuple[Floats, float]:
     """What it leaves (N,), N, beside what the fit takes of it; and by how much E may be off, relative."""
     free = fitted.free & ~fitted.at_bound
-    known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
-    white = Whitener(fitted.data, fitted.noise, fitted.about).apply
-    jacobian = np.vstack([white(fitted.jacobian[:, free]), np.diag(known)])
-    taken = inverse_information(jacobian) @ jacobian[: fitted.data.size].T
-    share = taken @ white(steps)
-    beside = white(steps) - jacobian[: fitted.data.size] @ share
+    absorbed, count = Absorbed(fitted, free), fitted.data.size
+    white = absorbed.white
+    share = absorbed.inverse @ absorbed.rows[:count].T @ white(steps)
+    beside = white(steps) - absorbed.rows[:count] @ share
     scale = 1 / np.maximum(np.linalg.norm(beside, axis=0), 1e-12)
     left, length, right = np.linalg.svd(beside * scale, full_matrices=False)
     seen = left.T @ white(fitted.residual_N)
@@ -172,7 +171,7 @@ def _random_function(fitted: Fit, steps: Floats) -> tuple[Floats, float]:
     at = _modulus(fitted)
     if at is None or not free[at]:
         return left_N, 0.0
-    row = share[int(np.count_nonzero(free[:at]))]
+    row = share[absorbed.row_of(at)]
     off = np.sqrt(float(row @ b) ** 2 + max(float(row @ spread @ row), 0.0))
     return left_N, float(off) / float(fitted.values[at])
 

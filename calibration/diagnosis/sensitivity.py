@@ -1,7 +1,7 @@
 """By how much an effect that these data cannot show could still put E off.
 
-The model is refitted, linearly, to the force that the effect would bring at a given size; what of it goes into E
-is the bias:    d theta = (J^T V^-1 J)^-1 J^T V^-1 d f.
+The model is refitted, linearly (`calibration/fit/absorbed.py`), to the force that the effect would bring at a
+given size; what of it goes into E is the bias.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from types import MappingProxyType
 import numpy as np
 
 from calibration.diagnosis.typical_sizes import absent, largest, typical
-from calibration.fit.least_squares import Fit, inverse_information
+from calibration.fit.absorbed import Absorbed
+from calibration.fit.least_squares import Fit
 from calibration.model.stages import Effect, EffectBase
-from calibration.noise.model import Whitener
 from tactilevision.records import Floats
 
 NOTHING = 1e-9  # of the largest force
@@ -103,11 +103,6 @@ def change_of_force(fitted: Fit, effect: Effect, *, own: Floats) -> Floats | Non
 
 
 def _into_modulus(fitted: Fit, change_N: Floats) -> float:
-    whitener = Whitener(fitted.data, fitted.noise, fitted.about)
-    free = fitted.free
-    known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
-    jacobian = np.vstack([whitener.apply(fitted.jacobian[:, free]), np.diag(known)])
-    target = np.concatenate([whitener.apply(change_N), np.zeros(known.size)])
-    moved = inverse_information(jacobian) @ (jacobian.T @ target)
-    k = int(np.flatnonzero(np.flatnonzero(free) == fitted.index("youngs_modulus_MPa"))[0])
-    return float(moved[k] / fitted.values[fitted.index("youngs_modulus_MPa")])
+    absorbed, modulus = Absorbed(fitted, fitted.free), fitted.index("youngs_modulus_MPa")
+    moved = absorbed.moved(absorbed.padded(change_N))
+    return float(moved[absorbed.row_of(modulus)] / fitted.values[modulus])

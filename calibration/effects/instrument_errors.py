@@ -175,30 +175,49 @@ class AlongDepth(InstrumentError):
         return replace(state, depth_mm=state.depth_mm + along)
 
 
-class WorkingTime(InstrumentError):
-    """The force sensor's zero drifts while the rig works."""
+class OverTime(InstrumentError):
+    """The force sensor's zero drifts while the rig works, by as much in each hour."""
 
-    key = "force_over_time"
+    key = "force_drift"
     stage = Stage.INSTRUMENT
-    words, covariate = "a force error that grows with the rig's working time", "order"
+    words, covariate = "a force error that grows evenly with the rig's working time", "order"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """b and the share of the time after which it settles."""
-        return (FORCE, Parameter("settles", "1", 1.0, (0.1, 20.0), "settles after a share of the time of", 1.0))
+        """b."""
+        return (FORCE,)
 
     def missing(self, data: Observations) -> str:
         """Needs times of several presses."""
         return "" if np.isfinite(data.time_s).all() and data.count > 2 else "needs times of several presses"
 
     def starts(self, data: Observations) -> Floats:
-        """Either sign, soon and late."""
-        return np.array([[side * 0.01, tau] for tau in (0.15, 0.5, 10.0) for side in (1, -1)])
+        """Either sign."""
+        return np.array([[0.01], [-0.01]])
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Add it."""
-        share, settles = running_share(data), values[1]
-        grown = np.expm1(-share / settles) / np.expm1(-1 / settles)
+        return replace(state, force_N=state.force_N + values[0] * running_share(data))
+
+
+class Settling(OverTime):
+    """The same, slower and slower: a sensor that warms up."""
+
+    key = "force_over_time"
+    words = "a force error that grows with the rig's working time and settles"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """b and the share of the time after which it settles."""
+        return (FORCE, Parameter("settles", "1", 1.0, (0.1, 20.0), "settles after a share of the time of", 1.0))
+
+    def starts(self, data: Observations) -> Floats:
+        """Either sign, soon and late."""
+        return np.array([[side * 0.01, share] for share in (0.15, 0.5) for side in (1, -1)])
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Add it."""
+        grown = np.expm1(-running_share(data) / values[1]) / np.expm1(-1 / values[1])
         return replace(state, force_N=state.force_N + values[0] * grown)
 
 
@@ -208,7 +227,8 @@ INSTRUMENT_ERRORS: Sequence[InstrumentError] = (
     ForceWayBack(),
     DepthWayBack(),
     AlongDepth(),
-    WorkingTime(),
+    OverTime(),
+    Settling(),
 )
 
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from calibration.effects.photometric_gain import NOT_VISION
 from calibration.effects.support.in_picture import InPicture
-from calibration.effects.support.wall_ceiling import WALLS_PER_MM, WALLS_PER_MM_STD, of_walls, read_share
 from calibration.inputs.observations import Observations
+from calibration.laws.theory.wall_ceiling import WALLS_PER_MM, WALLS_PER_MM_STD, of_walls, read_share
 from calibration.model.parameters import Parameter, Prior
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats

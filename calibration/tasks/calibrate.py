@@ -15,6 +15,7 @@ from calibration.fit.least_squares import fit
 from calibration.inputs.checks import at_one_depth, check, of_several_depths, of_shape
 from calibration.inputs.gather import observe_curves, observe_points
 from calibration.inputs.observations import Measured, Observations
+from calibration.inputs.phase import in_phase
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
 from calibration.laws.theory.plausible import apart_from_stated
@@ -57,8 +58,8 @@ def calibrate(
     `law` a Law or the key of one ("default": the flat punch; where there is none, the ball or the cone); `effects`
     a model whose effects are fitted along; `clock_offset` and `bulge` (nu from the rise beside the punch) come
     from the certificate, where it has them; `bound` holds nu to what elastomers have where nothing is stated of
-    it, None leaves that out. Raises NothingCertified where every press was rejected, InputError for measurements
-    no law can be fitted to.
+    it, None leaves that out. Presses that clocks far apart put out of phase are left out, with a warning. Raises
+    NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
     """
     sets = [measured] if isinstance(measured, Measured) else list(measured)
     seen = observe(sets)
@@ -69,6 +70,7 @@ def calibrate(
     data = informed(stated, bulge, bound=bound) if isinstance(chosen, FlatPunch) else stated
     single = isinstance(chosen, FlatPunch) and at_one_depth(data)
     check(data, shape=shape_of(chosen), one_depth=single)
+    data = in_phase(data)
     free = _free(chosen, data, single=single)
     if isinstance(free, FlatPunch):
         free = replace(free, poisson_range=bound or OPEN_NU)

@@ -193,7 +193,7 @@ def _determine(
 
 def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: Sequence[Candidate]) -> list[float]:
     """What else E may be, over that of the base fit."""
-    moduli = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
+    moduli = [*(one.youngs_modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
     moduli += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
     return [modulus / float(force.searched.base.values[0]) for modulus in moduli]
 

@@ -10,12 +10,12 @@ from tactilevision.cli import misfit_pictures as keep
 
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
-    from calibration.diagnosis.residual_maps import ResidualMap
     from calibration.fit.least_squares import Fit
     from calibration.model.stages import Effect
     from calibration.report.diagnosis_report import Drawn, Evidence
     from calibration.report.drawing import Card
     from calibration.report.report import Picture
+    from calibration.report.residual_maps import ResidualMap
     from tactilevision.cli.measure import Taken
     from tactilevision.cli.pictures import FigureFolder
 
@@ -162,7 +162,7 @@ def _drawn(card: Card, folder: FigureFolder) -> Drawn:
 
 def reliefs(taken: Sequence[Taken]) -> list[ResidualMap]:
     """What the height maps of each recording with frames leave."""
-    from calibration.diagnosis.residual_maps import Surface, residual_map
+    from calibration.report.residual_maps import Surface, residual_map
 
     found = []
     for one in taken:

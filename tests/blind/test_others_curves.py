@@ -12,6 +12,7 @@ from benchmarks.others_curves import __main__ as command
 from benchmarks.others_curves.judge import _held, exact
 from benchmarks.others_curves.law import kappa, rounded
 from benchmarks.others_curves.recording import KINDS, make
+from benchmarks.others_curves.strength import SEEN
 from tactilevision.recording import read_recording
 
 
@@ -31,6 +32,7 @@ def test_a_rounded_face_ends_as_a_flat_one() -> None:
 def test_a_seed_makes_one_recording_that_can_be_read(kind: str, tmp_path: Path) -> None:
     made = [make(tmp_path / name, kind, 3, rich=False) for name in ("a", "b")]
     assert made[0].told == made[1].told
+    assert kind != "near" or (made[0].near and made[0].strength > SEEN)
     assert len(made[0].sizes) in {"clean": (0,), "pair": (2,), "allowed": (1, 2)}.get(kind, (1,))
     recording = read_recording(tmp_path / "a")
     assert len(recording.curves) == made[0].presses

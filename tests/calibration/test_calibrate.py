@@ -135,6 +135,23 @@ def test_curves_alone_are_enough() -> None:
     assert result.fitted.noise.scale == pytest.approx(0.003, rel=0.15)
 
 
+def test_presses_out_of_phase_are_left_out() -> None:
+    """Ramps of .1 s beside slow ones, the depth read 60 ms late: c is the slow ones', and a warning says so."""
+    curves, presses = [], []
+    for k, speed in enumerate((4.0, 0.4, 0.4, 4.0, 0.4)):
+        time = 3 * 0.4 / speed * np.linspace(0, 1, 40)
+        depth, late = (np.interp((time - by) * speed / 0.4, [0, 1, 2, 3], [0, 0.4, 0.4, 0]) for by in (0.0, 0.06))
+        force = np.column_stack([0 * depth, 0 * depth, 3.5 * depth * (1 + 0.9 * depth / 3)])
+        curves.append(Curve(str(k), 100.0 * k + time, late, force, np.full(40, "")))
+        presses.append(Press(str(k), "A", 100.0 * k, 100.0 * k + time[-1], speed_mm_s=speed))
+    sensor = Sensor("custom", 10, 10, (0.1, 0.1), Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.002))
+    recording = Made(sensor, {"A": Indenter("A", radius_mm=2.5)}, tuple(presses), depth_source="stage")
+    result = calibrate(Measured(recording, curves=tuple(curves)))
+    assert result.presses_accepted == ("1", "2", "4")
+    assert any("60 ms apart: left out" in warning for warning in result.warnings)
+    assert result.c.value == pytest.approx(3.5, rel=0.05)
+
+
 def test_calibration_json_has_every_key_and_is_json() -> None:
     content = calibrate(draw(WELL, np.random.default_rng(0))).as_json()
     json.dumps(content, allow_nan=False)

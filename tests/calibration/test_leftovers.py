@@ -9,7 +9,6 @@ from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.diagnosis.change_point import change_point
-from calibration.diagnosis.residual_maps import Surface, residual_map
 from calibration.diagnosis.score_test import SCATTER, score_test
 from calibration.diagnosis.unexplained import describe
 from calibration.diagnosis.vision_depth_check import in_picture
@@ -19,6 +18,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.noise.heteroscedasticity import Scatter
 from calibration.repeats.repeat_noise import refit_with_pure_noise
+from calibration.report.residual_maps import Surface, residual_map
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import HeightMap
 
