@@ -22,6 +22,7 @@ GONE = {  # the module stands; what it lost was of use to the package alone
     "calibration.repeats.pure_error.noise_floor",
     "calibration.effects.bevel_rise.supposed",
     "calibration.pages.drawing.residual_panels",
+    "tactilevision.depth_error.place_gain_std",
     "tactilevision.cli.diagnose.compare",
     "tactilevision.cli.diagnose.steps",
     "tactilevision.cli.findings.drawn_cards",
