@@ -44,7 +44,9 @@ SCATTER = "scatter while loading"
 FAILED = "it failed"
 ONE_WAY = 0.9999  # cosine from which two directions are one
 DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
-FORM = 0.1  # std, of what a gel's effect adds: by how much its form is off in each step (others_curves)
+FORM = (
+    0.1  # std, of what a gel's effect adds: how far its form is off in each step of each covariate (others_curves)
+)
 OTHER_BINS = 6  # steps of every other covariate
 
 
@@ -209,7 +211,8 @@ def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
 
 def form_errors(steady: Fit) -> Floats:
     """What the form of the gel's effects in the fit may be off by (N, m), N, one std a column: a random share of
-    what each adds, in each step of everything recorded. Errors of rigs are definitions: no form can be off.
+    what each adds, in each step of each covariate (three tenths in all where there are nine). Errors of depth and
+    of force are definitions: no form can be off.
     Source: Kennedy, O'Hagan, J. R. Stat. Soc. B 63 (2001) 425 (a discrepancy as a random function).
     """
     model, places = steady.model, steady.model.slices(steady.data)

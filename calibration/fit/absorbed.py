@@ -27,7 +27,7 @@ class Absorbed:
 
     def row_of(self, parameter: int) -> int:
         """Where a parameter that is free stands among the free ones."""
-        return int(np.count_nonzero(self._free[:parameter]))
+        return int(np.flatnonzero(np.flatnonzero(self._free) == parameter)[0])
 
     def padded(self, change_N: Floats) -> Floats:
         """A change (N,), N, white (N + q,), beside priors that ask for none."""

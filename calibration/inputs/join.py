@@ -36,5 +36,5 @@ def join(*sets: Observations) -> Observations:
     samples: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in sets]) for name in OF_SAMPLES}
     return replace(
         sets[0], indenters=indenters, presses=presses, press=press,
-        reconstructed_mm=None, reconstructed_std_mm=None, **samples,
+        reconstructed_mm=None, reconstructed_std_mm=None, falls=(), slopes=None, **samples,
     )  # fmt: skip

@@ -6,6 +6,7 @@ write_json("calibration.json", result.as_json())
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -42,6 +43,7 @@ from tactilevision.errors import NothingCertified
 from tactilevision.records import Estimate, Pair
 
 ONE_DEPTH = "one_depth"  # the flag of a result whose curvature is theory's
+OUT_OF_PHASE = "out_of_phase"  # the reason against a press too fast for clocks that lie far apart
 
 
 def calibrate(
@@ -70,7 +72,7 @@ def calibrate(
     data = informed(stated, bulge, bound=bound) if isinstance(chosen, FlatPunch) else stated
     single = isinstance(chosen, FlatPunch) and at_one_depth(data)
     check(data, shape=shape_of(chosen), one_depth=single)
-    data = in_phase(data)
+    given, data = data, in_phase(data)
     free = _free(chosen, data, single=single)
     if isinstance(free, FlatPunch):
         free = replace(free, poisson_range=bound or OPEN_NU)
@@ -87,8 +89,10 @@ def calibrate(
     apart = apart_from_stated(result.youngs_modulus, stated.gel)
     if apart:
         result = replace(result, warnings=(*result.warnings, apart))
-    rejected = tuple((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
-    return replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
+    rejected = [(p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted]
+    late = Counter(given.presses.label) - Counter(data.presses.label)
+    rejected += [(press, OUT_OF_PHASE) for press in late.elements()]
+    return replace(result, presses_rejected=tuple(rejected), clock_offset=clock_offset or NO_CLOCK)
 
 
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:

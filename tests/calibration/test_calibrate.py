@@ -148,6 +148,7 @@ def test_presses_out_of_phase_are_left_out() -> None:
     recording = Made(sensor, {"A": Indenter("A", radius_mm=2.5)}, tuple(presses), depth_source="stage")
     result = calibrate(Measured(recording, curves=tuple(curves)))
     assert result.presses_accepted == ("1", "2", "4")
+    assert result.presses_rejected == (("0", "out_of_phase"), ("3", "out_of_phase"))
     assert any("60 ms apart: left out" in warning for warning in result.warnings)
     assert result.c.value == pytest.approx(3.5, rel=0.05)
 
