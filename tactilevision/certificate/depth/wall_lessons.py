@@ -30,19 +30,20 @@ NEAR = 0.5  # of the radius, within which a wall's middle is the face's: the nex
 def teach_walls(recording: Recording, reader: Reconstructor, *, certified: Sequence[Certified]) -> bool:
     """Let the recording's `certified` faces teach the reader's walls, cast shadows left or undone as it does now.
 
-    The reader keeps to it from then on. False where too few faces show a wall, and where what they say is more
-    than walls can be off.
+    The reader keeps to it from then on. False, and what it knew stays, where too few faces show a wall, and where
+    what they say is more than walls can be off.
     """
-    undone = reader.shadows is not None
-    reader.walls = replace(reader.walls, **{"undone" if undone else "left": None})
+    known, which = reader.walls, "left" if reader.shadows is None else "undone"
+    reader.walls = replace(known, **{which: None})  # the faces tell what the law lacks without a lesson
     lesson = teach(_faces(recording, reader, certified))
-    reader.walls = replace(reader.walls, **{"undone" if undone else "left": lesson})
+    reader.walls = known if lesson is None else replace(known, **{which: lesson})
     return lesson is not None
 
 
 def with_walls(method: ReferencedMethod, walls: WallLessons) -> ReferencedMethod:
-    """The method with what certified faces taught of walls; itself where they taught nothing."""
-    return method if walls == WallLessons() else replace(cast(CalibratedMethod, method), walls=walls)
+    """The method with what its reader knows of `walls`; itself where that is what it knows already."""
+    known = getattr(method, "walls", None) or WallLessons()
+    return method if walls == known else replace(cast(CalibratedMethod, method), walls=walls)
 
 
 def _faces(recording: Recording, reader: Reconstructor, certified: Sequence[Certified]) -> list[WallFace]:
