@@ -89,10 +89,15 @@ class Choice:
 
     @property
     def way(self) -> str:
-        """What decides how frames are read: the method's name, or the profile's content."""
+        """What decides how frames are read: the method's name or content, or the profile's; scale and shadows."""
+        from tactilevision.photometric import PHOTOMETRIC
         from tactilevision.photometric.storage import digest
 
-        return self.method or ("" if self.profile is None else digest(self.profile.path))
+        name, path = self.method or "", None if self.profile is None else self.profile.path
+        if name and name not in PHOTOMETRIC:
+            path = Path(name).with_suffix(".json")  # the card, which holds the hashes of its files
+        content = digest(path) if path is not None and path.is_file() else name
+        return f"{content} {self.mm_per_px} {self.shadows}"
 
     def open(self, path: Path) -> Recording:
         """Read a recording, or a bare folder of frames whose sensor is named."""
