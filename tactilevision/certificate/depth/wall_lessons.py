@@ -13,6 +13,7 @@ from typing import cast
 
 import numpy as np
 
+from tactilevision.certificate.depth.depth_scale import DepthScale
 from tactilevision.certificate.depth.face_depth import Certified
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import TactilevisionError
@@ -22,7 +23,7 @@ from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import Footprint, HeightMap, Indenter
-from tactilevision.records.taught_walls import WallLessons
+from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 
 NEAR = 0.5  # of the radius, within which a wall's middle is the face's: the next face lies beyond
 
@@ -44,6 +45,11 @@ def with_walls(method: ReferencedMethod, walls: WallLessons) -> ReferencedMethod
     """The method with what its reader knows of `walls`; itself where that is what it knows already."""
     known = getattr(method, "walls", None) or WallLessons()
     return method if walls == known else replace(cast(CalibratedMethod, method), walls=walls)
+
+
+def with_scatter(scale: DepthScale | None, walls: TaughtWalls) -> DepthScale | None:
+    """The scale of faces that taught their `walls`, too: they scatter no less than faces elsewhere."""
+    return None if scale is None else replace(scale, scatter=max(scale.scatter, walls.scatter))
 
 
 def _faces(recording: Recording, reader: Reconstructor, certified: Sequence[Certified]) -> list[WallFace]:
