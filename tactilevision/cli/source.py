@@ -221,11 +221,12 @@ def open_face_correction(
     if calibration is None:
         return NO_CORRECTION
     certified = read_certified(calibration)
-    teach_walls(recording, reconstructor, certified=certified)
+    taught = teach_walls(recording, reconstructor, certified=certified)
     anchor = face_depth_correction(recording, reconstructor, certified=certified)
     if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
-        console.warn([f"{points} certifies too few faces of this recording: depths are the picture's own"])
+        own = "the picture's own" + (", with walls as these faces teach them" if taught else "")
+        console.warn([f"{points} certifies too few faces of this recording: depths are {own}"])
     else:
         console.warn([anchor.doubt] if anchor.doubt else [])
         console.say("faces are as deep as the certificate beside the calibration has them")
