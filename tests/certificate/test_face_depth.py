@@ -55,6 +55,7 @@ class Short:
 class Walled(Short):
     """As `Short`; what it reads too little, its walls hide by half again as much as their law says."""
 
+    sensor = Sensor("custom", int(SIZE[0]), int(SIZE[1]), (MM, MM))
     shadows = None
     walls = WallLessons()
     evidence: SimpleNamespace

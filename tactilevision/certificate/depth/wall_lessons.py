@@ -22,7 +22,7 @@ from tactilevision.integration.taught_walls import WallFace, teach
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
-from tactilevision.records import Footprint, HeightMap, Indenter
+from tactilevision.records import Indenter, Pair
 from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 
 NEAR = 0.5  # of the radius, within which a wall's middle is the face's: the next face lies beyond
@@ -80,7 +80,7 @@ def _face(
         except TactilevisionError:
             return None
         face = find_footprint(height, indenter)
-        wall = None if face is None else _wall(reader, height, face)
+        wall = None if face is None else wall_at(reader, face.centre_mm, face.radius_mm)
         if face is None or wall is None:
             return None
         seen.append((face.depth_mm, wall.missing_mm, wall.depth_mm))
@@ -89,11 +89,11 @@ def _face(
     return WallFace(indenter.name, read, hidden, depth, certified.depth_mm)
 
 
-def _wall(reader: Reconstructor, height: HeightMap, face: Footprint) -> PunchEdge | None:
-    """The wall of the map made last whose middle is the face's."""
-    (rows, columns), (step_x, step_y) = height.depth_mm.shape, height.mm_per_px
-    x = face.centre_mm[0] + (columns - 1) / 2 * step_x
-    y = face.centre_mm[1] + (rows - 1) / 2 * step_y
+def wall_at(reader: Reconstructor, centre_mm: Pair, radius_mm: float) -> PunchEdge | None:
+    """The wall of the map made last about a face's centre, from the picture's middle."""
+    sensor = reader.sensor
+    x = centre_mm[0] + (sensor.width_px - 1) / 2 * sensor.mm_per_px[0]
+    y = centre_mm[1] + (sensor.height_px - 1) / 2 * sensor.mm_per_px[1]
     edges = reader.evidence.edges if reader.evidence else ()
-    near = (one for one in edges if np.hypot(one.centre_mm[0] - x, one.centre_mm[1] - y) < NEAR * face.radius_mm)
+    near = (one for one in edges if np.hypot(one.centre_mm[0] - x, one.centre_mm[1] - y) < NEAR * radius_mm)
     return next(near, None)
