@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,7 +67,8 @@ def test_depths_about_alike_count_as_one_wherever_they_lie() -> None:
 @pytest.mark.parametrize("value", [-0.01, 0.0, np.nan, np.inf])
 def test_faces_of_no_depth_teach_nothing(name: str, value: float) -> None:
     good = faces(0.2, 0.3, seed=4)
-    bad = [replace(one, **{name: value}) for one in good]
+    wrong: dict[str, Any] = {name: value}
+    bad = [replace(one, **wrong) for one in good]
     assert teach(bad) is None
     assert teach([*good, *bad]) == teach(good)
 
