@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rendered.judge import Step, judge_step, true_depth_mm
+from tactilevision.certificate.depth.wall_lessons import wall_at
 from tactilevision.integration.taught_walls import WallFace, teach
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
 from tactilevision.reconstruct.shadows_seen import with_shadows
@@ -23,7 +24,6 @@ from tactilevision.recording import read_frame, read_recording
 from tactilevision.records.taught_walls import WallLessons
 
 BAND = (0.96, 1.02)  # of the true depth: where faces are asked to be
-NEAR = 0.5  # of the radius, within which a wall's middle is the face's
 DEPTHS = 4  # depths of one radius in a set, in a row
 
 
@@ -84,12 +84,6 @@ def _halves(folder: Path) -> tuple[list[Step], list[Step]]:
 
 def _face(reader: Reconstructor, step: dict[str, Any], read_mm: float, *, place: str) -> WallFace:
     """The face of the map made last, with its wall where one was found."""
-    sensor = reader.sensor
-    middle = [
-        (n - 1) / 2 * mm for n, mm in zip((sensor.width_px, sensor.height_px), sensor.mm_per_px, strict=True)
-    ]
-    at = np.add(step["centre_mm"], middle)
-    edges = reader.evidence.edges if reader.evidence else ()
-    near = [one for one in edges if np.hypot(*(np.array(one.centre_mm) - at)) < NEAR * step["radius_mm"]]
-    hidden, depth = (near[0].missing_mm, near[0].depth_mm) if near else (0.0, read_mm)
+    wall = wall_at(reader, step["centre_mm"], step["radius_mm"])
+    hidden, depth = (wall.missing_mm, wall.depth_mm) if wall else (0.0, read_mm)
     return WallFace(place, read_mm, hidden, depth, step["face_mm"])

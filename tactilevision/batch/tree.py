@@ -72,7 +72,7 @@ def reconstruct_tree(
 ) -> tuple[Branch, ...]:
     """Height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
 
-    `read` opens a source; `light` makes its reconstructor by `method`, of which the name alone is looked at here.
+    `read` opens a source; `light` makes its reconstructor. `method` is another word where they read otherwise.
     A run that was cut off goes on where it was: sources that it finished are known by their depth.csv. Raises
     InputError where no source is found.
     """

@@ -23,7 +23,7 @@ FLAT = "flat_cylinder"
 def flat_steps(
     recording: Recording, reconstructor: Reconstructor
 ) -> tuple[list[Known], str, tuple[Certified, ...]]:
-    """The steps of a recording's certified presses, why there are none, one of these empty, and the presses."""
+    """The steps of a recording's certified presses; why there are none, "" where there are some; the presses."""
     flat = {name for name, indenter in recording.indenters.items() if indenter.shape == FLAT}
     if not any(press.indenter in flat for press in recording.presses):
         return [], "no flat steps in this recording", ()

@@ -108,21 +108,28 @@ def _taught(recording: Recording, reconstructor: Reconstructor, certified: Any) 
 
     With cast shadows left (False) and undone (True).
     """
-    from tactilevision.certificate.depth.face_depth import face_depth_correction
-    from tactilevision.certificate.depth.wall_lessons import teach_walls
     from tactilevision.reconstruct.shadows_seen import leave, undo_by
 
-    teach_walls(recording, reconstructor, certified=certified)
-    found = face_depth_correction(recording, reconstructor, certified=certified)
-    console.warn([found.doubt] if found.doubt else [])
+    found, doubt = _face_law(recording, reconstructor, certified)
+    console.warn([doubt] if doubt else [])
     light = reconstructor.shadows
     if light is None:
-        return {False: found.depth_scale}
+        return {False: found}
     leave(reconstructor)
-    teach_walls(recording, reconstructor, certified=certified)
-    plain = face_depth_correction(recording, reconstructor, certified=certified)
+    plain, _ = _face_law(recording, reconstructor, certified)
     undo_by(reconstructor, light.lamps)
-    return {False: plain.depth_scale, True: found.depth_scale}
+    return {False: plain, True: found}
+
+
+def _face_law(recording: Recording, reader: Reconstructor, certified: Any) -> tuple[DepthScale | None, str]:
+    """The law of the faces' depth with walls as they teach them, shadows as they are read now; its doubt."""
+    from tactilevision.certificate.depth.face_depth import face_depth_correction
+    from tactilevision.certificate.depth.wall_lessons import teach_walls, with_scatter
+
+    taught = teach_walls(recording, reader, certified=certified)
+    found = face_depth_correction(recording, reader, certified=certified)
+    same = reader.taught if taught else None
+    return found.depth_scale if same is None else with_scatter(found.depth_scale, same), found.doubt
 
 
 def _told(profile: Profile) -> list[str]:

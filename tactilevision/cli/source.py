@@ -89,10 +89,15 @@ class Choice:
 
     @property
     def way(self) -> str:
-        """What decides how frames are read: the method's name, or the profile's content."""
+        """What decides how frames are read: the method's name or content, or the profile's; scale and shadows."""
+        from tactilevision.photometric import PHOTOMETRIC
         from tactilevision.photometric.storage import digest
 
-        return self.method or ("" if self.profile is None else digest(self.profile.path))
+        name, path = self.method or "", None if self.profile is None else self.profile.path
+        if name and name not in PHOTOMETRIC:
+            path = Path(name).with_suffix(".json")  # the card, which holds the hashes of its files
+        content = digest(path) if path is not None and path.is_file() else name
+        return f"{content} {self.mm_per_px} {self.shadows}"
 
     def open(self, path: Path) -> Recording:
         """Read a recording, or a bare folder of frames whose sensor is named."""
@@ -216,11 +221,12 @@ def open_face_correction(
     if calibration is None:
         return NO_CORRECTION
     certified = read_certified(calibration)
-    teach_walls(recording, reconstructor, certified=certified)
+    taught = teach_walls(recording, reconstructor, certified=certified)
     anchor = face_depth_correction(recording, reconstructor, certified=certified)
     if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
-        console.warn([f"{points} certifies too few faces of this recording: depths are the picture's own"])
+        own = "the picture's own" + (", with walls as these faces teach them" if taught else "")
+        console.warn([f"{points} certifies too few faces of this recording: depths are {own}"])
     else:
         console.warn([anchor.doubt] if anchor.doubt else [])
         console.say("faces are as deep as the certificate beside the calibration has them")

@@ -71,9 +71,11 @@ def train(
     assert made.referenced is not None
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
     known, certified = _certified(source, made)
+    kept = _with_walls(source, made, _with_lamps(source, made, made.referenced), certified)
+    if getattr(kept, "walls", None) is not None:
+        known["flat_steps_walls"] = "as read before these faces taught the walls' law"
     card = made.referenced.card.extended(known | provenance(data, licence=licence))
-    kept = _with_lamps(source, made, made.referenced.with_card(card))
-    _save(_with_walls(source, made, kept, certified), out, network=method == "network")
+    _save(kept.with_card(card), out, network=method == "network")
     shown = {name: value for name, value in card.to_json().items() if not isinstance(value, dict | list)}
     console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))
     if guide:

@@ -12,19 +12,20 @@ import numpy as np
 import pytest
 
 from tactilevision.batch.folder import DepthJob
+from tactilevision.certificate.depth.depth_scale import DepthScale
 from tactilevision.certificate.depth.face_depth import (
     NO_CORRECTION,
     Certified,
     face_depth_correction,
     read_certified,
 )
-from tactilevision.certificate.depth.wall_lessons import teach_walls
+from tactilevision.certificate.depth.wall_lessons import teach_walls, with_scatter
 from tactilevision.exports.tiff import read_tiff
 from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Frame, HeightMap, Indenter, Pair, Press, Sensor
-from tactilevision.records.taught_walls import WallLessons
+from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 
 SIZE: Pair = (160, 120)
 MM, RADIUS = 0.1, 2.5
@@ -54,6 +55,7 @@ class Short:
 class Walled(Short):
     """As `Short`; what it reads too little, its walls hide by half again as much as their law says."""
 
+    sensor = Sensor("custom", int(SIZE[0]), int(SIZE[1]), (MM, MM))
     shadows = None
     walls = WallLessons()
     evidence: SimpleNamespace
@@ -165,5 +167,14 @@ def test_certified_faces_teach_what_walls_hide(tmp_path: Path) -> None:
     for depth in (0.45, 0.6):
         change, std_mm = reader.walls.left.change_mm((depth - lacking(depth)) / 0.5, lacking(depth))
         assert abs(change - (depth - lacking(depth))) < std_mm
+    known = reader.walls
     assert not teach_walls(recording, cast(Reconstructor, reader), certified=certified()[:2])
-    assert reader.walls == WallLessons(), "what it knew before is another recording's"
+    assert reader.walls == known, "where nothing is taught, what was known stays"
+
+
+def test_faces_that_taught_walls_scatter_no_less_than_others() -> None:
+    walls = TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
+    assert with_scatter(None, walls) is None
+    for own, stated in ((0.001, 0.03), (0.05, 0.05)):
+        law = with_scatter(DepthScale((1.0,), (0.2, 0.6), own), walls)
+        assert law == DepthScale((1.0,), (0.2, 0.6), stated)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from tactilevision.cli import main
+from tactilevision.cli.source import Choice
 from tactilevision.records import Bytes
 
 
@@ -75,3 +77,14 @@ def test_a_bad_reference_is_named_with_the_option_for_another(
     sample = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
     told = said(monkeypatch, capsys, sample, "--reference", tmp_path / "0.png", "--out", tmp_path / "out")
     assert f"{tmp_path / '0.png'}: the reference is 320 x 240, the frames " in told
+
+
+def test_a_method_that_was_trained_anew_is_another_way_to_read(tmp_path: Path) -> None:
+    chosen, card = Choice(method=str(tmp_path / "method.npz")), tmp_path / "method.json"
+    card.write_text('{"sha256": "1"}')
+    before = chosen.way
+    assert chosen.way == before
+    assert replace(chosen, shadows=False).way != before
+    card.write_text('{"sha256": "2"}')
+    assert chosen.way != before
+    assert Choice(method="lookup").way != Choice(method="polynomial").way

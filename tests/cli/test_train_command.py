@@ -9,11 +9,14 @@ from pathlib import Path
 import pytest
 from sample_light import SAMPLE, light_of_sample
 
+from tactilevision.certificate.depth import wall_lessons
+from tactilevision.certificate.depth.face_depth import Certified
 from tactilevision.cli import main
-from tactilevision.photometric import PHOTOMETRIC
+from tactilevision.photometric import PHOTOMETRIC, load_method
 from tactilevision.photometric.training.network_training import NetworkFitter
-from tactilevision.reconstruct import build_reconstructor
-from tactilevision.recording import read_recording
+from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.recording import Recording, read_recording
+from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -63,3 +66,23 @@ def test_an_unknown_method_is_named_with_the_known_ones(
     said = capsys.readouterr().err
     assert "polynomial" in said
     assert "network" in said
+
+
+def test_the_card_says_that_its_steps_were_read_before_walls_were_taught(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    walls = WallLessons(left=TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03))
+
+    def plant(_: Recording, reader: Reconstructor, **__: object) -> bool:
+        reader.walls = walls
+        return True
+
+    steps = {"flat_steps": "planted"}, (Certified("1", 1.0, 0.3),)
+    monkeypatch.setattr(sys.modules["tactilevision.cli.train"], "_certified", lambda *_: steps)
+    monkeypatch.setattr(wall_lessons, "teach_walls", plant)
+    out = tmp_path / "light.npz"
+    assert (
+        run(monkeypatch, "train", light_of_sample(tmp_path, balls=8), "--method", "polynomial", "--out", out) == 0
+    )
+    assert "before" in json.loads(out.with_suffix(".json").read_text())["flat_steps_walls"]
+    assert load_method(out).walls == walls

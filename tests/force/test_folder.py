@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -19,6 +20,7 @@ from tactilevision.force.readings import Readings
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import ForceSeries, Frame, Gel, HeightMap, Material, Press, Sensor
+from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 
 ROWS, COLUMNS = VIEW.shape
 
@@ -26,8 +28,8 @@ ROWS, COLUMNS = VIEW.shape
 class Known:
     """Stands for a reconstructor: the frame's brightness says how deep the one known contact is."""
 
-    def __init__(self, sensor: Sensor) -> None:
-        self.sensor = sensor
+    def __init__(self, sensor: Sensor, walls: WallLessons | None = None) -> None:
+        self.sensor, self.walls = sensor, walls or WallLessons()
         self.unit = measured(hertz(2.0, (0.0, 0.0), (0.0, 0.0, 0.5)), std_mm=0.001)[0].depth_mm
 
     def height_map(self, frame: Frame) -> HeightMap:
@@ -132,6 +134,25 @@ def test_another_material_starts_anew(tmp_path: Path) -> None:
         recording, force_job(recording, known, material=Material(0.4, 0.48), out=tmp_path / "out"), workers=1
     )
     assert rows[2].resultant_N[2] == pytest.approx(1.0, rel=0.08)
+
+
+def test_other_lessons_of_walls_start_anew(tmp_path: Path) -> None:
+    recording, told = recorded(tmp_path), list[int]()
+    lesson = WallLessons(left=TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03))
+
+    def solve(walls: WallLessons, progress: Callable[[int, int], None]) -> None:
+        known = cast(Reconstructor, Known(recording.sensor, walls))
+        job = force_job(recording, known, material=Material(0.2, 0.48), out=tmp_path / "out")
+        force_folder(recording, job, workers=1, progress=progress)
+
+    def stop(done: int, whole: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        solve(WallLessons(), stop)
+    solve(lesson, lambda done, whole: told.append(done))
+    assert told[0] == 0
 
 
 def test_a_sensor_that_stood_at_its_end_is_found_and_noise_is_not(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,6 +50,27 @@ def test_repeats_at_one_place_count_as_one() -> None:
     assert thrice is not None
     assert thrice.covariance == pytest.approx(one.covariance)
     assert thrice.share == pytest.approx(one.share)
+
+
+def test_depths_about_alike_count_as_one_wherever_they_lie() -> None:
+    def taught(*depths: float) -> tuple[float, ...]:
+        made = [WallFace("A", depth, 0.1, 0.45, depth) for depth in depths for _ in range(5)]
+        lesson = teach([*made, WallFace("A", 0.2, 0.05, 0.2, 0.2)])
+        assert lesson is not None
+        return lesson.covariance
+
+    assert taught(0.4749, 0.4751) == pytest.approx(taught(0.475, 0.475), rel=1e-3)
+    assert taught(0.44, 0.5)[0] < 0.9 * taught(0.475, 0.475)[0], "these are two"
+
+
+@pytest.mark.parametrize("name", ["read_mm", "hidden_mm", "depth_mm", "certified_mm"])
+@pytest.mark.parametrize("value", [-0.01, 0.0, np.nan, np.inf])
+def test_faces_of_no_depth_teach_nothing(name: str, value: float) -> None:
+    good = faces(0.2, 0.3, seed=4)
+    wrong: dict[str, Any] = {name: value}
+    bad = [replace(one, **wrong) for one in good]
+    assert teach(bad) is None
+    assert teach([*good, *bad]) == teach(good)
 
 
 def test_few_faces_and_faces_that_are_off_by_more_than_walls_teach_nothing() -> None:

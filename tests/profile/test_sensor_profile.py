@@ -15,6 +15,7 @@ import pytest
 from lamp_sensor import GEL, LAMPS, PUNCH, SHAPE, flat, free, method, picture, pressed, profile, saved
 
 from tactilevision.certificate.depth.depth_scale import DepthScale
+from tactilevision.certificate.depth.wall_lessons import with_walls
 from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.live import Stream
@@ -176,6 +177,15 @@ def test_what_faces_taught_of_walls_is_kept_and_used_as_shadows_are_left_or_undo
     for shadows, lesson in ((False, left), (True, undone)):
         assert load_sensor(there, shadows=shadows).reconstructor.taught == lesson
     assert load_sensor(saved(tmp_path)).reconstructor.taught is None
+
+
+def test_a_method_keeps_what_its_reader_knows_of_walls() -> None:
+    known = WallLessons(left=TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03))
+    bare, taught = method(), replace(method(), walls=known)
+    assert with_walls(bare, WallLessons()) is bare
+    assert with_walls(taught, known) is taught
+    assert getattr(with_walls(bare, known), "walls", None) == known
+    assert getattr(with_walls(taught, WallLessons()), "walls", None) == WallLessons()
 
 
 def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -> None:

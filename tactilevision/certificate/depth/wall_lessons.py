@@ -13,6 +13,7 @@ from typing import cast
 
 import numpy as np
 
+from tactilevision.certificate.depth.depth_scale import DepthScale
 from tactilevision.certificate.depth.face_depth import Certified
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import TactilevisionError
@@ -21,8 +22,8 @@ from tactilevision.integration.taught_walls import WallFace, teach
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
-from tactilevision.records import Footprint, HeightMap, Indenter
-from tactilevision.records.taught_walls import WallLessons
+from tactilevision.records import Indenter, Pair
+from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 
 NEAR = 0.5  # of the radius, within which a wall's middle is the face's: the next face lies beyond
 
@@ -30,19 +31,25 @@ NEAR = 0.5  # of the radius, within which a wall's middle is the face's: the nex
 def teach_walls(recording: Recording, reader: Reconstructor, *, certified: Sequence[Certified]) -> bool:
     """Let the recording's `certified` faces teach the reader's walls, cast shadows left or undone as it does now.
 
-    The reader keeps to it from then on. False where too few faces show a wall, and where what they say is more
-    than walls can be off.
+    The reader keeps to it from then on. False, and what it knew stays, where too few faces show a wall, and where
+    what they say is more than walls can be off.
     """
-    undone = reader.shadows is not None
-    reader.walls = replace(reader.walls, **{"undone" if undone else "left": None})
+    known, which = reader.walls, "left" if reader.shadows is None else "undone"
+    reader.walls = replace(known, **{which: None})  # the faces tell what the law lacks without a lesson
     lesson = teach(_faces(recording, reader, certified))
-    reader.walls = replace(reader.walls, **{"undone" if undone else "left": lesson})
+    reader.walls = known if lesson is None else replace(known, **{which: lesson})
     return lesson is not None
 
 
 def with_walls(method: ReferencedMethod, walls: WallLessons) -> ReferencedMethod:
-    """The method with what certified faces taught of walls; itself where they taught nothing."""
-    return method if walls == WallLessons() else replace(cast(CalibratedMethod, method), walls=walls)
+    """The method with what its reader knows of `walls`; itself where that is what it knows already."""
+    known = getattr(method, "walls", None) or WallLessons()
+    return method if walls == known else replace(cast(CalibratedMethod, method), walls=walls)
+
+
+def with_scatter(scale: DepthScale | None, walls: TaughtWalls) -> DepthScale | None:
+    """The scale of faces that taught their `walls`, too: they scatter no less than faces elsewhere."""
+    return None if scale is None else replace(scale, scatter=max(scale.scatter, walls.scatter))
 
 
 def _faces(recording: Recording, reader: Reconstructor, certified: Sequence[Certified]) -> list[WallFace]:
@@ -73,7 +80,7 @@ def _face(
         except TactilevisionError:
             return None
         face = find_footprint(height, indenter)
-        wall = None if face is None else _wall(reader, height, face)
+        wall = None if face is None else wall_at(reader, face.centre_mm, face.radius_mm)
         if face is None or wall is None:
             return None
         seen.append((face.depth_mm, wall.missing_mm, wall.depth_mm))
@@ -82,11 +89,11 @@ def _face(
     return WallFace(indenter.name, read, hidden, depth, certified.depth_mm)
 
 
-def _wall(reader: Reconstructor, height: HeightMap, face: Footprint) -> PunchEdge | None:
-    """The wall of the map made last whose middle is the face's."""
-    (rows, columns), (step_x, step_y) = height.depth_mm.shape, height.mm_per_px
-    x = face.centre_mm[0] + (columns - 1) / 2 * step_x
-    y = face.centre_mm[1] + (rows - 1) / 2 * step_y
+def wall_at(reader: Reconstructor, centre_mm: Pair, radius_mm: float) -> PunchEdge | None:
+    """The wall of the map made last about a face's centre, from the picture's middle."""
+    sensor = reader.sensor
+    x = centre_mm[0] + (sensor.width_px - 1) / 2 * sensor.mm_per_px[0]
+    y = centre_mm[1] + (sensor.height_px - 1) / 2 * sensor.mm_per_px[1]
     edges = reader.evidence.edges if reader.evidence else ()
-    near = (one for one in edges if np.hypot(one.centre_mm[0] - x, one.centre_mm[1] - y) < NEAR * face.radius_mm)
+    near = (one for one in edges if np.hypot(one.centre_mm[0] - x, one.centre_mm[1] - y) < NEAR * radius_mm)
     return next(near, None)
