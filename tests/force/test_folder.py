@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from types import SimpleNamespace
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from tactilevision.force.readings import Readings
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import ForceSeries, Frame, Gel, HeightMap, Material, Press, Sensor
+from tactilevision.records.flags import BEYOND_BALLS, MEANING
 
 ROWS, COLUMNS = VIEW.shape
 
@@ -26,8 +28,8 @@ ROWS, COLUMNS = VIEW.shape
 class Known:
     """Stands for a reconstructor: the frame's brightness says how deep the one known contact is."""
 
-    def __init__(self, sensor: Sensor) -> None:
-        self.sensor = sensor
+    def __init__(self, sensor: Sensor, error: Any = None) -> None:
+        self.sensor, self.error = sensor, error
         self.unit = measured(hertz(2.0, (0.0, 0.0), (0.0, 0.0, 0.5)), std_mm=0.001)[0].depth_mm
 
     def height_map(self, frame: Frame) -> HeightMap:
@@ -111,6 +113,16 @@ def test_what_was_cut_off_goes_on_and_zarr_holds_the_same(tmp_path: Path) -> Non
     assert list(group["frame"][:]) == list(recording.frame_names)
     for out in ("npz", "zarr"):
         assert [path.name for path in (tmp_path / out).iterdir() if path.name.startswith(".")] == []
+
+
+def test_a_contact_beyond_the_balls_is_flagged_and_free_gel_is_not(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    for beyond in (False, True):
+        known = Known(recording.sensor, SimpleNamespace(beyond_balls=lambda contact, told=beyond: told))
+        out, material = tmp_path / f"out{beyond}", Material(0.2, 0.48)
+        job = force_job(recording, cast(Reconstructor, known), material=material, out=out)
+        rows = force_folder(recording, job, workers=1)
+        assert [MEANING[BEYOND_BALLS] in row.flags for row in rows[:3]] == [False, beyond, beyond]
 
 
 def test_another_material_starts_anew(tmp_path: Path) -> None:
