@@ -28,6 +28,7 @@ from tactilevision.photometric.ball.jackknife import (
     places,
 )
 from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.methods import polynomial
 from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
@@ -188,3 +189,13 @@ def test_each_ball_has_a_law_that_never_saw_it() -> None:
 def test_beyond_the_outermost_balls_less_is_known() -> None:
     stated = np.sqrt(np.mean(np.square(many()[2]), axis=0))
     assert stated[:, 0].mean() > 3.0 * stated[4:8, 5:11].mean()
+
+
+def test_sums_over_samples_are_made_once_for_all_fits() -> None:
+    samples, rest, made = balls(np.random.default_rng(0), range(BALLS)), still(), list[int]()
+    for ridge in (1e-3, 1e-2):
+        law = fitting(samples, rest, ridge=ridge)
+        _, others = held_out(fitting, samples, untouched_samples=rest, ridge=ridge)
+        scale_uncertainty(fitting, samples, untouched_samples=rest, ridge=ridge, law=law, others=others)
+        made.append(polynomial._sums.cache_info().misses)
+    assert made[1] == made[0]
