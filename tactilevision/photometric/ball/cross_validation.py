@@ -176,7 +176,8 @@ def _stated_std(
 def off_inside(errors: Floats, inside: Floats, outside: Sequence[float]) -> Floats:
     """How far (m,) balls are off, in deviations stated `inside`: those among the others, if there are MIN_AMONG.
 
-    Else all (n,), by what `errors` have over the deviation stated `outside`, in squares. All in one unit.
+    Else all (n,), by what `errors` have over the deviation stated `outside`, in squares.
+    All three (n,) in one unit; what comes back is a ratio, without unit.
     """
     beyond = np.array(outside)
     ratio = np.sqrt(np.maximum(errors**2 - beyond**2, 0.0)) / inside
@@ -187,7 +188,7 @@ def off_inside(errors: Floats, inside: Floats, outside: Sequence[float]) -> Floa
 def coverage_factor(off: Floats) -> float:
     """k: how many times as far as stated two thirds of the balls are off, or nearly so.
 
-    `off` (n,): how far, in stated deviations.
+    `off` (n,): how far, in stated deviations; a ratio, as k is.
     """
     if len(off) == 0:
         return 1.0
