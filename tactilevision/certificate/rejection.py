@@ -89,17 +89,22 @@ def _border(evidence: PressEvidence, statistics: RecordingStatistics, forces: Fo
     half = [0.5 * n * s for n, s in zip(map_.depth_mm.shape[::-1], map_.mm_per_px, strict=True)]
     room = min(h - abs(c) - face.radius_mm for h, c in zip(half, face.centre_mm, strict=True))
     if room < 0:
-        return Finding("border", f"the face reaches {-room:.2f} mm beyond the view's border")
+        return Finding("border", f"the face reaches {_mm(-room)} mm beyond the view's border")
     if room < 2 * max(map_.mm_per_px):
-        return Finding("border", f"the face comes within {room:.2f} mm of the view's border")
+        return Finding("border", f"the face comes within {_mm(room)} mm of the view's border")
     if evidence.distance_mm is not None:
         edge = [
             c + evidence.distance_mm * e for c, e in zip(face.centre_mm, SIDES[evidence.track.side], strict=True)
         ]
         out = max(abs(place) - h for place, h in zip(edge, half, strict=True))
         if out > 0:
-            return Finding("border", f"the bevel's edge lies {out:.2f} mm outside the view")
+            return Finding("border", f"the bevel's edge lies {_mm(out)} mm outside the view")
     return None
+
+
+def _mm(length: float) -> str:
+    """A length (mm) with two decimals, and one below .1 with two digits: never 0.00 unless it is nothing."""
+    return f"{length:.2f}" if length >= 0.1 else f"{length:.2g}"
 
 
 def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:

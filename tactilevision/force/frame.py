@@ -9,6 +9,7 @@ import numpy as np
 
 from tactilevision.batch.jobs import Row
 from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
+from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.door.numbers import read_cells
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
@@ -17,7 +18,7 @@ from tactilevision.force.store import FIELDS, TractionStore
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame
 from tactilevision.records import Frame, HeightMap, ShearMap, TractionMap
-from tactilevision.records.flags import MEANING
+from tactilevision.records.flags import BEYOND_BALLS, MEANING, add
 from tactilevision.shear.measure import NOTHING_TO_FOLLOW, Untouched
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
@@ -112,8 +113,15 @@ class ForceJob:
     def solve(self, frame: Frame) -> Solved:
         """Raises InputError for a frame that cannot be read, ConvergenceError where the contact never settles."""
         solved = self._solved(frame, self.reconstructor.height_map(frame))
-        doubts = tuple(MEANING[flag] for flag in solved.height.flags)
+        doubts = tuple(MEANING[flag] for flag in add(solved.height.flags, self._beyond_balls(solved.height)))
         return replace(solved, found=replace(solved.found, flags=(*solved.found.flags, *doubts)))
+
+    def _beyond_balls(self, height: HeightMap) -> tuple[str, ...]:
+        """The flag of a contact whose depth is extrapolated; what a border cuts, the field says itself."""
+        if not self.field.touched(height):
+            return ()
+        error = self.reconstructor.error
+        return tuple(flag for flag in contact_flags(find_contact(height, error), error) if flag == BEYOND_BALLS)
 
     def _solved(self, frame: Frame, height: HeightMap) -> Solved:
         if not self.field.touched(height):

@@ -22,6 +22,7 @@ from tactilevision.photometric.ball.consistency import (
 from tactilevision.photometric.ball.cross_validation import (
     SLOPE_SOFTENING,
     Fitter,
+    HeldOutLaw,
     ScaleUncertainty,
     gain_std,
     gains_of,
@@ -79,7 +80,7 @@ class Calibration:
 
     `balls` as found, None where a picture was left out (its reason is among `warnings`); `direction_error_deg`
     median and `slope_error` rms over balls held out of the fit; `held_out_laws` for each ball a law that never saw
-    it, with how far its depth scale may be off there; `other_laws` these, each once.
+    it; `other_laws` these, each once.
     """
 
     method: CalibratedMethod
@@ -87,7 +88,7 @@ class Calibration:
     direction_error_deg: float
     slope_error: float
     warnings: tuple[str, ...]
-    held_out_laws: tuple[tuple[ColourLaw, float] | None, ...] = ()
+    held_out_laws: tuple[HeldOutLaw | None, ...] = ()
     other_laws: tuple[ColourLaw, ...] = ()
 
 
@@ -213,7 +214,7 @@ def _radii_warnings(best: _Fit, balls: Sequence[Ball | None], pressed: Samples, 
 def _odd_ball_warnings(
     best: _Fit, balls: Sequence[Ball | None], pictures: Sequence[BallPicture], pressed: Samples
 ) -> list[str]:
-    unsure = {number: std for number, (_, std) in best.scale.held_out_laws.items()}
+    unsure = {number: held.std for number, held in best.scale.held_out_laws.items()}
     names = [picture.name for picture in pictures]
     return odd_balls(gains_of(best.held_out, pressed), balls, names=names, unsure=unsure)
 

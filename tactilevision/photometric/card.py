@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -16,6 +17,7 @@ from tactilevision.door.numbers import number
 from tactilevision.errors import InputError
 from tactilevision.records import Pair
 
+MAX_RATIO = 1e6  # of a deviation to the depth itself; more is no deviation, and its square may overflow
 PACKAGES = ("numpy", "torch", "kornia", "onnxruntime")
 
 Rows = list[Any]  # (h, w) or (h, w, 3), over blocks of the picture
@@ -45,6 +47,16 @@ def _floats(value: Any) -> tuple[float, ...]:
     return tuple(map(_float, value))
 
 
+def _ratios(value: Any, most: float = MAX_RATIO) -> Rows:
+    """Rows (h, w) of ratios from 0 to `most`, all as long as the first."""
+    rows = [list(_floats(row)) for row in value]
+    if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows):
+        raise ValueError("it is no rectangle of numbers")
+    if not all(0.0 <= one <= most for row in rows for one in row):
+        raise ValueError(f"a number in it is not from 0 to {most:g}")
+    return rows
+
+
 _KEYS = {
     "coverage_factor": "place_gain_borne_out",
     "leakage_std": "spread",
@@ -60,8 +72,8 @@ _READERS: dict[str, Callable[[Any], Any]] = {
     "balls_cover": _floats,
     "sensor": str,
     "light": list,
-    "place_gain_std": list,
-    "extrapolated_gain_std": list,
+    "place_gain_std": _ratios,
+    "extrapolated_gain_std": partial(_ratios, most=1.0),
     "untouched_std_mm": list,
     "baseline": _numbers,
     "contact_in_reference_px": _pair,
@@ -134,7 +146,12 @@ class MethodCard:
                 try:
                     known[name] = read(value)
                 except (TypeError, ValueError, AttributeError) as fault:
-                    raise InputError("the method's card cannot be read", where=key, value=value) from fault
+                    raise InputError(
+                        "the method's card cannot be read",
+                        where=key,
+                        value=str(value)[:40],
+                        remedy=f"{_why(fault)}. Take the file as it was written, or calibrate anew.",
+                    ) from fault
         return cls(**known, other=rest)
 
     def to_json(self) -> dict[str, Any]:
@@ -145,6 +162,12 @@ class MethodCard:
     def extended(self, entries: Mapping[str, Any]) -> MethodCard:
         """The card with further `entries`, by their keys on disk."""
         return MethodCard.from_json(self.to_json() | dict(entries))
+
+
+def _why(fault: Exception) -> str:
+    """What is wrong with a value, as a sentence without its full stop."""
+    why = fault.what if isinstance(fault, InputError) else str(fault)
+    return why[:1].upper() + why[1:]
 
 
 def _entries() -> list[str]:

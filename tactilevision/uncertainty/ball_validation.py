@@ -20,10 +20,9 @@ import numpy.typing as npt
 
 from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import BallPicture, CalibratedMethod, Calibration
-from tactilevision.photometric.ball.cross_validation import ONE_SIGMA_SHARE
+from tactilevision.photometric.ball.cross_validation import ONE_SIGMA_SHARE, HeldOutLaw, off_inside
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats, Pair, SlopeMap
 from tactilevision.robust import mad_std
 
@@ -66,26 +65,38 @@ def held_out_depth(
     `place_gain_std` are to be taken times `depth_coverage_factor`.
     """
     now, methods, balls = calibration.method, dict[int, CalibratedMethod](), list[Known]()
-    for picture, ball, (law, gain) in _held_out_laws(calibration, pictures):
-        if id(law) not in methods:
-            methods[id(law)] = replace(now, law=law, card=MethodCard())
-        slopes = methods[id(law)].slopes(picture.rgb)
+    inside, outside = list[float](), list[float]()
+    for picture, ball, held in _held_out_laws(calibration, pictures):
+        if id(held.law) not in methods:
+            methods[id(held.law)] = replace(now, law=held.law, card=MethodCard())
+        slopes = methods[id(held.law)].slopes(picture.rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
         found, true = dent_mm(depth, ball, mm_per_px=mm_per_px)
-        balls.append(Known(true, found, float(np.hypot(gain, seen_gain)) * true, ball.contact_radius_px))
+        balls.append(Known(true, found, held.std * true, ball.contact_radius_px))
+        inside.append(float(np.hypot(held.inside_std, seen_gain)) * true)
+        outside.append(held.outside_std * true)
     if not balls:
         return {}
+    errors = np.array([ball.found_mm - ball.true_mm for ball in balls])
     ratio = np.array([ball.found_mm / ball.true_mm for ball in balls])
-    off = np.array([abs(ball.found_mm - ball.true_mm) / ball.stated_mm for ball in balls])
-    by_others = [conformal_factor(np.delete(off, number)) for number in range(len(off))]
-    balls = [replace(ball, stated_mm=k * ball.stated_mm) for ball, k in zip(balls, by_others, strict=True)]
+    balls = _stated_by_others(balls, errors, np.array(inside), np.array(outside))
     return {
-        "depth_coverage_factor": conformal_factor(off),
+        "depth_coverage_factor": conformal_factor(off_inside(errors, np.array(inside), outside)),
         "held_out_depth_ratio": float(np.median(ratio)),
         "held_out_depth_ratio_std": mad_std(ratio),
-        "held_out_depth_rms_mm": float(np.sqrt(np.mean([(ball.found_mm - ball.true_mm) ** 2 for ball in balls]))),
+        "held_out_depth_rms_mm": float(np.sqrt(np.mean(errors**2))),
         **told("held_out_balls", balls),
     }
+
+
+def _stated_by_others(balls: Sequence[Known], errors: Floats, inside: Floats, outside: Floats) -> list[Known]:
+    """The `balls` with the deviation that the other balls' factor gives each; errors and deviations (n,) mm."""
+    stated = []
+    for number, ball in enumerate(balls):
+        off, within, beyond = (np.delete(all_, number) for all_ in (errors, inside, outside))
+        k = conformal_factor(off_inside(off, within, beyond.tolist()))
+        stated.append(replace(ball, stated_mm=float(np.hypot(k * inside[number], outside[number]))))
+    return stated
 
 
 def conformal_factor(off: Floats) -> float:
@@ -159,8 +170,8 @@ def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, *, mm_per_px: Pair
 
 def _held_out_laws(
     calibration: Calibration, pictures: Sequence[BallPicture]
-) -> list[tuple[BallPicture, Ball, tuple[ColourLaw, float]]]:
-    """At most MAX_BALLS balls that were found, evenly chosen, each with its law and that one's deviation there."""
+) -> list[tuple[BallPicture, Ball, HeldOutLaw]]:
+    """At most MAX_BALLS balls that were found, evenly chosen, each with the law that never saw it."""
     rows = zip(pictures, calibration.balls, calibration.held_out_laws, strict=True)
     kept = [(picture, ball, law) for picture, ball, law in rows if ball is not None and law is not None]
     return kept[:: max(1, -(-len(kept) // MAX_BALLS))]

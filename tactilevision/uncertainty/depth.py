@@ -174,8 +174,9 @@ class DepthError:
         if not self.extrapolates:
             return False
         size = self.extrapolated_std.shape[::-1]
-        mask = cv2.resize(contact.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-        return cv2.mean(self.extrapolated_std, mask=mask)[0] > MAX_EXTRAPOLATED
+        share = cv2.resize(contact.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        covered = float(share.sum())
+        return covered > 0.0 and float(np.vdot(self.extrapolated_std, share)) > MAX_EXTRAPOLATED * covered
 
     @property
     def _step_mm(self) -> Pair:

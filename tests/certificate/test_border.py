@@ -13,7 +13,12 @@ from tactilevision.certificate.rejection import _border
 
 @pytest.mark.parametrize(
     ("x_mm", "words"),
-    [(0.0, None), (2.45, "within 0.05 mm of the view's border"), (3.87, "1.37 mm beyond the view's border")],
+    [
+        (0.0, None),
+        (2.45, "within 0.05 mm of the view's border"),
+        (2.501, "reaches 0.001 mm beyond"),
+        (3.87, "1.37 mm beyond the view's border"),
+    ],
 )
 def test_a_face_is_told_how_far_it_is_from_the_border_or_beyond(x_mm: float, words: str | None) -> None:
     face = SimpleNamespace(radius_mm=2.5, centre_mm=(x_mm, 0.0))

@@ -6,7 +6,8 @@ import csv
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from types import SimpleNamespace
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from tactilevision.force.readings import Readings
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import ForceSeries, Frame, Gel, HeightMap, Material, Press, Sensor
+from tactilevision.records.flags import BEYOND_BALLS, MEANING
 from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 
 ROWS, COLUMNS = VIEW.shape
@@ -28,8 +30,8 @@ ROWS, COLUMNS = VIEW.shape
 class Known:
     """Stands for a reconstructor: the frame's brightness says how deep the one known contact is."""
 
-    def __init__(self, sensor: Sensor, walls: WallLessons | None = None) -> None:
-        self.sensor, self.walls = sensor, walls or WallLessons()
+    def __init__(self, sensor: Sensor, *, walls: WallLessons | None = None, error: Any = None) -> None:
+        self.sensor, self.walls, self.error = sensor, walls or WallLessons(), error
         self.unit = measured(hertz(2.0, (0.0, 0.0), (0.0, 0.0, 0.5)), std_mm=0.001)[0].depth_mm
 
     def height_map(self, frame: Frame) -> HeightMap:
@@ -115,6 +117,16 @@ def test_what_was_cut_off_goes_on_and_zarr_holds_the_same(tmp_path: Path) -> Non
         assert [path.name for path in (tmp_path / out).iterdir() if path.name.startswith(".")] == []
 
 
+def test_a_contact_beyond_the_balls_is_flagged_and_free_gel_is_not(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    for beyond in (False, True):
+        known = Known(recording.sensor, SimpleNamespace(beyond_balls=lambda contact, told=beyond: told))
+        out, material = tmp_path / f"out{beyond}", Material(0.2, 0.48)
+        job = force_job(recording, cast(Reconstructor, known), material=material, out=out)
+        rows = force_folder(recording, job, workers=1)
+        assert [MEANING[BEYOND_BALLS] in row.flags for row in rows[:3]] == [False, beyond, beyond]
+
+
 def test_another_material_starts_anew(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
     known = cast(Reconstructor, Known(recording.sensor))
@@ -141,7 +153,7 @@ def test_other_lessons_of_walls_start_anew(tmp_path: Path) -> None:
     lesson = WallLessons(left=TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03))
 
     def solve(walls: WallLessons, progress: Callable[[int, int], None]) -> None:
-        known = cast(Reconstructor, Known(recording.sensor, walls))
+        known = cast(Reconstructor, Known(recording.sensor, walls=walls))
         job = force_job(recording, known, material=Material(0.2, 0.48), out=tmp_path / "out")
         force_folder(recording, job, workers=1, progress=progress)
 

@@ -8,13 +8,16 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from tactilevision.photometric.ball import cross_validation
 from tactilevision.photometric.ball.cross_validation import (
     coverage_factor,
     gain_std,
     gains_of,
     held_out,
+    off_inside,
     scale_uncertainty,
 )
+from tactilevision.photometric.ball.extrapolation import extrapolated_std
 from tactilevision.photometric.ball.jackknife import (
     DIRECTIONS,
     PLACES,
@@ -25,6 +28,7 @@ from tactilevision.photometric.ball.jackknife import (
     places,
 )
 from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.methods import polynomial
 from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
@@ -137,14 +141,34 @@ def test_two_thirds_are_off_by_no_more_than_balls_bear_out() -> None:
 
 def test_balls_left_out_say_how_far_to_believe_what_is_stated() -> None:
     off = np.random.default_rng(3).normal(0.0, 0.02, 500)
-    assert coverage_factor(off[:0], off[:0]) == 1.0
-    assert 0.6 < coverage_factor(off[:9], np.full(9, 0.04)) < 0.9, "half as far off as stated, but these are nine"
-    assert coverage_factor(off, np.full(500, 0.04)) == pytest.approx(0.5, abs=0.04)
-    assert coverage_factor(off, np.full(500, 0.01)) == pytest.approx(2.0, abs=0.15)
+    assert coverage_factor(off[:0]) == 1.0
+    assert 0.6 < coverage_factor(off[:9] / 0.04) < 0.9, "half as far off as stated, but these are nine"
+    assert coverage_factor(off / 0.04) == pytest.approx(0.5, abs=0.04)
+    assert coverage_factor(off / 0.01) == pytest.approx(2.0, abs=0.15)
     strange = np.concatenate([off, [1.0]])
-    assert coverage_factor(strange, np.full(501, 0.04)) == pytest.approx(0.5, abs=0.04), (
-        "one that is strange moves it little"
-    )
+    assert coverage_factor(strange / 0.04) == pytest.approx(0.5, abs=0.04), "one that is strange moves it little"
+
+
+def test_balls_beyond_the_others_say_nothing_of_those_among_them() -> None:
+    errors, inside = np.array([0.02, -0.03, 0.01, 0.04, 0.5]), np.full(5, 0.02)
+    assert off_inside(errors, inside, [0.0] * 4 + [0.3]) == pytest.approx([1.0, 1.5, 0.5, 2.0])
+    few = off_inside(errors, inside, [0.0, 0.0, 0.0, 0.06, 0.3])
+    assert few == pytest.approx([1.0, 1.5, 0.5, 0.0, 20.0]), "too few among the others: the excess of all"
+
+
+def test_doubt_beyond_the_balls_leaves_the_deviation_among_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    samples = balls(np.random.default_rng(0), range(BALLS))
+    law, (_, others) = fitted(samples), held_out(fitting, samples, untouched_samples=still(), ridge=1e-3)
+    found = []
+    for times in (1.0, 10.0):
+        monkeypatch.setattr(
+            cross_validation, "extrapolated_std", lambda rate, far, t=times: extrapolated_std(t * rate, far)
+        )
+        found.append(
+            scale_uncertainty(fitting, samples, untouched_samples=still(), ridge=1e-3, law=law, others=others)
+        )
+    assert found[1].gain_std == pytest.approx(found[0].gain_std)
+    assert found[1].extrapolated_std.mean() > 2.0 * found[0].extrapolated_std.mean()
 
 
 def test_each_ball_has_a_law_that_never_saw_it() -> None:
@@ -154,14 +178,24 @@ def test_each_ball_has_a_law_that_never_saw_it() -> None:
         fitting, samples, untouched_samples=still(), ridge=1e-3, law=fitted(samples), others=others
     )
     assert sorted(uncertainty.held_out_laws) == list(range(BALLS))
-    for number, (law, std) in uncertainty.held_out_laws.items():
+    for number, held in uncertainty.held_out_laws.items():
         at = samples.press == number
-        assert found[at] == pytest.approx(law.at(samples.change[at], samples.place[at]))
-        assert 0.0 < std < 0.5
+        assert found[at] == pytest.approx(held.law.at(samples.change[at], samples.place[at]))
+        assert 0.0 < held.std < 0.5
     for number, gain in gains_of(found, samples).items():
-        assert abs(gain - 1.0) < 6.0 * np.hypot(uncertainty.held_out_laws[number][1], gain_std(found, samples))
+        assert abs(gain - 1.0) < 6.0 * np.hypot(uncertainty.held_out_laws[number].std, gain_std(found, samples))
 
 
 def test_beyond_the_outermost_balls_less_is_known() -> None:
     stated = np.sqrt(np.mean(np.square(many()[2]), axis=0))
     assert stated[:, 0].mean() > 3.0 * stated[4:8, 5:11].mean()
+
+
+def test_sums_over_samples_are_made_once_for_all_fits() -> None:
+    samples, rest, made = balls(np.random.default_rng(0), range(BALLS)), still(), list[int]()
+    for ridge in (1e-3, 1e-2):
+        law = fitting(samples, rest, ridge=ridge)
+        _, others = held_out(fitting, samples, untouched_samples=rest, ridge=ridge)
+        scale_uncertainty(fitting, samples, untouched_samples=rest, ridge=ridge, law=law, others=others)
+        made.append(polynomial._sums.cache_info().misses)
+    assert made[1] == made[0]

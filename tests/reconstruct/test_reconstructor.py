@@ -27,6 +27,7 @@ from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, picture, places, presses
 
+from tactilevision.uncertainty.ball_validation import held_out_depth
 from tactilevision.uncertainty.steep_slope import hidden_step_mm
 
 REAL = Path(__file__).parents[3] / "shared" / "real"
@@ -75,6 +76,20 @@ def test_the_deviation_of_a_contact_beyond_the_balls_grows_and_is_flagged() -> N
         assert height.std_mm is not None
         assert bool(height.std_mm[deepest] > 0.3 * depth.max()) is beyond
     assert contact_flags(np.zeros(SHAPE, np.bool_), far.error) == ()
+
+
+def test_doubt_beyond_the_balls_leaves_the_dents_among_them_as_they_are() -> None:
+    shots, found = ball_pictures(12, np.random.default_rng(1)), []
+    for times in (1.0, 10.0):
+        wider = tuple(
+            held and dataclasses.replace(held, outside_std=times * held.outside_std)
+            for held in calibrated().held_out_laws
+        )
+        doubted = dataclasses.replace(calibrated(), held_out_laws=wider)
+        found.append(held_out_depth(doubted, shots, mm_per_px=SENSOR.mm_per_px, seen_gain=0.02))
+    assert found[1]["depth_coverage_factor"] == pytest.approx(found[0]["depth_coverage_factor"])
+    far = [ball["stated_mm"] for ball in found[1]["held_out_balls"]]
+    assert np.mean(far) > 1.2 * np.mean([ball["stated_mm"] for ball in found[0]["held_out_balls"]])
 
 
 CENTRES = [(-8.2, 0.5), (8.1, -2.0), (1.0, 5.9), (-9.5, 1.0), (2.0, 7.1), (8.3, 6.0)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tactilevision.errors import InputError
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.card import MethodCard
 from tactilevision.uncertainty.ball_validation import Known, bands, conformal_factor, dent_mm, told
@@ -76,3 +77,23 @@ def test_the_stated_deviation_holds_for_a_further_ball(count: int, tail: float) 
 def test_no_ball_left_out_changes_nothing_stated() -> None:
     assert conformal_factor(np.array([])) == 1.0
     assert conformal_factor(np.zeros(12)) == 0.5
+
+
+@pytest.mark.parametrize("key", ["place_gain_std", "extrapolated_gain_std"])
+@pytest.mark.parametrize(
+    "forged",
+    ["a", 3.0, [], [[]], [["a"]], [[None]], [[True]], [[0.1, 0.2], [0.1]], [[-0.1]], [[1e30]], [[np.nan]]],
+)
+def test_a_forged_deviation_over_the_picture_is_one_clear_error(key: str, forged: object) -> None:
+    with pytest.raises(InputError, match=f"{key}: the method's card cannot be read") as fault:
+        MethodCard.from_json({key: forged})
+    assert fault.value.value is not None
+    assert fault.value.remedy.endswith("calibrate anew.")
+
+
+def test_a_deviation_over_the_picture_is_read_as_written() -> None:
+    rows = [[0.0, 0.5], [1, 0.25]]
+    card = MethodCard.from_json({"place_gain_std": rows, "extrapolated_gain_std": rows})
+    assert card.place_gain_std == card.extrapolated_gain_std == rows
+    with pytest.raises(InputError, match="not from 0 to 1"):
+        MethodCard.from_json({"extrapolated_gain_std": [[1.5]]})

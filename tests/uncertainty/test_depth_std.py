@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.ndimage import gaussian_filter
 from shared_scenes import sample_reconstructor
 
 from tactilevision.recording import read_frame, read_recording
+from tactilevision.uncertainty.depth import DepthError
 from tactilevision.uncertainty.untouched_gel import BLOCK_PX, untouched_std_mm
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
@@ -45,3 +47,18 @@ def test_the_sample_states_what_its_other_free_frames_show() -> None:
     for some in (pulls, corners, pulls[:, 100:220, 150:280]):
         assert 0.55 < np.sqrt(np.mean(some**2)) < 1.3
         assert 0.55 < np.mean(np.abs(some) < 1) < 0.93
+
+
+def test_a_small_contact_beyond_the_balls_is_flagged_wherever_it_lies() -> None:
+    method = sample_reconstructor().referenced
+    assert method is not None
+    error = DepthError(
+        method.with_card(dataclasses.replace(method.card, extrapolated_gain_std=[[0.3]])), (0.02, 0.02)
+    )
+    assert error.every > 4
+    height, width = method.reference.shape[:2]
+    for row, column in np.random.default_rng(0).integers(0, (height - 4, width - 4), (200, 2)):
+        contact = np.zeros((height, width), np.bool_)
+        contact[row : row + 4, column : column + 4] = True
+        assert error.beyond_balls(contact)
+    assert not error.beyond_balls(np.zeros((height, width), np.bool_))

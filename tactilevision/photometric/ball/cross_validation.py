@@ -6,14 +6,17 @@ how far it is. All that is stated is taken times
 
     k^2 = (m + n z^2) / (m + n)        z: what 68 % of the errors of n balls, in stated deviations, do not exceed
 
-with m = PRIOR_BALLS, so that a few balls do not change it much. The law that saw all balls may not be asked
-instead: what it states of a ball's place is what leaving out that very ball changes there, which is the error held
-against it, so that whatever is stated seems right. On eleven simulated lights k is .5 to 1.1, as among the balls a
-jackknife states too much: without a ball the next one is twice as far away.
+with m = PRIOR_BALLS, so that a few balls do not change it much. Balls among the others tell it: what lying beyond
+these adds is stated apart (`extrapolation.py`), and no doubt there may make the rest look better. The law that saw
+all balls may not be asked instead: what it states of a ball's place is what leaving out that very ball changes
+there, which is the error held against it, so that whatever is stated seems right. On eleven simulated lights k was
+.5 to 1.1 over all balls, as among the balls a jackknife states too much: without a ball the next one is twice as
+far away.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -35,6 +38,7 @@ from tactilevision.robust import mad_std
 
 FOLDS = 3  # groups of balls; more leave less out at a time, and cost a fit for each pair of groups
 PRIOR_BALLS = 4  # balls that what is stated is worth by itself
+MIN_AMONG = 4  # balls among the others that tell k alone; with fewer, those beyond them help
 SLOPE_SOFTENING = 0.1  # slopes below are not asked to be right in proportion
 PATCHES = (8, 3)  # of a ball: round it, and outwards
 ONE_SIGMA_SHARE = 0.6827  # share of normal errors within one standard deviation
@@ -50,17 +54,33 @@ class Fitter(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class HeldOutLaw:
+    """A `law` that never saw a ball, and the relative deviation of its depth scale there.
+
+    `inside_std` as among the balls that it saw, `outside_std` by how far it lies beyond these.
+    """
+
+    law: ColourLaw
+    inside_std: float
+    outside_std: float
+
+    @property
+    def std(self) -> float:
+        return float(np.hypot(self.inside_std, self.outside_std))
+
+
+@dataclass(frozen=True, slots=True)
 class ScaleUncertainty:
     """`gain_std` (12, 16): relative deviation of a law's depth scale; `coverage_factor` (k) in it.
 
     `extrapolated_std` (12, 16): what lying beyond the balls adds to it, of which k is no part.
-    `held_out_laws`: for each ball, by its number, a law that never saw it, with the deviation of its scale there.
+    `held_out_laws`: for each ball, by its number, a law that never saw it.
     """
 
     gain_std: Floats
     extrapolated_std: Floats
     coverage_factor: float
-    held_out_laws: dict[int, tuple[ColourLaw, float]]
+    held_out_laws: dict[int, HeldOutLaw]
 
 
 def groups_of(contact: Samples) -> list[npt.NDArray[np.int64]]:
@@ -101,10 +121,10 @@ def scale_uncertainty(
         beyond = _beyond_others(contact, group)
         outside |= dict(zip(beyond, extrapolated_std(rate, np.array([*beyond.values()])).tolist(), strict=True))
     errors = np.array([gains[number] - 1.0 for number in stated])
-    wide = np.hypot(list(stated.values()), [outside[number] for number in stated])
-    factor = coverage_factor(errors, np.hypot(wide, fitted_std))
+    off = off_inside(errors, np.hypot(list(stated.values()), fitted_std), [outside[number] for number in stated])
+    factor = coverage_factor(off)
     held_out_laws = {
-        number: (other, float(np.hypot(factor * stated[number], outside[number])))
+        number: HeldOutLaw(other, factor * stated[number], outside[number])
         for group, other in zip(groups_of(contact), others, strict=True)
         for number in map(int, group)
     }
@@ -153,15 +173,27 @@ def _stated_std(
     return stated
 
 
-def coverage_factor(errors: Floats, stated: Floats) -> float:
-    """k: how many times as far as `stated` (n,) two thirds of the `errors` (n,) are off, or nearly so.
+def off_inside(errors: Floats, inside: Floats, outside: Sequence[float]) -> Floats:
+    """How far (m,) balls are off, in deviations stated `inside`: those among the others, if there are MIN_AMONG.
 
-    Both in one unit; k is a ratio.
+    Else all (n,), by what `errors` have over the deviation stated `outside`, in squares.
+    All three (n,) in one unit; what comes back is a ratio, without unit.
     """
-    if len(errors) == 0:
+    beyond = np.array(outside)
+    ratio = np.sqrt(np.maximum(errors**2 - beyond**2, 0.0)) / inside
+    among = beyond == 0.0
+    return np.asarray(ratio[among] if np.count_nonzero(among) >= MIN_AMONG else ratio)
+
+
+def coverage_factor(off: Floats) -> float:
+    """k: how many times as far as stated two thirds of the balls are off, or nearly so.
+
+    `off` (n,): how far, in stated deviations; a ratio, as k is.
+    """
+    if len(off) == 0:
         return 1.0
-    ratio = float(np.quantile(np.abs(errors) / stated, ONE_SIGMA_SHARE))
-    return float(np.sqrt((PRIOR_BALLS + len(errors) * ratio**2) / (PRIOR_BALLS + len(errors))))
+    ratio = float(np.quantile(np.abs(off), ONE_SIGMA_SHARE))
+    return float(np.sqrt((PRIOR_BALLS + len(off) * ratio**2) / (PRIOR_BALLS + len(off))))
 
 
 def gains_of(slopes: Floats, samples: Samples) -> dict[int, float]:

@@ -18,7 +18,7 @@ RESTING = 4000  # samples of untouched gel
 INSIDE = 0.93  # of the contact radius: blur mixes the rim with the gel outside, which is not a sphere
 OUTSIDE = 4.0  # contact radii from which the gel is taken for untouched
 
-KEPT = 16  # sets of samples whose sums are kept: contact and rest of a calibration's groups and their pairs
+KEPT = 24  # sets of samples whose sums are kept: contact and rest of all balls, without 3 groups, 3 pairs, 4 sides
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -87,12 +87,12 @@ def judge(calibration: Calibration, pictures: list[BallPicture], mm_per_px: Pair
     for number, (picture, ball, told) in enumerate(rows):
         if ball is None or told is None:
             continue
-        other = replace(method, law=told[0], card=MethodCard())
+        other = replace(method, law=told.law, card=MethodCard())
         change, _, valid = other.change.measure_known(picture.rgb)
         seen = ball_samples(
             change, ball, mm_per_px=mm_per_px, number=number, most=SAMPLES, valid=valid, rng=rng
         ).complete()
-        off = direction_error_deg(told[0].at(seen.change, seen.place), seen.slopes)
+        off = direction_error_deg(told.law.at(seen.change, seen.place), seen.slopes)
         slopes = other.slopes(picture.rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
         read, true = dent_mm(depth, ball, mm_per_px=mm_per_px)
