@@ -120,7 +120,7 @@ def test_what_was_cut_off_goes_on_and_zarr_holds_the_same(tmp_path: Path) -> Non
 def test_a_contact_beyond_the_balls_is_flagged_and_free_gel_is_not(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
     for beyond in (False, True):
-        known = Known(recording.sensor, SimpleNamespace(beyond_balls=lambda contact, told=beyond: told))
+        known = Known(recording.sensor, error=SimpleNamespace(beyond_balls=lambda contact, told=beyond: told))
         out, material = tmp_path / f"out{beyond}", Material(0.2, 0.48)
         job = force_job(recording, cast(Reconstructor, known), material=material, out=out)
         rows = force_folder(recording, job, workers=1)
