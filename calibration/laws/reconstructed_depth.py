@@ -59,7 +59,7 @@ class ReconstructedDepth(Composable):
         depth = state.depth_mm
         if data.slopes is not None:
             depth = np.where(beside_face(data), data.slopes.depth_mm * depth / data.depth_mm, depth)
-        seen = depth * (1 + share) + values[0] * of_face(data)
+        seen = depth * (1 + share) + values[0] * _of_face(data)
         if stated is not None:
             seen = seen + stated * legval(_across(data.depth_mm), values[1 : 1 + WALLS])
         return replace(state, force_N=seen, stiffness_N_per_mm=np.ones(data.size))
@@ -76,11 +76,11 @@ def _stated(data: Observations) -> Floats | None:
     degree = 1 if np.ptp(data.depth_mm) > 0.1 * np.max(data.depth_mm) else 0
     line = np.polynomial.Polynomial.fit(data.depth_mm, std / data.depth_mm, degree)
     stated = data.depth_mm * np.maximum(line(data.depth_mm), 0.5 * np.min(std / data.depth_mm))
-    return np.asarray(stated * of_face(data))
+    return np.asarray(stated * _of_face(data))
 
 
 @lru_cache(maxsize=KEPT)
-def of_face(data: Observations) -> Floats:
+def _of_face(data: Observations) -> Floats:
     """1 for the depth of a face (N,), mm, 0 for a slope beside it."""
     return np.ones(data.size) if data.slopes is None else np.isnan(data.slopes.slope).astype(float)
 
@@ -103,12 +103,12 @@ def _open(data: Observations) -> list[tuple[str, float, Floats]]:
     # each indenter has its height, and a depth at which the table has an error of its own
     kind, half = data.presses.indenter[data.press], 0.5 * TABULATED.relative_error
     changes += [(f"indenter_{k}", half, beside_face(data) & (kind == k)) for k in np.unique(kind)]
-    changes += [(f"face_{k}", TABULATED.relative_error, of_face(data) * (kind == k)) for k in np.unique(kind)]
+    changes += [(f"face_{k}", TABULATED.relative_error, _of_face(data) * (kind == k)) for k in np.unique(kind)]
     walls = of_walls(1.0, WALLS_PER_MM * data.depth_mm / np.nanmedian(slopes.ball_slope))
     # the method's own: a ceiling at the steepest slope that the light was made from
     changes += [
         (FLATTENING, 1.0, -np.nan_to_num(flattened)),
-        (LOST, LOST_STD, of_face(data) * (walls - 1)),
+        (LOST, LOST_STD, _of_face(data) * (walls - 1)),
         ("certificate", rise, np.ones(data.size)),
         ("profile_nu", 1.0, np.nan_to_num(slopes.nu_change)),
         ("profile_friction", SHARE_STD, np.nan_to_num(slopes.friction_change)),
@@ -119,7 +119,7 @@ def _open(data: Observations) -> list[tuple[str, float, Floats]]:
 @lru_cache(maxsize=KEPT)
 def beside_face(data: Observations) -> Bools:
     """Whether a sample (N,) is a slope beside a face, read as a depth in mm."""
-    return np.asarray(of_face(data) == 0)
+    return np.asarray(_of_face(data) == 0)
 
 
 @lru_cache(maxsize=KEPT)

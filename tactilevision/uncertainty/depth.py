@@ -39,9 +39,7 @@ Array = npt.NDArray[np.floating[Any]]
 GRID_MM = 0.18  # mm between points of the grid, about: finer than the deviation varies, but for edges
 # of the greatest depth: what too steep slopes may hide before a map says so; calibrated balls stay below .1
 MAX_HIDDEN_SHARE = 0.2
-MAX_EXTRAPOLATED = (
-    0.05  # of the depth, by what lies beyond the balls; A to I's own balls have .01 (real_frames.md)
-)
+MAX_EXTRAPOLATED = 0.05  # of the depth, by lying beyond the balls; real sets' own balls have .01 (real_frames.md)
 TERMS = (
     "depth scale",
     "leakage",

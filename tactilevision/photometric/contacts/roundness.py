@@ -16,9 +16,8 @@ import numpy as np
 from tactilevision.photometric.contacts.moments import Contact
 from tactilevision.records import Floats
 
-MAX_MISS_DEG = (
-    7.0  # degrees, median: most real balls 2 to 8 by a first law; 15 reads dents of three ellipses .6 worse
-)
+# degrees, median: most real balls have 2 to 8 by a first law; 15 reads drawn dents of three ellipses .6 worse
+MAX_MISS_DEG = 7.0
 MIN_SLOPE_SHARE = 0.3  # of the median slope: gentler ones tell no direction
 NEAREST = 0.1  # contact radii from the axis: nearer, directions are noise
 NEAREST_JUDGED = 0.25  # contact radii from the axis where roundness is judged
