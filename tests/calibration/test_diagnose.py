@@ -13,6 +13,7 @@ from test_calibrate import paper_points
 from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
 
+import calibration.diagnosis.confirmation as confirmation
 import calibration.diagnosis.forward_selection as searching
 import calibration.tasks.diagnose as module
 from calibration.diagnosis.change_point import change_point
@@ -111,7 +112,8 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
 def test_a_candidate_that_does_not_fit_is_passed_over(
     fails: str, fault: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = getattr(searching, fails)
+    where = confirmation if fails == "separation" else searching
+    whole = getattr(where, fails)
     asked = []
 
     def failing(fitted: Fit, what: Candidate | Effect, *rest: Effect) -> object:
@@ -121,7 +123,7 @@ def test_a_candidate_that_does_not_fit_is_passed_over(
             raise fault
         return whole(fitted, what, *rest)
 
-    monkeypatch.setattr(searching, fails, failing)
+    monkeypatch.setattr(where, fails, failing)
     data = presses(8)
     shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.015)), np.random.default_rng(3))
     found = diagnose(shifted, np.random.default_rng(0))
