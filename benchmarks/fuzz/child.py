@@ -99,7 +99,7 @@ class _Work:
 
     def bytes(self) -> None:
         """Mutants of the bytes, drawn blindly."""
-        from benchmarks.fuzz.mutants import mutated_bytes
+        from benchmarks.fuzz.binary_mutants import mutated_bytes
 
         rng = random.Random(self.asked.seed)  # noqa: S311 - drawn again from the same seed
         while not self.over():
