@@ -21,11 +21,10 @@ import numpy as np
 
 from benchmarks.public_frames import SETS as PUBLIC
 from tactilevision.photometric import BallPicture, Reference, calibrate_from_balls, make_reference
-from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import Samples, ball_samples, join
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.card import provenance
-from tactilevision.photometric.found_balls import collect_balls, refine_balls
+from tactilevision.photometric.found_balls import locate
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.methods.polynomial import fit_polynomial
@@ -112,10 +111,9 @@ def on_real(
     """Direction of slope under real balls by the network and by a polynomial made there; gain if `sized`."""
     change, rng = ColourChange(reference), np.random.default_rng(0)
     parts: list[Samples] = []
-    for number, (picture, ball) in enumerate(zip(pictures, circles(change, pictures, mm_per_px), strict=True)):
-        if ball is None:
-            continue
+    for number, picture in enumerate(pictures):
         seen, _, valid = change.measure(picture.rgb)
+        ball = locate(seen, valid, picture=picture, mm_per_px=mm_per_px)
         parts.append(
             ball_samples(seen, ball, mm_per_px=mm_per_px, number=number, most=200, valid=valid, rng=rng).complete()
         )
@@ -128,13 +126,6 @@ def on_real(
         own = calibrate_from_balls(reference, pictures, mm_per_px=mm_per_px, fit=fit_polynomial)
         told["direction_error_deg_calibrated"] = own.direction_error_deg
     return told
-
-
-def circles(change: ColourChange, pictures: Sequence[BallPicture], mm_per_px: Pair) -> list[Ball | None]:
-    """The balls by the light of each other, as a calibration finds them: each alone, DIGITs' lie 2 px off."""
-    rng = np.random.default_rng(0)
-    alone = collect_balls(change, pictures, mm_per_px, rng)
-    return list(refine_balls(alone, change, pictures, mm_per_px, rng).balls)
 
 
 def _direction(found: Floats, true: Floats) -> float:

@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.default_method import MINI_SCALE, circles, mini
+from benchmarks.default_method import MINI_SCALE, mini
+from benchmarks.own_contacts import circles
 from benchmarks.peers import calibrated, clicked
 from benchmarks.public_frames import i_digit
 from tactilevision.photometric import Reference

@@ -18,13 +18,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.default_method import MINI_SCALE, REAL, ROOT, SCALE, circles, gain, mini, real_balls
+from benchmarks.default_method import MINI_SCALE, REAL, ROOT, SCALE, gain, mini, real_balls
 from benchmarks.public_frames import SETS as PUBLIC
 from tactilevision.photometric import BallPicture, Reference, load_network
+from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import Samples, ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.contacts.moments import Contact, contact_of
 from tactilevision.photometric.contacts.self_calibration import Prior, calibrate_on_contacts, contradict
+from tactilevision.photometric.found_balls import collect_balls, refine_balls
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Bytes, Pair
@@ -122,6 +124,13 @@ def seen(
         if len(part.change):  # else a colour is overexposed all over the ball
             samples.append(part)
     return contacts, samples
+
+
+def circles(change: ColourChange, pictures: Sequence[BallPicture], mm_per_px: Pair) -> list[Ball | None]:
+    """The balls by the light of each other, as a calibration finds them; `labelled_circles` says why."""
+    rng = np.random.default_rng(0)
+    alone = collect_balls(change, pictures, mm_per_px, rng)
+    return list(refine_balls(alone, change, pictures, mm_per_px, rng).balls)
 
 
 def of(reference: Reference, rgb: Bytes) -> Contact | None:
