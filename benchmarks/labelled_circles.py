@@ -1,23 +1,33 @@
-"""Circles that people clicked on a GelSight Mini (set E), against what the pictures show without any light's law.
+"""Circles of real balls against what needs no light's law: people clicked those of set E, a stage set those of I.
 
-    python -m benchmarks.labelled_circles
+    python -m benchmarks.labelled_circles [CLONES]
 
 Three things need no calibration. Slopes of a round dent are odd about its middle, and so are small changes of
 colour: the middle is where they are oddest. A deeper press changes more of the picture. And under a hard ball the
 gel has the ball's shape: two presses at one place show the same colours as far out as the smaller contact reaches.
+A stage pressed the balls of I along a diagonal; how far, in mm, stands in the pictures' names.
 """
 
 from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
 from scipy.stats import spearmanr
 
 from benchmarks.default_method import MINI_SCALE, mini
+from benchmarks.own_contacts import circles
 from benchmarks.peers import calibrated, clicked
+from benchmarks.public_frames import i_digit
 from tactilevision.photometric import Reference
 from tactilevision.photometric.ball.detection import Ball, ball_slopes
 from tactilevision.photometric.calibrate import direction_error_deg
+from tactilevision.photometric.found_balls import locate
+from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.records import Bytes, Floats, Pair
 
 CORE_PX = 16  # px from the middle within which changes are compared
@@ -29,7 +39,37 @@ SAME_PLACE = (0, 7)  # a gentle and the deepest press, which lie a pixel apart
 CLIPPED = 250.0  # grey level from which a colour may be overexposed
 
 
-def main() -> None:
+def main(clones: str = "") -> None:
+    clicked_circles()
+    if clones:
+        staged_circles(Path(clones))
+
+
+def staged_circles(clones: Path) -> None:
+    """How far balls of set I lie off a straight line, and how far apart for each mm of the stage's travel."""
+    reference, pictures, mm_per_px = i_digit(clones)
+    colours = ColourChange(reference)
+    alone: list[Ball | None] = []
+    for picture in pictures:
+        u, _, valid = colours.measure(picture.rgb)
+        alone.append(locate(u, valid, picture=picture, mm_per_px=mm_per_px))
+    places = [re.findall(r"[XY]([\d.]+)", one.name)[:2] for one in pictures]
+    travel = np.array([np.hypot(float(x), float(y)) for x, y in places])
+    print(f"set I: {1 / mm_per_px[0]:.1f} px in a mm are assumed")
+    for name, balls in (("alone", alone), ("by the light of the others", circles(colours, pictures, mm_per_px))):
+        print(f"found {name}: {stage_line(travel, balls)}")
+
+
+def stage_line(travel_mm: Floats, balls: Sequence[Ball | None]) -> str:
+    used = [number for number, ball in enumerate(balls) if ball is not None]
+    centres = np.array([ball.centre_px for ball in balls if ball is not None])
+    terms = np.stack([np.ones(len(used)), travel_mm[used]], axis=1)
+    line = np.linalg.lstsq(terms, centres, rcond=None)[0]
+    off = np.sqrt(np.mean(np.sum((centres - terms @ line) ** 2, axis=1)))
+    return f"{len(used)} balls, {np.hypot(*line[1]):.1f} px in a mm, {off:.2f} px off a line (rms)"
+
+
+def clicked_circles() -> None:
     reference, pictures = mini()
     changes = [change(reference, one.rgb) for one in pictures]
     found = [ball for ball in calibrated(reference, pictures, MINI_SCALE).balls if ball is not None]
@@ -103,4 +143,4 @@ def radial(u: Floats, at: Pair) -> list[Floats]:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -21,11 +21,12 @@ import numpy as np
 from benchmarks.default_method import MINI_SCALE, REAL, ROOT, SCALE, gain, mini, real_balls
 from benchmarks.public_frames import SETS as PUBLIC
 from tactilevision.photometric import BallPicture, Reference, load_network
+from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import Samples, ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.contacts.moments import Contact, contact_of
 from tactilevision.photometric.contacts.self_calibration import Prior, calibrate_on_contacts, contradict
-from tactilevision.photometric.found_balls import locate
+from tactilevision.photometric.found_balls import collect_balls, refine_balls
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Bytes, Pair
@@ -114,14 +115,22 @@ def seen(
 ) -> tuple[list[Contact | None], list[Samples]]:
     """The contact of each picture, and samples under its ball."""
     change, rng, contacts, samples = ColourChange(reference), np.random.default_rng(0), [], []
-    for number, picture in enumerate(pictures):
+    for number, (picture, ball) in enumerate(zip(pictures, circles(change, pictures, mm_per_px), strict=True)):
         u, _, valid = change.measure(picture.rgb)
         contacts.append(contact_of(u, valid, rng))
-        ball = locate(u, valid, picture=picture, mm_per_px=mm_per_px)
+        if ball is None:
+            continue
         part = ball_samples(u, ball, mm_per_px=mm_per_px, number=number, most=200, valid=valid, rng=rng).complete()
         if len(part.change):  # else a colour is overexposed all over the ball
             samples.append(part)
     return contacts, samples
+
+
+def circles(change: ColourChange, pictures: Sequence[BallPicture], mm_per_px: Pair) -> list[Ball | None]:
+    """The balls by the light of each other, as a calibration finds them; `labelled_circles` says why."""
+    rng = np.random.default_rng(0)
+    alone = collect_balls(change, pictures, mm_per_px, rng)
+    return list(refine_balls(alone, change, pictures, mm_per_px, rng).balls)
 
 
 def of(reference: Reference, rgb: Bytes) -> Contact | None:
@@ -138,7 +147,7 @@ def report(name: str, contacts: Sequence[Contact | None], samples: Sequence[Samp
     if any(law is None for law in laws):
         print(f"{name}: the contacts do not tell the light")
         return
-    slopes = [law.at(s.change, s.place) for n, s in enumerate(samples) if (law := laws[n % FOLDS]) is not None]
+    slopes = [law.at(s.change, s.place) for s in samples if (law := laws[s.press[0] % FOLDS]) is not None]
     print(f"{name}: {told(slopes, samples)}")
 
 
