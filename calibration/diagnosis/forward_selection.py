@@ -289,7 +289,7 @@ def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | No
         scored = turn.scored[best.effect.key]
         try:
             fitted = adopt(current, best)
-            gain = skill(replace(current, noise=fitted.noise), best)
+            gain = skill(current, fitted, best.effect)
             if gain > (-chance(current.data.count) if scored.p_adjusted <= BEYOND_DOUBT else 0.0):
                 return Step(best, scored, gain, fitted, equals(current, best, again))
         except CANNOT_FIT:
