@@ -170,6 +170,13 @@ def test_a_draw_is_judged_by_the_others_as_a_measurement_is() -> None:
     assert (each < [Tail(draws)(draws[k]) for k in far]).all()
 
 
+def test_a_draw_beyond_what_a_number_can_say_leaves_p_a_number() -> None:
+    """One draw so far out that its p is 0 had made the family's tail infinite, and every p with it NaN."""
+    draws = np.append(np.random.default_rng(2).chisquare(1, 398), 1e4)
+    family = Tail(-np.log(Tail(draws).of_each()))
+    assert 0 < family(600.0) < family(20.0) < 1
+
+
 def test_the_smallest_visible_amplitude_is_indeed_seen() -> None:
     data = presses()
     fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(6)))
