@@ -47,7 +47,7 @@ DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is see
 FORM = (
     0.1  # std, of what a gel's effect adds: how far its form is off in each step of each covariate (others_curves)
 )
-HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # what any effect of a gel may follow
+HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
 
 

@@ -136,8 +136,8 @@ def _corner(
 
 
 def _speed(time_s: Floats, depth_mm: Floats, branch: Ints, ways: Mapping[int, float]) -> float | None:
-    """How fast a phase goes at its first sample, mm/s: along the line to the nearest of its samples that noise cannot
-    part from it, else at its press's speed.
+    """How fast a phase goes at its first sample, mm/s: along the line to the nearest of its samples that lies
+    farther off than noise puts it, else at its press's speed.
     """
     own = branch.size if (branch == branch[0]).all() else int(np.argmax(branch != branch[0]))
     far = np.flatnonzero(np.abs(depth_mm[:own] - depth_mm[0]) > SAME_MM)

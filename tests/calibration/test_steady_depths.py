@@ -112,7 +112,7 @@ def test_a_turn_and_an_end_that_the_depths_clock_saw_early_are_found() -> None:
 
 
 def _through(time_s: Floats, phase: list[str], corners: tuple[list[float], list[float]], late_s: float) -> None:
-    """One press at 5 mm/s, its depth read early by this; what belongs to the force's times is found in the gel."""
+    """One press at 5 mm/s, its depth read early by so much: in the gel it is found at the force's times."""
     data = observations([np.interp(time_s + late_s, *corners)], [indenter()], time_s=[time_s], phase=[phase])
     data = replace(data, presses=replace(data.presses, speed_mm_s=np.array([5.0])))
     true = np.interp(time_s, *corners)
