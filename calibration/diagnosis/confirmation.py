@@ -65,18 +65,19 @@ def chance(presses: int) -> float:
     return float(1 / np.sqrt(2 * presses))
 
 
-def skill(current: Fit, candidate: Candidate) -> float:
+def skill(current: Fit, fitted: Fit, effect: Effect) -> float:
     """1 - held-out error with over without the effect, both squared and whitened; below 0 where it rises in N.
 
-    `current` with the candidate's own noise: what a missing effect does to all presses alike passes for their
-    scatter, and against that nothing could be gained. The effect's size is found anew from each fold's others, not
-    its form: a time that four fifths of the presses leave open may run off, and says nothing of the effect.
+    Both are weighed by the noise of `fitted`, the fit with the effect, about its own line: what a missing effect
+    does to all presses alike passes for their scatter, and its slopes put a depth's noise where the gel has none.
+    The effect's size is found anew from each fold's others, not its form: a time that four fifths of the presses
+    leave open may run off, and says nothing of the effect.
     """
-    folds, begin = press_folds(current.data), candidate.model.slices(current.data)[candidate.effect.key].start
-    table = candidate.effect.parameters
+    folds, begin = press_folds(current.data), fitted.model.slices(current.data)[effect.key].start
+    table = effect.parameters
     form = [begin + k for k, p in enumerate(table) if p.unit != table[0].unit]
-    before = hold_out(current.model, current, start=current.values, folds=folds)
-    after = hold_out(candidate.model, current, start=candidate.values, folds=folds, kept=form)
+    before = hold_out(current.model, fitted, start=current.values, folds=folds)
+    after = hold_out(fitted.model, fitted, start=fitted.values, folds=folds, kept=form)
     if after.rms_N > (1 + chance(current.data.count)) * before.rms_N:
         return 1 - after.rms_N / before.rms_N
     return 1 - after.squares / before.squares if before.squares > 0 else 0.0

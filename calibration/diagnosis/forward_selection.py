@@ -281,7 +281,7 @@ def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | No
     may = [
         c
         for c in turn.candidates
-        if turn.scored[c.effect.key].p_adjusted <= level and inside(c) and c.cost <= current.chi2
+        if turn.scored[c.effect.key].p_adjusted <= level and inside(c) and c.cost <= current.chi2 - AS_GOOD
     ]
     keys = {c.effect.key for c in may}  # the others: chance, at the end of the range, or held back beforehand
     again = weighed_again(current, may[0], turn.candidates, each) if may else ()
@@ -289,7 +289,7 @@ def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | No
         scored = turn.scored[best.effect.key]
         try:
             fitted = adopt(current, best)
-            gain = skill(replace(current, noise=fitted.noise), best)
+            gain = skill(current, fitted, best.effect)
             if gain > (-chance(current.data.count) if scored.p_adjusted <= BEYOND_DOUBT else 0.0):
                 return Step(best, scored, gain, fitted, equals(current, best, again))
         except CANNOT_FIT:

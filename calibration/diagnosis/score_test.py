@@ -47,6 +47,7 @@ DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is see
 FORM = (
     0.1  # std, of what a gel's effect adds: how far its form is off in each step of each covariate (others_curves)
 )
+HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
 
 
@@ -211,17 +212,19 @@ def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
 
 def form_errors(steady: Fit) -> Floats:
     """What the form of the gel's effects in the fit may be off by (N, m), N, one std a column: a random share of
-    what each adds, in each step of each covariate (three tenths in all where there are nine). Errors of depth and
-    of force are definitions: no form can be off.
+    what each adds, in each step of how a press goes and of what the effect says it is seen in. What it has nothing
+    to do with, such as another effect's temperature, its form does not follow. Errors of depth and of force are
+    definitions: no form can be off.
     Source: Kennedy, O'Hagan, J. R. Stat. Soc. B 63 (2001) 425 (a discrepancy as a random function).
     """
-    model, places = steady.model, steady.model.slices(steady.data)
-    of_all = np.hstack([np.zeros((steady.data.size, 0)), *(_hot(c, OTHER_BINS) for c in seen_covariates(steady))])
-    added = [
-        steady.force_N - model.without(key).predict(np.delete(steady.values, places[key]), steady.data)
-        for key in (e.key for e in model.effects if e.stage not in (Stage.DEPTH, Stage.INSTRUMENT))
-    ]
-    return np.hstack([np.zeros((steady.data.size, 0)), *(FORM * one[:, None] * of_all for one in added)])
+    model, places, seen = steady.model, steady.model.slices(steady.data), seen_covariates(steady)
+    found = [np.zeros((steady.data.size, 0))]
+    for effect in (e for e in model.effects if e.stage not in (Stage.DEPTH, Stage.INSTRUMENT)):
+        without = model.without(effect.key).predict(np.delete(steady.values, places[effect.key]), steady.data)
+        own = {*HOW_A_PRESS_GOES, *getattr(effect, "seen_in", ())}
+        added = FORM * (steady.force_N - without)[:, None]
+        found += [added * _hot(c, OTHER_BINS) for c in seen if c.name in own]
+    return np.hstack(found)
 
 
 def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str, Floats], dict[str, str]]:
@@ -300,7 +303,7 @@ def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], shar
     scored = []
     for k in kept:
         p = tails[k](float(real[k]))
-        adjusted = max(family(-np.log(max(p, 1e-300))) / share, p)
+        adjusted = max(family(-np.log(p)) / share, p)
         scored.append(Scored(keys[k], float(real[k]), p, min(adjusted, 1.0), float(np.mean(null[:, k]))))
     return tuple(sorted(scored, key=lambda s: (s.p, -s.statistic)))
 

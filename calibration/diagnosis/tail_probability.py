@@ -13,6 +13,7 @@ import numpy as np
 
 from tactilevision.records import Floats
 
+LEAST = 1e-300  # p of what lies farther out than a number can say: its logarithm is finite
 TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
 
 
@@ -55,4 +56,5 @@ class Tail:
         dof = np.maximum(mean / scale, 0.1)
         share = np.maximum(chdtrc(dof, self._from / scale), 1e-300)
         exponential = np.exp(-(statistic - self._from) / np.maximum(excess, 1e-12))
-        return np.asarray(TAIL * np.maximum(exponential, chdtrc(dof, statistic / scale) / share))
+        p = TAIL * np.maximum(exponential, chdtrc(dof, statistic / scale) / share)
+        return np.asarray(np.maximum(p, LEAST))

@@ -120,11 +120,8 @@ def _corner(
     kinds = (int(branch[k]), int(branch[k + 1]))
     if kinds not in CORNERS:
         return None
-    before, after = (ways.get(kind) for kind in kinds)
-    if k and branch[k - 1] == branch[k]:
-        before = _line(time_s[k - 1 : k + 1], depth_mm[k - 1 : k + 1])
-    if k + 2 < len(branch) and branch[k + 2] == branch[k + 1]:
-        after = _line(time_s[k + 1 : k + 3], depth_mm[k + 1 : k + 3])
+    before = _speed(time_s[k::-1], depth_mm[k::-1], branch[k::-1], ways)
+    after = _speed(time_s[k + 1 :], depth_mm[k + 1 :], branch[k + 1 :], ways)
     if kinds[0] in (HOLD, FREE):
         before = 0.0
     if kinds[1] in (HOLD, FREE):
@@ -138,6 +135,15 @@ def _corner(
     return float(time_s[k]) + since, float(depth_mm[k]) + before * since
 
 
+def _speed(time_s: Floats, depth_mm: Floats, branch: Ints, ways: Mapping[int, float]) -> float | None:
+    """How fast a phase goes at its first sample, mm/s: along the line to the nearest of its samples that lies
+    farther off than noise puts it, else at its press's speed.
+    """
+    own = branch.size if (branch == branch[0]).all() else int(np.argmax(branch != branch[0]))
+    far = np.flatnonzero(np.abs(depth_mm[:own] - depth_mm[0]) > SAME_MM)
+    return _line(time_s[[0, far[0]]], depth_mm[[0, far[0]]]) if far.size else ways.get(int(branch[0]))
+
+
 def _line(time_s: Floats, depth_mm: Floats) -> float | None:
     step = float(time_s[1] - time_s[0])
-    return float(depth_mm[1] - depth_mm[0]) / step if step > 0 else None
+    return float(depth_mm[1] - depth_mm[0]) / step if step else None

@@ -9,7 +9,7 @@ import pytest
 from made_presses import indenter, observations
 
 from calibration.diagnosis.refit import adopt, refit_with
-from calibration.diagnosis.score_test import score_test
+from calibration.diagnosis.score_test import form_errors, score_test
 from calibration.diagnosis.tail_probability import Tail
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
@@ -170,6 +170,13 @@ def test_a_draw_is_judged_by_the_others_as_a_measurement_is() -> None:
     assert (each < [Tail(draws)(draws[k]) for k in far]).all()
 
 
+def test_a_draw_beyond_what_a_number_can_say_leaves_p_a_number() -> None:
+    """One draw so far out that its p is 0 had made the family's tail infinite, and every p with it NaN."""
+    draws = np.append(np.random.default_rng(2).chisquare(1, 398), 1e4)
+    family = Tail(-np.log(Tail(draws).of_each()))
+    assert 0 < family(600.0) < family(20.0) < 1
+
+
 def test_the_smallest_visible_amplitude_is_indeed_seen() -> None:
     data = presses()
     fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(6)))
@@ -202,15 +209,27 @@ def test_a_noise_that_was_stated_too_small_is_told_from_one_that_was_not(
 
 
 def test_what_another_form_of_an_effect_leaves_is_no_second_effect() -> None:
-    """A stiffening that is 15 % stronger in the second half of the recording is no drift; a drift is one still."""
+    """A stiffening 15 % stronger in fast presses is no effect of the rate; a law 5 % stronger there is one."""
     data, effect = presses(), EFFECTS["stiffening"]
     law, both = MODEL.predict(TRUTH, data), (MODEL + effect).predict(np.array([*TRUTH, 8.0]), data)
-    late = (data.press >= data.count // 2).astype(float)
+    speed = data.presses.speed_mm_s[data.press]
+    fast = (speed > 2 * speed.min()).astype(float)
     for force, p in (
-        (law + (both - law) * (1 + 0.15 * late), (0.05, 1.0)),
-        (both * (1 + 0.05 * late), (0.0, 0.01)),
+        (law + (both - law) * (1 + 0.15 * fast), (0.05, 1.0)),
+        (both * (1 + 0.05 * fast), (0.0, 0.01)),
     ):
         base = pure(measured(data, force, np.random.default_rng(4)))
         fitted = adopt(base, refit_with(base, effect))
         looked = {c.key: c.p_adjusted for c in score_test(fitted, (), rng=np.random.default_rng(0)).covariates}
-        assert p[0] <= looked["order"] <= p[1]
+        assert p[0] <= looked["log rate"] <= p[1]
+
+
+def test_a_form_follows_the_date_only_where_the_effect_does() -> None:
+    """Ageing has the six steps of the recording date beside all that a stiffening may follow."""
+    data, steps = presses(), {}
+    base = pure(data.with_force(MODEL.predict(TRUTH, data)))
+    for key in ("stiffening", "ageing"):
+        model, values = MODEL + EFFECTS[key], np.array([*base.values, *EFFECTS[key].starts(data)[0]])
+        with_it = replace(base, model=model, values=values, force_N=model.predict(values, data))
+        steps[key] = form_errors(with_it).shape[1]
+    assert steps["ageing"] == steps["stiffening"] + 6

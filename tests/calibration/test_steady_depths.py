@@ -109,3 +109,37 @@ def test_a_turn_and_an_end_that_the_depths_clock_saw_early_are_found() -> None:
     )
     inside = true > 0.02
     np.testing.assert_allclose(depth_at(data, -0.03)[inside], true[inside], atol=2e-3)
+
+
+def _through(time_s: Floats, phase: list[str], corners: tuple[list[float], list[float]], late_s: float) -> None:
+    """One press at 5 mm/s, its depth read early by so much: in the gel it is found at the force's times."""
+    data = observations([np.interp(time_s + late_s, *corners)], [indenter()], time_s=[time_s], phase=[phase])
+    data = replace(data, presses=replace(data.presses, speed_mm_s=np.array([5.0])))
+    true = np.interp(time_s, *corners)
+    np.testing.assert_allclose(depth_at(data, -late_s)[true > 0.02], true[true > 0.02], atol=2e-3)
+
+
+def test_a_way_out_that_ends_at_its_last_sample_is_not_slower_for_it() -> None:
+    """The punch rests from .2 s on; the last sample alone was read there, and its phase says unload."""
+    time_s = np.array([0.004, 0.03, 0.056, 0.08, 0.11, 0.14, 0.15, 0.16, 0.17, 0.21])
+    way = [-1, 0, 0.06, 0.14, 0.2, 1], [-5.02, -0.02, 0.28, 0.28, -0.02, -0.02]
+    _through(time_s, ["load"] * 3 + ["hold"] * 3 + ["unload"] * 4, way, 0.014)
+
+
+def test_two_samples_at_almost_one_time_say_nothing_of_a_speed() -> None:
+    """The corner before them is found with the speed of their press."""
+    time_s = np.array([0.004, 0.03, 0.056, 0.08, 0.11, 0.12, 0.1502, 0.1505])
+    way = [-1, 0, 0.06, 0.14, 1], [-5.02, -0.02, 0.28, 0.28, -4.02]
+    late_s, noise_mm = 0.014, np.array([0, 0, 0, 0, 0, 0, 0.001, -0.002])
+    depth = np.interp(time_s + late_s, *way) + noise_mm
+    phase = ["load"] * 3 + ["hold"] * 3 + ["unload"] * 2
+    data = observations([depth], [indenter()], time_s=[time_s], phase=[phase])
+    data = replace(data, presses=replace(data.presses, speed_mm_s=np.array([5.0])))
+    np.testing.assert_allclose(depth_at(data, -late_s)[1:], np.interp(time_s, *way)[1:], atol=4e-3)
+
+
+def test_a_turn_half_a_gap_late_is_told_by_both_its_sides() -> None:
+    """The deepest sample was read on the way out, while its phase says load."""
+    time_s = np.array([0.004, 0.03, 0.05, 0.07, 0.09, 0.11, 0.13])
+    way = [-1, 0, 0.09, 0.15, 1], [-5.02, -0.02, 0.43, 0.13, -4.12]
+    _through(time_s, ["load"] * 5 + ["unload"] * 2, way, 0.0093)
