@@ -59,7 +59,7 @@ def test_a_face_that_never_let_go_is_given_the_least_work_that_does_as_well() ->
 
 @pytest.mark.parametrize("seed", [6, 11])
 def test_a_radius_that_is_pressed_once_keeps_its_slope_where_its_press_is_left_out(seed: int) -> None:
-    """A force read 30 mN too large, in six presses of three radii: a slope that no other press tells hides nothing."""
+    """A force read 30 mN too large, in six presses of three radii: a slope no other press tells hides nothing."""
     kinds = [indenter(f"{a}", a) for a in (1.5, 2.5, 2.5, 2.5, 2.5, 3.5)]
     data = observations([np.linspace(0.03, top, 20) for top in (0.4, 0.3, 0.2, 0.4, 0.3, 0.4)], kinds)
     bias = EFFECTS["force_bias"]
