@@ -153,7 +153,7 @@ def test_a_planted_zero_is_named_and_clean_data_are_not_accused() -> None:
 def test_draws_go_on_where_p_lies_near_a_level(
     monkeypatch: pytest.MonkeyPatch, zero_mm: float, drawn: int
 ) -> None:
-    """Nothing there; a zero of the depth at the edge of what is seen; a large one: 99, more than 399, 399 draws."""
+    """Nothing there; a zero of the depth near what is seen; a large one: 99, more than 399, 399 draws."""
     monkeypatch.setattr("calibration.diagnosis.score_test.MANY_DRAWS", 799)
     sizes, family = [], score_test_page._family
 
