@@ -21,6 +21,9 @@ FLAT = 3.84  # of chi^2: a size that costs no more beside the best one is inside
 HALVINGS = 6  # of a size at the end of its range, to the smallest that is as good
 STARTS = 2  # that promise most by their score; the others are not fitted
 FOLDS = 5  # of presses: each fifth is predicted from the other four
+UNTOLD = (
+    1e-3  # of what a law's parameter does to the force: with less left on the other presses they do not tell it
+)
 CANNOT_FIT = (ConvergenceError, ValueError, ArithmeticError, RuntimeError)  # of one model: the others go on
 
 
@@ -137,18 +140,24 @@ class HeldOut:
 
 
 def hold_out(model: Model, about: Fit, *, start: Floats, folds: Ints, kept: Sequence[int] = ()) -> HeldOut:
-    """The force in N of each fold of presses (M,), predicted from the others; the history of all stays known, and
-    the parameters `kept` are those of the start.
+    """The force in N of each fold of presses (M,), predicted from the others; the history of all stays known.
+
+    The parameters `kept` are those of the start, and so are those of the law that only the fold's presses tell:
+    the slope of a radius that is pressed once.
     """
     data = about.data
     whitener = Whitener(data, about.noise, about.about)
     table = list(model.parameters(data))
     for at in kept:
         table[at] = _held(table[at], float(start[at]))
-    problem = Problem(model, data, tuple(table), whitener)
+    whole = Problem(model, data, tuple(table), whitener)
+    told, law = whole.jacobian(start) ** 2, model.slices(data)["law"]
     error, squares = np.zeros(data.size), 0.0
     for fold in np.unique(folds):
         out = (folds == fold)[data.press]
+        untold = np.flatnonzero(np.sum(told[~out, law], axis=0) < UNTOLD**2 * np.sum(told[:, law], axis=0))
+        own = {int(k): _held(table[k], float(start[k])) for k in law.start + untold}
+        problem = replace(whole, parameters=tuple(own.get(k, p) for k, p in enumerate(table)))
         found = fit_without(problem, start, out)
         force = model.predict(problem.full(found.values), data)
         error[out] = (data.normal_N - force)[out]

@@ -10,6 +10,7 @@ import numpy as np
 from calibration.inputs.copies import check_times, without_copies
 from calibration.inputs.denoised_depth import BRANCHES, branches, drawn_off, nominal_depth
 from calibration.inputs.observations import Observations
+from calibration.inputs.phase import in_phase
 from calibration.inputs.press_noise import TYPICAL_FORCE_N, TYPICAL_ZERO_MM
 from tactilevision.errors import InputError
 from tactilevision.records import Bools, Floats, Indenter
@@ -145,7 +146,7 @@ def _deepest(data: Observations) -> Iterator[InputError]:
 
 
 def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
-    force, depth = data.normal_N, data.depth_mm
+    force = data.normal_N
     if not data.is_curves and (force <= 0).any():
         k = int(np.flatnonzero(force <= 0)[0])
         yield InputError(
@@ -156,16 +157,29 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
         )
     if np.ptp(force) <= 0 and data.size > 1:
         yield InputError("the force never changes", value=float(force[0]), remedy="Check the force's column.")
-    for radius in () if one_depth else np.unique(data.presses.radius_mm):
-        mine = (data.phase != "free") & (data.radius_mm == radius) & (depth > 0)
-        if mine.sum() > 1 and _falls(depth[mine], force[mine]):
-            if np.ptp(depth[mine]) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
-                yield _of_one_depth(radius, depth[mine])
+    if not one_depth and any(_falling(data)):
+        for radius, fallen in _falling(
+            in_phase(data)
+        ):  # clocks far apart make a force fall: such presses are left out
+            if np.ptp(fallen) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
+                yield _of_one_depth(radius, fallen)
             yield InputError(
                 "the force falls as the depth grows",
                 where=f"radius {radius:g} mm",
                 remedy="Check the sign of fz_N, and that depth and force match.",
             )
+
+
+def _falling(data: Observations) -> Iterator[tuple[float, Floats]]:
+    """Each radius whose force and depth go opposite ways in the gel, with these depths."""
+    for radius in np.unique(data.presses.radius_mm):
+        mine = (data.phase != "free") & (data.radius_mm == radius) & (data.depth_mm > 0)
+        depth = data.depth_mm[mine]
+        if (
+            depth.size > 1
+            and np.sum((depth - depth.mean()) * (data.normal_N[mine] - data.normal_N[mine].mean())) < 0
+        ):
+            yield float(radius), depth
 
 
 def _of_one_depth(radius_mm: float, depth_mm: Floats) -> InputError:
@@ -175,11 +189,6 @@ def _of_one_depth(radius_mm: float, depth_mm: Floats) -> InputError:
         value=float(np.median(depth_mm)),
         remedy="Press to two depths at least, one twice the other.",
     )
-
-
-def _falls(depth: Floats, force: Floats) -> bool:
-    """True where force and depth go opposite ways."""
-    return bool(np.sum((depth - depth.mean()) * (force - force.mean())) < 0)
 
 
 def _press(data: Observations, sample: int) -> str:

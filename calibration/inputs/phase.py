@@ -13,7 +13,7 @@ from tactilevision.records import Floats
 
 GRID_S = np.arange(-20, 21) / 100  # s: clocks that somebody has set lie no farther apart
 MIN_GAIN = 2.0  # times less of the force is left at another offset than at none; 7 and more of 20, else 1.0 of 16
-MISSED = 0.1  # of the squared force that is left at none; the search itself finds a clock that leaves less
+MISSED = 0.1  # of one radius' squared force, left at none; the search itself finds a clock that leaves less
 MAX_RAMP_SHARE = 0.5  # of a ramp: an offset that is longer leaves too little of its course
 
 
@@ -44,16 +44,19 @@ def offset_by_phase(data: Observations) -> float:
     What a cubic of the depth through 0 leaves of each radius' force, at each offset: no law's detail is in it.
     """
     steady = replace(data, depth_mm=denoised_depth(data))
-    left = [_left_of_force(steady, np.maximum(depth_at(steady, -offset), 0.0)) for offset in GRID_S]
-    best, none = int(np.argmin(left)), left[GRID_S.size // 2]
-    return float(GRID_S[best]) if none > max(MIN_GAIN * left[best], MISSED) else 0.0
+    left = np.array([_left_of_force(steady, np.maximum(depth_at(steady, -offset), 0.0)) for offset in GRID_S])
+    none = left[GRID_S.size // 2]
+    most = int(np.argmax(none))  # a wide punch's force would hide that a narrow one's is missed
+    best = int(np.argmin(left[:, most]))
+    return float(GRID_S[best]) if none[most] > max(MIN_GAIN * left[best, most], MISSED) else 0.0
 
 
-def _left_of_force(data: Observations, depth_mm: Floats) -> float:
-    """The share of the squared force that a cubic of depths (N,) in mm leaves, each radius fitted alone."""
-    left, all_of_it = 0.0, float(np.sum(data.normal_N**2))
+def _left_of_force(data: Observations, depth_mm: Floats) -> Floats:
+    """The share of each radius' squared force (q,) that a cubic of depths (N,) in mm leaves."""
+    left = []
     for radius in np.unique(data.presses.radius_mm):
         mine = data.radius_mm == radius
         powers, force = depth_mm[mine, None] ** [1, 2, 3], data.normal_N[mine]
-        left += float(np.sum((force - powers @ np.linalg.lstsq(powers, force, rcond=None)[0]) ** 2))
-    return left / all_of_it if all_of_it else 0.0
+        error = force - powers @ np.linalg.lstsq(powers, force, rcond=None)[0]
+        left.append(float(np.sum(error**2)) / max(float(np.sum(force**2)), 1e-300))
+    return np.array(left)

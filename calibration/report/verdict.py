@@ -13,6 +13,7 @@ from calibration.report import wording
 
 NEAR = 0.1  # of a misfit: an effect that explains less is not near it
 SHOWN = 0.05  # adjusted p of an effect that stands out
+FEW_PRESSES = 12  # with 6 to 10 presses 6 of 15 effects that change from press to press were named (others_curves)
 WIDER = 0.1  # of an interval: less need not be said
 OTHER_WORDS = {"youngs_modulus": "Young's modulus", "beta": "the slope β"}
 SHARES = ("relative", "gain")  # parameters that are said in per cent
@@ -39,7 +40,7 @@ def verdict_sentence(found: Diagnosis) -> str:
         case "ADEQUATE":
             bent = " The curve bends as finite elements have it." if "bend_within_theory" in found.flags else ""
             said = "The model explains these data as well as they repeat: nothing is missing that they could show."
-            return said + bent + unseen_sentence(found)
+            return said + bent + few_sentence(found) + unseen_sentence(found)
         case "IDENTIFIED":
             return f"Something is missing from the model, and it is {named}{fall if found.effects else ''}."
         case "AMBIGUOUS":
@@ -96,6 +97,17 @@ def reading_sentence(found: Diagnosis) -> list[str]:
     fall = f"The error of the depth that the picture reads goes from {before:.1f} to {after:.1f} µm"
     hidden = " Punch faces read less still: steep walls hide part of their depth, which is no gain."
     return [f"{fall} on presses left out.{hidden if found.sight.base.data.slopes is not None else ''}"]
+
+
+def few_sentence(found: Diagnosis) -> str:
+    """What few presses cannot tell from how presses scatter; empty where there are enough."""
+    data = found.base.data
+    if not data.is_curves or data.count >= FEW_PRESSES:
+        return ""
+    return (
+        f" {data.count} presses hardly tell what changes from one to the next (a day, a temperature, a place) "
+        f"from how presses scatter: {FEW_PRESSES} or more would."
+    )
 
 
 def unseen_sentence(found: Diagnosis) -> str:

@@ -12,12 +12,14 @@ from calibration.effects import EFFECTS
 from calibration.effects.force_crosstalk import ForceCrosstalk
 from calibration.effects.recovery import carried
 from calibration.effects.thickness_wedge import ThicknessWedge
+from calibration.inputs.checks import check, usable
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
 from calibration.inputs.phase import in_phase, offset_by_phase
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.stiffness import punch_stiffness
 from calibration.model.composition import Model
+from tactilevision.errors import InputError
 from tactilevision.mechanics.tilted_punch import PLACES, solve, upright
 
 LAW = np.array([0.2, 0.48, 0.85])
@@ -102,6 +104,32 @@ def test_presses_too_fast_for_clocks_that_far_apart_are_left_out() -> None:
     assert in_phase(right) is right
     missed = replace(right, depth_mm=np.where(right.press == 1, -0.05, right.depth_mm))
     assert in_phase(missed) is missed, "a press that misses the gel tells nothing of clocks"
+
+
+def test_a_force_that_falls_is_looked_for_once_presses_out_of_phase_are_left_out() -> None:
+    """Two fast presses of a narrow punch, the force read 160 ms late, beside slow ones of a wide punch."""
+    along, speeds = np.linspace(0, 1, 25), np.array([4.0, 4.0, 0.4, 0.4, 0.4])
+    tops = (0.4, 0.39, 0.4, 0.39, 0.38)  # mm
+    kinds = [indenter("narrow", 1.0)] * 2 + [indenter("wide", 3.0)] * 3
+    time = [100.0 * k + 3 * 0.4 / speed * along for k, speed in enumerate(speeds)]
+    read, then = (
+        [
+            top * np.interp((t - t[0] - by) * v / 0.4, [0, 1, 2, 3], [0, 1, 1, 0])
+            for v, t, top in zip(speeds, time, tops, strict=True)
+        ]
+        for by in (0.0, 0.16)
+    )
+    law = np.array([0.2, 0.48, 0.5, 0.5])
+    force = Model(FlatPunch()).predict(law, observations(then, kinds, time_s=time))
+    data = observations(read, kinds, time_s=time).with_force(force)
+    data = replace(data, presses=replace(data.presses, speed_mm_s=speeds))
+    narrow = data.radius_mm == 1.0
+    assert np.corrcoef(data.depth_mm[narrow], data.normal_N[narrow])[0, 1] < 0
+    kept = in_phase(usable(data))
+    assert kept.presses.label == tuple(np.array(data.presses.label)[2:])
+    check(kept)
+    with pytest.raises(InputError, match="falls as the depth grows"):
+        usable(data.with_force(-force))
 
 
 def test_the_memory_fills_during_a_press_and_fades_in_the_wait() -> None:

@@ -23,6 +23,7 @@ from calibration.model.composition import Model
 from calibration.repeats.outlying_presses import WANDERS, outlying_presses, own_zero_mm
 from calibration.repeats.repeat_noise import repeat_noise
 from calibration.report.drawing import own_offsets
+from calibration.report.verdict import few_sentence
 from calibration.result.material import determine_material
 from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.diagnose import concluded, diagnose
@@ -57,6 +58,9 @@ def test_a_gel_that_bends_as_theory_has_it_is_adequate() -> None:
     found = diagnose(measured(data, force, np.random.default_rng(2)), np.random.default_rng(0))
     assert found.verdict == "ADEQUATE"
     assert found.flags == ("bend_within_theory",)
+    assert few_sentence(found) == ""
+    few = found.base.data.take(np.arange(24) < 8)
+    assert "8 presses hardly tell" in few_sentence(replace(found, base=replace(found.base, data=few)))
     assert found.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
 
 

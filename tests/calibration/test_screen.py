@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from made_presses import indenter, observations
 
+from calibration.diagnosis import score_test as score_test_page
 from calibration.diagnosis.refit import adopt, refit_with
 from calibration.diagnosis.score_test import form_errors, score_test
 from calibration.diagnosis.tail_probability import Tail
@@ -144,6 +147,26 @@ def test_a_planted_zero_is_named_and_clean_data_are_not_accused() -> None:
     )
     assert found.effects[0].key == "depth_zero"
     assert found.effects[0].p_adjusted < 1e-3
+
+
+@pytest.mark.parametrize(("zero_mm", "drawn"), [(0.0, 99), (0.004, 799), (0.03, 399)])
+def test_draws_go_on_where_p_lies_near_a_level(
+    monkeypatch: pytest.MonkeyPatch, zero_mm: float, drawn: int
+) -> None:
+    """Nothing there; a zero of the depth near what is seen; a large one: 99, more than 399, 399 draws."""
+    monkeypatch.setattr("calibration.diagnosis.score_test.MANY_DRAWS", 799)
+    sizes, family = [], score_test_page._family
+
+    def counted(keys: Sequence[str], table: Floats, *rest: Any) -> Any:
+        sizes.append(len(table) - 1)
+        return family(keys, table, *rest)
+
+    monkeypatch.setattr(score_test_page, "_family", counted)
+    data = presses()
+    force = MODEL.predict(TRUTH, data.shifted(zero_mm))
+    fitted = pure(measured(data, force, np.random.default_rng(1)))
+    score_test(fitted, [DepthZero()], rng=np.random.default_rng(0))
+    assert sizes[-1] == drawn
 
 
 @pytest.mark.parametrize("dof", [1, 3])

@@ -10,7 +10,7 @@ from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.diagnosis import confirmation
-from calibration.diagnosis.refit import refit_with
+from calibration.diagnosis.refit import adopt, hold_out, refit_with
 from calibration.effects import EFFECTS
 
 
@@ -55,3 +55,23 @@ def test_a_face_that_never_let_go_is_given_the_least_work_that_does_as_well() ->
     assert confirmation.inside(found)
     assert 0 < found.own_values[0] < 0.002
     assert found.cost < base.chi2 - 100
+
+
+@pytest.mark.parametrize("seed", [6, 11])
+def test_a_radius_that_is_pressed_once_keeps_its_slope_where_its_press_is_left_out(seed: int) -> None:
+    """A force read 30 mN too large, in six presses of three radii: a slope no other press tells hides nothing."""
+    kinds = [indenter(f"{a}", a) for a in (1.5, 2.5, 2.5, 2.5, 2.5, 3.5)]
+    data = observations([np.linspace(0.03, top, 20) for top in (0.4, 0.3, 0.2, 0.4, 0.3, 0.4)], kinds)
+    bias = EFFECTS["force_bias"]
+    force = (MODEL + bias).predict(np.array([0.2, 0.48, 0.5, 0.8, 1.1, 0.03]), data)
+    rng = np.random.default_rng(seed)
+    base = pure(
+        data.with_force(
+            force * (1 + 0.005 * rng.standard_normal(6)[data.press]) + 0.004 * rng.standard_normal(120)
+        )
+    )
+    found = refit_with(base, bias)
+    gain = confirmation.skill(replace(base, noise=adopt(base, found).noise), found)
+    assert 0.5 < gain < 1
+    before = hold_out(base.model, base, start=base.values, folds=np.arange(6))
+    assert before.rms_N < 2 * base.rms_error_N
