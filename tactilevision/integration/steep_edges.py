@@ -42,10 +42,9 @@ import numpy as np
 
 from tactilevision.integration.circle import solved
 from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, window_of
-from tactilevision.integration.punch_edge import PunchEdge
+from tactilevision.integration.punch_edge import PunchEdge, WallLaw
 from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
-from tactilevision.records.taught_walls import TaughtWalls
 
 FOOT_PX = 6.0  # px inside the edge from which slopes are read
 FAR = (
@@ -69,32 +68,18 @@ EACH = np.arange(6)  # the unknowns' places on a diagonal
 CONVERGENCE_TOL = 0.02
 
 
-LEAN = 2.1  # 1/tan of 25 degrees: lamps of these sensors stand at 15 to 35
 STEEPEST = 8.0  # slope to which light is tabled: steeper walls differ by less than a hundredth
 MIN_RATE = 0.02  # of h: walls so steep look alike
 TABLED = 801  # slopes in the table: finer ones change no depth by .1 um
 
 
-def find_punch_edges(
-    slopes: SlopeMap,
-    mm_per_px: Pair,
-    *,
-    limit: float,
-    lean: float = LEAN,
-    strict: bool = True,
-    taught: TaughtWalls | None = None,
-) -> list[PunchEdge]:
-    """The walls round flat faces in `slopes` (H, W); `limit` is the steepest slope that is read reliably.
-
-    `lean` of the lamps: 1/tan of their mean elevation. Not `strict`: also walls that the slopes outside do not
-    keep to, of a picture whose shadows are half undone. `taught` by certified faces of the sensor.
-    """
-    light = wall_light(round(lean, 2))
+def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, law: WallLaw) -> list[PunchEdge]:
+    """The walls round flat faces in `slopes` (H, W)."""
     edges = [
-        _fit_edge(circle, limit, px=min(mm_per_px), light=light, strict=strict)
-        for circle in find_circular_edges(slopes, mm_per_px, limit=limit)
+        _fit_edge(circle, law, px=min(mm_per_px))
+        for circle in find_circular_edges(slopes, mm_per_px, limit=law.limit)
     ]
-    return [edge if taught is None else edge.taught_by(taught) for edge in edges if edge is not None]
+    return [edge if law.taught is None else edge.taught_by(law.taught) for edge in edges if edge is not None]
 
 
 def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> None:
@@ -139,16 +124,13 @@ def restore_windows(
     *,
     valid: Bools,
     mm_per_px: Pair,
-    limit: float,
-    lean: float = LEAN,
-    strict: bool = True,
-    taught: TaughtWalls | None = None,
+    law: WallLaw,
 ) -> list[PunchEdge]:
     """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
     edges = []
     for window, (p, q) in zip(windows, fine, strict=True):
         slopes = SlopeMap(p, q, valid[window])
-        restored = find_punch_edges(slopes, mm_per_px, limit=limit, lean=lean, strict=strict, taught=taught)
+        restored = find_punch_edges(slopes, mm_per_px, law=law)
         restore(slopes, restored, mm_per_px=mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
         edges += [
@@ -183,11 +165,11 @@ def wall_light(lean: float) -> WallLight:
     return WallLight(u, sine, cosine, np.gradient(sine, u), np.gradient(cosine, u), seen, np.gradient(seen, u))
 
 
-def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight, strict: bool) -> PunchEdge | None:
+def _fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     mean, s = edge.slopes, edge.places_mm - edge.radius_mm
     known = np.isfinite(mean)
-    steep = known & ~(edge.highest < limit)
+    steep = known & ~(edge.highest < walls.limit)
     if not steep.any():
         return None
     hidden, usual = float(s[steep].max()), max(FAR * edge.radius_mm, 8 * px)
@@ -196,9 +178,9 @@ def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight, 
     if hidden > HIDDEN_SHARE * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
         return None
     std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + edge.std**2)[use]
-    law = _Law(edge.radius_mm, px, far, light, s[use])
+    law = _Law(edge.radius_mm, px, far, wall_light(round(walls.lean, 2)), s[use])
     unknown, covariance, off = law.fitted(mean[use], std)
-    if strict and float(np.mean(np.square(off[s[use] > 0]))) > MAX_MISFIT[int(far > usual)]:
+    if walls.strict and float(np.mean(np.square(off[s[use] > 0]))) > MAX_MISFIT[int(far > usual)]:
         return None
     shift, reach = float(unknown[0]), hidden + px
     falls, fall, rate = law.falls(unknown, reach - shift)
@@ -249,7 +231,7 @@ class _Law:
         prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * start[3], bend, bend / self.radius_mm]) ** -2
 
         def misfit(unknown: Floats) -> tuple[float, Floats, Floats, Floats]:
-            """Squares that are left, half their gradient (6,), the normal equations (6, 6), and deviations (n,)."""
+            """Squares that are left, half their gradient (6,), normal equations (6, 6), and deviations (n,)."""
             predicted, rates = self._shown(unknown)
             off, aside = (predicted - slopes) / std, unknown - start
             rates /= std
