@@ -1,8 +1,8 @@
 """Certified faces teach the wall's law: maps at their events, held against the depth that the bevel has there.
 
 A face's map says how deep it is read and how much of that its wall hides (certified_faces.py). With the
-certified depth beside it, the two numbers of the wall's law come out (integration/taught_walls.py). They belong to
-the light, so that all later frames of the sensor are read with them; cast shadows left or undone, each has its own.
+certified depth beside it, the two numbers of the wall's law come out (integration/taught_walls.py). They belong
+to the light, and all later frames of the sensor are read with them; shadows left or undone, each has its own.
 """
 
 from __future__ import annotations
