@@ -12,7 +12,13 @@ import numpy as np
 import pytest
 
 from tactilevision.batch.folder import DepthJob
-from tactilevision.certificate.depth.certified_faces import Certified, read_certified, read_faces
+from tactilevision.certificate.depth.certified_faces import (
+    Certified,
+    CertifiedFace,
+    MappedFace,
+    read_certified,
+    read_faces,
+)
 from tactilevision.certificate.depth.depth_scale import DepthScale
 from tactilevision.certificate.depth.face_depth import (
     NO_CORRECTION,
@@ -171,13 +177,24 @@ def test_certified_faces_teach_what_walls_hide(tmp_path: Path) -> None:
     assert teach_walls(reader, faces)
     assert reader.taught is not None
     for face in faces:
-        change, std_mm = reader.taught.change_mm(face.hidden_mm, face.depth_mm)
+        wall = face.wall_face
+        assert wall is not None
+        change, std_mm = reader.taught.change_mm(wall.hidden_mm, wall.depth_mm)
         if face.certified_mm > 0.4:
-            assert abs(change - (face.certified_mm - face.read_mm)) < std_mm
-        assert face.as_taught(reader.taught) == face.read_mm + change
+            assert abs(change - (face.certified_mm - wall.read_mm)) < std_mm
+        assert face.as_taught(reader.taught) == pytest.approx(wall.read_mm + change, abs=1e-4)
     known = reader.taught
     assert not teach_walls(reader, faces[:2])
     assert reader.taught == known, "where nothing is taught, what was known stays"
+
+
+def test_a_wall_in_one_of_two_maps_teaches_nothing_and_is_taught_there() -> None:
+    walls = TaughtWalls(0.5, 0.0, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
+    maps = MappedFace(0.4, 0.1, 0.4), MappedFace(0.44, 0.0, 0.0)
+    face = CertifiedFace(Press("1", "A", 0, 5), Indenter("A", "flat_cylinder", RADIUS), 0.45, maps, 0.25)
+    assert face.wall_face is None
+    assert face.as_taught(None) == pytest.approx(0.41)
+    assert face.as_taught(walls) == pytest.approx(0.41 + 0.75 * 0.05)
 
 
 def test_faces_are_read_once_and_with_walls_as_nobody_taught_them(tmp_path: Path) -> None:

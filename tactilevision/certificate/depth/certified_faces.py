@@ -20,6 +20,7 @@ from tactilevision.door.documents import read_text
 from tactilevision.door.numbers import read_cells
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.integration.punch_edge import PunchEdge
+from tactilevision.integration.taught_walls import WallFace
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import Indenter, Pair, Press
@@ -39,12 +40,9 @@ class Certified:
 
 
 @dataclass(frozen=True, slots=True)
-class CertifiedFace:
-    """`read_mm` in the map at the event of a `press`; `hidden_mm`, `depth_mm` of its wall, 0 without one."""
+class MappedFace:
+    """A face's `read_mm` in one map; `hidden_mm`, `depth_mm` of its wall there (PunchEdge), 0 without one."""
 
-    press: Press
-    indenter: Indenter
-    certified_mm: float
     read_mm: float
     hidden_mm: float
     depth_mm: float
@@ -52,6 +50,34 @@ class CertifiedFace:
     def as_taught(self, walls: TaughtWalls | None) -> float:
         """Depth in mm that the face is read at with walls as certified faces taught them; None: as nobody did."""
         return self.read_mm + (walls.change_mm(self.hidden_mm, self.depth_mm)[0] if walls else 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class CertifiedFace:
+    """The face of a `press` in the maps before and after its event, which lies `share` of the way between them."""
+
+    press: Press
+    indenter: Indenter
+    certified_mm: float
+    maps: tuple[MappedFace, MappedFace]
+    share: float
+
+    def as_taught(self, walls: TaughtWalls | None) -> float:
+        """Depth in mm that the face is read at, at its event, with walls as taught; None: as nobody did."""
+        return self._between(*(one.as_taught(walls) for one in self.maps))
+
+    @property
+    def wall_face(self) -> WallFace | None:
+        """What the face says of walls, at its event; None where a map shows none."""
+        if not all(one.hidden_mm for one in self.maps):
+            return None
+        before, after = self.maps
+        hidden_mm = self._between(before.hidden_mm, after.hidden_mm)
+        depth_mm = self._between(before.depth_mm, after.depth_mm)
+        return WallFace(self.indenter.name, self.as_taught(None), hidden_mm, depth_mm, self.certified_mm)
+
+    def _between(self, before: float, after: float) -> float:
+        return before + self.share * (after - before)
 
 
 def read_certified(calibration: Path) -> tuple[Certified, ...]:
@@ -94,36 +120,29 @@ def read_faces(
         indenter = None if press is None else recording.indenters.get(press.indenter)
         if press is None or indenter is None or not press.start_s <= one.time_s <= press.end_s:
             continue
-        seen = _at_event(recording, reader, indenter, one.time_s)
-        if seen is not None and seen[0] > 0:
-            faces.append(CertifiedFace(press, indenter, one.depth_mm, *seen))
+        after = int(np.searchsorted(recording.frame_times_s, one.time_s))
+        if not 0 < after < recording.frame_times_s.size:
+            continue
+        maps = [_mapped(recording, reader, indenter, place) for place in (after - 1, after)]
+        if maps[0] is None or maps[1] is None:
+            continue
+        begin, end = recording.frame_times_s[after - 1 : after + 1]
+        share = float((one.time_s - begin) / (end - begin))
+        faces.append(CertifiedFace(press, indenter, one.depth_mm, (maps[0], maps[1]), share))
     reader.taught = known
     return faces
 
 
-def _at_event(
-    recording: Recording, reader: Reconstructor, indenter: Indenter, time_s: float
-) -> tuple[float, float, float] | None:
-    """Depth of the face at a time, and its wall's `missing_mm` and `depth_mm`; None where it is not seen."""
-    times = recording.frame_times_s
-    after = int(np.searchsorted(times, time_s))
-    if not 0 < after < times.size:
+def _mapped(recording: Recording, reader: Reconstructor, indenter: Indenter, place: int) -> MappedFace | None:
+    """The face in the map of a frame; None where it shows none that is pressed in."""
+    try:
+        face = find_footprint(reader.height_map(read_frame(recording, place)), indenter)
+    except TactilevisionError:
         return None
-    read, walls = [], []
-    for place in (after - 1, after):
-        try:
-            face = find_footprint(reader.height_map(read_frame(recording, place)), indenter)
-        except TactilevisionError:
-            return None
-        if face is None:
-            return None
-        read.append(face.depth_mm)
-        wall = wall_at(reader, face.centre_mm, face.radius_mm) if indenter.shape == "flat_cylinder" else None
-        walls += [(wall.missing_mm, wall.depth_mm)] if wall else []
-    span = times[after - 1 : after + 1]
-    lengths = zip(*walls, strict=True) if len(walls) == len(read) else ((0.0, 0.0), (0.0, 0.0))
-    depth, hidden, law = (float(np.interp(time_s, span, two)) for two in (read, *lengths))
-    return depth, hidden, law
+    if face is None or not face.depth_mm > 0:
+        return None
+    wall = wall_at(reader, face.centre_mm, face.radius_mm) if indenter.shape == "flat_cylinder" else None
+    return MappedFace(face.depth_mm, *((wall.missing_mm, wall.depth_mm) if wall else (0.0, 0.0)))
 
 
 def wall_at(reader: Reconstructor, centre_mm: Pair, radius_mm: float) -> PunchEdge | None:

@@ -13,7 +13,7 @@ from typing import cast
 
 from tactilevision.certificate.depth.certified_faces import CertifiedFace
 from tactilevision.certificate.depth.depth_scale import DepthScale
-from tactilevision.integration.taught_walls import WallFace, teach
+from tactilevision.integration.taught_walls import teach
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records.taught_walls import TaughtWalls, WallLessons
@@ -25,9 +25,7 @@ def teach_walls(reader: Reconstructor, faces: Sequence[CertifiedFace]) -> bool:
     The reader keeps to it from then on. False, and what it knew stays, where too few faces show a wall, and where
     what they say is more than walls can be off.
     """
-    lesson = teach(
-        [WallFace(one.indenter.name, one.read_mm, one.hidden_mm, one.depth_mm, one.certified_mm) for one in faces]
-    )
+    lesson = teach([one.wall_face for one in faces if one.wall_face is not None])
     if lesson is not None:
         reader.taught = lesson
     return lesson is not None
