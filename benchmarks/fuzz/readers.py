@@ -12,7 +12,7 @@ from benchmarks.fuzz import seeds
 from calibration.session import load_history
 from tactilevision.batch.folder import COLUMNS, DepthJob, FrameResult
 from tactilevision.batch.jobs import Journal
-from tactilevision.certificate.depth.face_depth import read_certified
+from tactilevision.certificate.depth.certified_faces import read_certified
 from tactilevision.door.archives import read_archive
 from tactilevision.door.arrays import read_arrays
 from tactilevision.exports.tiff import read_tiff

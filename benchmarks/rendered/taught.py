@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rendered.judge import Step, judge_step, true_depth_mm
-from tactilevision.certificate.depth.wall_lessons import wall_at
+from tactilevision.certificate.depth.certified_faces import wall_at
 from tactilevision.integration.taught_walls import WallFace, teach
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
 from tactilevision.reconstruct.shadows_seen import with_shadows

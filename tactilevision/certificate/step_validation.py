@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactilevision.certificate import certify
-from tactilevision.certificate.depth.face_depth import Certified
+from tactilevision.certificate.depth.certified_faces import Certified
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import TactilevisionError
 from tactilevision.reconstruct import Reconstructor

@@ -80,7 +80,7 @@ def _open(path: Path, chosen: source.Choice, ball_radius_mm: float | None, seria
 
 def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path | None) -> _Known:
     """E, nu and certified faces: of the calibration.json that was named, or of the recording's presses."""
-    from tactilevision.certificate.depth.face_depth import Certified, read_certified
+    from tactilevision.certificate.depth.certified_faces import Certified, read_certified
     from tactilevision.force.calibrated import check_gel, material_of, read_calibration
 
     if calibration is not None:
@@ -123,11 +123,13 @@ def _taught(recording: Recording, reconstructor: Reconstructor, certified: Any) 
 
 def _face_law(recording: Recording, reader: Reconstructor, certified: Any) -> tuple[DepthScale | None, str]:
     """The law of the faces' depth with walls as they teach them, shadows as they are read now; its doubt."""
+    from tactilevision.certificate.depth.certified_faces import read_faces
     from tactilevision.certificate.depth.face_depth import face_depth_correction
     from tactilevision.certificate.depth.wall_lessons import teach_walls, with_scatter
 
-    taught = teach_walls(recording, reader, certified=certified)
-    found = face_depth_correction(recording, reader, certified=certified)
+    faces = read_faces(recording, reader, certified=certified)
+    taught = teach_walls(reader, faces)
+    found = face_depth_correction(recording, faces, walls=reader.taught)
     same = reader.taught if taught else None
     return found.depth_scale if same is None else with_scatter(found.depth_scale, same), found.doubt
 

@@ -215,14 +215,15 @@ def open_face_correction(
     recording: Recording, reconstructor: Reconstructor, *, calibration: Path | None
 ) -> FaceDepthCorrection:
     """What holds the faces of presses that `calibration` certified; a warning where it knows too few."""
-    from tactilevision.certificate.depth.face_depth import NO_CORRECTION, face_depth_correction, read_certified
+    from tactilevision.certificate.depth.certified_faces import read_certified, read_faces
+    from tactilevision.certificate.depth.face_depth import NO_CORRECTION, face_depth_correction
     from tactilevision.certificate.depth.wall_lessons import teach_walls
 
     if calibration is None:
         return NO_CORRECTION
-    certified = read_certified(calibration)
-    taught = teach_walls(recording, reconstructor, certified=certified)
-    anchor = face_depth_correction(recording, reconstructor, certified=certified)
+    faces = read_faces(recording, reconstructor, certified=read_certified(calibration))
+    taught = teach_walls(reconstructor, faces)
+    anchor = face_depth_correction(recording, faces, walls=reconstructor.taught)
     if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
         own = "the picture's own" + (", with walls as these faces teach them" if taught else "")

@@ -14,7 +14,7 @@ from tactilevision.cli import source as sources
 from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
-    from tactilevision.certificate.depth.face_depth import Certified
+    from tactilevision.certificate.depth.certified_faces import Certified
     from tactilevision.photometric.method import ReferencedMethod
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
@@ -150,15 +150,16 @@ def _with_walls(
     source: Recording, made: Reconstructor, method: ReferencedMethod, certified: tuple[Certified, ...]
 ) -> ReferencedMethod:
     """The method with what certified faces teach of walls, shadows left and, where frames show them, undone."""
+    from tactilevision.certificate.depth.certified_faces import read_faces
     from tactilevision.certificate.depth.wall_lessons import teach_walls, with_walls
     from tactilevision.reconstruct.shadows_seen import with_shadows
 
     if not certified:
         return method
     with console.progress_bar("learning walls"):
-        teach_walls(source, made, certified=certified)
+        teach_walls(made, read_faces(source, made, certified=certified))
         if with_shadows(source, made).shadows is not None:
-            teach_walls(source, made, certified=certified)
+            teach_walls(made, read_faces(source, made, certified=certified))
     return with_walls(method, made.walls)
 
 

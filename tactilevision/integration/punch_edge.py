@@ -1,4 +1,7 @@
-"""The wall round one flat face: where it stands, how the surface falls along it, and what it hides of the step."""
+"""The wall round one flat face: where it stands, how the surface falls along it, and what it hides of the step.
+
+And what walls of one sensor's pictures are found by.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,22 @@ import numpy as np
 
 from tactilevision.records import Floats, Pair
 from tactilevision.records.taught_walls import TaughtWalls
+
+LEAN = 2.1  # 1/tan of 25 degrees: lamps of these sensors stand at 15 to 35
+
+
+@dataclass(frozen=True, slots=True)
+class WallLaw:
+    """How walls are found: `limit` is the steepest slope that is read reliably; infinite, and there are none.
+
+    `lean` of the lamps: 1/tan of their mean elevation. Not `strict`: also walls that the slopes outside do not
+    keep to, of a picture whose shadows are half undone. `taught` by certified faces of the sensor.
+    """
+
+    limit: float
+    lean: float = LEAN
+    strict: bool = True
+    taught: TaughtWalls | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,10 +42,9 @@ import numpy as np
 
 from tactilevision.integration.circle import solved
 from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, window_of
-from tactilevision.integration.punch_edge import PunchEdge
+from tactilevision.integration.punch_edge import PunchEdge, WallLaw
 from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
-from tactilevision.records.taught_walls import TaughtWalls
 
 FOOT_PX = 6.0  # px inside the edge from which slopes are read
 FAR = (
@@ -69,32 +68,18 @@ EACH = np.arange(6)  # the unknowns' places on a diagonal
 CONVERGENCE_TOL = 0.02
 
 
-LEAN = 2.1  # 1/tan of 25 degrees: lamps of these sensors stand at 15 to 35
 STEEPEST = 8.0  # slope to which light is tabled: steeper walls differ by less than a hundredth
 MIN_RATE = 0.02  # of h: walls so steep look alike
 TABLED = 801  # slopes in the table: finer ones change no depth by .1 um
 
 
-def find_punch_edges(
-    slopes: SlopeMap,
-    mm_per_px: Pair,
-    *,
-    limit: float,
-    lean: float = LEAN,
-    strict: bool = True,
-    taught: TaughtWalls | None = None,
-) -> list[PunchEdge]:
-    """The walls round flat faces in `slopes` (H, W); `limit` is the steepest slope that is read reliably.
-
-    `lean` of the lamps: 1/tan of their mean elevation. Not `strict`: also walls that the slopes outside do not
-    keep to, of a picture whose shadows are half undone. `taught` by certified faces of the sensor.
-    """
-    light = wall_light(round(lean, 2))
+def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, law: WallLaw) -> list[PunchEdge]:
+    """The walls round flat faces in `slopes` (H, W)."""
     edges = [
-        _fit_edge(circle, limit, px=min(mm_per_px), light=light, strict=strict)
-        for circle in find_circular_edges(slopes, mm_per_px, limit=limit)
+        _fit_edge(circle, law, px=min(mm_per_px))
+        for circle in find_circular_edges(slopes, mm_per_px, limit=law.limit)
     ]
-    return [edge if taught is None else edge.taught_by(taught) for edge in edges if edge is not None]
+    return [edge if law.taught is None else edge.taught_by(law.taught) for edge in edges if edge is not None]
 
 
 def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> None:
@@ -139,16 +124,13 @@ def restore_windows(
     *,
     valid: Bools,
     mm_per_px: Pair,
-    limit: float,
-    lean: float = LEAN,
-    strict: bool = True,
-    taught: TaughtWalls | None = None,
+    law: WallLaw,
 ) -> list[PunchEdge]:
     """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
     edges = []
     for window, (p, q) in zip(windows, fine, strict=True):
         slopes = SlopeMap(p, q, valid[window])
-        restored = find_punch_edges(slopes, mm_per_px, limit=limit, lean=lean, strict=strict, taught=taught)
+        restored = find_punch_edges(slopes, mm_per_px, law=law)
         restore(slopes, restored, mm_per_px=mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
         edges += [
@@ -183,11 +165,11 @@ def wall_light(lean: float) -> WallLight:
     return WallLight(u, sine, cosine, np.gradient(sine, u), np.gradient(cosine, u), seen, np.gradient(seen, u))
 
 
-def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight, strict: bool) -> PunchEdge | None:
+def _fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     mean, s = edge.slopes, edge.places_mm - edge.radius_mm
     known = np.isfinite(mean)
-    steep = known & ~(edge.highest < limit)
+    steep = known & ~(edge.highest < walls.limit)
     if not steep.any():
         return None
     hidden, usual = float(s[steep].max()), max(FAR * edge.radius_mm, 8 * px)
@@ -196,9 +178,9 @@ def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight, 
     if hidden > HIDDEN_SHARE * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
         return None
     std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + edge.std**2)[use]
-    law = _Law(edge.radius_mm, px, far, light)
-    unknown, covariance = law.fitted(s[use], mean[use], std)
-    if strict and law.misfit(unknown, s[use], mean[use], std) > MAX_MISFIT[int(far > usual)]:
+    law = _Law(edge.radius_mm, px, far, wall_light(round(walls.lean, 2)), s[use])
+    unknown, covariance, off = law.fitted(mean[use], std)
+    if walls.strict and float(np.mean(np.square(off[s[use] > 0]))) > MAX_MISFIT[int(far > usual)]:
         return None
     shift, reach = float(unknown[0]), hidden + px
     falls, fall, rate = law.falls(unknown, reach - shift)
@@ -219,10 +201,13 @@ def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight, 
 
 
 class _Law:
-    """The law on a fine grid. Unknowns: shift of the edge, log of its blur and the camera's (mm), c_0 to c_2."""
+    """The law on a fine grid, and as the picture shows it at bins `s` (n,).
 
-    def __init__(self, radius_mm: float, px: float, far: float, light: WallLight) -> None:
-        self.radius_mm, self.px, self.step, self.light = radius_mm, px, FINE * px, light
+    Unknowns: shift of the edge, log of its blur and the camera's (mm), c_0 to c_2.
+    """
+
+    def __init__(self, radius_mm: float, px: float, far: float, light: WallLight, s: Floats) -> None:
+        self.radius_mm, self.px, self.step, self.light, self.s = radius_mm, px, FINE * px, light, s
         self.edges = np.arange(-14 * px, far + 8 * px, self.step)
         self.places = self.edges[:-1] + 0.5 * self.step
         s = np.maximum(self.edges, 0.0)
@@ -233,28 +218,29 @@ class _Law:
         )
         self.rates = np.diff(self.lines, axis=1) / self.step
 
-    def fitted(self, s: Floats, slopes: Floats, std: Floats) -> tuple[Floats, Floats]:
-        """The unknowns (6,) that `slopes` (n,) seen at `s` with deviations `std` make likeliest; their covariance.
+    def fitted(self, slopes: Floats, std: Floats) -> tuple[Floats, Floats, Floats]:
+        """The unknowns (6,) that `slopes` (n,) seen with deviations `std` make likeliest; their covariance.
 
-        Damped Gauss-Newton from the usual blur and the half-space's law through what lies outside.
+        And how many deviations (n,) the law lies off the slopes. Damped Gauss-Newton from the usual blur and the
+        half-space's law through what lies outside.
         """
-        rate = np.interp(s, self.places, self.rates[0]) * (s > 3 * self.px)
+        rate = np.interp(self.s, self.places, self.rates[0]) * (self.s > 3 * self.px)
         start = np.array([0.0, np.log(EDGE_PX[0] * self.px), np.log(CAMERA_PX[0] * self.px),
                           float(rate @ slopes / (rate @ rate)), 0.0, 0.0])  # fmt: skip
         bend = 3 * start[3] / self.radius_mm
         prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * start[3], bend, bend / self.radius_mm]) ** -2
 
-        def misfit(unknown: Floats) -> tuple[float, Floats, Floats]:
-            """Squares that are left, half their gradient (6,), and the normal equations (6, 6)."""
-            predicted, rates = self._shown(unknown, s)
+        def misfit(unknown: Floats) -> tuple[float, Floats, Floats, Floats]:
+            """Squares that are left, half their gradient (6,), normal equations (6, 6), and deviations (n,)."""
+            predicted, rates = self._shown(unknown)
             off, aside = (predicted - slopes) / std, unknown - start
             rates /= std
             uphill, normal = rates @ off + prior * aside, rates @ rates.T
             normal[EACH, EACH] += prior
-            return float(off @ off + prior @ aside**2), uphill, normal
+            return float(off @ off + prior @ aside**2), uphill, normal, off
 
         unknown, damping = start, DAMPING
-        squares, uphill, normal = misfit(unknown)
+        squares, uphill, normal, off = misfit(unknown)
         for _ in range(MAX_ITERATIONS):
             if uphill @ solved(normal, uphill) < CONVERGENCE_TOL:
                 break
@@ -266,13 +252,8 @@ class _Law:
                 damping *= 30.0
             else:
                 break
-            unknown, (squares, uphill, normal), damping = trial, after, max(0.1 * damping, DAMPING)
-        return unknown, np.asarray(cv2.invert(normal)[1])
-
-    def misfit(self, unknown: Floats, s: Floats, slopes: Floats, std: Floats) -> float:
-        """Mean square of what `slopes` (n,) outside the edge lie off the law, in their deviations `std`."""
-        outside = s > 0
-        return float(np.mean(np.square((self._shown(unknown, s)[0] - slopes)[outside] / std[outside])))
+            unknown, (squares, uphill, normal, off), damping = trial, after, max(0.1 * damping, DAMPING)
+        return unknown, np.asarray(cv2.invert(normal)[1]), off
 
     def falls(self, unknown: Floats, s: float) -> tuple[Floats, float, Floats]:
         """Falls at the grid's edges from the shifted edge on, the one at `s`, and its rates (6,) by unknown."""
@@ -287,8 +268,8 @@ class _Law:
         rates = np.array([-(high - low) / self.step, sigma * sigma * bend, 0.0, *line])
         return falls, float(unknown[3:] @ line), rates
 
-    def _shown(self, unknown: Floats, s: Floats) -> tuple[Floats, Floats]:
-        """Slopes (n,) that the picture shows at `s` (n,), and their rates (6, n) by unknown.
+    def _shown(self, unknown: Floats) -> tuple[Floats, Floats]:
+        """Slopes (n,) that the picture shows at the bins, and their rates (6, n) by unknown.
 
         A Gaussian's blur diffuses: what the log of its sigma adds is sigma^2 times the second derivative.
         """
@@ -304,12 +285,12 @@ class _Law:
         np.multiply(light[0, 1:], sign * np.interp(size, table.slopes, table.cosine_rate), out=light[1, 1:])
         light[0, 1:] *= np.interp(size, table.slopes, table.sine_rate)
         sigma = max(camera, 1.0) * self.step
-        distance = ((s - unknown[0])[:, None] - self.places) / sigma
+        distance = ((self.s - unknown[0])[:, None] - self.places) / sigma
         kernel = np.exp(-0.5 * distance * distance)
         blurred = np.matmul(light, kernel.T)
         ratio = blurred[0, 0] / blurred[1, 0]
         slopes = np.sign(ratio) * np.interp(np.abs(ratio), table.seen, table.slopes)
-        light_rates = np.empty((2, 6, len(s)))
+        light_rates = np.empty((2, 6, len(self.s)))
         light_rates[:, 1], light_rates[:, 3:] = blurred[:, 1], blurred[:, 2:]
         kernel *= distance
         light_rates[:, 0] = light[:, 0] @ kernel.T / sigma

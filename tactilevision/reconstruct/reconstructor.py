@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from threading import RLock
 from typing import TYPE_CHECKING, Any
@@ -18,8 +19,8 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.integration.poisson import integrate
-from tactilevision.integration.punch_edge import PunchEdge
-from tactilevision.integration.steep_edges import LEAN, find_punch_edges, restore, restore_windows
+from tactilevision.integration.punch_edge import LEAN, PunchEdge, WallLaw
+from tactilevision.integration.steep_edges import find_punch_edges, restore, restore_windows
 from tactilevision.integration.two_grid_poisson import TwoGridPoisson
 from tactilevision.integration.zero_plane import (
     USUAL_THICKNESS_MM,
@@ -85,7 +86,7 @@ class Reconstructor:
         self.referenced = as_referenced(method)
         self.warnings += unfit_warnings(self.referenced.card) if self.referenced else ()
         steepest = self.referenced.card.steepest_slope if self.referenced else None
-        self.readable = READABLE * steepest if steepest else None
+        self.readable = READABLE * steepest if steepest else np.inf
         self.error = DepthError(self.referenced, sensor.mm_per_px) if self.referenced else None
         self.grids: TwoGridPoisson | None = None
         if self.referenced and (tiled := self.referenced.tiled_evaluator):
@@ -105,6 +106,10 @@ class Reconstructor:
     def taught(self) -> TaughtWalls | None:
         """What certified faces taught of walls in pictures whose shadows are left, or undone, as they are now."""
         return self.walls.left if self.shadows is None else self.walls.undone
+
+    @taught.setter
+    def taught(self, lesson: TaughtWalls | None) -> None:
+        self.walls = replace(self.walls, **{"left" if self.shadows is None else "undone": lesson})
 
     def height_map(self, frame: Frame) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
@@ -156,15 +161,16 @@ class Reconstructor:
         """As `_mapped`; a map that is deeper than the gel is thick says so."""
         gel = self.sensor.gel
         with self.turn.lock:
+            law = WallLaw(self.readable, self.lean, taught=self.taught)
             if self.shadows is None:
-                (surface, valid, std, flags), self.given_back = self._mapped(rgb, taught=self.taught), None
+                (surface, valid, std, flags), self.given_back = self._mapped(rgb, law=law), None
             else:
                 (surface, valid, std, flags), self.given_back = undo_shadows(
-                    self._mapped,
+                    partial(self._mapped, law=replace(law, taught=None)),
                     rgb,
                     self.shadows,
-                    again=partial(self._mapped, undone=True),
-                    taught=partial(self._mapped, undone=True, taught=self.taught) if self.taught else None,
+                    again=partial(self._mapped, law=replace(law, strict=False, taught=None)),
+                    taught=partial(self._mapped, law=replace(law, strict=False)) if law.taught else None,
                     edges=lambda: self.evidence.edges if self.evidence else (),
                     thickness_mm=gel.thickness_mm if gel else USUAL_THICKNESS_MM,
                 )
@@ -178,15 +184,12 @@ class Reconstructor:
             flags = add(flags, (STEEP,))
         return surface, valid, std, flags
 
-    def _mapped(self, rgb: Bytes, *, undone: bool = False, taught: TaughtWalls | None = None) -> Mapped:
-        """Depth, validity and deviation (H, W) each of a rectified picture, and its flags.
-
-        `undone`: a picture whose shadows are being undone; its walls are taken as they come.
-        """
+    def _mapped(self, rgb: Bytes, *, law: WallLaw) -> Mapped:
+        """Depth, validity and deviation (H, W) each of a rectified picture, its flags; walls by a `law`."""
         if self.grids and self.referenced and (tiled := self.referenced.tiled_evaluator):
-            return self._on_two_grids(rgb, self.referenced, tiled, self.grids, undone=undone, taught=taught)
+            return self._on_two_grids(rgb, self.referenced, tiled, self.grids, law=law)
         slopes, untouched, drift, steepest, surface, lost = self._evaluate_tiled(rgb)
-        walls = self._walls(slopes, steepest, undone=undone, taught=taught)
+        walls = self._walls(slopes, steepest, law)
         if surface is None or walls:
             surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         self.zero = self._zero_plane(surface, untouched, self.sensor.mm_per_px)
@@ -202,22 +205,14 @@ class Reconstructor:
         reader: TiledEvaluator,
         grids: TwoGridPoisson,
         *,
-        undone: bool,
-        taught: TaughtWalls | None,
+        law: WallLaw,
     ) -> Mapped:
         """As `_mapped`, gentle gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
         tiles = self.elsewhere.read_tiles(rgb) if self.elsewhere else reader.read_tiles(rgb)
         walls: list[PunchEdge] = []
-        if self.readable is not None and tiles.steepest >= self.readable:
+        if tiles.steepest >= law.limit:
             walls = restore_windows(
-                tiles.fine,
-                tiles.windows,
-                valid=tiles.valid,
-                mm_per_px=self.sensor.mm_per_px,
-                limit=self.readable,
-                lean=self.lean,
-                strict=not undone,
-                taught=taught,
+                tiles.fine, tiles.windows, valid=tiles.valid, mm_per_px=self.sensor.mm_per_px, law=law
             )
         coarse = grids.coarse(tiles.coarse, tiles.windows, fine=tiles.fine)
         self.zero = self._zero_plane(coarse, tiles.drift.untouched & method.trusted_blocks, grids.coarse_mm)
@@ -292,15 +287,11 @@ class Reconstructor:
             self.light_check = LightCheck(method, self.sensor.mm_per_px)
         return self.light_check(drift)
 
-    def _walls(
-        self, slopes: SlopeMap, steepest: float, *, undone: bool, taught: TaughtWalls | None
-    ) -> list[PunchEdge]:
+    def _walls(self, slopes: SlopeMap, steepest: float, law: WallLaw) -> list[PunchEdge]:
         """The walls in `slopes`, which are restored there, in place."""
-        if self.readable is None or steepest < self.readable:
+        if steepest < law.limit or not np.isfinite(law.limit):
             return []
-        walls = find_punch_edges(
-            slopes, self.sensor.mm_per_px, limit=self.readable, lean=self.lean, strict=not undone, taught=taught
-        )
+        walls = find_punch_edges(slopes, self.sensor.mm_per_px, law=law)
         restore(slopes, walls, mm_per_px=self.sensor.mm_per_px)
         return walls
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactilevision.integration.steep_edges import LEAN
+from tactilevision.integration.punch_edge import LEAN
 from tactilevision.photometric.illumination.cast_shadow import LightField, shadow_share
 from tactilevision.photometric.illumination.lamps import Lamps
 from tactilevision.quality.reference_match import some_frames

@@ -212,10 +212,16 @@ class DepthError:
 
 def _thinned(plane: Picture, size: tuple[int, ...]) -> Picture:
     """Means over blocks (h, w) of a plane (H, W) that is 0 but for a small part: of that part alone."""
+    out = np.zeros(size, np.float32)
     left, top, width, height = cv2.boundingRect(cv2.compare(plane, 0.0, cv2.CMP_GT))
     rows, columns = slice(top, top + height), slice(left, left + width)
     down, across = (shares(count, blocks) for count, blocks in zip(plane.shape, size, strict=True))
-    return np.asarray(down[:, rows] @ (plane[rows, columns] @ across[:, columns].T))
+    seen = [
+        slice(along.start * blocks // count, -(-along.stop * blocks // count))
+        for along, count, blocks in zip((rows, columns), plane.shape, size, strict=True)
+    ]
+    out[*seen] = down[seen[0], rows] @ (plane[rows, columns] @ across[seen[1], columns].T)
+    return out
 
 
 def contributions_mm(height: HeightMap, terms: Mapping[str, Picture]) -> dict[str, float]:

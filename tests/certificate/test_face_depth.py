@@ -12,12 +12,18 @@ import numpy as np
 import pytest
 
 from tactilevision.batch.folder import DepthJob
+from tactilevision.certificate.depth.certified_faces import (
+    Certified,
+    CertifiedFace,
+    MappedFace,
+    read_certified,
+    read_faces,
+)
 from tactilevision.certificate.depth.depth_scale import DepthScale
 from tactilevision.certificate.depth.face_depth import (
     NO_CORRECTION,
-    Certified,
+    FaceDepthCorrection,
     face_depth_correction,
-    read_certified,
 )
 from tactilevision.certificate.depth.wall_lessons import teach_walls, with_scatter
 from tactilevision.exports.tiff import read_tiff
@@ -25,7 +31,7 @@ from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Frame, HeightMap, Indenter, Pair, Press, Sensor
-from tactilevision.records.taught_walls import TaughtWalls, WallLessons
+from tactilevision.records.taught_walls import TaughtWalls
 
 SIZE: Pair = (160, 120)
 MM, RADIUS = 0.1, 2.5
@@ -41,6 +47,9 @@ class Short:
     """The frame's brightness is the depth in hundredths of a millimetre; deep faces are read too shallow."""
 
     error = None
+    evidence: SimpleNamespace | None = None
+    taught: TaughtWalls | None = None
+    sensor = Sensor("custom", int(SIZE[0]), int(SIZE[1]), (MM, MM))
 
     def height_map(self, frame: Frame) -> HeightMap:
         depth = float(np.median(frame.rgb)) / 100
@@ -55,12 +64,13 @@ class Short:
 class Walled(Short):
     """As `Short`; what it reads too little, its walls hide by half again as much as their law says."""
 
-    sensor = Sensor("custom", int(SIZE[0]), int(SIZE[1]), (MM, MM))
-    shadows = None
-    walls = WallLessons()
-    evidence: SimpleNamespace
+    read_with: list[TaughtWalls | None]
+
+    def __init__(self) -> None:
+        self.read_with = []
 
     def height_map(self, frame: Frame) -> HeightMap:
+        self.read_with.append(self.taught)
         depth = float(np.median(frame.rgb)) / 100
         hidden, none = (depth - lacking(depth)) / 0.5, np.zeros(2)
         middle = (int(SIZE[0]) - 1) / 2 * MM, (int(SIZE[1]) - 1) / 2 * MM
@@ -98,9 +108,15 @@ def certified() -> tuple[Certified, ...]:
     return tuple(Certified(str(k), 10.0 * k + 2.5, depth) for k, depth in enumerate(DEPTHS))
 
 
+def correction(folder: Path, of: tuple[Certified, ...] | None = None) -> FaceDepthCorrection:
+    """What the certified presses `of` the recording, all of them by default, make of `Short` maps."""
+    recording = recorded(folder)
+    faces = read_faces(recording, cast(Reconstructor, Short()), certified=certified() if of is None else of)
+    return face_depth_correction(recording, faces, walls=None)
+
+
 def test_faces_come_out_as_deep_as_the_certificate_says_and_the_gel_beside_stays(tmp_path: Path) -> None:
-    recording = recorded(tmp_path)
-    anchor = face_depth_correction(recording, Short(), certified=certified())
+    anchor = correction(tmp_path)
     assert anchor is not NO_CORRECTION
     for depth in (0.2, 0.4, 0.55):
         frame = Frame(np.full((*map(int, SIZE[::-1]), 3), round(100 * depth), np.uint8), 12.0)
@@ -113,8 +129,7 @@ def test_faces_come_out_as_deep_as_the_certificate_says_and_the_gel_beside_stays
 
 
 def test_frames_of_no_certified_press_are_left_as_they_were(tmp_path: Path) -> None:
-    recording = recorded(tmp_path)
-    anchor = face_depth_correction(recording, Short(), certified=certified())
+    anchor = correction(tmp_path)
     assert anchor is not NO_CORRECTION
     between = Short().height_map(Frame(np.full((120, 160, 3), 40, np.uint8), 7.0))
     assert anchor(between) is between
@@ -122,19 +137,16 @@ def test_frames_of_no_certified_press_are_left_as_they_were(tmp_path: Path) -> N
     assert anchor(free) is free
 
 
-def test_another_recording_or_too_few_faces_make_no_anchor(tmp_path: Path) -> None:
-    recording = recorded(tmp_path)
-    assert face_depth_correction(recording, Short(), certified=certified()[:2]) is NO_CORRECTION
-    assert (
-        face_depth_correction(
-            recording, Short(), certified=[replace(one, time_s=one.time_s + 100) for one in certified()]
-        )
-        is NO_CORRECTION
-    )
-    assert (
-        face_depth_correction(recording, Short(), certified=[replace(one, press="x") for one in certified()])
-        is NO_CORRECTION
-    )
+@pytest.mark.parametrize(
+    "of",
+    [
+        certified()[:2],
+        tuple(replace(one, time_s=one.time_s + 100) for one in certified()),
+        tuple(replace(one, press="x") for one in certified()),
+    ],
+)
+def test_another_recording_or_too_few_faces_make_no_anchor(tmp_path: Path, of: tuple[Certified, ...]) -> None:
+    assert correction(tmp_path, of) is NO_CORRECTION
 
 
 def test_only_accepted_presses_of_a_table_that_can_be_read_count(tmp_path: Path) -> None:
@@ -149,7 +161,7 @@ def test_only_accepted_presses_of_a_table_that_can_be_read_count(tmp_path: Path)
 
 
 def test_maps_on_disk_hold_the_faces_too(tmp_path: Path) -> None:
-    anchor = face_depth_correction(recorded(tmp_path), Short(), certified=certified())
+    anchor = correction(tmp_path)
     frame = Frame(np.full((*map(int, SIZE[::-1]), 3), 40, np.uint8), 12.0, "20.png")
     peaks = []
     for held in (NO_CORRECTION, anchor):
@@ -160,16 +172,37 @@ def test_maps_on_disk_hold_the_faces_too(tmp_path: Path) -> None:
 
 
 def test_certified_faces_teach_what_walls_hide(tmp_path: Path) -> None:
-    recording, reader = recorded(tmp_path), Walled()
-    assert teach_walls(recording, cast(Reconstructor, reader), certified=certified())
-    assert reader.walls.left is not None
-    assert reader.walls.undone is None, "its shadows are left as they are"
-    for depth in (0.45, 0.6):
-        change, std_mm = reader.walls.left.change_mm((depth - lacking(depth)) / 0.5, lacking(depth))
-        assert abs(change - (depth - lacking(depth))) < std_mm
-    known = reader.walls
-    assert not teach_walls(recording, cast(Reconstructor, reader), certified=certified()[:2])
-    assert reader.walls == known, "where nothing is taught, what was known stays"
+    recording, reader = recorded(tmp_path), cast(Reconstructor, Walled())
+    faces = read_faces(recording, reader, certified=certified())
+    assert teach_walls(reader, faces)
+    assert reader.taught is not None
+    for face in faces:
+        wall = face.wall_face
+        assert wall is not None
+        change, std_mm = reader.taught.change_mm(wall.hidden_mm, wall.depth_mm)
+        if face.certified_mm > 0.4:
+            assert abs(change - (face.certified_mm - wall.read_mm)) < std_mm
+        assert face.as_taught(reader.taught) == pytest.approx(wall.read_mm + change, abs=1e-4)
+    known = reader.taught
+    assert not teach_walls(reader, faces[:2])
+    assert reader.taught == known, "where nothing is taught, what was known stays"
+
+
+def test_a_wall_in_one_of_two_maps_teaches_nothing_and_is_taught_there() -> None:
+    walls = TaughtWalls(0.5, 0.0, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
+    maps = MappedFace(0.4, 0.1, 0.4), MappedFace(0.44, 0.0, 0.0)
+    face = CertifiedFace(Press("1", "A", 0, 5), Indenter("A", "flat_cylinder", RADIUS), 0.45, maps, 0.25)
+    assert face.wall_face is None
+    assert face.as_taught(None) == pytest.approx(0.41)
+    assert face.as_taught(walls) == pytest.approx(0.41 + 0.75 * 0.05)
+
+
+def test_faces_are_read_once_and_with_walls_as_nobody_taught_them(tmp_path: Path) -> None:
+    reader, known = Walled(), TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
+    reader.taught = known
+    read_faces(recorded(tmp_path), cast(Reconstructor, reader), certified=certified())
+    assert reader.read_with == [None] * 2 * len(DEPTHS)
+    assert reader.taught is known
 
 
 def test_faces_that_taught_walls_scatter_no_less_than_others() -> None:

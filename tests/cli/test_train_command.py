@@ -10,12 +10,12 @@ import pytest
 from sample_light import SAMPLE, light_of_sample
 
 from tactilevision.certificate.depth import wall_lessons
-from tactilevision.certificate.depth.face_depth import Certified
+from tactilevision.certificate.depth.certified_faces import Certified
 from tactilevision.cli import main
 from tactilevision.photometric import PHOTOMETRIC, load_method
 from tactilevision.photometric.training.network_training import NetworkFitter
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
-from tactilevision.recording import Recording, read_recording
+from tactilevision.recording import read_recording
 from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 
 
@@ -73,7 +73,7 @@ def test_the_card_says_that_its_steps_were_read_before_walls_were_taught(
 ) -> None:
     walls = WallLessons(left=TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03))
 
-    def plant(_: Recording, reader: Reconstructor, **__: object) -> bool:
+    def plant(reader: Reconstructor, _: object) -> bool:
         reader.walls = walls
         return True
 

@@ -8,6 +8,7 @@ import pytest
 
 from tactilevision.integration.circular_edges import find_circular_edges
 from tactilevision.integration.poisson import integrate
+from tactilevision.integration.punch_edge import WallLaw
 from tactilevision.integration.steep_edges import find_punch_edges, restore, restore_windows
 from tactilevision.records import Floats, SlopeMap
 from tactilevision.records.taught_walls import TaughtWalls
@@ -81,7 +82,7 @@ def test_the_hidden_step_is_found(w: float, blur_px: float) -> None:
     depth = punch(w)
     slopes = photographed(depth, blur_px)
     true, plain = true_over_gel(depth), face_over_gel(slopes)
-    walls = find_punch_edges(slopes, (STEP, STEP), limit=LIMIT)
+    walls = find_punch_edges(slopes, (STEP, STEP), law=WallLaw(LIMIT))
     restore(slopes, walls, mm_per_px=(STEP, STEP))
     found = face_over_gel(slopes)
     assert len(walls) == 1
@@ -96,8 +97,8 @@ def test_a_taught_wall_carries_the_depth_that_it_was_taught(share: float) -> Non
     walls = TaughtWalls(share, 0.0, (0.0, 0.0, 0.0), (0.2, 0.9), 0.01)
     slopes = photographed(punch(0.6))
     as_read, usual, taught = (SlopeMap(*np.array([slopes.dz_dx, slopes.dz_dy])) for _ in range(3))
-    (before,) = find_punch_edges(as_read, (STEP, STEP), limit=LIMIT)
-    (after,) = find_punch_edges(as_read, (STEP, STEP), limit=LIMIT, taught=walls)
+    (before,) = find_punch_edges(as_read, (STEP, STEP), law=WallLaw(LIMIT))
+    (after,) = find_punch_edges(as_read, (STEP, STEP), law=WallLaw(LIMIT, taught=walls))
     restore(usual, [before], mm_per_px=(STEP, STEP))
     restore(taught, [after], mm_per_px=(STEP, STEP))
     assert before.missing_mm > 0.02
@@ -110,7 +111,7 @@ def test_a_taught_wall_carries_the_depth_that_it_was_taught(share: float) -> Non
 def test_a_tilted_face_keeps_its_tilt() -> None:
     depth = punch(0.6, tilt=(0.02, -0.01))
     slopes = photographed(depth)
-    restore(slopes, find_punch_edges(slopes, (STEP, STEP), limit=LIMIT), mm_per_px=(STEP, STEP))
+    restore(slopes, find_punch_edges(slopes, (STEP, STEP), law=WallLaw(LIMIT)), mm_per_px=(STEP, STEP))
     surface = integrate(slopes, (STEP, STEP))
     x, y = places()
     face = np.hypot(x, y) < 1.5
@@ -123,7 +124,7 @@ def test_a_face_cut_by_the_border_is_restored_too() -> None:
     centre = (0.9, 5.9)
     depth = punch(0.6, centre=centre)
     slopes = photographed(depth)
-    walls = find_punch_edges(slopes, (STEP, STEP), limit=LIMIT)
+    walls = find_punch_edges(slopes, (STEP, STEP), law=WallLaw(LIMIT))
     restore(slopes, walls, mm_per_px=(STEP, STEP))
     assert len(walls) == 1
     assert face_over_gel(slopes, centre) == pytest.approx(true_over_gel(depth, centre), rel=0.05)
@@ -131,11 +132,13 @@ def test_a_face_cut_by_the_border_is_restored_too() -> None:
 
 def test_a_wall_is_restored_in_the_window_that_holds_it() -> None:
     slopes, whole = (photographed(punch(0.6)) for _ in range(2))
-    walls = find_punch_edges(whole, (STEP, STEP), limit=LIMIT)
+    walls = find_punch_edges(whole, (STEP, STEP), law=WallLaw(LIMIT))
     restore(whole, walls, mm_per_px=(STEP, STEP))
     windows = [(slice(30, 170), slice(52, 194)), (slice(0, 20), slice(0, 20))]
     fine = [np.stack([slopes.dz_dx[window], slopes.dz_dy[window]]) for window in windows]
-    found = restore_windows(fine, windows, valid=np.ones(SHAPE, np.bool_), mm_per_px=(STEP, STEP), limit=LIMIT)
+    found = restore_windows(
+        fine, windows, valid=np.ones(SHAPE, np.bool_), mm_per_px=(STEP, STEP), law=WallLaw(LIMIT)
+    )
     assert len(found) == len(walls) == 1
     assert found[0].centre_mm == pytest.approx(walls[0].centre_mm, abs=0.1 * STEP)
     assert found[0].radius_mm == pytest.approx(walls[0].radius_mm, abs=0.1 * STEP)
@@ -150,7 +153,7 @@ def test_what_has_no_sharp_round_edge_is_left_alone() -> None:
     ridge = np.maximum(0.6 - 0.7 * np.abs(x + 0.4 * y), 0.0)
     noise = np.random.default_rng(1).normal(0, 0.02, x.shape)
     for depth in (ball, cone, ridge, noise):
-        assert find_punch_edges(photographed(np.asarray(depth)), (STEP, STEP), limit=LIMIT) == []
+        assert find_punch_edges(photographed(np.asarray(depth)), (STEP, STEP), law=WallLaw(LIMIT)) == []
 
 
 def test_gentle_slopes_cost_nothing() -> None:
@@ -170,7 +173,7 @@ def test_a_wall_that_hides_more_than_a_fifth_of_the_radius_is_carried_through(li
     unread = beside[np.hypot(read.dz_dx, read.dz_dy) > limit]
     assert unread.max() > 0.4
     short = face_over_gel(read)
-    restore(read, find_punch_edges(read, (STEP, STEP), limit=limit), mm_per_px=(STEP, STEP))
+    restore(read, find_punch_edges(read, (STEP, STEP), law=WallLaw(limit)), mm_per_px=(STEP, STEP))
     truth = true_over_gel(depth)
     assert short < 0.75 * truth
     assert face_over_gel(read) == pytest.approx(truth, rel=0.05)
@@ -190,8 +193,8 @@ def shaded(inner_mm: float, outer_mm: float, *, slope: float) -> SlopeMap:
 def test_a_wall_beside_a_cast_shadow_is_left_as_it_is() -> None:
     """A shadow looks like a slope of .35 that ends at once: the law through it made more than twice the depth."""
     read = shaded(2.3, 2.9, slope=-0.42)
-    assert find_punch_edges(read, (STEP, STEP), limit=LIMIT) == []
-    assert len(find_punch_edges(read, (STEP, STEP), limit=LIMIT, strict=False)) == 1
+    assert find_punch_edges(read, (STEP, STEP), law=WallLaw(LIMIT)) == []
+    assert len(find_punch_edges(read, (STEP, STEP), law=WallLaw(LIMIT, strict=False))) == 1
 
 
 @pytest.mark.parametrize("false_slope", [-1.2, 0.4, 0.8])
@@ -199,7 +202,7 @@ def test_a_wall_takes_no_depth_away(false_slope: float) -> None:
     """Beside a shadow half undone, or undone too much: gel read too steep makes a law of too small a fall."""
     read = shaded(2.05, 2.4, slope=false_slope)
     plain = face_over_gel(read)
-    walls = find_punch_edges(read, (STEP, STEP), limit=LIMIT, strict=False)
+    walls = find_punch_edges(read, (STEP, STEP), law=WallLaw(LIMIT, strict=False))
     assert all(wall.missing_mm == 0.0 for wall in walls)
     restore(read, walls, mm_per_px=(STEP, STEP))
     assert face_over_gel(read) == pytest.approx(plain, rel=0.02)

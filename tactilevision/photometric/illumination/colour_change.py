@@ -136,7 +136,8 @@ class ColourChange:
         if not bright and _brightest(cv2.split(rgb[::SHADOW_PX, ::SHADOW_PX])).min() > self.darkest:
             return drift, self.reference.usable
         brightest = _brightest(self._greys or cv2.split(rgb))
-        return drift, self.reference.usable & (brightest < SATURATED) & (brightest > self.darkest)
+        told = cv2.inRange(brightest, np.floor(self.darkest) + 1, SATURATED - 1)  # of whole numbers
+        return drift, self.reference.usable & (told > 0)
 
     def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
         """The changes (3, h, w) of the frame taken in, strip by strip of a window.
