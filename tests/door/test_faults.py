@@ -15,7 +15,7 @@ from tactilevision.errors import TactilevisionError
 from tactilevision.runs import worker_pool
 
 KILLS = 4  # of each command
-DRAWS = 6  # of a moment, each sooner: a run that is done before it shows nothing
+DRAWS = 6  # of a moment: a run that is done before it shows nothing
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,8 @@ def test_a_run_with_workers_stops_at_a_word_and_goes_on_later(
 @pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_bytes(depth: trials.Undisturbed, tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
-    assert trials.killed(depth, tmp_path / "out", rng, at_write=True, over=False) == []
+    tried = (trials.killed(depth, tmp_path / str(k), rng, at_write=True, over=False) for k in range(DRAWS))
+    assert next(found for found in tried if found is not None) == []
 
 
 @pytest.mark.slow
