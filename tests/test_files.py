@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 from pathlib import Path
 
@@ -56,6 +57,13 @@ def test_json_has_no_nan_and_knows_numpy(tmp_path: Path) -> None:
     path = tmp_path / "r.json"
     write_json(path, {"a": np.float64("nan"), "b": np.arange(3), "c": (1.5, float("inf"))})
     assert json.loads(path.read_text()) == {"a": None, "b": [0, 1, 2], "c": [1.5, None]}
+
+
+def test_bytes_of_a_name_that_are_no_text_are_written_escaped(tmp_path: Path) -> None:
+    name = os.fsdecode(b"caf\xe9")
+    write_text(tmp_path / "a.csv", f"{name}\n")
+    append_text(tmp_path / "a.csv", name)
+    assert (tmp_path / "a.csv").read_text() == "caf\\udce9\n" + "caf\\udce9"
 
 
 def test_a_refusing_file_system_is_one_clear_error(tmp_path: Path) -> None:

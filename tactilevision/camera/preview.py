@@ -58,7 +58,9 @@ def words(told: Told, *, rate_Hz: float) -> tuple[str, ...]:
     moment, wrench = told.moment, told.moment.wrench
     touch = f"contact, {moment.peak_mm:.3f} mm deep" if moment.contact else "nothing touches"
     lines = [f"{told.shot.name}: {touch}"]
-    if wrench is not None:
+    if wrench is not None and not moment.contact and not np.any(wrench.force_N):
+        lines.append("no contact, no force")
+    elif wrench is not None:
         forces = zip("xyz", wrench.force_N, strict=True)
         known = [f"f{axis} {force:+.3f} N" for axis, force in forces if math.isfinite(force)]
         lines.append(", ".join(known) + f" (fz +- {wrench.force_std_N[2]:.3f})")

@@ -10,6 +10,18 @@ from tactilevision.errors import InputError
 
 MAX_NAME = 255  # bytes of a file's name; file systems take no more
 _OUTWARD = re.compile(r"^[/\\~]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)|\0")
+_UNPLAIN = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")  # Python has undecodable bytes as the last
+
+
+def check_plain(name: str, *, where: object) -> None:
+    """Raise InputError for a name that no table or message can hold: with a line break, an escape, or no UTF-8."""
+    if _UNPLAIN.search(name):
+        raise InputError(
+            "a file's name holds a control character, or is not UTF-8",
+            where=where,
+            value=name,
+            remedy="Rename it.",
+        )
 
 
 def inside(folder: Path, name: str, *, where: object) -> Path:

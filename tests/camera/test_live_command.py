@@ -17,7 +17,7 @@ import pytest
 from test_sources import FakeCapture
 
 from tactilevision.camera import sources
-from tactilevision.camera.loop import Told
+from tactilevision.camera.loop import Counts, Told
 from tactilevision.camera.preview import Preview, draw, words
 from tactilevision.cli import main
 from tactilevision.errors import InputError
@@ -153,6 +153,19 @@ def test_a_camera_of_another_size_without_a_profile_or_told_wrongly_is_refused(
     assert "no frame could be read" in capsys.readouterr().err
 
 
+def test_the_histogram_names_its_last_step_by_where_it_begins() -> None:
+    counts = Counts()
+    for age_ms in (0.2, 300.0, 4000.0):
+        counts.add(age_ms)
+    steps = [line.split("#")[0].split() for line in counts.lines()]
+    assert steps == [
+        ["0", "to", "0.5", "ms", "1"],
+        ["250", "to", "500", "ms", "1"],
+        ["over", "1000", "ms", "1"],
+    ]
+    assert len({len(line.split("#")[0]) for line in counts.lines()}) == 1, "the bars stand below each other"
+
+
 def test_a_newer_reference_is_taken(profile: Path, tmp_path: Path) -> None:
     words = ("--camera", folder(tmp_path / "f"), "--sensor", profile, "--every", "--frames", 2)
     assert run("live", *words, "--reference", tmp_path / "f" / "0.png") == 0
@@ -171,6 +184,7 @@ def test_the_page_shows_picture_depth_and_numbers(profile: Path) -> None:
     assert "fz +0." in lines[1]
     assert "fx" not in lines[1], "what is not known is not shown"
     assert lines[2] == "60 frames a second, 12 ms old"
+    assert words(told(profile, free(3)), rate_Hz=60.0)[1] == "no contact, no force"
     picture = draw(pressed(), seen, rate_Hz=60.0)
     assert picture.shape[1] == 2 * SHAPE[1]
     with Preview(load_sensor(profile).reconstructor, 0) as page:
