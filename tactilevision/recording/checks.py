@@ -17,6 +17,7 @@ from tactilevision.records import Press
 
 MIN_GAP_S = 2.0  # s without readings; presses last some seconds, so less leaves none out of step
 MIN_GAP_STEPS = 20  # usual steps without readings; loggers lose a few
+SAME_PAUSE = 1.5  # times the frames' longest pause; frames come at presses alone, and end some seconds before
 _SPARE = 0.1  # share of a press that the readings may miss at its end: free gel, where only the zero is read
 
 
@@ -94,7 +95,8 @@ def _doubts_of_forces(recording: Recording) -> Iterator[str]:
         yield f"{layout.FORCES}: readings come at {1 / step_s:.4g} Hz, not at rate_Hz = {rate:g}{in_ms}"
     longest = int(np.argmax(np.diff(times)))
     gap_s = float(times[longest + 1] - times[longest])
-    if gap_s > max(MIN_GAP_S, MIN_GAP_STEPS * step_s):
+    pause_s = float(np.diff(recording.frame_times_s).max(initial=0.0))  # of both: a change of indenter
+    if gap_s > max(MIN_GAP_S, MIN_GAP_STEPS * step_s, SAME_PAUSE * pause_s):
         yield (
             f"{layout.FORCES}: no readings for {gap_s:.3g} s after time_s = {times[longest]:.6g}: where the clock "
             "jumped, forces after it belong to other moments than they state"
