@@ -212,7 +212,8 @@ def _umask() -> int:
     return mask
 
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room: on the disk, of the user, in the file
+# no room: on the disk, of the user, in the file; numpy says without a number that it wrote a part
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, None)
 
 
 def _refused(target: Path, fault: OSError) -> OutputError:

@@ -75,6 +75,15 @@ def test_a_refusing_file_system_is_one_clear_error(tmp_path: Path) -> None:
         pass
 
 
+def test_numpy_s_word_for_a_full_disk_is_told_as_one(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match=r"5 requested and 3 written\. Free some space"),
+        replacing(tmp_path / "a"),
+    ):
+        raise OSError("5 requested and 3 written")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_place_that_takes_no_results_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(OutputError, match="cannot be written"):

@@ -17,10 +17,11 @@ import pytest
 from test_sources import FakeCapture
 
 from tactilevision.camera import sources
+from tactilevision.camera.foxglove import Foxglove
 from tactilevision.camera.loop import Counts, Told
 from tactilevision.camera.preview import Preview, draw, words
 from tactilevision.cli import main
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, OutputError
 from tactilevision.live import Stream
 from tactilevision.profile.sensor import load_sensor
 from tactilevision.profile.write import write_profile
@@ -225,6 +226,19 @@ def test_an_mcap_file_holds_every_frame_for_another_reader(profile: Path, tmp_pa
     assert wrenches[7]["force_N"][:2] == [None, None]
     assert wrenches[7]["force_N"][2] > 0.1
     assert [name.name for name in path.parent.iterdir()] == ["live.mcap"]
+
+
+def test_an_mcap_file_that_cannot_be_ended_is_told_and_leaves_nothing(profile: Path, tmp_path: Path) -> None:
+    class Full:
+        def close(self) -> None:
+            raise RuntimeError("MCAP error: No space left on device")
+
+    outlet = Foxglove(load_sensor(profile).reconstructor, mcap=tmp_path / "live.mcap")
+    outlet._writer.close()
+    outlet._writer = Full()
+    with pytest.raises(OutputError, match=r"live.mcap: cannot be written: .*No space left"), outlet:
+        pass
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_mcap_file_is_whole_where_the_camera_went(
