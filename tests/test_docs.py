@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect
 import json
 import re
 import runpy
@@ -144,6 +146,26 @@ def test_commands_and_options_of_the_pages_exist(page: Path) -> None:
         assert command in commands, command
         known = {name for option in commands[command].params for name in option.opts}
         assert set(options) <= {*known, "--help"}, command
+
+
+def calls(block: str) -> list[tuple[str, ast.Call]]:
+    """Calls in a block of Python of names that it imports from tactilevision; none that unpacks arguments."""
+    tree = ast.parse(block)
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+    known = {name.name: node.module for node in imports for name in node.names}
+    found = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
+    plain = [call for call in found if not any(isinstance(one, ast.Starred) for one in call.args)]
+    return [(f"{known[call.func.id]}:{call.func.id}", call) for call in plain if call.func.id in known]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)
+def test_calls_on_the_pages_fit_what_they_call(page: Path) -> None:
+    for block in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S):
+        for place, call in calls(block):
+            module, _, name = place.partition(":")
+            called_object = getattr(importlib.import_module(module), name)
+            keywords = {keyword.arg: None for keyword in call.keywords if keyword.arg is not None}
+            inspect.signature(called_object).bind(*[None] * len(call.args), **keywords)
 
 
 def test_the_format_names_every_key_of_a_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
