@@ -185,7 +185,7 @@ def test_the_page_shows_picture_depth_and_numbers(profile: Path) -> None:
     assert "fz +0." in lines[1]
     assert "fx" not in lines[1], "what is not known is not shown"
     assert lines[2] == "60 frames a second, 12 ms old"
-    assert words(told(profile, free(3)), rate_Hz=60.0)[1] == "no contact, no force"
+    assert words(told(profile, free(3)), rate_Hz=60.0)[0] == "a.png: nothing touches, no force"
     picture = draw(pressed(), seen, rate_Hz=60.0)
     assert picture.shape[1] == 2 * SHAPE[1]
     with Preview(load_sensor(profile).reconstructor, 0) as page:
