@@ -153,9 +153,10 @@ def calls(block: str) -> list[tuple[str, ast.Call]]:
     tree = ast.parse(block)
     imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
     known = {name.name: node.module for node in imports for name in node.names}
-    found = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
-    plain = [call for call in found if not any(isinstance(one, ast.Starred) for one in call.args)]
-    return [(f"{known[call.func.id]}:{call.func.id}", call) for call in plain if call.func.id in known]
+    found = [(node.func, node) for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    named = [(func.id, call) for func, call in found if isinstance(func, ast.Name) and func.id in known]
+    plain = [one for one in named if not any(isinstance(given, ast.Starred) for given in one[1].args)]
+    return [(f"{known[name]}:{name}", call) for name, call in plain]
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)

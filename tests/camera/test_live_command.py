@@ -234,6 +234,7 @@ def test_an_mcap_file_that_cannot_be_ended_is_told_and_leaves_nothing(profile: P
             raise RuntimeError("MCAP error: No space left on device")
 
     outlet = Foxglove(load_sensor(profile).reconstructor, mcap=tmp_path / "live.mcap")
+    assert outlet._writer is not None
     outlet._writer.close()
     outlet._writer = Full()
     with pytest.raises(OutputError, match=r"live.mcap: cannot be written: .*No space left"), outlet:
