@@ -42,7 +42,7 @@ def append_text(path: Path | str, text: str) -> None:
     with told_as_output(Path(path)):
         handle = os.open(path, os.O_WRONLY | os.O_APPEND)
         try:
-            os.write(handle, text.encode())
+            os.write(handle, text.encode(errors="backslashreplace"))
         finally:
             os.close(handle)
 
@@ -161,9 +161,9 @@ def unfinished() -> str:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write UTF-8 text, whole or not at all."""
+    """Write UTF-8 text, whole or not at all; bytes of a file's name that are no UTF-8 are written as \\udcXX."""
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def write_json(path: Path | str, content: object) -> None:
@@ -212,7 +212,8 @@ def _umask() -> int:
     return mask
 
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room: on the disk, of the user, in the file
+# no room: on the disk, of the user, in the file; numpy says without a number that it wrote a part
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, None)
 
 
 def _refused(target: Path, fault: OSError) -> OutputError:

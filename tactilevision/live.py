@@ -28,7 +28,7 @@ from tactilevision.uncertainty.untouched_noise import untouched_std
 SAMPLE_PX = 2  # pixels along each side, of which one is looked at
 RENEW = 0.002  # share a frame: five seconds at 90 frames a second: lamps warm in minutes, presses take less
 # ms: upper edges of the histogram of latencies
-EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, np.inf])
+EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, 125, 250, 500, 1000, np.inf])
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,6 +64,10 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
         if left:
             clear_unfinished(folder, deep=not file, wait_s=_LINGERING_S)
         yield
+    except BaseException:  # its workers ended in the midst of what they wrote; the next run finds no lock
+        with contextlib.suppress(OSError):
+            clear_unfinished(folder, deep=not file, wait_s=_LINGERING_S)
+        raise
     finally:
         del _held[path]
         with contextlib.suppress(OSError):

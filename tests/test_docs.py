@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect
 import json
 import re
 import runpy
@@ -144,6 +146,27 @@ def test_commands_and_options_of_the_pages_exist(page: Path) -> None:
         assert command in commands, command
         known = {name for option in commands[command].params for name in option.opts}
         assert set(options) <= {*known, "--help"}, command
+
+
+def calls(block: str) -> list[tuple[str, ast.Call]]:
+    """Calls in a block of Python of names that it imports from tactilevision; none that unpacks arguments."""
+    tree = ast.parse(block)
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+    known = {name.name: node.module for node in imports for name in node.names}
+    found = [(node.func, node) for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    named = [(func.id, call) for func, call in found if isinstance(func, ast.Name) and func.id in known]
+    plain = [one for one in named if not any(isinstance(given, ast.Starred) for given in one[1].args)]
+    return [(f"{known[name]}:{name}", call) for name, call in plain]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)
+def test_calls_on_the_pages_fit_what_they_call(page: Path) -> None:
+    for block in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S):
+        for place, call in calls(block):
+            module, _, name = place.partition(":")
+            called_object = getattr(importlib.import_module(module), name)
+            keywords = {keyword.arg: None for keyword in call.keywords if keyword.arg is not None}
+            inspect.signature(called_object).bind(*[None] * len(call.args), **keywords)
 
 
 def test_the_format_names_every_key_of_a_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

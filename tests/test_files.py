@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 from pathlib import Path
 
@@ -58,6 +59,13 @@ def test_json_has_no_nan_and_knows_numpy(tmp_path: Path) -> None:
     assert json.loads(path.read_text()) == {"a": None, "b": [0, 1, 2], "c": [1.5, None]}
 
 
+def test_bytes_of_a_name_that_are_no_text_are_written_escaped(tmp_path: Path) -> None:
+    name = os.fsdecode(b"caf\xe9")
+    write_text(tmp_path / "a.csv", f"{name}\n")
+    append_text(tmp_path / "a.csv", name)
+    assert (tmp_path / "a.csv").read_text() == "caf\\udce9\n" + "caf\\udce9"
+
+
 def test_a_refusing_file_system_is_one_clear_error(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
@@ -65,6 +73,15 @@ def test_a_refusing_file_system_is_one_clear_error(tmp_path: Path) -> None:
         write_text(blocked / "result.txt", "x")
     with pytest.raises(OutputError, match="cannot be written"), staged(blocked):
         pass
+
+
+def test_numpy_s_word_for_a_full_disk_is_told_as_one(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match=r"5 requested and 3 written\. Free some space"),
+        replacing(tmp_path / "a"),
+    ):
+        raise OSError("5 requested and 3 written")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_place_that_takes_no_results_is_named(tmp_path: Path) -> None:

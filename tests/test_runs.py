@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from tactilevision.cli import main
-from tactilevision.errors import OutputError
+from tactilevision.errors import OutputError, Terminated
 from tactilevision.runs import LOCK, output_lock
 
 ROOT = Path(__file__).parents[1]
@@ -52,6 +52,17 @@ def test_a_killed_process_leaves_nothing_that_blocks_or_stays(tmp_path: Path) ->
         assert (tmp_path / LOCK).read_text().split()[0] == str(os.getpid())
         assert list((tmp_path / "figures").iterdir()) == []
     assert [path.name for path in tmp_path.iterdir()] == ["figures"]
+
+
+def test_a_run_that_ends_early_takes_along_what_its_workers_left(tmp_path: Path) -> None:
+    worker = subprocess.Popen([sys.executable, "-c", ""])
+    worker.wait()
+    with pytest.raises(Terminated), output_lock(tmp_path):
+        (tmp_path / "depth").mkdir()
+        (tmp_path / "depth" / "1.tiff").write_bytes(b"whole")
+        (tmp_path / "depth" / f".unfinished-{worker.pid}-x.tiff").write_bytes(b"half")
+        raise Terminated
+    assert [str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.tiff")] == ["depth/1.tiff"]
 
 
 def test_a_second_thread_is_refused_and_the_first_may_ask_again(tmp_path: Path) -> None:

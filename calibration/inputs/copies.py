@@ -13,6 +13,7 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from tactilevision.errors import InputError
+from tactilevision.recording.names import some
 from tactilevision.records import Floats
 
 MIN_SAMPLES = 5  # of a press: fewer may be equal by rounding
@@ -21,9 +22,12 @@ OFF = (100.0, 10000.0)  # times: a stated speed over the one that depths show, w
 
 
 def without_copies(data: Observations) -> Observations:
-    """Curves without presses that are copies of earlier ones; a warning names each."""
+    """Curves without presses that are copies of earlier ones; a warning names each.
+
+    A point that equals an earlier one stays, since rounded numbers may agree: a warning names it.
+    """
     if not data.is_curves:
-        return data
+        return _with_equal_points_named(data)
     first: dict[bytes, int] = {}
     keep, said = np.ones(data.count, bool), []
     for k, (start, end) in enumerate(_spans(data)):
@@ -37,6 +41,20 @@ def without_copies(data: Observations) -> Observations:
             )
         first.setdefault(samples, k)
     return data if keep.all() else replace(data.take(keep), warnings=(*data.warnings, *said))
+
+
+def _with_equal_points_named(data: Observations) -> Observations:
+    first: dict[tuple[float, ...], int] = {}
+    said = []
+    numbers = np.column_stack([data.presses.radius_mm[data.press], data.depth_mm, data.normal_N]).tolist()
+    for k, point in zip(data.press.tolist(), numbers, strict=True):
+        earlier = first.setdefault(tuple(point), k)
+        if earlier != k:
+            said.append(f"{_named(data, k)} of {_named(data, earlier)}")
+    if not said:
+        return data
+    warning = f"presses with the very depth and force of another, copies if not rounded alike: {some(said)}"
+    return replace(data, warnings=(*data.warnings, warning))
 
 
 def check_times(data: Observations) -> None:

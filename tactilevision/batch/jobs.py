@@ -25,7 +25,7 @@ import numpy as np
 
 from tactilevision.cluster.pool import ClusterPool, EndsWorkers, cluster_pool
 from tactilevision.door.documents import read_text
-from tactilevision.errors import InputError, RecordingError
+from tactilevision.errors import InputError
 from tactilevision.files import append_text, write_text
 from tactilevision.recording import BadFrame, Recording, iter_frames
 from tactilevision.records import Frame, HeightMap
@@ -196,14 +196,14 @@ def _read_and_do(numbers: list[int]) -> list[Row]:
 
 
 def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | BadFrame]:
-    """The frames of these numbers; one of another kind or size than the others is a bad one, and only that."""
+    """The frames of these numbers; one of another kind or size, or beyond a limit, is a bad one, and only that."""
     left = deque(numbers)
     while left:
         try:
             for frame in iter_frames(_part(recording, list(left))):
                 yield frame
                 left.popleft()
-        except RecordingError as fault:
+        except InputError as fault:
             number = left.popleft()
             yield BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), fault.what)
 

@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from tactilevision.camera.loop import Told
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, OutputError
 from tactilevision.files import told_as_output, unfinished
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Floats, Pair
@@ -89,6 +89,12 @@ class Foxglove:
                 with told_as_output(self.mcap):
                     self._writer.close()
                     self._scratch.replace(self.mcap)
+            except RuntimeError as refused:  # its own kind of error, also for a full disk
+                raise OutputError(
+                    f"cannot be written: {refused}",
+                    where=self.mcap,
+                    remedy="Is the disk full?",
+                ) from refused
             finally:
                 with suppress(OSError):
                     self._scratch.unlink(missing_ok=True)

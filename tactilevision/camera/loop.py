@@ -89,9 +89,9 @@ class Counts:
         rows = []
         for k, count in enumerate(self.histogram):
             if count:
-                low = EDGES_MS[k - 1] if k else 0.0
-                bar = "#" * max(1, round(40 * count / top))
-                rows.append(f"  {low:5.3g} to {EDGES_MS[k]:4.3g} ms {int(count):7d} {bar}")
+                low, high = (EDGES_MS[k - 1] if k else 0.0), EDGES_MS[k]
+                step = f"{low:5.4g} to {high:4.4g} ms" if math.isfinite(high) else f"{'over':>5} {low:7.4g} ms"
+                rows.append(f"  {step} {int(count):7d} {'#' * max(1, round(40 * count / top))}")
         return rows
 
 

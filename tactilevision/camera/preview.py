@@ -57,8 +57,9 @@ def words(told: Told, *, rate_Hz: float) -> tuple[str, ...]:
     """What is written below the pictures."""
     moment, wrench = told.moment, told.moment.wrench
     touch = f"contact, {moment.peak_mm:.3f} mm deep" if moment.contact else "nothing touches"
-    lines = [f"{told.shot.name}: {touch}"]
-    if wrench is not None:
+    pushed = wrench is not None and (moment.contact or np.any(wrench.force_N))
+    lines = [f"{told.shot.name}: {touch}" + ", no force" * (wrench is not None and not pushed)]
+    if wrench is not None and pushed:
         forces = zip("xyz", wrench.force_N, strict=True)
         known = [f"f{axis} {force:+.3f} N" for axis, force in forces if math.isfinite(force)]
         lines.append(", ".join(known) + f" (fz +- {wrench.force_std_N[2]:.3f})")

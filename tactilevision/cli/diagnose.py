@@ -70,7 +70,7 @@ def diagnose(
     deadline, bound = Deadline.after(time_limit), elastomer_bound(prior)
     (sure, sure_files), (own, own_files) = named_effects(known), named_effects(private)
     taken, bulge = taken_with_nu(recordings, cluster=cluster)
-    with step_pool(workers, cluster) as each, console.progress_bar("diagnosing") as progress:
+    with step_pool(workers, cluster) as each, console.progress_bar("diagnosing:") as progress:
         watch, data = Watch(progress, deadline, each), observed(taken)
         asked = partial(method.diagnose, data, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
         found = _asked_of_frames(asked, taken, seed)

@@ -9,15 +9,33 @@ from pathlib import Path
 from tactilevision.errors import InputError
 
 MAX_NAME = 255  # bytes of a file's name; file systems take no more
-_OUTWARD = re.compile(r"^[/\\~]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)|\0")
+_OUTWARD = re.compile(r"^[/\\~]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
+_UNPLAIN = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")  # Python has undecodable bytes as the last
+
+
+def is_plain(text: str) -> bool:
+    """Whether a table or a message can hold it: no line break, no escape, no NUL, and UTF-8."""
+    return _UNPLAIN.search(text) is None
+
+
+def check_plain(name: str, *, where: object) -> None:
+    """Raise InputError for a file's name that is not plain."""
+    if not is_plain(name):
+        raise InputError(
+            "a file's name holds a control character, or is not UTF-8",
+            where=where,
+            value=name,
+            remedy="Rename it.",
+        )
 
 
 def inside(folder: Path, name: str, *, where: object) -> Path:
-    """`folder / name`. Raises InputError where that leads out of the folder, or is too long for a file's name.
+    """`folder / name`. Raises InputError where that leads out of the folder, is too long, or is not plain.
 
     `where` is the file that says so.
     """
     path = folder / name
+    check_plain(name, where=where)
     if len(name.encode(errors="replace")) > MAX_NAME:
         raise InputError("a name is longer than a file can have", where=where, value=f"{name[:40]}...")
     if not name or _OUTWARD.search(name) or (_linked(folder, name) and not _within(path, folder)):

@@ -19,18 +19,22 @@ _KINDS = {
 }
 
 
+class IrregularFileError(InputError):
+    """A pipe, a device, a folder or a socket stands where a file should."""
+
+
 def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
     """Open a file for reading bytes; `limit` names the largest size.
 
-    Raises InputError for a pipe, a device, a folder or a socket, and for a file beyond the limit; OSError where
-    the file system refuses. It never waits: a pipe is opened without blocking, and told by what it is.
+    Raises IrregularFileError for a pipe, a device, a folder or a socket; InputError for a file beyond the limit;
+    OSError where the file system refuses. It never waits: a pipe is opened without blocking, and told apart.
     """
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
     try:
         about = os.fstat(handle)
         kind = stat.S_IFMT(about.st_mode)
         if kind != stat.S_IFREG:
-            raise InputError(
+            raise IrregularFileError(
                 f"is {_KINDS.get(kind, 'no regular file')}, not a file",
                 where=path,
                 remedy="Copy what it gives into a file.",

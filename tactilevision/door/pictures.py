@@ -65,6 +65,17 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
     return None
 
 
+def is_stack(data: bytes) -> bool:
+    """Whether a TIFF holds a second picture, which is no smaller copy of the first (TIFF 6.0, p. 36: tag 254)."""
+    if data[:4] not in _TIFF and data[:4] not in _BIG_TIFF:
+        return False
+    try:
+        after = _directory(data, None)[1]
+        return after != 0 and not _directory(data, after)[0].get(254, 0) & 1
+    except (struct.error, IndexError, KeyError, OverflowError):
+        return False  # damaged: its decoder says so
+
+
 def is_cut(data: bytes) -> bool:
     """Whether a PNG or a JPEG lacks its end: decoders fill up what is lost, or reserve what a chunk states."""
     if data.startswith(_JPEG):  # its data hold no such marks: the end follows the last start of a scan
@@ -94,16 +105,28 @@ def _jpeg(data: bytes) -> tuple[int, int] | None:
 
 
 def _tiff(data: bytes) -> tuple[int, int] | None:
-    """Of the first picture in the file, which is the one that is read; of a tag that stands twice, the first."""
+    """Of the first picture in the file, which is the one that is read."""
+    found = _directory(data, None)[0]
+    return (int(found[256]), int(found[257])) if {256, 257} <= set(found) else None
+
+
+def _directory(data: bytes, start: int | None) -> tuple[dict[int, int], int]:
+    """Tags 254, 256, 257 of the directory at `start` (None: the first), and where the next one is, 0 for none.
+
+    Of a tag that stands twice, the first.
+    """
     big = data[:4] in _BIG_TIFF
     order = _BIG_TIFF[data[:4]] if big else _TIFF[data[:4]]
-    start = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)[0]
+    if start is None:
+        start = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)[0]
     count = struct.unpack_from(order + ("Q" if big else "H"), data, start)[0]
     first, entry, number = (8, 20, "Q") if big else (2, 12, "I")
     found: dict[int, int] = {}
     for k in range(min(count, 4096)):
         at = start + first + entry * k
         tag, kind, _ = struct.unpack_from(order + "HH" + number, data, at)
-        if tag in (256, 257):
+        if tag in (256, 257) or (tag == 254 and kind in _WHOLE):
             found.setdefault(tag, struct.unpack_from(order + _WHOLE[kind], data, at + 4 + (8 if big else 4))[0])
-    return (int(found[256]), int(found[257])) if len(found) == 2 else None
+    after = start + first + entry * count
+    there = after + struct.calcsize(number) <= len(data)
+    return found, struct.unpack_from(order + number, data, after)[0] if there else 0

@@ -63,6 +63,7 @@ RC: Any = {
     "legend.frameon": False,
     "lines.linewidth": 1.6,
     "figure.dpi": 150,
+    "text.parse_math": False,  # labels are the user's: "$x_{$" is text
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -14,6 +15,9 @@ from tactilevision.recording.model import Recording
 from tactilevision.recording.names import some
 from tactilevision.records import Press
 
+MIN_GAP_S = 2.0  # s without readings; presses last some seconds, so less leaves none out of step
+MIN_GAP_STEPS = 20  # usual steps without readings; loggers lose a few
+SAME_PAUSE = 1.5  # times the frames' longest pause; frames come at presses alone, and end some seconds before
 _SPARE = 0.1  # share of a press that the readings may miss at its end: free gel, where only the zero is read
 
 
@@ -58,9 +62,10 @@ def doubts(recording: Recording) -> Iterator[str]:
     yield from _doubts_of_frames(recording)
     yield from _doubts_of_forces(recording)
     yield from _doubts_of_depths(recording)
-    labels = [point.press for point in recording.points]
-    if len(set(labels)) < len(labels):
-        yield f"{layout.POINTS}: some presses have more than one row"
+    rows = Counter(point.press for point in recording.points)
+    twice = [press for press, count in rows.items() if count > 1]
+    if twice:
+        yield f"{layout.POINTS}: more than one row each has {some(twice)}"
     starts = [curve.time_s[0] for curve in recording.curves]
     if any(after < before for before, after in pairwise(starts)):
         yield f"{layout.CURVES}: time_s starts anew between presses, so rest and order cannot be told"
@@ -75,7 +80,8 @@ def _doubts_of_frames(recording: Recording) -> Iterator[str]:
         yield f"{layout.FRAME_TABLE}: {equal} frames have the very time of the frame before"
     blind = [p.press for p in recording.presses if p.start_s > times[-1] or p.end_s < times[0]]
     if blind:
-        yield f"{layout.PRESSES}: no frames were taken during {some(blind)}"
+        clock = f". Is {layout.FRAME_TABLE} in ms, or of another clock?" * (len(blind) == len(recording.presses))
+        yield f"{layout.PRESSES}: no frames were taken during {some(blind)}{clock}"
 
 
 def _doubts_of_forces(recording: Recording) -> Iterator[str]:
@@ -85,7 +91,16 @@ def _doubts_of_forces(recording: Recording) -> Iterator[str]:
     step_s = float(np.median(np.diff(times)))
     rate = recording.force_rate_Hz
     if rate is not None and step_s > 0 and not math.isclose(1 / step_s, rate, rel_tol=0.1):
-        yield f"{layout.FORCES}: readings come at {1 / step_s:.4g} Hz, not at rate_Hz = {rate:g}"
+        in_ms = ": is time_s in ms?" * math.isclose(1e3 / step_s, rate, rel_tol=0.1)
+        yield f"{layout.FORCES}: readings come at {1 / step_s:.4g} Hz, not at rate_Hz = {rate:g}{in_ms}"
+    longest = int(np.argmax(np.diff(times)))
+    gap_s = float(times[longest + 1] - times[longest])
+    pause_s = float(np.diff(recording.frame_times_s).max(initial=0.0))  # of both: a change of indenter
+    if gap_s > max(MIN_GAP_S, MIN_GAP_STEPS * step_s, SAME_PAUSE * pause_s):
+        yield (
+            f"{layout.FORCES}: no readings for {gap_s:.3g} s after time_s = {times[longest]:.6g}: where the clock "
+            "jumped, forces after it belong to other moments than they state"
+        )
     free = float(np.median(normal))
     if free - normal.min() > 2 * (normal.max() - free) and free - normal.min() > 20 * recording.forces.std_N[2]:
         yield f"{layout.FORCES}: fz_N mostly falls where the gel is pressed; it is to grow: see [force] rotation"

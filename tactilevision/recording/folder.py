@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.guess import guess_flats, guess_scale
 from tactilevision.recording.model import Recording
+from tactilevision.recording.names import some
 from tactilevision.recording.pictures import check_references, find_frames, first_look, list_images, most_sizes
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.sensor import build_sensor
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from tactilevision.recording.settings import SensorSettings
 
 MAX_LOOKED = 1000  # files and folders below a folder that are looked at for pictures
+# pictures of kinds that are not read; other files beside frames are no one's loss
+_UNREAD = (".gif", ".webp", ".heic", ".avif", ".jp2", ".jxl", ".ppm", ".dng", ".raw", ".exr")
 MAX_NAMED = 5  # endings of files that one sentence names
 _READ = f"Read are {', '.join(layout.IMAGE_SUFFIXES)}, and videos: {', '.join(layout.VIDEO_SUFFIXES)}."
 
@@ -60,7 +64,7 @@ def read_folder(
     white_level = settings.white_level if settings else white_level
     size, seen = first_look(frames_path, names, white_level=white_level)
     size, first, odd = most_sizes(frames_path, names, size)
-    warnings += seen + odd + _cut_short(frames_path, len(names))
+    warnings += seen + odd + _cut_short(frames_path, len(names)) + _passed_over(frames_path)
     found = (flats, (), ()) if flats else guess_flats(root, frames_path, names if guess else (), first=first)
     check_references(size, found[0][:1])
     if settings is not None:
@@ -132,6 +136,13 @@ def _elsewhere(root: Path) -> str:
         return f"There are some in {folders[0]}. "
     others = sorted({path.suffix.lower() for path in root.iterdir() if path.is_file() and path.suffix})
     return f"It holds {', '.join(others[:MAX_NAMED])}. " if others else ""
+
+
+def _passed_over(folder: Path) -> tuple[str, ...]:
+    """A warning for pictures of a kind that is not read, since their frames are missed by nobody else."""
+    entries = sorted(os.listdir(folder)) if folder.is_dir() else []
+    left = [name for name in entries if name.lower().endswith(_UNREAD) and name[0] != "."]
+    return (f"passed over, since pictures of this kind are not read: {some(left)}",) * bool(left)
 
 
 def _cut_short(video: Path, count: int) -> tuple[str, ...]:

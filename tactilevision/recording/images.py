@@ -17,8 +17,8 @@ import numpy.typing as npt
 from tactilevision.door.arrays import DamagedArrayError, read_array
 from tactilevision.door.decoding import decode
 from tactilevision.door.limits import check
-from tactilevision.door.opening import read_bytes
-from tactilevision.door.pictures import UnknownPictureError, check_picture, is_cut, is_grey
+from tactilevision.door.opening import IrregularFileError, read_bytes
+from tactilevision.door.pictures import UnknownPictureError, check_picture, is_cut, is_grey, is_stack
 from tactilevision.errors import RecordingError
 from tactilevision.records import Bytes
 
@@ -48,6 +48,8 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
         data = read_bytes(path)
     except FileNotFoundError as fault:
         raise TornImageError("the file is missing", where=path, remedy=_REMEDY_TORN) from fault
+    except IrregularFileError as fault:
+        raise TornImageError(fault.what, where=path, remedy=fault.remedy) from fault
     except OSError as fault:
         raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
     return _stored(data, path)
@@ -67,6 +69,12 @@ def _stored(data: bytes, path: Path) -> npt.NDArray[Any]:
         check_picture(data, where=path)
     except UnknownPictureError as fault:
         raise TornImageError(fault.what, where=path, value=fault.value, remedy=fault.remedy) from fault
+    if is_stack(data):
+        raise RecordingError(
+            "the file holds several pictures, and a frame is one",
+            where=path,
+            remedy="Save each as a file of its own, or all as a video.",
+        )
     picture = _decoded(data, path)
     if is_grey(data):
         return picture[..., 0] if picture.ndim == 3 else picture

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.door.names import inside
+from tactilevision.door.names import check_plain, inside
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.images import TornImageError, as_rgb, read_stored
@@ -30,8 +30,14 @@ _MAX_MISSING = 0.5  # share of the listed pictures that may be missing
 
 
 def list_images(folder: Path) -> list[str]:
-    """Names of the pictures in a folder, in the order in which a person counts (2 before 10)."""
-    return sorted(_image_names(folder), key=_as_counted)
+    """Names of the pictures in a folder, in the order in which a person counts (2 before 10).
+
+    Raises InputError for a name that no table can hold.
+    """
+    names = sorted(_image_names(folder), key=_as_counted)
+    for name in names:
+        check_plain(name, where=folder)
+    return names
 
 
 def _image_names(folder: Path) -> list[str]:

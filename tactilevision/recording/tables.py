@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.door.limits import check
+from tactilevision.door.names import is_plain
 from tactilevision.door.numbers import check_numbers
 from tactilevision.door.opening import open_regular
 from tactilevision.errors import RecordingError
@@ -105,11 +106,18 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
         extra={name: _guess(texts[name]) for name in header if name not in columns.known},
         warnings=_misspelt(path, header, columns),
     )
-    for name in columns.words:
-        for row, word in enumerate(table.words[name]):
-            if not word:
-                raise table.fault(row, f"column {name} is empty")
+    _check_words(table, columns)
     return table
+
+
+def _check_words(table: Table, columns: Columns) -> None:
+    """Raise for text that is missing, or that no table, page or file's name can hold."""
+    for name, words in table.words.items():
+        for row, word in enumerate(words):
+            if not word and name in columns.words:
+                raise table.fault(row, f"column {name} is empty")
+            if not is_plain(word):
+                raise table.fault(row, f"column {name} holds a control character", value=word, remedy="Remove it.")
 
 
 def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:

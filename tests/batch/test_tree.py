@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -117,13 +118,17 @@ def test_a_frame_of_another_size_and_a_link_to_nowhere_are_bad_frames_only(tmp_p
     cv2.imwrite(str(root / "a" / "005.png"), np.full((48, 64), 90, np.uint8))
     (root / "a" / "000.png").unlink()
     (root / "a" / "000.png").symlink_to("nowhere.png")
+    bomb = bytearray((root / "a" / "006.png").read_bytes())
+    bomb[16:24] = struct.pack(">II", 100_000, 100_000)  # pixels that its header states
+    (root / "a" / "006.png").write_bytes(bomb)
     for workers in (1, 2):
         (branch,) = reconstruct_tree(root, tmp_path / str(workers), read=read, light=light, workers=workers)
         bad = {row.frame: row.status for row in branch.rows if row.status != "ok"}
         assert len(branch.rows) == 30
-        assert list(bad) == ["000.png", "004.png", "005.png"]
+        assert list(bad) == ["000.png", "004.png", "005.png", "006.png"]
         assert all(status.startswith("unreadable") for status in bad.values())
         assert "two sizes" in bad["004.png"]
+        assert "beyond the limit" in bad["006.png"]
 
 
 def test_results_that_cannot_be_written_end_in_one_line(tmp_path: Path) -> None:

@@ -9,11 +9,14 @@ import pytest
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.inputs.checks import usable
+from calibration.inputs.copies import without_copies
 from calibration.inputs.observations import Observations
 from calibration.repeats.repeat_noise import beyond_stated
 from calibration.result.material import determine_material
 from calibration.tasks.diagnose import concluded
 from tactilevision.errors import InputError
+
+SAMPLED = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_std_mm", "force_std_N")
 
 
 def made(count: int = 12) -> Observations:
@@ -51,6 +54,18 @@ def test_a_press_copied_from_another_recording_is_named_with_it() -> None:
 def test_presses_of_one_law_that_repeat_each_other_are_no_copies() -> None:
     data = made()
     assert usable(data).count == data.count
+
+
+def test_points_equal_to_each_other_stay_and_are_named() -> None:
+    data = made()
+    points = replace(
+        data, press=np.arange(data.count), **{name: getattr(data, name)[data.first] for name in SAMPLED}
+    )
+    assert not points.is_curves
+    assert without_copies(points).warnings == points.warnings
+    kept = without_copies(copied(points, 2, onto=8))
+    assert kept.count == points.count
+    assert "copies if not rounded alike: p8 of p2" in kept.warnings[-1]
 
 
 @pytest.mark.parametrize("stated", [True, False], ids=["speed stated", "speed not stated"])

@@ -17,10 +17,11 @@ import pytest
 from test_sources import FakeCapture
 
 from tactilevision.camera import sources
-from tactilevision.camera.loop import Told
+from tactilevision.camera.foxglove import Foxglove
+from tactilevision.camera.loop import Counts, Told
 from tactilevision.camera.preview import Preview, draw, words
 from tactilevision.cli import main
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, OutputError
 from tactilevision.live import Stream
 from tactilevision.profile.sensor import load_sensor
 from tactilevision.profile.write import write_profile
@@ -153,6 +154,19 @@ def test_a_camera_of_another_size_without_a_profile_or_told_wrongly_is_refused(
     assert "no frame could be read" in capsys.readouterr().err
 
 
+def test_the_histogram_names_its_last_step_by_where_it_begins() -> None:
+    counts = Counts()
+    for age_ms in (0.2, 300.0, 4000.0):
+        counts.add(age_ms)
+    steps = [line.split("#")[0].split() for line in counts.lines()]
+    assert steps == [
+        ["0", "to", "0.5", "ms", "1"],
+        ["250", "to", "500", "ms", "1"],
+        ["over", "1000", "ms", "1"],
+    ]
+    assert len({len(line.split("#")[0]) for line in counts.lines()}) == 1, "the bars stand below each other"
+
+
 def test_a_newer_reference_is_taken(profile: Path, tmp_path: Path) -> None:
     words = ("--camera", folder(tmp_path / "f"), "--sensor", profile, "--every", "--frames", 2)
     assert run("live", *words, "--reference", tmp_path / "f" / "0.png") == 0
@@ -171,6 +185,7 @@ def test_the_page_shows_picture_depth_and_numbers(profile: Path) -> None:
     assert "fz +0." in lines[1]
     assert "fx" not in lines[1], "what is not known is not shown"
     assert lines[2] == "60 frames a second, 12 ms old"
+    assert words(told(profile, free(3)), rate_Hz=60.0)[0] == "a.png: nothing touches, no force"
     picture = draw(pressed(), seen, rate_Hz=60.0)
     assert picture.shape[1] == 2 * SHAPE[1]
     with Preview(load_sensor(profile).reconstructor, 0) as page:
@@ -211,6 +226,20 @@ def test_an_mcap_file_holds_every_frame_for_another_reader(profile: Path, tmp_pa
     assert wrenches[7]["force_N"][:2] == [None, None]
     assert wrenches[7]["force_N"][2] > 0.1
     assert [name.name for name in path.parent.iterdir()] == ["live.mcap"]
+
+
+def test_an_mcap_file_that_cannot_be_ended_is_told_and_leaves_nothing(profile: Path, tmp_path: Path) -> None:
+    class Full:
+        def close(self) -> None:
+            raise RuntimeError("MCAP error: No space left on device")
+
+    outlet = Foxglove(load_sensor(profile).reconstructor, mcap=tmp_path / "live.mcap")
+    assert outlet._writer is not None
+    outlet._writer.close()
+    outlet._writer = Full()
+    with pytest.raises(OutputError, match=r"live.mcap: cannot be written: .*No space left"), outlet:
+        pass
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_mcap_file_is_whole_where_the_camera_went(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -280,3 +281,14 @@ def test_a_press_without_a_contact_event_shows_none() -> None:
     said = [axes.get_title("left") for axes in press(height_map(), certain=False).axes]
     assert "Frame of the press" in said
     assert not any("event" in title for title in said)
+
+
+def test_a_label_with_dollar_signs_is_text(tmp_path: Path) -> None:
+    @style.house_look
+    def draw() -> None:
+        figure, axes = style.new_figure(2, 2)
+        axes[0].set_title("press $x_{$")
+        figure.savefig(tmp_path / "a.png")
+
+    draw()
+    assert (tmp_path / "a.png").stat().st_size > 0

@@ -199,6 +199,37 @@ def test_what_is_legal_but_unlikely_is_a_warning(folder: Path) -> None:
     assert "readings come at 100 Hz, not at rate_Hz = 500" in warnings
 
 
+def test_times_in_milliseconds_are_asked_about(folder: Path) -> None:
+    for name, begin in (("frames.csv", 1e5), ("forces.csv", 0.0)):
+        rows = [line.split(",") for line in (folder / name).read_text().splitlines()]
+        column = rows[0].index("time_s")
+        for row in rows[1:]:
+            row[column] = str(1000 * float(row[column]) + begin)
+        (folder / name).write_text("\n".join(map(",".join, rows)))
+    warnings = "\n".join(read_recording(folder).warnings)
+    assert "no frames were taken during 1, 2. Is frames.csv in ms, or of another clock?" in warnings
+    assert "readings come at 0.1 Hz, not at rate_Hz = 100: is time_s in ms?" in warnings
+
+
+def test_a_clock_of_forces_that_jumps_is_told(folder: Path) -> None:
+    rows = [line.split(",") for line in (folder / "forces.csv").read_text().splitlines()]
+    for row in rows[51:]:
+        row[0] = str(float(row[0]) + 60)
+    (folder / "forces.csv").write_text("\n".join(map(",".join, rows)))
+    assert any("no readings for 60 s after time_s = 0.49" in said for said in read_recording(folder).warnings)
+
+
+def test_presses_with_two_rows_are_named(folder: Path) -> None:
+    (folder / "points.csv").write_text(f"{POINTS}\n1,A1,0.1,1\n2,A1,0.2,2\n1,A1,0.1,1\n")
+    assert "points.csv: more than one row each has 1" in read_recording(folder).warnings
+
+
+@pytest.mark.parametrize(("name", "word"), [("presses.csv", "A1"), ("frames.csv", "f3")])
+def test_text_with_a_control_character_is_refused(folder: Path, name: str, word: str) -> None:
+    edit(folder / name, word, f"{word}\0")
+    assert "holds a control character" in message(folder)
+
+
 def test_forces_of_the_wrong_sign_are_doubted(folder: Path) -> None:
     text = (folder / "forces.csv").read_text()
     negative = re.sub(r",([0-9.]+)\n", lambda found: f",{-max(float(found[1]) - 0.5, 0)}\n", text)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tactilevision.errors import RecordingError
-from tactilevision.recording import read_folder, write_image
+from tactilevision.errors import InputError, RecordingError
+from tactilevision.recording import BadFrame, iter_frames, read_folder, write_image
 
 
 def pictures(folder: Path, sizes: list[tuple[int, int]]) -> Path:
@@ -62,3 +63,33 @@ def test_a_folder_without_pictures_says_where_some_lie_or_what_it_holds(tmp_path
         read_folder(tmp_path / "b", "gelsight_mini")
     with pytest.raises(RecordingError, match="is neither a picture nor a video that is read"):
         read_folder(tmp_path / "b" / "x.webp", "gelsight_mini")
+
+
+def test_pictures_of_a_kind_that_is_not_read_are_told_of(tmp_path: Path) -> None:
+    folder = pictures(tmp_path / "a", [(32, 24)] * 3)
+    (folder / "notes.txt").write_text("")
+    (folder / "3.WEBP").write_bytes(b"")
+    said = " ".join(read_folder(folder, "gelsight_mini").warnings)
+    assert "passed over, since pictures of this kind are not read: 3.WEBP" in said
+    assert "notes" not in said
+
+
+@pytest.mark.parametrize("name", [b"caf\xe9.png", b"a\nb.png", b"\x1b[31mred.png"])
+def test_a_name_that_no_table_can_hold_is_refused(tmp_path: Path, name: bytes) -> None:
+    folder = pictures(tmp_path / "a", [(32, 24)] * 3)
+    try:
+        os.rename(folder / "1.png", os.fsencode(folder) + b"/" + name)
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    with pytest.raises(InputError, match="holds a control character, or is not UTF-8"):
+        read_folder(folder, "gelsight_mini")
+
+
+def test_a_folder_or_a_pipe_with_a_picture_s_name_is_a_lost_picture_only(tmp_path: Path) -> None:
+    folder = pictures(tmp_path / "a", [(32, 24)] * 3)
+    (folder / "00.png").mkdir()
+    os.mkfifo(folder / "9.png")
+    found = read_folder(folder, "gelsight_mini")
+    assert found.frame_size_px == (32, 24)
+    lost = [frame.why for frame in iter_frames(found) if isinstance(frame, BadFrame)]
+    assert lost == ["is a folder, not a file", "is a pipe, not a file"]
