@@ -1,6 +1,6 @@
 """The command line with a fault inside: FAULT holds what happens, and before which event on a file of the output.
 
-Workers import this module, too, as the main module of their parent, so that the fault may lie in them.
+A fault may lie in the workers: a forked one has its parent's hook, a spawned one imports this as its main module.
 """
 
 from __future__ import annotations
@@ -18,14 +18,18 @@ FAULT, MODULES = "TACTILEVISION_FAULT", "TACTILEVISION_MODULES"
 
 
 class Hook:
-    """Counts the events that write below `out`; before the one numbered `at` the process is killed."""
+    """Counts the events that write below `out`; before the one numbered `at` the process is killed.
 
-    def __init__(self, out: str, at: int | None, count: str | None) -> None:
+    It acts in the process that made it or, `in_forked`, in each that was forked from it.
+    """
+
+    def __init__(self, out: str, at: int | None, count: str | None, *, in_forked: bool) -> None:
         self.out, self.at, self.count, self.seen = out, at, count, 0
+        self.maker, self.in_forked = os.getpid(), in_forked
 
     def __call__(self, event: str, given: tuple[Any, ...]) -> None:
         """What sys.addaudithook calls."""
-        if event not in EVENTS or not self._writes(event, given):
+        if event not in EVENTS or (os.getpid() != self.maker) != self.in_forked or not self._writes(event, given):
             return
         if self.seen == self.at:
             os.kill(os.getpid(), signal.SIGKILL)
@@ -44,8 +48,10 @@ class Hook:
 
 def install(said: dict[str, Any], *, is_worker: bool) -> None:
     """Put a fault into this process."""
-    if said.get("worker", False) == is_worker and "out" in said:
-        sys.addaudithook(Hook(said["out"], said.get("at"), said.get("count")))
+    in_workers = said.get("worker", False)
+    if "out" in said and (in_workers or not is_worker):
+        in_forked = in_workers and not is_worker
+        sys.addaudithook(Hook(said["out"], said.get("at"), said.get("count"), in_forked=in_forked))
     if "clock_s" in said:
         now = time.time
         time.time = lambda: now() + said["clock_s"]

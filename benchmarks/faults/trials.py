@@ -22,28 +22,30 @@ OLD = b"\n old"  # marks a file of an earlier run
 
 @dataclass(frozen=True, slots=True)
 class Undisturbed:
-    """The results of a run that nothing disturbs; its length in s; its events that write, and its workers'."""
+    """The results of a run that nothing disturbs; its length in s; its own events that write, and its workers'."""
 
     command: Command
     out: Path
     found: Mapping[str, bytes]
     seconds: float
     events: int
+    worker_events: int
 
 
 def undisturbed(command: Command, folder: Path) -> Undisturbed:
     """Run it, counting the events that write; its length is that of a run like those that follow."""
-    out, count = folder / "undisturbed", folder / "count"
+    out, count, worker_count = folder / "undisturbed", folder / "count", folder / "worker_count"
+    worker_count.touch()
     first = run(command, out, fault={"count": str(count)}, fresh=True)
     assert first.code == 0, first.said
     if command.workers == 1:
         import_what_it_took(out.with_name("undisturbed.said"))
     start = time.monotonic()
-    assert run(command, folder / "again").code == 0
+    assert run(command, folder / "again", fault={"count": str(worker_count), "worker": True}).code == 0
     seconds, found, second = time.monotonic() - start, contents(out), contents(folder / "again")
     for name in sorted(name for name in set(found) | set(second) if found.get(name) != second.get(name)):
         print(f"{command.name}: {name} differs between two runs that nothing disturbs")
-    return Undisturbed(command, out, found, seconds, count.stat().st_size)
+    return Undisturbed(command, out, found, seconds, count.stat().st_size, worker_count.stat().st_size)
 
 
 def earlier_results(whole: Undisturbed, out: Path) -> dict[str, bytes]:
@@ -109,7 +111,7 @@ def killed(
 
 def worker_killed(whole: Undisturbed, out: Path, rng: np.random.Generator) -> list[str] | None:
     """kill -9 of a worker before a drawn event of its own: one line, and what is done is kept."""
-    each = max(4, (whole.events // 4) // whole.command.workers)
+    each = max(4, whole.worker_events // whole.command.workers)
     ended = run(whole.command, out, fault={"worker": True, "at": int(rng.integers(each))})
     if ended.code == 0:
         return None
