@@ -41,8 +41,8 @@ NEAR_LEVELS = (
     1e-5,
     0.1,
 )  # p from which to which more draws may decide otherwise: levels are .001 to .05; 6.5e-5 of 399 was .002 to .005
-PORTION = 400  # draws made at once
-PORTION_VALUES = 6e6  # forces made at once, 48 MB: fewer draws from 15,000 samples on
+PORTION = 300  # draws made at once
+PORTION_VALUES = 4.5e6  # forces made at once, 36 MB: fewer draws from 15,000 samples on
 BATCH = 50  # draws of one step, which any process may do: .2 s for 1600 samples
 FAR_FROM = (
     4.0  # times the level: of 99 draws a fifth or more are below p, and with p at the level 1e-7 of the time

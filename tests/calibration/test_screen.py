@@ -178,7 +178,7 @@ def looks(data: Observations, seed: int = 1) -> score_test_page._Looks:
 
 
 def test_draws_are_made_in_portions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1,600 draws of 14,400 samples at once took 600 MB: at most 400 are made at once, of many samples fewer."""
+    """1,600 draws of 14,400 samples at once took 600 MB: at most 300 are made at once, of many samples fewer."""
     asked, null = [], Cast.null
 
     def counted(self: Cast, rng: np.random.Generator, draws: int) -> tuple[Floats, Floats]:
@@ -190,7 +190,7 @@ def test_draws_are_made_in_portions(monkeypatch: pytest.MonkeyPatch) -> None:
     assert sum(len(one[0]) for one in screen.drawn(np.random.default_rng(0), 900, in_turn)) == 900
     monkeypatch.setattr(score_test_page, "PORTION_VALUES", 100.5 * presses().size)
     screen.drawn(np.random.default_rng(0), 250, in_turn)
-    assert asked == [400, 400, 100, 100, 100, 50]
+    assert asked == [300, 300, 300, 100, 100, 50]
 
 
 def test_more_draws_say_what_scatter_is_usual_for_the_residual_too() -> None:
