@@ -38,9 +38,11 @@ MANY_DRAWS = (
     1999  # where p lies near a level: of 399 with heavy presses it varied 300 times, of these 3 (others_curves)
 )
 NEAR_LEVELS = (
-    2.5e-4,
+    1e-5,
     0.1,
-)  # p from which to which more draws may decide otherwise: levels are .01 and .025 to .05
+)  # p from which to which more draws may decide otherwise: levels are .001 to .05; 6.5e-5 of 399 was .002 to .005
+PORTION = 300  # draws made at once
+PORTION_VALUES = 4.5e6  # forces made at once, 36 MB: fewer draws from 15,000 samples on
 BATCH = 50  # draws of one step, which any process may do: .2 s for 1600 samples
 FAR_FROM = (
     4.0  # times the level: of 99 draws a fifth or more are below p, and with p at the level 1e-7 of the time
@@ -56,6 +58,8 @@ FORM = (
 )
 HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
+
+_Rows = tuple[Floats, Floats, Floats]  # scores (b, k), scatter while loading (b, M'), what presses say (b, q)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +129,15 @@ def score_test(
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
     looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
     keys = [*tables, *plain, *steps, *looks.names]
-    table = looks.table(rng, min(FIRST_DRAWS, draws), each)
+    rows = [looks.own(), *looks.drawn(rng, min(FIRST_DRAWS, draws), each)]
+    table = looks.table(rows)
     found = _family(keys, table, len(tables), missing)
     undecided = ((draws, (0.0, FAR_FROM * LEVEL)), (MANY_DRAWS if draws >= DRAWS else draws, NEAR_LEVELS))
     for enough, (low, high) in undecided:
         smallest = min((s.p_adjusted for part in found for s in part), default=1.0)
         if len(table) <= enough and low <= smallest < high:
-            table = np.vstack([table, looks.table(rng, enough + 1 - len(table), each)[1:]])
+            rows += looks.drawn(rng, enough + 1 - len(table), each)
+            table = looks.table(rows)
             found = _family(keys, table, len(tables), missing)
     named, rest, of_residual = *found, {*steps, SCATTER}
     return ScoreTest(
@@ -164,25 +170,34 @@ class _Looks:
         self._presses = PressLooks(fitted) if of_rig else None
         self.names = [*([SCATTER] if self._scatter.seen else []), *(self._presses.names if self._presses else [])]
 
-    def table(self, rng: np.random.Generator, draws: int, each: Each) -> Floats:
-        """Statistics (1 + draws, n) of the residual itself and of each draw; a batch of draws is one step."""
-        own = self._fitted.residual_N[:, None], self._cast.own_priors[:, None]
-        errors, priors = self._cast.null(rng, draws)
-        cuts = np.arange(0, draws, BATCH)[1:]
-        given = list(zip(np.split(errors, cuts, axis=1), np.split(priors, cuts, axis=1), strict=True))
-        parts = [self._part(*own, [self._fitted.noise]), *(fetch() for fetch in each(self._drawn, given))]
-        scores, loading, presses = (np.concatenate(part) for part in zip(*parts, strict=True))
+    def own(self) -> _Rows:
+        """What the residual itself says."""
+        return self._part(self._fitted.residual_N[:, None], self._cast.own_priors[:, None], [self._fitted.noise])
+
+    def drawn(self, rng: np.random.Generator, draws: int, each: Each) -> list[_Rows]:
+        """The same of so many draws, made in portions; a batch of draws is one step."""
+        most, rows = max(1, min(PORTION, int(PORTION_VALUES / self._fitted.data.size))), []
+        for begin in range(0, draws, most):
+            errors, priors = self._cast.null(rng, min(most, draws - begin))
+            cuts = np.arange(0, errors.shape[1], BATCH)[1:]
+            given = list(zip(np.split(errors, cuts, axis=1), np.split(priors, cuts, axis=1), strict=True))
+            rows += [fetch() for fetch in each(self._drawn, given)]
+        return rows
+
+    def table(self, rows: Sequence[_Rows]) -> Floats:
+        """Statistics (1 + draws, n) of the residual, first of `rows`, and of draws, which say what is usual."""
+        scores, loading, presses = (np.concatenate(part) for part in zip(*rows, strict=True))
         if not self._scatter.seen:
             return np.hstack([scores, presses])
         usual = float(np.mean([one.mean() for one in loading[1:]]))
         scattered = np.array([self._scatter.statistic(one, usual) for one in loading])
         return np.column_stack([scores, scattered, presses])
 
-    def _drawn(self, given: tuple[Floats, Floats]) -> tuple[Floats, Floats, Floats]:
+    def _drawn(self, given: tuple[Floats, Floats]) -> _Rows:
         """`_part` of drawn errors (N, b) and priors (k, b), each under the noise estimated anew from it."""
         return self._part(*given, renewed_noise(self._fitted, given[0]))
 
-    def _part(self, errors: Floats, priors: Floats, noises: Sequence[Noise]) -> tuple[Floats, Floats, Floats]:
+    def _part(self, errors: Floats, priors: Floats, noises: Sequence[Noise]) -> _Rows:
         """Scores (b, k), how much more each press scatters while loading (b, M'), and what presses say (b, q)."""
         count, most = len(noises), self._searched
         scores = np.array(

@@ -24,7 +24,7 @@ class Ageing(EffectBase):
     key = "ageing"
     title = "the gel hardens with age"
     stage = Stage.MATERIAL
-    seen_in = ("recording date", "time")
+    seen_in = ("recording date", "order")
     confused_with = ("force_gain", "temperature")
     separated_by = ("a dead weight each time", "later recordings")
     source = "Struik (1978), ch. 4"

@@ -28,7 +28,7 @@ class ClockOffset(EffectBase):
     key = "clock_offset"
     title = "the clocks of depth and force differ"
     stage = Stage.DEPTH
-    seen_in = ("rate", "load/unload")
+    seen_in = ("log rate", "load/unload")
     confused_with = ("viscoelasticity",)
     separated_by = ("a hold", "fast and slow presses")
     source = "definition"

@@ -28,7 +28,7 @@ class LateralBoundary(EffectBase):
     key = "lateral_boundary"
     title = "the gel's edge is near"
     stage = Stage.GEOMETRY
-    seen_in = ("x", "y")
+    seen_in = ("x", "y", "azimuth")
     confused_with = ("youngs_modulus", "thickness_wedge")
     separated_by = ("presses at several places",)
     source = "Horgan, Knowles, Adv. Appl. Mech. 23 (1983) 179"

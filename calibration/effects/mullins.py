@@ -32,7 +32,7 @@ class Mullins(EffectBase):
     key = "mullins"
     title = "the gel is softer where it was pressed before"
     stage = Stage.HISTORY
-    seen_in = ("w/w_max", "order")
+    seen_in = ("w", "load/unload", "order")
     confused_with = ("recovery",)
     separated_by = ("a virgin spot", "varied waits")
     source = "Ogden, Roxburgh, Proc. R. Soc. A 455 (1999) 2861; Mars, Tire Sci. Technol. 32 (2004) 120"

@@ -27,7 +27,7 @@ class Thickness(EffectBase):
     key = "thickness"
     title = "the gel is not as thick as stated"
     stage = Stage.GEOMETRY
-    seen_in = ("a", "beta")
+    seen_in = ("a",)
     confused_with = ("youngs_modulus", "edge_fillet", "stiffening")
     separated_by = ("several radii", "a gauge")
     source = "the law"

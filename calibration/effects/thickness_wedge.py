@@ -26,7 +26,7 @@ class ThicknessWedge(EffectBase):
     key = "thickness_wedge"
     title = "the gel is thicker on one side"
     stage = Stage.GEOMETRY
-    seen_in = ("x", "y")
+    seen_in = ("x", "y", "azimuth")
     confused_with = ("lateral_boundary",)
     separated_by = ("presses at opposite places",)
     source = "the law"

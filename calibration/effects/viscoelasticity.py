@@ -35,7 +35,7 @@ class Viscoelasticity(EffectBase):
     key = "viscoelasticity"
     title = "the gel relaxes under load"
     stage = Stage.HISTORY
-    seen_in = ("t", "rate", "load/unload")
+    seen_in = ("t", "log rate", "load/unload")
     confused_with = ("stiffening", "clock_offset", "tilt")
     separated_by = ("a hold of 25 s", "two decades of rate")
     source = "Fung, Biomechanics (1993), sec. 7.6"

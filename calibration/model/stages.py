@@ -120,11 +120,13 @@ class EffectBase:
 
     Everything that is known of an effect stands here, and no other file knows its key.
 
-    `title` in words; `seen_in` the covariates against which its residual shows; `confused_with` keys of effects
-    that look alike; `separated_by` what tells them apart; `source` of the equation; `threshold` where it acts only
-    beyond or below some depth, so that no small amplitude stands for it; `same_over` covariates over which it has
-    to have one size, where what looks like it has several; `reads_force` where it depends on the normal force
-    itself: the model hands it the force that it predicts, for the measured one's noise would pass for the effect.
+    `title` in words; `seen_in` the covariates against which its residual shows; of an effect of the gel, by the
+    names of `covariates`, it also bounds what its form may be off by (`form_errors`); `confused_with` keys of
+    effects that look alike; `separated_by` what tells them apart; `source` of the equation; `threshold` where it
+    acts only beyond or below some depth, so that no small amplitude stands for it; `same_over` covariates over
+    which it has to have one size, where what looks like it has several; `reads_force` where it depends on the
+    normal force itself: the model hands it the force that it predicts, for the measured one's noise would pass for
+    the effect.
 
     `order` among the effects of a stage: lower acts first, private ones last. `largest`: the size of the first
     parameter that no rig exceeds, from where the effect vanishes, a judgement; None: its bounds. `typical`: its

@@ -100,7 +100,7 @@ def reading_sentence(found: Diagnosis) -> list[str]:
 
 
 def few_sentence(found: Diagnosis) -> str:
-    """What few presses cannot tell from how presses scatter; empty where there are enough."""
+    """What few curves cannot tell from how presses scatter; empty of points, and where there are enough."""
     data = found.base.data
     if not data.is_curves or data.count >= FEW_PRESSES:
         return ""

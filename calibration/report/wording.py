@@ -27,12 +27,9 @@ COVARIATES = {
     "indenter": "the indenter",
     "wait": "the wait before",
     "load/unload": "loading or unloading",
-    "rate": "the speed",
     "time": "the time",
-    "w/w_max": "the depth over the largest so far",
     "slope": "the slope beside the face",
     "azimuth beside the face": "the direction beside the face",
-    "beta": "the slope β",
     "certified against reconstructed depth": "the picture's depth over the certified one",
 }
 

@@ -21,7 +21,11 @@ from calibration.result.result import CalibrationResult
 
 @dataclass(frozen=True, slots=True)
 class FitErrors:
-    """Of one fit, in N: `rms_N` over the presses it was fitted to, `held_out_N` (NaN for two presses or fewer)."""
+    """Of one fit, in N: `rms_N` over the presses it was fitted to, `held_out_N` (NaN for two presses or fewer).
+
+    A radius that is pressed once keeps the slope beta of the whole fit while its press is left out: no other press
+    tells it.
+    """
 
     rms_N: float
     held_out_N: float

@@ -6,10 +6,12 @@ import ast
 from pathlib import Path
 
 import pytest
+from test_effects import rich
 
 import calibration
 from calibration.effects import _BUILT, EFFECTS
 from calibration.effects.support import in_picture
+from calibration.inputs.conditions import covariates
 from calibration.model.stages import EffectBase, Stage
 
 PACKAGE = Path(calibration.__file__).parent
@@ -18,6 +20,7 @@ HOMONYMS = {  # words that are keys of effects by accident
     ("model/stages.py", "thickness"): "a condition of the rig",
     ("report/validation_report.py", "friction"): "a column of the finite elements' friction",
 }
+OF_GEL = set(Stage) - {Stage.DEPTH, Stage.INSTRUMENT}  # those are definitions: no form can be off
 PUBLIC = {"__init__.py": "calibration.effects.viscoelasticity"}  # the public API offers one to start from
 
 
@@ -64,6 +67,14 @@ def test_an_effect_states_all_that_is_known_of_it(effect: EffectBase) -> None:
     if effect.check is not None:
         assert effect.check.minutes > 0
         assert effect.check.action
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS.values() if e.stage in OF_GEL], ids=lambda e: e.key)
+def test_a_form_is_allowed_for_along_all_that_an_effect_of_the_gel_is_seen_in(effect: EffectBase) -> None:
+    """Names that no covariate has are passed over; the azimuth follows the place, and the order the day."""
+    assert set(effect.seen_in) <= {covariate.name for covariate in covariates(rich())}
+    for along, follows in (({"x", "y"}, "azimuth"), ({"recording date"}, "order")):
+        assert follows in effect.seen_in or not along <= set(effect.seen_in)
 
 
 def test_orders_differ_and_follow_the_stages_of_the_catalogue() -> None:

@@ -11,12 +11,14 @@ import pytest
 from made_presses import indenter, observations
 
 from calibration.diagnosis import score_test as score_test_page
+from calibration.diagnosis.projection import Cast
 from calibration.diagnosis.refit import adopt, refit_with
-from calibration.diagnosis.score_test import form_errors, score_test
+from calibration.diagnosis.score_test import covariate_steps, form_errors, score_test
 from calibration.diagnosis.tail_probability import Tail
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fit.least_squares import Fit, fit, profile_interval
+from calibration.inputs.deadline import in_turn
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
@@ -149,11 +151,11 @@ def test_a_planted_zero_is_named_and_clean_data_are_not_accused() -> None:
     assert found.effects[0].p_adjusted < 1e-3
 
 
-@pytest.mark.parametrize(("zero_mm", "drawn"), [(0.0, 99), (0.004, 799), (0.03, 399)])
+@pytest.mark.parametrize(("zero_mm", "drawn"), [(0.0, 99), (0.004, 799), (0.005, 799), (0.03, 399)])
 def test_draws_go_on_where_p_lies_near_a_level(
     monkeypatch: pytest.MonkeyPatch, zero_mm: float, drawn: int
 ) -> None:
-    """Nothing there; a zero of the depth near what is seen; a large one: 99, more than 399, 399 draws."""
+    """Nothing there; a zero near what is seen; one whose p is 3e-5; a large one: 99, 799, 799, 399 draws."""
     monkeypatch.setattr("calibration.diagnosis.score_test.MANY_DRAWS", 799)
     sizes, family = [], score_test_page._family
 
@@ -167,6 +169,43 @@ def test_draws_go_on_where_p_lies_near_a_level(
     fitted = pure(measured(data, force, np.random.default_rng(1)))
     score_test(fitted, [DepthZero()], rng=np.random.default_rng(0))
     assert sizes[-1] == drawn
+
+
+def looks(data: Observations, seed: int = 1) -> score_test_page._Looks:
+    fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(seed)))
+    cast = Cast(fitted, list(covariate_steps(fitted).values()), form_errors(fitted))
+    return score_test_page._Looks(cast, fitted, searched=0, of_rig=False)
+
+
+def test_draws_are_made_in_portions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1,600 draws of 14,400 samples at once took 600 MB: at most 300 are made at once, of many samples fewer."""
+    asked, null = [], Cast.null
+
+    def counted(self: Cast, rng: np.random.Generator, draws: int) -> tuple[Floats, Floats]:
+        asked.append(draws)
+        return null(self, rng, draws)
+
+    monkeypatch.setattr(Cast, "null", counted)
+    screen = looks(presses())
+    assert sum(len(one[0]) for one in screen.drawn(np.random.default_rng(0), 900, in_turn)) == 900
+    monkeypatch.setattr(score_test_page, "PORTION_VALUES", 100.5 * presses().size)
+    screen.drawn(np.random.default_rng(0), 250, in_turn)
+    assert asked == [300, 300, 300, 100, 100, 50]
+
+
+def test_more_draws_say_what_scatter_is_usual_for_the_residual_too() -> None:
+    """Draws that come later, of a lower scatter, move what is usual for all rows, the residual's with them."""
+    depth = np.concatenate([np.linspace(0.03, 0.6, 9), np.linspace(0.57, 0.03, 8)])
+    times = [300.0 * k + np.arange(17.0) for k in range(12)]
+    phase = [["load"] * 9 + ["unload"] * 8] * 12
+    screen = looks(observations([depth] * 12, [indenter()] * 12, time_s=times, phase=phase))
+    assert score_test_page.SCATTER in screen.names
+    first, second = (screen.drawn(np.random.default_rng(seed), 50, in_turn) for seed in (0, 1))
+    at = len(covariate_steps(screen._fitted))
+    lower = [(scores, scatter - 5, rest) for scores, scatter, rest in second]
+    once, whole = (screen.table([screen.own(), *first, *more])[:, at] for more in ([], lower))
+    assert (whole[:51] >= once).all()
+    assert whole[0] > once[0]
 
 
 @pytest.mark.parametrize("dof", [1, 3])
@@ -248,11 +287,11 @@ def test_what_another_form_of_an_effect_leaves_is_no_second_effect() -> None:
 
 
 def test_a_form_follows_the_date_only_where_the_effect_does() -> None:
-    """Ageing has the six steps of the recording date beside all that a stiffening may follow."""
+    """Ageing has six steps of the date, and of the order, beside all that a stiffening may follow."""
     data, steps = presses(), {}
     base = pure(data.with_force(MODEL.predict(TRUTH, data)))
     for key in ("stiffening", "ageing"):
         model, values = MODEL + EFFECTS[key], np.array([*base.values, *EFFECTS[key].starts(data)[0]])
         with_it = replace(base, model=model, values=values, force_N=model.predict(values, data))
         steps[key] = form_errors(with_it).shape[1]
-    assert steps["ageing"] == steps["stiffening"] + 6
+    assert steps["ageing"] == steps["stiffening"] + 2 * 6
