@@ -205,6 +205,18 @@ def test_faces_are_read_once_and_with_walls_as_nobody_taught_them(tmp_path: Path
     assert reader.taught is known
 
 
+def test_a_map_that_fails_leaves_what_was_known_of_walls(tmp_path: Path) -> None:
+    class Failing(Short):
+        def height_map(self, frame: Frame) -> HeightMap:
+            raise MemoryError
+
+    reader, known = Failing(), TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
+    reader.taught = known
+    with pytest.raises(MemoryError):
+        read_faces(recorded(tmp_path), cast(Reconstructor, reader), certified=certified())
+    assert reader.taught is known
+
+
 def test_faces_that_taught_walls_scatter_no_less_than_others() -> None:
     walls = TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
     assert with_scatter(None, walls) is None
