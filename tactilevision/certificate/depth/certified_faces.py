@@ -41,7 +41,7 @@ class Certified:
 
 @dataclass(frozen=True, slots=True)
 class MappedFace:
-    """A face's `read_mm` in one map; `hidden_mm`, `depth_mm` of its wall there (PunchEdge), 0 without one to teach."""
+    """A face's `read_mm` in one map; `hidden_mm`, `depth_mm` of its teachable wall there (PunchEdge), else 0."""
 
     read_mm: float
     hidden_mm: float
@@ -146,7 +146,8 @@ def _mapped(recording: Recording, reader: Reconstructor, indenter: Indenter, pla
     if face is None or not face.depth_mm > 0:
         return None
     wall = wall_at(reader, face.centre_mm, face.radius_mm) if indenter.shape == "flat_cylinder" else None
-    return MappedFace(face.depth_mm, *((wall.missing_mm, wall.depth_mm) if wall and wall.teachable else (0.0, 0.0)))
+    taught = (wall.missing_mm, wall.depth_mm) if wall and wall.teachable else (0.0, 0.0)
+    return MappedFace(face.depth_mm, *taught)
 
 
 def wall_at(reader: Reconstructor, centre_mm: Pair, radius_mm: float) -> PunchEdge | None:
