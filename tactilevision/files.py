@@ -212,13 +212,14 @@ def _umask() -> int:
     return mask
 
 
-# no room: on the disk, of the user, in the file; numpy says without a number that it wrote a part
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, None)
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room: on the disk, of the user, in the file
+_PART = re.compile(r"\d+ requested and \d+ written")  # numpy says so without a number of the system's
 
 
 def _refused(target: Path, fault: OSError) -> OutputError:
+    full = fault.errno in _FULL or _PART.search(str(fault))
     return OutputError(
         f"cannot be written: {fault.strerror or fault}",
         where=target,
-        remedy=("Free some space or choose" if fault.errno in _FULL else "Choose") + " another folder with --out.",
+        remedy=("Free some space or choose" if full else "Choose") + " another folder with --out.",
     )

@@ -65,8 +65,9 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
             clear_unfinished(folder, deep=not file, wait_s=_LINGERING_S)
         yield
     except BaseException:  # its workers ended in the midst of what they wrote; the next run finds no lock
-        with contextlib.suppress(OSError):
-            clear_unfinished(folder, deep=not file, wait_s=_LINGERING_S)
+        if not file:  # beside one file others write, from other machines too; and no workers of this run
+            with contextlib.suppress(OSError):
+                clear_unfinished(folder, deep=True, wait_s=_LINGERING_S)
         raise
     finally:
         del _held[path]

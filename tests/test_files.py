@@ -81,6 +81,8 @@ def test_numpy_s_word_for_a_full_disk_is_told_as_one(tmp_path: Path) -> None:
         replacing(tmp_path / "a"),
     ):
         raise OSError("5 requested and 3 written")
+    with pytest.raises(OutputError, match=r"no such driver\. Choose another folder"), replacing(tmp_path / "a"):
+        raise OSError("no such driver")
     assert list(tmp_path.iterdir()) == []
 
 

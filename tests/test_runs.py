@@ -65,6 +65,17 @@ def test_a_run_that_ends_early_takes_along_what_its_workers_left(tmp_path: Path)
     assert [str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.tiff")] == ["depth/1.tiff"]
 
 
+def test_a_run_into_one_file_that_fails_leaves_what_lies_beside_it(tmp_path: Path) -> None:
+    """Of a process on another machine nobody here knows whether it still writes."""
+    elsewhere = subprocess.Popen([sys.executable, "-c", ""])
+    elsewhere.wait()
+    half = tmp_path / f".unfinished-{elsewhere.pid}-x.tvs"
+    with pytest.raises(Terminated), output_lock(tmp_path / "a.tvs", file=True):
+        half.write_bytes(b"half")
+        raise Terminated
+    assert list(tmp_path.iterdir()) == [half]
+
+
 def test_a_second_thread_is_refused_and_the_first_may_ask_again(tmp_path: Path) -> None:
     refused: list[OutputError] = []
 

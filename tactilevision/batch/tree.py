@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from tactilevision.batch.fingerprint import fingerprint_of
@@ -209,5 +210,5 @@ def _table(branches: Sequence[Branch]) -> str:
         if branch.why:
             writer.writerow([branch.name, f"passed over: {branch.why}", *[""] * (len(COLUMNS) - 2)])
         rows = [replace(row, frame=branch.path_of(row)) for row in branch.rows]
-        writer.writerows(csv.reader(table(rows).splitlines()[1:]))
+        writer.writerows(islice(csv.reader(io.StringIO(table(rows), newline="")), 1, None))
     return text.getvalue()

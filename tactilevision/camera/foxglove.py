@@ -89,7 +89,11 @@ class Foxglove:
                 with told_as_output(self.mcap):
                     self._writer.close()
                     self._scratch.replace(self.mcap)
-            except RuntimeError as refused:  # its own kind of error, also for a full disk
+            except (RuntimeError, OutputError) as refused:  # its own kind of error, also for a full disk
+                if kind is not None:  # what ended the stream is told, an interrupt above all
+                    return
+                if isinstance(refused, OutputError):
+                    raise
                 raise OutputError(
                     f"cannot be written: {refused}",
                     where=self.mcap,

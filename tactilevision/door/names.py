@@ -10,7 +10,8 @@ from tactilevision.errors import InputError
 
 MAX_NAME = 255  # bytes of a file's name; file systems take no more
 _OUTWARD = re.compile(r"^[/\\~]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
-_UNPLAIN = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")  # Python has undecodable bytes as the last
+# controls but the tab, line breaks, what turns the direction of text; Python has undecodable bytes as the last
+_UNPLAIN = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 def is_plain(text: str) -> bool:

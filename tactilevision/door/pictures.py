@@ -17,6 +17,7 @@ _BIG_TIFF = {b"II+\0": "<", b"MM\0+": ">"}
 _FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers of JPEG that state a size
 _WHOLE = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 16: "Q", 17: "q"}  # types of TIFF for whole numbers
 _GREY = frozenset((0, 4))  # colour types of PNG: grey, without and with transparency
+_NO_PICTURE = 1 | 4  # bits of TIFF's tag 254: a smaller copy, a transparency mask
 _OS2_HEADER = 12  # bytes of BMP's oldest header, whose sides have 16 bits
 
 
@@ -66,12 +67,14 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
 
 
 def is_stack(data: bytes) -> bool:
-    """Whether a TIFF holds a second picture, which is no smaller copy of the first (TIFF 6.0, p. 36: tag 254)."""
+    """Whether a TIFF holds a second picture, which is neither a smaller copy nor a mask of the first
+    (TIFF 6.0, p. 36: tag 254).
+    """
     if data[:4] not in _TIFF and data[:4] not in _BIG_TIFF:
         return False
     try:
         after = _directory(data, None)[1]
-        return after != 0 and not _directory(data, after)[0].get(254, 0) & 1
+        return after != 0 and not _directory(data, after)[0].get(254, 0) & _NO_PICTURE
     except (struct.error, IndexError, KeyError, OverflowError):
         return False  # damaged: its decoder says so
 

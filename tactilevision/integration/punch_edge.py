@@ -48,11 +48,21 @@ class PunchEdge:
     missing_mm: float
     std_mm: float
 
+    @property
+    def fall_at_reach_mm(self) -> float:
+        """How far the surface lies below the face where slopes are read again."""
+        return float(np.interp(self.reach_mm, self.places_mm, self.fall_mm))
+
+    @property
+    def teachable(self) -> bool:
+        """Whether it falls, and by more than the slopes as read: others stay as they are."""
+        return self.fall_at_reach_mm > 0 and self.missing_mm > 0
+
     def taught_by(self, walls: TaughtWalls) -> PunchEdge:
         """The wall with the depth that certified faces have it hide, mm; their deviation, where it is smaller."""
-        fall = float(np.interp(self.reach_mm, self.places_mm, self.fall_mm))
-        if not (fall > 0 and self.missing_mm > 0):
+        if not self.teachable:
             return self
+        fall = self.fall_at_reach_mm
         change, std_mm = walls.change_mm(self.missing_mm, self.depth_mm)
         return replace(
             self,

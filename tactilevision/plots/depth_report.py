@@ -25,6 +25,8 @@ def draw_depth_report(card: Mapping[str, Any]) -> Figure:
 
     Broad bars are the rms over a band of contacts, with the share of them within one stated deviation.
     """
+    from matplotlib.textpath import TextPath
+
     steps = card.get("flat_steps", "no flat steps in this recording")
     rows = [("balls held out", card["held_out_balls"])]
     if not isinstance(steps, str):
@@ -34,7 +36,8 @@ def draw_depth_report(card: Mapping[str, Any]) -> Figure:
         _draw_row(panels[2 * number : 2 * number + 2], name, [Known(**one) for one in contacts])
     if isinstance(steps, str):
         panels[1].set_title(steps)
-    panels[0].plot([], [], " ", marker="$\\%$", color=style.GREY, label="share of a band within its deviation")
+    percent = TextPath((-0.47, -0.36), "%", size=1)  # about its middle
+    panels[0].plot([], [], " ", marker=percent, color=style.GREY, label="share of a band within its deviation")
     style.legend_below(figure, columns=2)
     return figure
 

@@ -13,11 +13,12 @@ from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
 from tactilevision.recording.names import some
-from tactilevision.records import Press
+from tactilevision.records import Floats, Press
 
 MIN_GAP_S = 2.0  # s without readings; presses last some seconds, so less leaves none out of step
 MIN_GAP_STEPS = 20  # usual steps without readings; loggers lose a few
 SAME_PAUSE = 1.5  # times the frames' longest pause; frames come at presses alone, and end some seconds before
+ALIKE = 0.5  # of the longest gap: the middle one of gaps that recur; a stage changes places more and less quickly
 _SPARE = 0.1  # share of a press that the readings may miss at its end: free gel, where only the zero is read
 
 
@@ -93,17 +94,33 @@ def _doubts_of_forces(recording: Recording) -> Iterator[str]:
     if rate is not None and step_s > 0 and not math.isclose(1 / step_s, rate, rel_tol=0.1):
         in_ms = ": is time_s in ms?" * math.isclose(1e3 / step_s, rate, rel_tol=0.1)
         yield f"{layout.FORCES}: readings come at {1 / step_s:.4g} Hz, not at rate_Hz = {rate:g}{in_ms}"
-    longest = int(np.argmax(np.diff(times)))
-    gap_s = float(times[longest + 1] - times[longest])
     pause_s = float(np.diff(recording.frame_times_s).max(initial=0.0))  # of both: a change of indenter
-    if gap_s > max(MIN_GAP_S, MIN_GAP_STEPS * step_s, SAME_PAUSE * pause_s):
+    gaps_s = np.diff(times)
+    gaps = np.flatnonzero(gaps_s > max(MIN_GAP_S, MIN_GAP_STEPS * step_s, SAME_PAUSE * pause_s))
+    if gaps.size and not _read_by_press(recording, times[gaps], times[gaps + 1]):
+        longest = int(np.argmax(gaps_s))
         yield (
-            f"{layout.FORCES}: no readings for {gap_s:.3g} s after time_s = {times[longest]:.6g}: where the clock "
-            "jumped, forces after it belong to other moments than they state"
+            f"{layout.FORCES}: no readings for {gaps_s[longest]:.3g} s after time_s = {times[longest]:.6g}: where "
+            "the clock jumped, forces after it belong to other moments than they state"
         )
     free = float(np.median(normal))
     if free - normal.min() > 2 * (normal.max() - free) and free - normal.min() > 20 * recording.forces.std_N[2]:
         yield f"{layout.FORCES}: fz_N mostly falls where the gel is pressed; it is to grow: see [force] rotation"
+
+
+def _read_by_press(recording: Recording, starts_s: Floats, ends_s: Floats) -> bool:
+    """Whether readings pause again and again between presses: gaps (n,) that hold no press's middle.
+
+    With an unknown clock offset, gaps that are alike: the half of them are at least half as long as the longest.
+    """
+    if starts_s.size < 2:
+        return False
+    offset_s = recording.clock_offset_s
+    if offset_s is None:
+        lasts_s = ends_s - starts_s
+        return float(np.median(lasts_s)) >= ALIKE * float(lasts_s.max())
+    middles = np.array([0.5 * (press.start_s + press.end_s) + offset_s for press in recording.presses])
+    return not np.any((starts_s[:, None] < middles) & (middles < ends_s[:, None]))
 
 
 def _doubts_of_depths(recording: Recording) -> Iterator[str]:

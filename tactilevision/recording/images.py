@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.door.arrays import DamagedArrayError, read_array
+from tactilevision.door.arrays import read_array
 from tactilevision.door.decoding import decode
 from tactilevision.door.limits import check
 from tactilevision.door.opening import IrregularFileError, read_bytes
-from tactilevision.door.pictures import UnknownPictureError, check_picture, is_cut, is_grey, is_stack
-from tactilevision.errors import RecordingError
+from tactilevision.door.pictures import check_picture, is_cut, is_grey, is_stack
+from tactilevision.errors import InputError, RecordingError
 from tactilevision.records import Bytes
 
 _REMEDY_TORN = "Copy it again from where it came, or take it out of the list."
 
 
 class TornImageError(RecordingError):
-    """The file is absent, damaged or cut short, so that this one picture is lost; others may be sound."""
+    """The file is absent, damaged, cut short or no single frame: this one picture is lost, others may be sound."""
 
 
 def read_image(path: Path | str, *, white_level: float | None = None) -> Bytes:
@@ -67,10 +67,10 @@ def _stored(data: bytes, path: Path) -> npt.NDArray[Any]:
         return _array(data, path)
     try:
         check_picture(data, where=path)
-    except UnknownPictureError as fault:
+    except InputError as fault:
         raise TornImageError(fault.what, where=path, value=fault.value, remedy=fault.remedy) from fault
     if is_stack(data):
-        raise RecordingError(
+        raise TornImageError(
             "the file holds several pictures, and a frame is one",
             where=path,
             remedy="Save each as a file of its own, or all as a video.",
@@ -128,9 +128,10 @@ def _scaled(picture: npt.NDArray[Any], white: float) -> Bytes:
 def _array(data: bytes, path: Path) -> npt.NDArray[Any]:
     try:
         array = read_array(data, where=path)
-    except DamagedArrayError as fault:
-        raise TornImageError(fault.what, where=path, remedy=_REMEDY_TORN) from fault
-    check(array.size / 3, "MAX_PIXELS", what="the array's pixels", where=path)
+        check(array.size / 3, "MAX_PIXELS", what="the array's pixels", where=path)
+    except InputError as fault:
+        remedy = fault.remedy or _REMEDY_TORN
+        raise TornImageError(fault.what, where=path, value=fault.value, remedy=remedy) from fault
     if not array.size:
         raise TornImageError("the picture is empty", where=path, value=array.shape, remedy=_REMEDY_TORN)
     return array

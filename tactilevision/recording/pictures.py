@@ -182,6 +182,7 @@ def first_look(
     frames_path: Path, names: Sequence[str], *, white_level: float | None = None
 ) -> tuple[tuple[int, int], tuple[str, ...]]:
     """(width, height) of the first picture that can be read, and warnings. Raises where none of the first can."""
+    why = ""
     if frames_path.is_file():
         rgb = next(iter_video(frames_path, [int(names[0])]))[1] if names else None
         if rgb is not None:
@@ -189,14 +190,16 @@ def first_look(
     else:
         names = list(islice((name for name in names if (frames_path / name).is_file()), _MAX_TRIALS))
         for name in names:
-            with suppress(TornImageError):
+            try:
                 stored = read_stored(frames_path / name)
                 height, width, _ = as_rgb(stored, frames_path / name, white_level=white_level).shape
                 return (width, height), _doubts_of_depth(stored, name, white_level)
+            except TornImageError as fault:
+                why = why or f"Of the first: {fault.what}. {fault.remedy}"
     raise RecordingError(
         f"none of the first pictures can be read: {', '.join(names[:_MAX_TRIALS]) or 'there is none'}",
         where=frames_path,
-        remedy="Copy them again from where they came.",
+        remedy=why or "Copy them again from where they came.",
     )
 
 

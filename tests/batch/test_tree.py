@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import shutil
@@ -19,8 +20,8 @@ import pytest
 import zarr
 from test_depth_folder import SENSOR, RedIsSlope
 
-from tactilevision.batch.folder import reconstruct_folder
-from tactilevision.batch.tree import find_sources, reconstruct_tree
+from tactilevision.batch.folder import FrameResult, reconstruct_folder
+from tactilevision.batch.tree import Branch, _table, find_sources, reconstruct_tree
 from tactilevision.errors import InputError, OutputError, RecordingError
 from tactilevision.exports.tiff import read_tiff
 from tactilevision.reconstruct import Reconstructor
@@ -109,6 +110,12 @@ def test_a_mixed_tree_becomes_maps_and_one_table(tmp_path: Path) -> None:
     assert sum(words == "ok" for words in status.values()) == 11
     assert read_tiff(out / "e.avi" / "depth" / "2.tiff").depth_mm.shape == (48, 64)
     assert not list(out.rglob(".depth*")), "nothing is left lying about"
+
+
+def test_a_frame_s_row_stays_one_whatever_its_name_or_fault_holds() -> None:
+    row = FrameResult("x\u2028y.png", "unreadable: a\nb\x85c")
+    table = list(csv.reader(io.StringIO(_table([Branch("a", (row,))]), newline="")))
+    assert [cells[:1] for cells in table[1:]] == [["a/x\u2028y.png"]]
 
 
 def test_a_frame_of_another_size_and_a_link_to_nowhere_are_bad_frames_only(tmp_path: Path) -> None:

@@ -233,13 +233,16 @@ def test_an_mcap_file_that_cannot_be_ended_is_told_and_leaves_nothing(profile: P
         def close(self) -> None:
             raise RuntimeError("MCAP error: No space left on device")
 
-    outlet = Foxglove(load_sensor(profile).reconstructor, mcap=tmp_path / "live.mcap")
-    assert outlet._writer is not None
-    outlet._writer.close()
-    outlet._writer = Full()
-    with pytest.raises(OutputError, match=r"live.mcap: cannot be written: .*No space left"), outlet:
-        pass
-    assert list(tmp_path.iterdir()) == []
+    reconstructor = load_sensor(profile).reconstructor
+    for ended, said in ((None, r"live.mcap: cannot be written: .*No space left"), (KeyboardInterrupt, None)):
+        outlet = Foxglove(reconstructor, mcap=tmp_path / "live.mcap")
+        assert outlet._writer is not None
+        outlet._writer.close()
+        outlet._writer = Full()
+        with pytest.raises(ended or OutputError, match=said), outlet:
+            if ended is not None:
+                raise ended
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_an_mcap_file_is_whole_where_the_camera_went(

@@ -66,16 +66,16 @@ class Walled(Short):
 
     read_with: list[TaughtWalls | None]
 
-    def __init__(self) -> None:
-        self.read_with = []
+    def __init__(self, falls: float = 1.0) -> None:
+        self.read_with, self.falls = [], falls
 
     def height_map(self, frame: Frame) -> HeightMap:
         self.read_with.append(self.taught)
         depth = float(np.median(frame.rgb)) / 100
-        hidden, none = (depth - lacking(depth)) / 0.5, np.zeros(2)
+        hidden, places = (depth - lacking(depth)) / 0.5, np.array([0.0, 0.2])
         middle = (int(SIZE[0]) - 1) / 2 * MM, (int(SIZE[1]) - 1) / 2 * MM
-        far = PunchEdge((0.0, 0.0), RADIUS, 0.2, none, none, depth, 1.0, 0.02)
-        near = PunchEdge(middle, RADIUS, 0.2, none, none, lacking(depth), hidden, 0.02)
+        far = PunchEdge((0.0, 0.0), RADIUS, 0.2, places, places, depth, 1.0, 0.02)
+        near = PunchEdge(middle, RADIUS, 0.2, places, self.falls * places, lacking(depth), hidden, 0.02)
         self.evidence = SimpleNamespace(edges=[far, near])
         return super().height_map(frame)
 
@@ -202,6 +202,25 @@ def test_faces_are_read_once_and_with_walls_as_nobody_taught_them(tmp_path: Path
     reader.taught = known
     read_faces(recorded(tmp_path), cast(Reconstructor, reader), certified=certified())
     assert reader.read_with == [None] * 2 * len(DEPTHS)
+    assert reader.taught is known
+
+
+def test_a_wall_that_does_not_fall_is_taught_nothing(tmp_path: Path) -> None:
+    """Reconstruction leaves such a wall as it is, and so does what its face is read at."""
+    walls = TaughtWalls(0.5, 0.0, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
+    faces = read_faces(recorded(tmp_path), cast(Reconstructor, Walled(falls=0.0)), certified=certified())
+    assert [face.as_taught(walls) for face in faces] == [face.as_taught(None) for face in faces]
+
+
+def test_a_map_that_fails_leaves_what_was_known_of_walls(tmp_path: Path) -> None:
+    class Failing(Short):
+        def height_map(self, frame: Frame) -> HeightMap:
+            raise MemoryError
+
+    reader, known = Failing(), TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
+    reader.taught = known
+    with pytest.raises(MemoryError):
+        read_faces(recorded(tmp_path), cast(Reconstructor, reader), certified=certified())
     assert reader.taught is known
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.lines import Line2D
+from matplotlib.path import Path as Outline
 from shared_scenes import sample_reconstructor
 
 from tactilevision.certificate.step_validation import flat_steps
@@ -72,3 +74,14 @@ def test_the_figure_shows_the_steps_or_says_that_there_are_none() -> None:
     assert len(draw_depth_report({**card, **told("flat_steps", [Known(0.25, 0.24, 0.02, 39.0)] * 3)}).axes) == 4
     bare = draw_depth_report({**card, "flat_steps": "no flat steps in this recording"})
     assert bare.axes[1].get_title(loc="left") == "no flat steps in this recording"
+
+
+def test_the_legend_draws_a_percent_sign_not_the_words_for_one() -> None:
+    card = {**told("held_out_balls", [Known(0.3, 0.31, 0.02, 25.0)] * 4), "flat_steps": "none"}
+    handles, names = draw_depth_report(card).axes[0].get_legend_handles_labels()
+    mark = handles[names.index("share of a band within its deviation")]
+    assert isinstance(mark, Line2D)
+    marker = mark.get_marker()
+    assert isinstance(marker, Outline)
+    size = marker.get_extents()
+    assert 1.0 < size.width / size.height < 1.6, "one letter, about as high as wide"

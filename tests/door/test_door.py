@@ -42,6 +42,13 @@ def test_a_name_that_leads_out_of_its_folder_is_refused(name: str, tmp_path: Pat
         inside(tmp_path, name, where="frames.csv")
 
 
+@pytest.mark.parametrize("mark", list("\n\x1b\x7f\x85\x9b\u2028\u2029\u202e\u2066"))
+def test_a_name_that_breaks_lines_or_turns_them_round_is_refused(mark: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds a control character"):
+        inside(tmp_path, f"a{mark}b.png", where="frames.csv")
+    assert inside(tmp_path, "a\tb\u00a0\u00fc.png", where="frames.csv").name == "a\tb\u00a0\u00fc.png"
+
+
 def test_a_link_may_lead_within_the_folder_and_not_out_of_it(tmp_path: Path) -> None:
     folder, beside = tmp_path / "in", tmp_path / "beside.png"
     folder.mkdir()

@@ -219,6 +219,28 @@ def test_a_clock_of_forces_that_jumps_is_told(folder: Path) -> None:
     assert any("no readings for 60 s after time_s = 0.49" in said for said in read_recording(folder).warnings)
 
 
+@pytest.mark.parametrize("clock", ["known", "unknown"])
+def test_forces_that_are_logged_by_press_are_no_jumping_clock(clock: str, folder: Path) -> None:
+    """Three presses 60 and 90 s apart, frames all the time, forces from before each press to after it."""
+    starts = (0.0, 60.0, 150.0)
+    (folder / "frames.csv").write_text("frame,time_s\n" + "".join(f"f{k}.png,{17 * k}\n" for k in range(10)))
+    (folder / "presses.csv").write_text(
+        "press,indenter,start_s,end_s\n" + "".join(f"{s},A1,{s + 0.3},{s + 0.9}\n" for s in starts)
+    )
+    settings = (folder / "recording.toml").read_text()
+    offset = "offset_s = 0.0\n" * (clock == "known")
+    (folder / "recording.toml").write_text(re.sub(r"offset_s = .*\n", offset, settings))
+    for jump in (0.0, 60.0):
+        rows = "".join(
+            f"{s + k / 100 + jump * (s > 0) * (clock == 'known')},0.1,-0.1,{k % 50 / 50}\n"
+            for s in starts
+            for k in range(130)
+        )
+        (folder / "forces.csv").write_text("time_s,fx_N,fy_N,fz_N\n" + rows)
+        told = any("where the clock jumped" in said for said in read_recording(folder).warnings)
+        assert told == (jump > 0 and clock == "known")
+
+
 def test_presses_with_two_rows_are_named(folder: Path) -> None:
     (folder / "points.csv").write_text(f"{POINTS}\n1,A1,0.1,1\n2,A1,0.2,2\n1,A1,0.1,1\n")
     assert "points.csv: more than one row each has 1" in read_recording(folder).warnings

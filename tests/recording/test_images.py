@@ -148,12 +148,12 @@ def test_damage_is_named_and_the_decoder_says_nothing_of_its_own(
     assert capfd.readouterr().err == ""
 
 
-def test_a_stack_of_tiffs_is_refused_and_a_thumbnail_is_none(tmp_path: Path) -> None:
+def test_a_stack_of_tiffs_is_refused_and_thumbnails_and_masks_are_none(tmp_path: Path) -> None:
     one, two = Image.fromarray(picture(1)), Image.fromarray(picture(2))
     one.save(tmp_path / "stack.tiff", save_all=True, append_images=[two])
     with pytest.raises(RecordingError, match="holds several pictures, and a frame is one"):
         read_image(tmp_path / "stack.tiff")
-    small = two.resize((8, 8))
-    small.encoderinfo = {"tiffinfo": {254: 1}}
-    one.save(tmp_path / "small.tiff", save_all=True, append_images=[small])
-    np.testing.assert_array_equal(read_image(tmp_path / "small.tiff"), picture(1))
+    for kind, second in ((1, two.resize((8, 8))), (4, two.convert("1"))):
+        second.encoderinfo = {"tiffinfo": {254: kind}}
+        one.save(tmp_path / "second.tiff", save_all=True, append_images=[second])
+        np.testing.assert_array_equal(read_image(tmp_path / "second.tiff"), picture(1))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.recording import BadFrame, iter_frames, read_folder, write_image
@@ -93,3 +95,42 @@ def test_a_folder_or_a_pipe_with_a_picture_s_name_is_a_lost_picture_only(tmp_pat
     assert found.frame_size_px == (32, 24)
     lost = [frame.why for frame in iter_frames(found) if isinstance(frame, BadFrame)]
     assert lost == ["is a folder, not a file", "is a pipe, not a file"]
+
+
+@pytest.mark.parametrize("place", ["00", "9"])
+@pytest.mark.parametrize("kind", ["stack.tiff", "bomb.png", "bomb.npy"])
+def test_a_stack_or_a_bomb_is_a_lost_picture_only_first_or_last(
+    kind: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = pictures(tmp_path / "a", [(32, 24)] * 3)
+    path = folder / f"{place}{kind}"
+    monkeypatch.setenv("TACTILEVISION_MAX_PIXELS", "1000")
+    if kind == "stack.tiff":
+        page = Image.new("RGB", (32, 24), "red")
+        page.save(path, save_all=True, append_images=[page])
+    elif kind == "bomb.npy":
+        np.save(path, np.zeros((48, 64, 3), np.uint8))
+    else:
+        picture = bytearray((folder / "1.png").read_bytes())
+        picture[16:24] = struct.pack(">II", 100_000, 100_000)
+        path.write_bytes(picture)
+    found = read_folder(folder, "gelsight_mini")
+    assert found.frame_size_px == (32, 24)
+    bad = [frame for frame in iter_frames(found) if isinstance(frame, BadFrame)]
+    assert [frame.name for frame in bad] == [path.name]
+    assert ("several pictures" if kind == "stack.tiff" else "beyond the limit") in bad[0].why
+
+
+def test_where_all_pictures_are_too_large_the_remedy_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = pictures(tmp_path / "a", [(32, 24)] * 3)
+    monkeypatch.setenv("TACTILEVISION_MAX_PIXELS", "700")
+    with pytest.raises(RecordingError, match=r"none of the first pictures.*set TACTILEVISION_MAX_PIXELS"):
+        read_folder(folder, "gelsight_mini")
+
+
+def test_a_tab_in_a_picture_s_name_is_read(tmp_path: Path) -> None:
+    folder = pictures(tmp_path / "a", [(32, 24)] * 3)
+    (folder / "1.png").rename(folder / "1\tb.png")
+    assert read_folder(folder, "gelsight_mini").frame_names == ("0.png", "1\tb.png", "2.png")

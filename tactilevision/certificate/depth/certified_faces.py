@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,7 +41,7 @@ class Certified:
 
 @dataclass(frozen=True, slots=True)
 class MappedFace:
-    """A face's `read_mm` in one map; `hidden_mm`, `depth_mm` of its wall there (PunchEdge), 0 without one."""
+    """A face's `read_mm` in one map; `hidden_mm`, `depth_mm` of its teachable wall there (PunchEdge), else 0."""
 
     read_mm: float
     hidden_mm: float
@@ -112,9 +112,15 @@ def read_faces(
     Cast shadows are left or undone as the reader does now; what it knows of walls is set aside, and stays.
     Presses of another recording, told by label and time, are passed over.
     """
-    presses = {press.press: press for press in recording.presses}
     known, reader.taught = reader.taught, None
-    faces = []
+    try:
+        return list(_faces(recording, reader, certified))
+    finally:
+        reader.taught = known
+
+
+def _faces(recording: Recording, reader: Reconstructor, certified: Sequence[Certified]) -> Iterator[CertifiedFace]:
+    presses = {press.press: press for press in recording.presses}
     for one in certified:
         press = presses.get(one.press)
         indenter = None if press is None else recording.indenters.get(press.indenter)
@@ -128,9 +134,7 @@ def read_faces(
             continue
         begin, end = recording.frame_times_s[after - 1 : after + 1]
         share = float((one.time_s - begin) / (end - begin))
-        faces.append(CertifiedFace(press, indenter, one.depth_mm, (maps[0], maps[1]), share))
-    reader.taught = known
-    return faces
+        yield CertifiedFace(press, indenter, one.depth_mm, (maps[0], maps[1]), share)
 
 
 def _mapped(recording: Recording, reader: Reconstructor, indenter: Indenter, place: int) -> MappedFace | None:
@@ -142,7 +146,8 @@ def _mapped(recording: Recording, reader: Reconstructor, indenter: Indenter, pla
     if face is None or not face.depth_mm > 0:
         return None
     wall = wall_at(reader, face.centre_mm, face.radius_mm) if indenter.shape == "flat_cylinder" else None
-    return MappedFace(face.depth_mm, *((wall.missing_mm, wall.depth_mm) if wall else (0.0, 0.0)))
+    taught = (wall.missing_mm, wall.depth_mm) if wall and wall.teachable else (0.0, 0.0)
+    return MappedFace(face.depth_mm, *taught)
 
 
 def wall_at(reader: Reconstructor, centre_mm: Pair, radius_mm: float) -> PunchEdge | None:
