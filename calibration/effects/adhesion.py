@@ -7,7 +7,7 @@ releases pays for it. dK0/da is the bonded layer's, which for a/h near 1 is far 
 w_c gives Kendall's pull-off sqrt(8 pi a^3 E* W). A flat punch's contact does not shrink before, so loading shows
 nothing. The depth at which one press lets go is known to a tenth of w_c (std), no better than the zero: within
 eight std of w_c the reading itself says whether the face still held (more than half of K0 w), but for a share of a
-twentieth that keeps W in the middle of what was read. So a pull-off that scales otherwise over radii is taken, too.
+twentieth that keeps W in the middle of what was read. So a pull-off that scales otherwise over radii is taken.
 Vanishes at W = 0.
 Sources: Kendall, J. Phys. D 4 (1971) 1186; Johnson, Kendall, Roberts, Proc. R. Soc. A 324 (1971) 301.
 """
