@@ -71,7 +71,7 @@ def test_a_radius_that_is_pressed_once_keeps_its_slope_where_its_press_is_left_o
         )
     )
     found = refit_with(base, bias)
-    gain = confirmation.skill(replace(base, noise=adopt(base, found).noise), found)
+    gain = confirmation.skill(base, adopt(base, found), found.effect)
     assert 0.5 < gain < 1
     before = hold_out(base.model, base, start=base.values, folds=np.arange(6))
     assert before.rms_N < 2 * base.rms_error_N
