@@ -107,7 +107,8 @@ def _fit_turn(way: Ints, depth_mm: Floats, on_mm: Floats) -> None:
         for b in (top - 1, top + 1)
     )
     beyond = depth_mm[top] - np.max(depth_mm[last : last + 2])
-    if max(beyond, abs(risen - fallen)) <= SAME_MM / 2:  # noise parts them as well
+    uneven = abs(risen - fallen) if np.isfinite(risen + fallen) else 0.0  # beside air, or an end, nothing is told
+    if max(beyond, uneven) <= SAME_MM / 2:  # noise parts them as well
         return
     way[moving] = np.where(moving < top + (risen <= fallen), LOAD, UNLOAD)
 
