@@ -115,15 +115,17 @@ def _fit_turn(way: Ints, depth_mm: Floats, on_mm: Floats) -> None:
 
 def _fit_rest(way: Ints, depth_mm: Floats, on_mm: Floats, kind: int, noise_mm: float) -> None:
     """Take the end of a press for air, in place, where it is of this kind and stands still but should move; so the
-    last sample alone, where the way to it is shorter than the one before lets expect.
+    last sample alone, at the touch or above, where the way to it is shorter than the one before lets expect.
     """
+    told = SAME_MM + BESIDE * noise_mm  # neither a zero nor noise makes so much
     still = (way == kind) & (np.abs(depth_mm - depth_mm[-1]) <= BESIDE * noise_mm)
     begin = int(still.size - np.argmin(still[::-1])) if not still.all() else 0
-    if begin < still.size - 1 and abs(on_mm[-1] - on_mm[begin]) > SAME_MM:
+    if begin < still.size - 1 and abs(on_mm[-1] - on_mm[begin]) > told:
         way[begin:] = FREE
     elif (way[-3:] == kind).all() and way.size > 2:
         gone, on = np.abs(np.diff(depth_mm[-3:])), np.abs(np.diff(on_mm[-3:]))
-        if on[0] > SAME_MM and gone[1] < gone[0] / on[0] * on[1] - SAME_MM:
+        short = gone[0] / on[0] * on[1] - gone[1] if on[0] > SAME_MM else 0.0
+        if depth_mm[-1] <= SAME_MM and short > told:
             way[-1] = FREE
 
 
