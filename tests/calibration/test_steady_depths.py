@@ -149,7 +149,7 @@ def test_a_turn_half_a_gap_late_is_told_by_both_its_sides() -> None:
 def _ways(depth_mm: Sequence[float], phase: list[str], step_mm: float) -> list[str]:
     """Of one press at 1 mm/s, a step between its samples."""
     depth = np.array(depth_mm)
-    data = observations([depth], [indenter()], time_s=[step_mm * np.arange(depth.size)], phase=[phase])
+    data = observations([depth], [indenter()], time_s=[step_mm * np.arange(float(depth.size))], phase=[phase])
     data = replace(data, presses=replace(data.presses, speed_mm_s=np.array([1.0])))
     return [BRANCHES[way] for way in ways(data)]
 
@@ -176,7 +176,7 @@ def test_readings_noise_makes_no_air_of_the_end_of_a_ramp() -> None:
     """Forty presses at one speed, to .1 mm above the touch, read with 6 um: of 80 ends at most one rests."""
     rng, along = np.random.default_rng(11), np.linspace(-0.1, 0.5, 13)
     true = np.concatenate([along, np.full(5, 0.5), along[::-1]])
-    time_s = 0.05 * np.arange(true.size)
+    time_s = 0.05 * np.arange(float(true.size))
     phase = [["load"] * 13 + ["hold"] * 5 + ["unload"] * 13] * 40
     data = observations(
         [true + 0.006 * rng.standard_normal(true.size) for _ in range(40)],
