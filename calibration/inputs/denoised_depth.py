@@ -107,22 +107,25 @@ def _fit_turn(way: Ints, depth_mm: Floats, on_mm: Floats) -> None:
         for b in (top - 1, top + 1)
     )
     beyond = depth_mm[top] - np.max(depth_mm[last : last + 2])
-    if max(beyond, abs(risen - fallen)) <= SAME_MM / 2:  # noise parts them as well
+    uneven = abs(risen - fallen) if np.isfinite(risen + fallen) else 0.0  # beside air, or an end, nothing is told
+    if max(beyond, uneven) <= SAME_MM / 2:  # noise parts them as well
         return
     way[moving] = np.where(moving < top + (risen <= fallen), LOAD, UNLOAD)
 
 
 def _fit_rest(way: Ints, depth_mm: Floats, on_mm: Floats, kind: int, noise_mm: float) -> None:
     """Take the end of a press for air, in place, where it is of this kind and stands still but should move; so the
-    last sample alone, where the way to it is shorter than the one before lets expect.
+    last sample alone, at the touch or above, where the way to it is shorter than the one before lets expect.
     """
+    told = SAME_MM + BESIDE * noise_mm  # neither a zero nor noise makes so much
     still = (way == kind) & (np.abs(depth_mm - depth_mm[-1]) <= BESIDE * noise_mm)
     begin = int(still.size - np.argmin(still[::-1])) if not still.all() else 0
-    if begin < still.size - 1 and abs(on_mm[-1] - on_mm[begin]) > SAME_MM:
+    if begin < still.size - 1 and abs(on_mm[-1] - on_mm[begin]) > told:
         way[begin:] = FREE
     elif (way[-3:] == kind).all() and way.size > 2:
         gone, on = np.abs(np.diff(depth_mm[-3:])), np.abs(np.diff(on_mm[-3:]))
-        if on[0] > SAME_MM and gone[1] < gone[0] / on[0] * on[1] - SAME_MM:
+        short = gone[0] / on[0] * on[1] - gone[1] if on[0] > SAME_MM else 0.0
+        if depth_mm[-1] <= SAME_MM and short > told:
             way[-1] = FREE
 
 

@@ -14,6 +14,7 @@ from tactilevision.records import Floats
 GRID_S = np.arange(-20, 21) / 100  # s: clocks that somebody has set lie no farther apart
 MIN_GAIN = 2.0  # times less of the force is left at another offset than at none; 7 and more of 20, else 1.0 of 16
 MISSED = 0.1  # of one radius' squared force, left at none; the search itself finds a clock that leaves less
+MIN_SAMPLES = 20  # of a radius: of fewer a cubic at the best of all offsets leaves too little of mere noise
 MAX_RAMP_SHARE = 0.5  # of a ramp: an offset that is longer leaves too little of its course
 
 
@@ -41,22 +42,27 @@ def in_phase(data: Observations) -> Observations:
 def offset_by_phase(data: Observations) -> float:
     """The offset (s), of a grid, at which depths and forces come into phase; 0 unless they are far out of it.
 
-    What a cubic of the depth through 0 leaves of each radius' force, at each offset: no law's detail is in it.
+    What a cubic of the depth through 0 leaves of each radius' force, at each offset: no law's detail is in it. It
+    is told by the radii that much less is left of; of all forces together no more may be left there than at none.
     """
     steady = replace(data, depth_mm=denoised_depth(data))
     left = np.array([_left_of_force(steady, np.maximum(depth_at(steady, -offset), 0.0)) for offset in GRID_S])
-    none = left[GRID_S.size // 2]
-    most = int(np.argmax(none))  # a wide punch's force would hide that a narrow one's is missed
-    best = int(np.argmin(left[:, most]))
-    return float(GRID_S[best]) if none[most] > max(MIN_GAIN * left[best, most], MISSED) else 0.0
+    radii, which = np.unique(data.radius_mm, return_inverse=True)
+    squares = np.maximum(np.bincount(which, data.normal_N**2, minlength=radii.size), 1e-300)
+    share, none = left / squares, left[GRID_S.size // 2] / squares
+    tell = (np.bincount(which) >= MIN_SAMPLES) & (none > np.maximum(MIN_GAIN * share.min(axis=0), MISSED))
+    if not tell.any():
+        return 0.0
+    best = int(np.argmin(share[:, tell].sum(axis=1)))  # by shares: a wide punch's force would hide a narrow one's
+    return float(GRID_S[best]) if left[best].sum() <= left[GRID_S.size // 2].sum() else 0.0
 
 
 def _left_of_force(data: Observations, depth_mm: Floats) -> Floats:
-    """The share of each radius' squared force (q,) that a cubic of depths (N,) in mm leaves."""
+    """What a cubic of depths (N,) in mm leaves of each radius' squared force (q,), N^2."""
     left = []
-    for radius in np.unique(data.presses.radius_mm):
+    for radius in np.unique(data.radius_mm):
         mine = data.radius_mm == radius
         powers, force = depth_mm[mine, None] ** [1, 2, 3], data.normal_N[mine]
         error = force - powers @ np.linalg.lstsq(powers, force, rcond=None)[0]
-        left.append(float(np.sum(error**2)) / max(float(np.sum(force**2)), 1e-300))
+        left.append(float(np.sum(error**2)))
     return np.array(left)

@@ -20,6 +20,7 @@ import numpy as np
 from calibration.fit.depth_trend import Trend, find_trend
 from calibration.inputs.checks import check
 from calibration.inputs.observations import Observations
+from calibration.inputs.phase import in_phase
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
@@ -114,10 +115,12 @@ def validate(
 ) -> Validation:
     """Compare `data` (points, or the loading of curves) with finite elements of `material`.
 
+    Presses that clocks far apart put out of phase are left out; the first of the assumptions then says so.
     Raises InputError for measurements that no contact explains (see checks) and for a modulus or Poisson's ratio
     that cannot be.
     """
     check(data)
+    given, data = data, in_phase(data)
     _check_material(material)
     samples = representative(data)
     jobs = [(law, friction) for law in laws for friction in frictions]
@@ -126,7 +129,7 @@ def validate(
         if progress is not None:
             progress(number, len(jobs), f"{law}, {friction_name(friction)}")
         found.append(_compare(data, samples, material, law, friction))
-    notes = list(_assumptions(data, material))
+    notes = [*data.warnings[len(given.warnings) :], *_assumptions(data, material)]
     return Validation(material, samples, tuple(found), _rivals(data, samples, material), tuple(notes))
 
 

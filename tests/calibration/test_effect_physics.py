@@ -132,6 +132,45 @@ def test_a_force_that_falls_is_looked_for_once_presses_out_of_phase_are_left_out
         usable(data.with_force(-force))
 
 
+def wide_presses_and_a_weak_one(late_s: float, *, samples: int, peak_N: float, seed: int) -> Observations:
+    """Eight of 3 mm, three of them fast, and one of 1 mm whose force reaches this peak; 50 mN of noise on all."""
+    speeds, tops = (
+        np.append(np.where(np.arange(8) % 3 == 0, 4.0, 0.4), 0.4),
+        np.append(np.linspace(0.3, 0.5, 8), 0.1),
+    )
+    kinds = [indenter("wide", 3.0)] * 8 + [indenter("narrow", 1.0)]
+    counts = [40] * 8 + [samples]
+    time = [100.0 * k + 3 * tops[k] / speeds[k] * np.linspace(0, 1, n) for k, n in enumerate(counts)]
+    read, then = (
+        [
+            top * np.interp((t - t[0] - by) * v / top, [0, 1, 2, 3], [0, 1, 1, 0])
+            for v, t, top in zip(speeds, time, tops, strict=True)
+        ]
+        for by in (0.0, late_s)
+    )
+    data = observations(read, kinds, time_s=time)
+    force = Model(FlatPunch()).predict(np.array([0.2, 0.48, 0.5, 0.5]), observations(then, kinds, time_s=time))
+    weak = data.radius_mm == 1.0
+    force[weak] *= peak_N / np.max(force[weak])
+    data = data.with_force(force + 0.05 * np.random.default_rng(seed).standard_normal(force.size))
+    return replace(data, presses=replace(data.presses, speed_mm_s=speeds))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_radius_that_nothing_explains_does_not_hide_that_clocks_are_apart(seed: int) -> None:
+    """80 ms, and a narrow press whose force is noise only."""
+    data = wide_presses_and_a_weak_one(0.08, samples=25, peak_N=0.0, seed=seed)
+    assert offset_by_phase(data) == pytest.approx(0.08, abs=0.011)
+
+
+@pytest.mark.parametrize("samples", [5, 6, 8, 12])
+def test_a_few_samples_of_a_weak_press_set_no_clock_wrong(samples: int) -> None:
+    """Clocks that are right: a cubic at one of 41 offsets explains five samples of mere noise."""
+    for seed in range(10):
+        data = wide_presses_and_a_weak_one(0.0, samples=samples, peak_N=0.1, seed=seed)
+        assert in_phase(data) is data
+
+
 def test_the_memory_fills_during_a_press_and_fades_in_the_wait() -> None:
     """Two steps of force at one spot by hand: 1 - exp(-t/tau), then its fading; a new spot knows nothing."""
     time = [np.array([0.0, 1e-9, 10.0]), np.array([30.0, 30.0 + 1e-9, 40.0]), np.array([60.0, 60.0 + 1e-9, 70.0])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from made_presses import indenter, observations
 
 from calibration.inputs.conditions import group_basis
-from calibration.inputs.denoised_depth import denoised_depth, nominal_depth
+from calibration.inputs.denoised_depth import BRANCHES, denoised_depth, nominal_depth, ways
 from calibration.inputs.depth_path import depth_at
 from tactilevision.records import Floats
 
@@ -143,3 +144,45 @@ def test_a_turn_half_a_gap_late_is_told_by_both_its_sides() -> None:
     time_s = np.array([0.004, 0.03, 0.05, 0.07, 0.09, 0.11, 0.13])
     way = [-1, 0, 0.09, 0.15, 1], [-5.02, -0.02, 0.43, 0.13, -4.12]
     _through(time_s, ["load"] * 5 + ["unload"] * 2, way, 0.0093)
+
+
+def _ways(depth_mm: Sequence[float], phase: list[str], step_mm: float) -> list[str]:
+    """Of one press at 1 mm/s, a step between its samples."""
+    depth = np.array(depth_mm)
+    data = observations([depth], [indenter()], time_s=[step_mm * np.arange(float(depth.size))], phase=[phase])
+    data = replace(data, presses=replace(data.presses, speed_mm_s=np.array([1.0])))
+    return [BRANCHES[way] for way in ways(data)]
+
+
+@pytest.mark.parametrize(
+    ("depth_mm", "phase"),
+    [
+        ([0.4, 0.2, 0.0], ["load", "unload", "unload"]),
+        ([0.2, 0.3999, 0.4, 0.0], ["load", "load", "unload", "free"]),
+    ],
+)
+def test_a_turn_beside_air_or_an_end_stays_where_the_phases_say(depth_mm: list[float], phase: list[str]) -> None:
+    """The deepest sample has one neighbour in the gel: nothing weighs its way in against its way out."""
+    assert _ways(depth_mm, phase, 0.2) == phase
+
+
+def test_a_last_step_shorter_than_the_one_before_is_no_air_in_the_gel() -> None:
+    """Half as long in the same time, and .275 mm deep: the way out goes on to it."""
+    phase = ["unload"] * 6
+    assert _ways([0.5, 0.45, 0.4, 0.35, 0.3, 0.275], phase, 0.05) == phase
+
+
+def test_readings_noise_makes_no_air_of_the_end_of_a_ramp() -> None:
+    """Forty presses at one speed, to .1 mm above the touch, read with 6 um: of 80 ends at most one rests."""
+    rng, along = np.random.default_rng(11), np.linspace(-0.1, 0.5, 13)
+    true = np.concatenate([along, np.full(5, 0.5), along[::-1]])
+    time_s = 0.05 * np.arange(float(true.size))
+    phase = [["load"] * 13 + ["hold"] * 5 + ["unload"] * 13] * 40
+    data = observations(
+        [true + 0.006 * rng.standard_normal(true.size) for _ in range(40)],
+        [indenter()] * 40,
+        time_s=[time_s] * 40,
+        phase=phase,
+    )
+    data = replace(data, presses=replace(data.presses, speed_mm_s=np.ones(40)))
+    assert np.count_nonzero(ways(data) == BRANCHES.index("free")) <= 1

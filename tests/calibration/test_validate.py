@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_effect_physics import wide_presses_and_a_weak_one
 
 from calibration.fit.depth_trend import find_trend
 from calibration.inputs.observations import Measured, Observations
+from calibration.inputs.phase import in_phase
 from calibration.report.validation_report import as_json, statements, table
 from calibration.tasks import validate as method
 from calibration.tasks.calibrate import observe
@@ -228,3 +230,14 @@ def test_calibrating_into_a_recording_leaves_its_description_alone(
     before = (tmp_path / "recording.toml").read_bytes()
     assert run(monkeypatch, "calibrate", tmp_path, "--law", "paper", "--out", tmp_path) == 0
     assert (tmp_path / "recording.toml").read_bytes() == before
+
+
+def test_presses_that_clocks_far_apart_put_out_of_phase_are_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(method, "punch_curve", known_curve(0.0))
+    monkeypatch.setattr(method, "tabulated_curve", lambda *_: None)
+    data = wide_presses_and_a_weak_one(0.15, samples=25, peak_N=0.5, seed=0)
+    found = validate(data, PAPERS, laws=("neo-hooke",), frictions=(0.3,))
+    kept = in_phase(data)
+    assert kept.count == data.count - 4
+    np.testing.assert_array_equal(found.samples.force_N, representative(kept).force_N)
+    assert "150 ms apart" in found.assumptions[0]

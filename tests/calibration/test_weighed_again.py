@@ -70,7 +70,8 @@ def test_a_radius_that_is_pressed_once_keeps_its_slope_where_its_press_is_left_o
             force * (1 + 0.005 * rng.standard_normal(6)[data.press]) + 0.004 * rng.standard_normal(120)
         )
     )
-    gain = confirmation.skill(base, adopt(base, refit_with(base, bias)), bias)
+    found = refit_with(base, bias)
+    gain = confirmation.skill(base, adopt(base, found), found.effect)
     assert 0.5 < gain < 1
     before = hold_out(base.model, base, start=base.values, folds=np.arange(6))
     assert before.rms_N < 2 * base.rms_error_N
