@@ -59,12 +59,7 @@ def draw(rng: np.random.Generator, *, rich: bool, count: int = 0, sparse: bool =
     samples = int(rng.choice([20, 30, 45]))
     uneven = bool(rng.random() < 0.5)
     depths = thickness * np.array([0.08, 0.11, 0.14] if rich or rng.random() < 0.5 else [0.12])
-    days = np.sort(rng.integers(0, 30, count)) if rich else np.zeros(count, dtype=int)
-    if sparse:
-        days = np.where(np.arange(count) < count // 2, days[0], days[-1])
-    days -= days[0]  # an age counts from the first press
-    spots = np.round(rng.uniform(-6, 6, (2 if sparse else SPOTS, 2)), 2) if rich else np.zeros((1, 2))
-    each_day = np.round(22 + rng.normal(0, 2.5, 30), 1) if sparse else np.zeros(30)
+    days, spots, each_day = _days_and_places(rng, count, rich=rich, sparse=sparse)
     clock, presses = 0.0, []
     for k in range(count):
         rest = float(np.exp(rng.uniform(np.log(3.0), np.log(300.0)))) if rich and not sparse else 20.0
@@ -93,6 +88,19 @@ def draw(rng: np.random.Generator, *, rich: bool, count: int = 0, sparse: bool =
         presses.append(one)
         clock = float(one.time_s[-1])
     return Protocol(tuple(presses), thickness)
+
+
+def _days_and_places(
+    rng: np.random.Generator, count: int, *, rich: bool, sparse: bool
+) -> tuple[Array, Array, Array]:
+    """Days of presses (count,) since the first, places to choose from (k, 2), mm; each day's temperature (30,)."""
+    days = np.sort(rng.integers(0, 30, count)) if rich else np.zeros(count, dtype=int)
+    if sparse:
+        days = np.where(np.arange(count) < count // 2, days[0], days[-1])
+    days -= days[0]  # an age counts from the first press
+    spots = np.round(rng.uniform(-6, 6, (2 if sparse else SPOTS, 2)), 2) if rich else np.zeros((1, 2))
+    each_day = np.round(22 + rng.normal(0, 2.5, 30), 1) if sparse else np.zeros(30)
+    return days, spots, each_day
 
 
 def _path(

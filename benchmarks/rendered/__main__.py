@@ -50,6 +50,11 @@ def main(arguments: Sequence[str] = ()) -> None:
     if options.cut is not None:
         cut(options.cut, options.out)
         return
+    _render(options)
+
+
+def _render(options: argparse.Namespace) -> None:
+    """A recording or a set of frames into options.out, with the time that each part took."""
     transport: Transport = "unshadowed" if options.no_shadows else "path"
     camera = build_camera(
         draw_rig(options.family, options.seed), options.cache, transport=transport, samples=options.samples

@@ -21,9 +21,7 @@ FLAT = 3.84  # of chi^2: a size that costs no more beside the best one is inside
 HALVINGS = 6  # of a size at the end of its range, to the smallest that is as good
 STARTS = 2  # that promise most by their score; the others are not fitted
 FOLDS = 5  # of presses: each fifth is predicted from the other four
-UNTOLD = (
-    1e-3  # of what a law's parameter does to the force: with less left on the other presses they do not tell it
-)
+UNTOLD = 1e-3  # of what a law's parameter does to the force: other presses that hold less of it do not tell it
 CANNOT_FIT = (ConvergenceError, ValueError, ArithmeticError, RuntimeError)  # of one model: the others go on
 
 

@@ -54,7 +54,7 @@ class Tail:
         known = mean > 0
         scale = np.where(known, np.maximum((square - mean**2) / (2 * np.where(known, mean, 1.0)), 1e-12), 1.0)
         dof = np.maximum(mean / scale, 0.1)
-        share = np.maximum(chdtrc(dof, self._from / scale), 1e-300)
+        share = np.maximum(chdtrc(dof, self._from / scale), LEAST)
         exponential = np.exp(-(statistic - self._from) / np.maximum(excess, 1e-12))
         p = TAIL * np.maximum(exponential, chdtrc(dof, statistic / scale) / share)
         return np.asarray(np.maximum(p, LEAST))

@@ -5,10 +5,10 @@
 W work of adhesion in N/mm (1 J/m^2 = .001 N/mm): the face lets go where the energy that a shrinking contact
 releases pays for it. dK0/da is the bonded layer's, which for a/h near 1 is far above the half-space's 2 E*; there
 w_c gives Kendall's pull-off sqrt(8 pi a^3 E* W). A flat punch's contact does not shrink before, so loading shows
-nothing. The depth at which one press lets go is known to a tenth of w_c (std), no better than the zero: within
-eight std of w_c the reading itself says whether the face still held (more than half of K0 w), but for a share of a
-twentieth that keeps W in the middle of what was read. So a pull-off that scales otherwise over radii is taken.
-Vanishes at W = 0.
+nothing. The depth at which one press lets go is known to a tenth of w_c (std), no better than the zero. Over a
+wide range about w_c (OPEN) the reading itself says whether the face still held: more than half of K0 w. A small
+share (LAW) keeps W in the middle of what was read. So faces that let go by another law of the radius are followed,
+too. Vanishes at W = 0.
 Sources: Kendall, J. Phys. D 4 (1971) 1186; Johnson, Kendall, Roberts, Proc. R. Soc. A 324 (1971) 301.
 """
 
@@ -26,7 +26,7 @@ from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 SPREAD = 0.1  # std of the depth at which the face lets go, over w_c
-OPEN = 8.0  # of these std about w_c, where the reading itself decides whether the face holds
+OPEN = 8.0  # of these std about w_c, where the reading itself decides whether the face holds (others_curves)
 LAW = 0.05  # share of the tension that follows the law alone
 STEP = 0.01  # of the radius, for the slope of the stiffness
 

@@ -158,9 +158,8 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
     if np.ptp(force) <= 0 and data.size > 1:
         yield InputError("the force never changes", value=float(force[0]), remedy="Check the force's column.")
     if not one_depth and any(_falling(data)):
-        for radius, fallen in _falling(
-            in_phase(data)
-        ):  # clocks far apart make a force fall: such presses are left out
+        left = in_phase(data)  # clocks far apart make a force fall: such presses are left out
+        for radius, fallen in _falling(left):
             if np.ptp(fallen) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
                 yield _of_one_depth(radius, fallen)
             yield InputError(
@@ -174,11 +173,8 @@ def _falling(data: Observations) -> Iterator[tuple[float, Floats]]:
     """Each radius whose force and depth go opposite ways in the gel, with these depths."""
     for radius in np.unique(data.presses.radius_mm):
         mine = (data.phase != "free") & (data.radius_mm == radius) & (data.depth_mm > 0)
-        depth = data.depth_mm[mine]
-        if (
-            depth.size > 1
-            and np.sum((depth - depth.mean()) * (data.normal_N[mine] - data.normal_N[mine].mean())) < 0
-        ):
+        depth, force = data.depth_mm[mine], data.normal_N[mine]
+        if depth.size > 1 and np.sum((depth - depth.mean()) * (force - force.mean())) < 0:
             yield float(radius), depth
 
 

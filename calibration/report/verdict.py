@@ -106,7 +106,7 @@ def few_sentence(found: Diagnosis) -> str:
         return ""
     return (
         f" {data.count} presses hardly tell what changes from one to the next (a day, a temperature, a place) "
-        f"from how presses scatter: {FEW_PRESSES} or more would."
+        "from how presses scatter."
     )
 
 

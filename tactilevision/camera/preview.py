@@ -58,7 +58,7 @@ def words(told: Told, *, rate_Hz: float) -> tuple[str, ...]:
     moment, wrench = told.moment, told.moment.wrench
     touch = f"contact, {moment.peak_mm:.3f} mm deep" if moment.contact else "nothing touches"
     pushed = wrench is not None and (moment.contact or np.any(wrench.force_N))
-    lines = [f"{told.shot.name}: {touch}" + ", no force" * (wrench is not None and not pushed)]
+    lines = [f"{told.shot.name}: {touch}" + (", no force" if wrench is not None and not pushed else "")]
     if wrench is not None and pushed:
         forces = zip("xyz", wrench.force_N, strict=True)
         known = [f"f{axis} {force:+.3f} N" for axis, force in forces if math.isfinite(force)]

@@ -81,7 +81,8 @@ def _doubts_of_frames(recording: Recording) -> Iterator[str]:
         yield f"{layout.FRAME_TABLE}: {equal} frames have the very time of the frame before"
     blind = [p.press for p in recording.presses if p.start_s > times[-1] or p.end_s < times[0]]
     if blind:
-        clock = f". Is {layout.FRAME_TABLE} in ms, or of another clock?" * (len(blind) == len(recording.presses))
+        of_all = len(blind) == len(recording.presses)
+        clock = f". Is {layout.FRAME_TABLE} in ms, or of another clock?" if of_all else ""
         yield f"{layout.PRESSES}: no frames were taken during {some(blind)}{clock}"
 
 
@@ -92,7 +93,7 @@ def _doubts_of_forces(recording: Recording) -> Iterator[str]:
     step_s = float(np.median(np.diff(times)))
     rate = recording.force_rate_Hz
     if rate is not None and step_s > 0 and not math.isclose(1 / step_s, rate, rel_tol=0.1):
-        in_ms = ": is time_s in ms?" * math.isclose(1e3 / step_s, rate, rel_tol=0.1)
+        in_ms = ": is time_s in ms?" if math.isclose(1e3 / step_s, rate, rel_tol=0.1) else ""
         yield f"{layout.FORCES}: readings come at {1 / step_s:.4g} Hz, not at rate_Hz = {rate:g}{in_ms}"
     pause_s = float(np.diff(recording.frame_times_s).max(initial=0.0))  # of both: a change of indenter
     gaps_s = np.diff(times)

@@ -142,7 +142,7 @@ def _passed_over(folder: Path) -> tuple[str, ...]:
     """A warning for pictures of a kind that is not read, since their frames are missed by nobody else."""
     entries = sorted(os.listdir(folder)) if folder.is_dir() else []
     left = [name for name in entries if name.lower().endswith(_UNREAD) and name[0] != "."]
-    return (f"passed over, since pictures of this kind are not read: {some(left)}",) * bool(left)
+    return (f"passed over, since pictures of this kind are not read: {some(left)}",) if left else ()
 
 
 def _cut_short(video: Path, count: int) -> tuple[str, ...]:
