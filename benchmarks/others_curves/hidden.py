@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.others_curves.law import Array, growth, kappa, rounded, slope_N_per_mm
+from benchmarks.others_curves.law import Array, growth, kappa, kappa_between, rounded, slope_N_per_mm
 from benchmarks.others_curves.protocol import UNLOAD, Press, Protocol
 
 SINGLE: Mapping[str, tuple[float, float]] = {
@@ -98,7 +98,7 @@ def _elastic(gel: Gel, protocol: Protocol, press: Press) -> Array:
     force = force * (1 - gel.size("lateral_boundary") * (x**2 + y**2) / 100)
     if gel.size("edge_fillet"):
         a, share = rounded(depth, press.radius_mm, gel.size("edge_fillet"))
-        near = np.array([kappa(round(gel.nu, 6), round(float(one), 2)) for one in a / thickness])
+        near = kappa_between(round(gel.nu, 6), a / thickness, whole=press.radius_mm / thickness)
         force = force * share * near / kappa(round(gel.nu, 6), round(press.radius_mm / thickness, 6))
     return np.asarray(force)
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 NODES = 32  # of the quadrature over the face
 WAVES = 400  # of the quadrature over wave numbers
+GROWN = 5  # places between the contact at first and the whole face
 BEND = 0.92  # b over a/h: .84 of elements of a neo-Hookean solid, 1.02 of a Hencky one
 
 
@@ -39,6 +40,16 @@ def kappa(nu: float, a_over_h: float) -> float:
     table = kernel(x[:, None] - x) + kernel(x[:, None] + x)
     phi = np.linalg.solve(np.eye(NODES) - table * weight / np.pi, np.ones(NODES))
     return float(weight @ phi)
+
+
+def kappa_between(nu: float, a_over_h: Array, *, whole: float) -> Array:
+    """kappa at each a/h (N,) of a contact that grows to `whole`, through exact values at GROWN places."""
+    ends = float(a_over_h.min()), whole
+    places = np.round(np.linspace(*ends, GROWN), 6)
+    if np.ptp(places) == 0:
+        return np.full(a_over_h.shape, kappa(nu, float(places[0])))
+    exact = [kappa(nu, float(one)) for one in places]
+    return np.asarray(np.polynomial.Polynomial.fit(places, exact, GROWN - 1)(a_over_h))
 
 
 def slope_N_per_mm(modulus_MPa: float, nu: float, radius_mm: float, thickness_mm: float) -> float:
