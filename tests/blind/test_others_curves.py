@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.others_curves import __main__ as command
 from benchmarks.others_curves.judge import _held, exact
-from benchmarks.others_curves.law import kappa, rounded
+from benchmarks.others_curves.law import kappa, kappa_between, rounded
 from benchmarks.others_curves.recording import KINDS, make
 from benchmarks.others_curves.strength import SEEN
 from tactilevision.recording import read_recording
@@ -26,6 +26,14 @@ def test_a_rounded_face_ends_as_a_flat_one() -> None:
     assert radius[0] == pytest.approx(1.9)
     assert radius[0] < radius[1] < radius[2] < 2
     assert share[0] < share[1] < share[2] < 1
+
+
+def test_a_contact_that_grows_stiffens_without_steps() -> None:
+    """Ratios once rounded to .01 drew steps of .7 % into the force of a rounded edge."""
+    grown = np.linspace(0.473, 0.5, 10)
+    exact = [kappa(0.48, float(one)) for one in grown]
+    np.testing.assert_allclose(kappa_between(0.48, grown, whole=0.5), exact, rtol=1e-6)
+    np.testing.assert_allclose(kappa_between(0.48, np.full(3, 0.5), whole=0.5), exact[-1:] * 3)
 
 
 @pytest.mark.parametrize("kind", KINDS)
