@@ -97,9 +97,10 @@ def _elastic(gel: Gel, protocol: Protocol, press: Press) -> Array:
     force = k * depth * growth(strain, bend, curve=gel.curve) + k * depth * gel.size("stiffening") * strain**2
     force = force * (1 - gel.size("lateral_boundary") * (x**2 + y**2) / 100)
     if gel.size("edge_fillet"):
-        a, share = rounded(depth, press.radius_mm, gel.size("edge_fillet"))
-        near = kappa_between(round(gel.nu, 6), a / thickness, whole=press.radius_mm / thickness)
-        force = force * share * near / kappa(round(gel.nu, 6), round(press.radius_mm / thickness, 6))
+        edge, whole = gel.size("edge_fillet"), press.radius_mm / thickness
+        a, share = rounded(depth, press.radius_mm, edge)
+        near = kappa_between(round(gel.nu, 6), a / thickness, ends=(whole - edge / thickness, whole))
+        force = force * share * near / kappa(round(gel.nu, 6), round(whole, 6))
     return np.asarray(force)
 
 

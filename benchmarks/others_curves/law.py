@@ -42,12 +42,9 @@ def kappa(nu: float, a_over_h: float) -> float:
     return float(weight @ phi)
 
 
-def kappa_between(nu: float, a_over_h: Array, *, whole: float) -> Array:
-    """kappa at each a/h (N,) of a contact that grows to `whole`, through exact values at GROWN places."""
-    ends = float(a_over_h.min()), whole
+def kappa_between(nu: float, a_over_h: Array, *, ends: tuple[float, float]) -> Array:
+    """kappa at each a/h (N,) between two ends, through exact values at GROWN places."""
     places = np.round(np.linspace(*ends, GROWN), 6)
-    if np.ptp(places) == 0:
-        return np.full(a_over_h.shape, kappa(nu, float(places[0])))
     exact = [kappa(nu, float(one)) for one in places]
     return np.asarray(np.polynomial.Polynomial.fit(places, exact, GROWN - 1)(a_over_h))
 
