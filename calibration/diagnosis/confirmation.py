@@ -17,6 +17,7 @@ from calibration.fit.least_squares import Fit
 from calibration.inputs.deadline import Each, in_turn
 from calibration.model.stages import Effect
 from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Whitener
 
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
 TOLD_APART = 3.0  # std between two candidates: nearer ones stay in the set together
@@ -58,6 +59,19 @@ def inside(candidate: Candidate) -> bool:
         low + 1e-4 * first.scale < value < high - 1e-4 * first.scale
         or (first.default in (low, high) and value < high - 1e-4 * first.scale)
     )
+
+
+def by_one_reading(current: Fit, candidate: Candidate) -> float:
+    """What a candidate takes off chi^2 at the one sample of a curve where it takes most.
+
+    One stray reading is no effect. A point is a press, and odd presses are looked for by themselves: 0 there.
+    """
+    if not current.data.is_curves:
+        return 0.0
+    white = Whitener(current.data, current.noise, current.about).apply
+    read = current.data.normal_N
+    taken = white(read - current.force_N) ** 2 - white(read - candidate.force_N) ** 2
+    return max(float(np.max(taken)), 0.0)
 
 
 def chance(presses: int) -> float:

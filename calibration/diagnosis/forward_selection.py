@@ -19,7 +19,15 @@ from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.confirmation import AS_GOOD, chance, equals, inside, skill, weighed_again
+from calibration.diagnosis.confirmation import (
+    AS_GOOD,
+    by_one_reading,
+    chance,
+    equals,
+    inside,
+    skill,
+    weighed_again,
+)
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.fit.identifiability import beta_name
@@ -276,15 +284,18 @@ def _look(
 def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | None:
     """The best candidate, if its improvement is beyond chance for having looked at all, and carries over.
 
+    A candidate that rests on one reading is none, nor a rival: without that reading it is no better than nothing.
     One that is beyond doubt may be predicted worse by as much as so many presses leave to chance.
     """
+    worth = {c.effect.key: current.chi2 - c.cost - by_one_reading(current, c) for c in turn.candidates}
+    rivals = [c for c in turn.candidates if worth[c.effect.key] > 0]
     may = [
         c
-        for c in turn.candidates
-        if turn.scored[c.effect.key].p_adjusted <= level and inside(c) and c.cost <= current.chi2 - AS_GOOD
+        for c in rivals
+        if turn.scored[c.effect.key].p_adjusted <= level and inside(c) and worth[c.effect.key] >= AS_GOOD
     ]
     keys = {c.effect.key for c in may}  # the others: chance, at the end of the range, or held back beforehand
-    again = weighed_again(current, may[0], turn.candidates, each) if may else ()
+    again = weighed_again(current, may[0], rivals, each) if may else ()
     for best in (c for c in again if c.effect.key in keys):
         scored = turn.scored[best.effect.key]
         try:
