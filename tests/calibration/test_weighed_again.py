@@ -12,6 +12,7 @@ from test_screen import MODEL, TRUTH, measured, presses, pure
 from calibration.diagnosis import confirmation
 from calibration.diagnosis.refit import adopt, hold_out, refit_with
 from calibration.effects import EFFECTS
+from calibration.inputs.observations import Observations
 
 
 def test_a_rival_that_fits_better_by_its_own_noise_goes_first() -> None:
@@ -42,12 +43,46 @@ def test_the_likelihood_is_that_of_the_whole_covariance() -> None:
     assert confirmation._log_volume(fitted) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
 
 
+def drawn_off(count: int) -> Observations:
+    """Curves that end 20 um above the touch on the way out."""
+    depth = np.concatenate([np.linspace(0.03, 0.3, 12), np.linspace(0.25, -0.02, 12)])
+    phase = [["load"] * 12 + ["unload"] * 12] * count
+    times = [300.0 * k + np.linspace(0.0, 4.0, 24) for k in range(count)]
+    return observations([depth] * count, [indenter()] * count, time_s=times, phase=phase)
+
+
+def test_one_stray_reading_is_no_effect() -> None:
+    """A reading of -60 mN beyond the touch, in one press of twelve: adhesion can follow it, and rests on it."""
+    data = drawn_off(12)
+    force = MODEL.predict(TRUTH, data) + 0.004 * np.random.default_rng(5).standard_normal(data.size)
+    force[-1] = 1.001 * (MODEL + EFFECTS["adhesion"]).predict(np.array([*TRUTH, 0.001]), data)[-1]
+    base = pure(data.with_force(force))
+    found = refit_with(base, EFFECTS["adhesion"])
+    assert found.cost < base.chi2 - 30
+    assert found.cost + confirmation.by_one_reading(base, found) > base.chi2 - confirmation.AS_GOOD
+    many = (MODEL + EFFECTS["adhesion"]).predict(np.array([*TRUTH, 0.001]), data)
+    clings = pure(data.with_force(many + 0.004 * np.random.default_rng(5).standard_normal(data.size)))
+    found = refit_with(clings, EFFECTS["adhesion"])
+    assert found.cost + confirmation.by_one_reading(clings, found) < clings.chi2 - 100
+
+
+def test_presses_left_out_are_not_predicted_from_their_own_readings() -> None:
+    """Adhesion asks readings whether a face still holds; of presses left out it may not."""
+    data = drawn_off(6)
+    model, values = MODEL + EFFECTS["adhesion"], np.array([*TRUTH, 2e-5])
+    pulls = model.predict(values, data.with_force(np.full(data.size, -1.0)))
+    base = pure(data.with_force(pulls))
+    size = values.size - 1  # held at what they are, so that nothing is found anew but E
+    error = hold_out(model, base, start=values, folds=np.arange(6), kept=range(1, size + 1))
+    by_law = pulls - model.predict(values, data.with_force(np.zeros(data.size)))
+    assert np.ptp(by_law) > 0.01, "here the law alone says otherwise than what was read"
+    assert error.rms_N == pytest.approx(np.sqrt(np.mean(by_law**2)), rel=0.05)
+    assert np.max(np.abs(pulls - model.predict(values, base.data))) < 0.2 * np.ptp(by_law)
+
+
 def test_a_face_that_never_let_go_is_given_the_least_work_that_does_as_well() -> None:
     """Drawn off to 20 um above the touch, where any work of adhesion from some size on holds."""
-    depth = np.concatenate([np.linspace(0.03, 0.3, 12), np.linspace(0.25, -0.02, 12)])
-    phase = [["load"] * 12 + ["unload"] * 12] * 12
-    times = [300.0 * k + np.linspace(0.0, 4.0, 24) for k in range(12)]
-    data = observations([depth] * 12, [indenter()] * 12, time_s=times, phase=phase)
+    data = drawn_off(12)
     clings = EFFECTS["adhesion"]
     force = (MODEL + clings).predict(np.array([*TRUTH, 0.001]), data)
     base = pure(measured(data, force, np.random.default_rng(3)))
