@@ -142,8 +142,10 @@ def data_uri(path: Path | str) -> str:
     Not a bit is lost of drawings; of photographs what no eye sees is, since that makes them far smaller.
     """
     import cv2
+    import numpy as np
 
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    written = np.frombuffer(Path(path).read_bytes(), np.uint8)  # OpenCV cannot open every name itself
+    pixels = cv2.imdecode(written, cv2.IMREAD_COLOR)
     lossless, lossy = (
         cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, quality])[1].tobytes()
         for quality in (LOSSLESS, PHOTO_QUALITY)
