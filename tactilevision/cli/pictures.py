@@ -89,7 +89,7 @@ def of_presses(
             words = "; ".join(finding.text for finding in evidence.findings)
             name = f"presses/{picture_name(point.press, number)}"
             pictures.append(
-                folder.keep(figure, name, caption=f"Press {point.press}: " + (words or "nothing against it."))
+                folder.keep(figure, name, caption=f"Press {style.as_label(point.press)}: " + (words or "nothing against it."))
             )
         progress(number, len(certificate.points))
     return pictures

@@ -80,8 +80,8 @@ def _press(row: Sequence[Axes], one: PressCurve, models: Sequence[str]) -> None:
             axes.plot(x, force, color=colour, lw=1.2, label=name)
         left.plot(one.time_s, 1e3 * rest, ".-", ms=3, lw=0.9, color=colour, label=name)
     left.axhline(0, color=style.GREY, lw=0.8)
-    punch = f"{one.indenter}, " if one.indenter else ""
-    over_time.set_title(f"press {one.label} ({punch}a = {one.radius_mm:g} mm)", fontsize=9)
+    punch = f"{style.as_label(one.indenter)}, " if one.indenter else ""
+    over_time.set_title(f"press {style.as_label(one.label)} ({punch}a = {one.radius_mm:g} mm)", fontsize=9)
     for axes in (over_time, over_depth):
         axes.set_ylabel("force (N)", fontsize=9)
     errors = " → ".join(f"{1e3 * rms:.1f}" for rms in one.rms_N)

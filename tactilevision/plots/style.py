@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import warnings
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -45,6 +46,7 @@ WIDTH_IN = 7.0  # the widest figure of a report: at 500 px its text is still 9 p
 LOSSLESS = 101  # quality of a WebP picture that keeps every bit, as OpenCV states it
 PHOTO_QUALITY = 90  # of a WebP picture that loses some, 0 to 100; by eye on the presses of gelslim3
 WORTH_IT = 0.6  # of the lossless size: a smaller lossy picture is taken; parts photographs from drawings
+LONGEST_LABEL = 40  # letters of a name in a figure: what the title over one of three panels holds, by eye
 FORMS = ("png", "svg", "pdf")  # a figure is always written as the first, which pages embed
 
 RC: Any = {
@@ -129,10 +131,17 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
             handle.set(markersize=max(handle.get_markersize(), 5), alpha=1)  # small dots of a cloud
 
 
+def as_label(name: str) -> str:
+    """A name of the user's as a figure holds it: no tab, for which fonts have no sign, and its end left out if long."""
+    name = name.replace("\t", " ")
+    return name if len(name) <= LONGEST_LABEL else name[: LONGEST_LABEL - 1] + "…"
+
+
 def save_figure(figure: Figure, path: Path | str, *, form: str = "png") -> None:
     """Write the PNG `path`, and the figure in another of FORMS beside it; each whole or not at all."""
     for one in dict.fromkeys((FORMS[0], form)):
-        with replacing(Path(path).with_suffix(f".{one}")) as temporary:
+        with replacing(Path(path).with_suffix(f".{one}")) as temporary, warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Glyph .* missing from")  # boxes in the figure show as much
             figure.savefig(temporary, format=one)
 
 
