@@ -46,7 +46,7 @@ WIDTH_IN = 7.0  # the widest figure of a report: at 500 px its text is still 9 p
 LOSSLESS = 101  # quality of a WebP picture that keeps every bit, as OpenCV states it
 PHOTO_QUALITY = 90  # of a WebP picture that loses some, 0 to 100; by eye on the presses of gelslim3
 WORTH_IT = 0.6  # of the lossless size: a smaller lossy picture is taken; parts photographs from drawings
-LONGEST_LABEL = 40  # letters of a name in a figure: what the title over one of three panels holds, by eye
+LONGEST_LABEL = 24  # letters of a name in a figure: two of them fit a title over two panels, by eye
 FORMS = ("png", "svg", "pdf")  # a figure is always written as the first, which pages embed
 
 RC: Any = {
@@ -132,7 +132,7 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
 
 
 def as_label(name: str) -> str:
-    """A name of the user's as a figure holds it: no tab, for which fonts have no sign, and its end left out if long."""
+    """A name of the user's as a figure holds it: no tab, which fonts lack, and its end left out where it is long."""
     name = name.replace("\t", " ")
     return name if len(name) <= LONGEST_LABEL else name[: LONGEST_LABEL - 1] + "…"
 
