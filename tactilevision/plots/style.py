@@ -132,7 +132,7 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
 
 
 def as_label(name: str) -> str:
-    """A name of the user's as a figure holds it: no tab, which fonts lack, and its end left out where it is long."""
+    """A name of the user's as a figure holds it: no tab, which fonts lack, and no more letters than fit."""
     name = name.replace("\t", " ")
     return name if len(name) <= LONGEST_LABEL else name[: LONGEST_LABEL - 1] + "…"
 
