@@ -29,6 +29,7 @@ from calibration.result.poisson_routes import (
     BELOW_BOUND,
     Route,
     contradicts,
+    holding_each,
     in_words,
     informed,
     of_beta,
@@ -78,12 +79,16 @@ def calibrate(
         free = replace(free, poisson_range=bound or OPEN_NU)
     model = Model(free, effects.effects if effects else ())
     fitted = fit(model, data)
+    routes: tuple[Route, ...] = ()
+    if isinstance(chosen, FlatPunch):
+        known = of_prior(stated.gel, bulge=bulge, bound=bound)
+        routes = (*of_bulge(bulge), *known, *of_radii(fitted))
+        fitted = holding_each(fitted, routes)
     result = with_errors(determine_material(allow_for_indenters(fitted)), fit_errors(judged(fitted)))
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
-        known = of_prior(stated.gel, bulge=bulge, bound=bound)
-        result = allow_for_edge(_with_routes(result, (*of_bulge(bulge), *known)))
+        result = allow_for_edge(_with_routes(result, routes))
         if stated.gel.poisson_ratio is None and contradicts(bulge, bound):
             result = _below_bound(result)
     apart = apart_from_stated(result.youngs_modulus, stated.gel)
@@ -97,7 +102,7 @@ def calibrate(
 
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
     """The result with every route to nu, the source named after the tightest one that was used."""
-    routes = (*routes, *of_radii(result.fitted), *of_beta(result.beta))
+    routes = (*routes, *of_beta(result.beta))
     lines, warnings = in_words(routes)
     source = tightest(routes) if result.poisson_ratio.value is not None else result.poisson_ratio_source
     return replace(

@@ -45,3 +45,11 @@ def test_a_stated_modulus_that_the_result_contradicts_is_told() -> None:
         result = calibrate(points_of(DEPTHS, FORCES, gel=gel))
         assert any("apart from the" in line for line in result.warnings) is told
         assert result.youngs_modulus.value == pytest.approx(found)
+
+
+def test_a_slope_at_the_end_of_its_range_is_told() -> None:
+    """A thickness a thousand times too large: no beta bends the force as these do."""
+    thick = calibrate(points_of(DEPTHS, FORCES, gel=replace(GEL, thickness_mm=3000.0)))
+    assert "beta_at_bound" in thick.flags
+    assert any("stands at the end of its range" in line for line in thick.warnings)
+    assert "beta_at_bound" not in calibrate(points_of(DEPTHS, FORCES, gel=GEL)).flags
