@@ -92,7 +92,7 @@ def new_figure(width_in: float, height_in: float, *, rows: int = 1, columns: int
 
 
 def new_quad(width_in: float, height_in: float, *, legend_in: float) -> tuple[Figure, list[Axes]]:
-    """A row of axes whose widths are in the ratio of `shares`, at fixed places: for many figures, quickly."""
+    """Two rows of two axes at fixed places, with room for a legend below: for many figures, quickly."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width_in, height_in))

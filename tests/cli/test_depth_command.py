@@ -95,8 +95,8 @@ def test_a_narrow_strip_becomes_maps(
 ) -> None:
     """Narrower than the border within which colours are not held against the light."""
     (tmp_path / "frames").mkdir()
-    for number in range(2):
-        cv2.imwrite(str(tmp_path / "frames" / f"{number}.png"), cv2.resize(untouched(), (12, 400)))
+    for number, seen in enumerate((untouched(), untouched()[::-1])):
+        cv2.imwrite(str(tmp_path / "frames" / f"{number}.png"), cv2.resize(seen, (12, 400)))
     words = ("depth", tmp_path / "frames", "--sensor", "digit", "--mm-per-px", "0.06", "--workers", "1")
     monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, words), "--out", str(tmp_path / "out")])
     assert main() == 0
