@@ -15,7 +15,7 @@ import numpy as np
 from calibration.fit.least_squares import fit
 from calibration.inputs.checks import at_one_depth, check, of_several_depths, of_shape
 from calibration.inputs.gather import observe_curves, observe_points
-from calibration.inputs.observations import Measured, Observations
+from calibration.inputs.observations import Measured, Observations, as_sets
 from calibration.inputs.phase import in_phase
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
@@ -64,7 +64,7 @@ def calibrate(
     it, None leaves that out. Presses that clocks far apart put out of phase are left out, with a warning. Raises
     NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
     """
-    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    sets = as_sets(measured)
     seen = observe(sets)
     chosen = _chosen(law, seen)
     stated = _sized(of_shape(seen, shape_of(chosen)))

@@ -198,6 +198,15 @@ def test_bad_measurements_are_named(measured: Measured, message: str) -> None:
         calibrate(measured)
 
 
+def test_what_is_not_measured_is_told_how_to_become_so() -> None:
+    measured = points_of(DEPTHS, FORCES)
+    for given in (measured.recording, [DEPTHS, FORCES]):
+        with pytest.raises(InputError, match=r"Measured\(recording, points, curves\)"):
+            calibrate(given)  # type: ignore[arg-type]
+    one, several = calibrate(measured), calibrate([measured])
+    assert one.c == several.c
+
+
 def test_curves_whose_depth_has_the_wrong_sign_are_refused() -> None:
     """A little air goes into the gel when the sign is turned: that alone must not be fitted."""
     depth = np.concatenate([np.linspace(-0.03, 0.0, 6), np.linspace(0.05, 0.5, 20)])

@@ -201,6 +201,16 @@ def test_free_frames_take_off_slopes_that_are_not_there() -> None:
     assert subtract_background(leaning, free[:2]) is leaning
 
 
+def test_pixels_alone_are_a_frame() -> None:
+    """As they come from a camera; what is no picture is told so."""
+    rgb = np.asarray(ball_pictures(1, np.random.default_rng(5))[0].rgb)
+    one, other = (reconstructor().height_map(given) for given in (rgb, Frame(rgb)))
+    assert np.array_equal(one.depth_mm, other.depth_mm)
+    assert np.array_equal(reconstructor().rectified(rgb), reconstructor().rectified(Frame(rgb)))
+    with pytest.raises(InputError, match="grey levels"):
+        reconstructor().height_map(rgb / 255.0)  # type: ignore[arg-type]
+
+
 def test_a_frame_of_another_size_is_refused() -> None:
     with pytest.raises(InputError, match="not as its sensor"):
         reconstructor().height_map(Frame(np.zeros((10, 12, 3), np.uint8)))
