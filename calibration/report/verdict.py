@@ -49,6 +49,9 @@ def verdict_sentence(found: Diagnosis) -> str:
                 beta = wording.estimate(found.before.beta)
                 what = "A line fits, but no contact law allows its slope"
                 return f"{what}, beta = {beta}; these data cannot tell which of these is off instead: {several}."
+            if "beta_at_bound" in found.flags and not found.effects:
+                what = f"The slope stands at the end of its range, beta = {wording.estimate(found.before.beta)}"
+                return f"{what}; these data cannot tell which of these is off instead: {several}, or a unit."
             return f"Something is missing from the model; these data cannot tell which of: {several}."
         case _ if found.odd:
             return f"{_odd(found)}. Look at these presses before E is used."

@@ -44,8 +44,8 @@ def _at_bound(fitted: Fit) -> str:
     if not ends:
         return ""
     return (
-        f"{', '.join(ends)} stands at the end of its range: the law does not fit these data, and c and E say "
-        "little. Check the thickness, the radii, and the units of depth and force"
+        f"a slope stands at the end of its range ({', '.join(ends)}): the law does not fit, and c and E "
+        "say little. Check the thickness, the radii, and the units of depth and force"
     )
 
 
