@@ -20,6 +20,7 @@ TOUCH = 3.0  # std of a press zero
 MIN_AIR = 5  # samples of air on the way in: fewer do not tell how forces scatter there
 PULL_SIGMA = 4.0  # std of them: a force that lies farther below is none of air
 MIN_PULLING_SHARE = 0.1  # of the samples near the touch on the way out: so many pull only where a gel clings
+LOADED = 0.5  # of the largest force, either way: above it the punch stands in the gel, whatever a zero is off by
 SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
 
 
@@ -157,6 +158,13 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
         )
     if np.ptp(force) <= 0 and data.size > 1:
         yield InputError("the force never changes", value=float(force[0]), remedy="Check the force's column.")
+    pressed = data.depth_mm[np.abs(force) >= LOADED * np.max(np.abs(force))]
+    if np.median(pressed) <= 0:
+        yield InputError(
+            "the largest forces come where the depth is none",
+            value=float(np.median(pressed)),
+            remedy="Depth is positive into the gel: check its sign and its zero.",
+        )
     if not one_depth and any(_falling(data)):
         left = in_phase(data)  # clocks far apart make a force fall: such presses are left out
         for radius, fallen in _falling(left):

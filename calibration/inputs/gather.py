@@ -18,6 +18,7 @@ from calibration.inputs.observations import (
     Observations,
     Presses,
     RecordingLike,
+    as_sets,
 )
 from tactilevision.errors import InputError
 from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press
@@ -58,7 +59,7 @@ def observe_points(measured: Sequence[Measured] | Measured) -> Observations:
 
     Raises InputError where an indenter is not described or a number is not finite.
     """
-    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    sets = as_sets(measured)
     return _gather(sets, [t for k, m in enumerate(sets) for t in _point_touches(m, k)])
 
 
@@ -67,13 +68,13 @@ def observe_curves(measured: Sequence[Measured] | Measured) -> Observations:
 
     Raises InputError where an indenter is not described or a press holds no finite sample.
     """
-    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    sets = as_sets(measured)
     return _gather(sets, [t for k, m in enumerate(sets) for t in _curve_touches(m, k)])
 
 
 def observe_all(measured: Sequence[Measured] | Measured) -> Observations:
     """The curves of these recordings, which tell more; the accepted points where no recording has curves."""
-    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    sets = as_sets(measured)
     return observe_curves(sets) if any(m.curves for m in sets) else observe_points(sets)
 
 

@@ -6,13 +6,14 @@ curves have many. Several recordings of one sensor stand in one Observations, or
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.errors import InputError
 from tactilevision.records import Bools, CertifiedPoint, Curve, Floats, Gel, Indenter, Press, Sensor
 
 Ints = npt.NDArray[np.int64]
@@ -245,3 +246,17 @@ class Measured:
     recording: RecordingLike
     points: tuple[CertifiedPoint, ...] = ()
     curves: tuple[Curve, ...] = ()
+
+
+def as_sets(measured: Measured | Sequence[Measured]) -> list[Measured]:
+    """One or several, as a list. Raises InputError for anything else, as a bare recording or arrays."""
+    given: Any = measured
+    several = list(given) if isinstance(given, Iterable) and not isinstance(given, Measured) else [given]
+    for one in several:
+        if not isinstance(one, Measured):
+            raise InputError(
+                "this takes Measured(recording, points, curves), one or several",
+                value=type(one).__name__,
+                remedy="Of a recording: Measured(recording, recording.points, recording.curves).",
+            )
+    return several

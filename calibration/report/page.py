@@ -8,7 +8,7 @@ from html import escape
 STYLE = """
 :root { color-scheme: light; --ink: #1c1c1c; --soft: #5c5c5c; --line: #dcdcdc; --good: #00694d; --bad: #a84300; }
 body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink);
-       max-width: 1180px; margin: 2rem auto; padding: 0 1rem; }
+       max-width: 1180px; margin: 2rem auto; padding: 0 1rem; overflow-wrap: break-word; }
 h1 { font-size: 1.5rem; margin-bottom: .2rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
 p.lead { font-size: 1.1rem; }
 div.verdict { border-left: 6px solid var(--soft); background: #f6f6f4; padding: .6rem 1.1rem; margin: 1rem 0; }

@@ -89,7 +89,7 @@ def calibration_page(
         head,
         page.section("Force against depth", *(page.figure(p.data_uri, p.caption) for p in figures)),
         details,
-        page.section("Presses", _press_table(points), page.paragraph(DEPTHS, kind="soft")),
+        page.section("Presses", _press_table(points), page.paragraph(DEPTHS, kind="soft")) if points else "",
         page.folded(
             f"Pictures of each press ({len(presses)}): frame, height map, signal of the bevel, force",
             *(page.figure(p.data_uri, p.caption) for p in presses),

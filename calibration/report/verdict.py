@@ -44,12 +44,7 @@ def verdict_sentence(found: Diagnosis) -> str:
         case "IDENTIFIED":
             return f"Something is missing from the model, and it is {named}{fall if found.effects else ''}."
         case "AMBIGUOUS":
-            several = ", ".join(in_words(key) for key in found.candidates)
-            if "beta_outside_theory" in found.flags and not found.effects:
-                beta = wording.estimate(found.before.beta)
-                what = "A line fits, but no contact law allows its slope"
-                return f"{what}, beta = {beta}; these data cannot tell which of these is off instead: {several}."
-            return f"Something is missing from the model; these data cannot tell which of: {several}."
+            return _ambiguous(found)
         case _ if found.odd:
             return f"{_odd(found)}. Look at these presses before E is used."
         case _ if found.alternative_explanation is not None:
@@ -60,6 +55,18 @@ def verdict_sentence(found: Diagnosis) -> str:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
             return f"Something is missing from the model{known} {what}.{_nearest(found)}"
+
+
+def _ambiguous(found: Diagnosis) -> str:
+    """What the data cannot tell apart: effects, or what stands behind a slope that is not the contact's."""
+    several = ", ".join(in_words(key) for key in found.candidates)
+    cannot = "these data cannot tell which of these is off instead"
+    beta = wording.estimate(found.before.beta)
+    if "beta_outside_theory" in found.flags and not found.effects:
+        return f"A line fits, but no contact law allows its slope, beta = {beta}; {cannot}: {several}."
+    if "beta_at_bound" in found.flags and not found.effects:
+        return f"The slope stands at the end of its range, beta = {beta}; {cannot}: {several}, or a unit."
+    return f"Something is missing from the model; these data cannot tell which of: {several}."
 
 
 def _without(found: Diagnosis) -> str:

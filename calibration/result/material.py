@@ -18,6 +18,8 @@ from calibration.result.published_route import published_route
 from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from calibration.result.round_result import of_round
 
+AT_BOUND = "beta_at_bound"  # the flag of a slope that the fit pushed as far as it may go
+
 
 def determine_material(fitted: Fit) -> CalibrationResult:
     """The material behind a fit of any law in the catalogue."""
@@ -25,10 +27,26 @@ def determine_material(fitted: Fit) -> CalibrationResult:
         found = of_round(fitted)
     else:
         found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
-    strange = outside_gels(found.youngs_modulus)
-    if not strange:
-        return found
-    return replace(found, warnings=(*found.warnings, strange), flags=(*found.flags, FLAG))
+    told = ((FLAG, outside_gels(found.youngs_modulus)), (AT_BOUND, _at_bound(fitted)))
+    for flag, said in told:
+        if said:
+            found = replace(found, warnings=(*found.warnings, said), flags=(*found.flags, flag))
+    return found
+
+
+def _at_bound(fitted: Fit) -> str:
+    """A sentence where the fit pushed a slope beta to the end of its range; else empty."""
+    ends = [
+        f"{parameter.name} = {value:g}"
+        for parameter, value, held in zip(fitted.parameters, fitted.values, fitted.at_bound, strict=True)
+        if held and not parameter.fixed and parameter.name.startswith("beta")
+    ]
+    if not ends:
+        return ""
+    return (
+        f"a slope stands at the end of its range ({', '.join(ends)}): the law does not fit, and c and E "
+        "say little. Check the thickness, the radii, and the units of depth and force"
+    )
 
 
 def _of_default(fitted: Fit) -> CalibrationResult:

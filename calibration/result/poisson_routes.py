@@ -33,6 +33,7 @@ from tactilevision.records import Estimate, Gel, Pair
 
 HIGHEST = 0.4999  # nu that the tables reach; .5 has no finite stiffness of a thin layer
 AT_BOUND = 1e-4  # of nu: nearer to its bound a fit stands at it
+REACH = 1.95  # std: a little less than the half of a 95 % interval
 CONTRARY = 3.0  # sigmas between two routes from which a warning says so
 BELOW_SIGMA = 2.0  # sigmas under the bound from which nu and the bound contradict each other
 CUT_SIGMA = 3.0  # sigmas above the bound from which it cuts off nothing that counts
@@ -156,6 +157,21 @@ def tightest(routes: Sequence[Route]) -> str:
     return min(known, key=lambda route: route.poisson_ratio.std or 0.0).name if known else "prior"
 
 
+def holding_each(fitted: Fit, routes: Sequence[Route]) -> Fit:
+    """The fit with nu's std so large, where its routes contradict each other, that its interval holds every route.
+
+    What goes along with nu in the fit (E, c) is as much less sure. A nu that is held stays.
+    """
+    k = fitted.index("poisson_ratio")
+    std = float(np.sqrt(fitted.covariance[k, k]))
+    if apart(routes) <= CONTRARY or std <= 0:
+        return fitted
+    known = [r.poisson_ratio.value for r in routes if r.used and r.poisson_ratio.value is not None]
+    wider = max(std, *(abs(float(fitted.values[k]) - nu) / REACH for nu in known))
+    along = fitted.covariance[:, k] / std
+    return replace(fitted, covariance=fitted.covariance + (wider**2 / std**2 - 1) * np.outer(along, along))
+
+
 def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
     """Assumptions and warnings: what each route says, and how far those that were used lie apart."""
     words = {
@@ -180,9 +196,11 @@ def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
         if r.poisson_ratio.value is None and r.name != "prior"
     ]
     silent += [f"Poisson's ratio is held to {r.poisson_ratio.why}" for r in routes if r.used and _is_bound(r)]
+    exact = any(route.name == "prior" and route.poisson_ratio.std == 0 for route in routes)
     warning = [
         f"the routes to Poisson's ratio contradict each other by {between:.1f} standard deviations: "
-        "its interval is widened by as much"
+        + ("it is taken as stated" if exact else "its interval is widened to reach to each")
+        + ". Check the stated one, the thickness and the radii"
     ]
     return [*lines, *silent], warning if between > CONTRARY else []
 

@@ -15,7 +15,7 @@ import numpy as np
 from calibration.fit.least_squares import fit
 from calibration.inputs.checks import at_one_depth, check, of_several_depths, of_shape
 from calibration.inputs.gather import observe_curves, observe_points
-from calibration.inputs.observations import Measured, Observations
+from calibration.inputs.observations import Measured, Observations, as_sets
 from calibration.inputs.phase import in_phase
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
@@ -29,6 +29,7 @@ from calibration.result.poisson_routes import (
     BELOW_BOUND,
     Route,
     contradicts,
+    holding_each,
     in_words,
     informed,
     of_beta,
@@ -63,7 +64,7 @@ def calibrate(
     it, None leaves that out. Presses that clocks far apart put out of phase are left out, with a warning. Raises
     NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
     """
-    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    sets = as_sets(measured)
     seen = observe(sets)
     chosen = _chosen(law, seen)
     stated = _sized(of_shape(seen, shape_of(chosen)))
@@ -78,12 +79,16 @@ def calibrate(
         free = replace(free, poisson_range=bound or OPEN_NU)
     model = Model(free, effects.effects if effects else ())
     fitted = fit(model, data)
+    routes: tuple[Route, ...] = ()
+    if isinstance(chosen, FlatPunch):
+        known = of_prior(stated.gel, bulge=bulge, bound=bound)
+        routes = (*of_bulge(bulge), *known, *of_radii(fitted))
+        fitted = holding_each(fitted, routes)
     result = with_errors(determine_material(allow_for_indenters(fitted)), fit_errors(judged(fitted)))
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
-        known = of_prior(stated.gel, bulge=bulge, bound=bound)
-        result = allow_for_edge(_with_routes(result, (*of_bulge(bulge), *known)))
+        result = allow_for_edge(_with_routes(result, routes))
         if stated.gel.poisson_ratio is None and contradicts(bulge, bound):
             result = _below_bound(result)
     apart = apart_from_stated(result.youngs_modulus, stated.gel)
@@ -97,7 +102,7 @@ def calibrate(
 
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
     """The result with every route to nu, the source named after the tightest one that was used."""
-    routes = (*routes, *of_radii(result.fitted), *of_beta(result.beta))
+    routes = (*routes, *of_beta(result.beta))
     lines, warnings = in_words(routes)
     source = tightest(routes) if result.poisson_ratio.value is not None else result.poisson_ratio_source
     return replace(

@@ -41,7 +41,7 @@ from calibration.inputs.phase import in_phase
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
 from calibration.repeats.repeat_noise import beyond_stated
-from calibration.result.material import determine_material
+from calibration.result.material import AT_BOUND, determine_material
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import base_fit, base_model, fit_alone
@@ -55,6 +55,7 @@ WHY_POINTS = (
     "only certified points take part: along the ramp the depth is the picture's, whose walls err by percent "
     "from depth to depth, so what follows rate, time and history is not looked for"
 )
+STRANGE_BETA = {"beta_outside_theory", AT_BOUND}  # flags of a slope that is not the contact's
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
 
@@ -160,7 +161,7 @@ def _determine(
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
-    suspects = instead_of_beta() if "beta_outside_theory" in flags else ()
+    suspects = instead_of_beta() if STRANGE_BETA & set(flags) else ()
     explained, instead = would_have_to_be(base, suspects), _refitted(base, suspects)
     after, unseen = _material(alone, (force, sight), catalogue, _moduli(force, explained, instead=instead))
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
@@ -245,7 +246,7 @@ def _remarks(force: Outcome) -> tuple[str, ...]:
 def _verdict(both: Sequence[Outcome], flags: Sequence[str]) -> str:
     if any(one.unknown for one in both):
         return "UNKNOWN"
-    if "beta_outside_theory" in flags or any(len(s) > 1 for one in both for s in one.sets):
+    if STRANGE_BETA & set(flags) or any(len(s) > 1 for one in both for s in one.sets):
         return "AMBIGUOUS"
     return "IDENTIFIED" if any(one.steps for one in both) else "ADEQUATE"
 

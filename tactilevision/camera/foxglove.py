@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -42,6 +43,18 @@ _STATE = {
 }
 
 
+def check_installed() -> None:
+    """Raise InputError where the extra is missing."""
+    try:
+        import_module("foxglove")
+    except ImportError as fault:
+        raise InputError(
+            "the package foxglove-sdk is missing",
+            where="--foxglove and --mcap",
+            remedy="Install it: pip install 'tactilevision[foxglove]'.",
+        ) from fault
+
+
 class Foxglove:
     """Open while frames come; `show` hands it each moment.
 
@@ -51,15 +64,10 @@ class Foxglove:
 
     def __init__(self, reconstructor: Reconstructor, *, serve: bool = False, mcap: Path | None = None) -> None:
         self.reconstructor, self.mcap = reconstructor, mcap
-        try:
-            import foxglove
-            from foxglove import channels
-        except ImportError as fault:
-            raise InputError(
-                "the package foxglove-sdk is missing",
-                where="--foxglove and --mcap",
-                remedy="Install it: pip install 'tactilevision[foxglove]'.",
-            ) from fault
+        check_installed()
+        import foxglove
+        from foxglove import channels
+
         self._context = foxglove.Context()
         self._picture = channels.RawImageChannel("/picture", context=self._context)
         self._depth = channels.GridChannel("/depth", context=self._context)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -17,6 +18,7 @@ def main() -> int:
 
     0 done · 2 bad input (also a wrong option) · 3 nothing could be certified · 130 interrupted · 143 terminated.
     """
+    _ready_streams()
     for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(library, "1")  # matrices are small here: threads would only wait for each other
     heard = threading.current_thread() is threading.main_thread()
@@ -32,6 +34,19 @@ def main() -> int:
     elif heard:
         signal.signal(signal.SIGTERM, before)
     return code
+
+
+def _ready_streams() -> None:
+    """Streams that were closed lead nowhere, and a letter that a terminal lacks is spelt out (\\u03bd)."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number; else a file of results would
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def _run() -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -12,7 +13,8 @@ from typing import Annotated, Any, Protocol
 
 import typer
 
-from tactilevision.errors import InputError, TactilevisionError, Terminated
+from tactilevision.door.names import as_plain
+from tactilevision.errors import InputError, OutputError, TactilevisionError, Terminated
 from tactilevision.files import write_json
 from tactilevision.runs import Ticker
 
@@ -32,9 +34,25 @@ FormatOption = Annotated[
         "--format", help="Write each figure in this form, too; PNG is always written, and in the report."
     ),
 ]
+
+
+def _reached(address: str | None) -> str | None:
+    """The address, once a scheduler has answered there: before the light is calibrated, which takes minutes."""
+    if address is not None:
+        from tactilevision.cluster.connect import check_cluster
+
+        check_cluster(address)
+    return address
+
+
 ClusterOption = Annotated[
     str | None,
-    typer.Option("--cluster", metavar="ADDRESS", help="A Dask cluster: tcp://HOST:PORT, or its scheduler file."),
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS",
+        callback=_reached,
+        help="A Dask cluster: tcp://HOST:PORT, or its scheduler file.",
+    ),
 ]
 WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
@@ -93,14 +111,26 @@ def _progress_lines(title: str) -> Iterator[Progress]:
         counted = f": {done} of {total}" if total > done + 1 or done >= total else ""
         state[0] = f"{title} {what}".rstrip() + counted
 
-    with Ticker(lambda: typer.echo(f"{state[0]}, {time.monotonic() - began:.0f} s", err=True), LINE_EVERY_S):
+    with Ticker(lambda: _complain(f"{state[0]}, {time.monotonic() - began:.0f} s"), LINE_EVERY_S):
         yield tell
 
 
 def say(*lines: str) -> None:
-    """Print the human summary to standard output."""
+    """Print the human summary to standard output. Raises OutputError where that is a file on a full disk."""
     for line in lines:
-        typer.echo(line)
+        try:
+            typer.echo(as_plain(line))
+        except BrokenPipeError:
+            raise
+        except OSError as fault:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python writes what is left at its end
+            raise OutputError(
+                f"cannot be written: {fault.strerror}", where="standard output", remedy="Send it elsewhere."
+            ) from fault
+
+
+def _complain(line: str) -> None:
+    typer.echo(as_plain(line), err=True)
 
 
 def say_first(lines: Sequence[str], rest: Path) -> None:
@@ -113,7 +143,7 @@ def say_first(lines: Sequence[str], rest: Path) -> None:
 def warn(lines: tuple[str, ...] | list[str]) -> None:
     """Print warnings to standard error, each on its own line."""
     for line in lines:
-        typer.echo(f"warning: {line}", err=True)
+        _complain(f"warning: {line}")
 
 
 def hand_over(result: Any, path: Path | None) -> None:
@@ -125,7 +155,7 @@ def hand_over(result: Any, path: Path | None) -> None:
 def report_failure(fault: BaseException) -> int:
     """Print one clear message and return the exit code; what is no known failure is raised again."""
     if isinstance(fault, TactilevisionError):
-        typer.echo(f"error: {fault}", err=True)
+        _complain(f"error: {fault}")
         return fault.exit_code
     if isinstance(fault, typer.Abort | KeyboardInterrupt):
         typer.echo("interrupted: results written earlier are as they were.", err=True)
@@ -138,7 +168,7 @@ def report_failure(fault: BaseException) -> int:
     if isinstance(fault, BrokenPipeError):
         return 0
     if isinstance(fault, OSError) and fault.filename:  # a name too long, no permission: the place is at fault
-        typer.echo(f"error: {str(fault.filename)[:200]}: cannot be used: {fault.strerror}.", err=True)
+        _complain(f"error: {str(fault.filename)[:200]}: cannot be used: {fault.strerror}.")
         return InputError.exit_code
     show = getattr(fault, "show", None)  # a wrong option or argument, worded by the command line's parser
     if callable(show):

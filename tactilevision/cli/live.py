@@ -74,6 +74,8 @@ def live(
     from tactilevision.camera.loop import Counts, run
     from tactilevision.camera.newest import Newest
 
+    if foxglove or mcap is not None:
+        _check_foxglove()
     chosen = source.Choice(sensor, reference, method, mm_per_px, shadows=shadows, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
     found = audit(opened.first, timed=not opened.source.waits)
@@ -89,6 +91,13 @@ def live(
         console.hand_over(_as_json(counts, found, newest.dropped), json)
     if not counts.read:
         raise InputError("no frame could be read", where="live", value=counts.why or f"{newest.came} frames came")
+
+
+def _check_foxglove() -> None:
+    """Before the camera is looked at: raise InputError where the extra is missing."""
+    from tactilevision.camera.foxglove import check_installed
+
+    check_installed()
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,11 +231,12 @@ class _Teller:
 
 
 def _tell_end(counts: Counts, came: int, dropped: int) -> None:
-    console.say(
-        f"{counts.read} frames read of {came} that came, {dropped} dropped, {counts.rate_Hz:.1f} a second; "
-        f"95 of 100 were known within {counts.age95_ms:.1f} ms of coming",
-        *counts.lines(),
-    )
+    if counts.read:
+        console.say(
+            f"{counts.read} frames read of {came} that came, {dropped} dropped, {counts.rate_Hz:.1f} a second; "
+            f"95 of 100 were known within {counts.age95_ms:.1f} ms of coming",
+            *counts.lines(),
+        )
     if counts.refused:
         console.warn([f"{counts.refused} frames were refused, the last because {counts.why}"])
 

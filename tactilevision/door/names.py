@@ -19,6 +19,11 @@ def is_plain(text: str) -> bool:
     return _UNPLAIN.search(text) is None
 
 
+def as_plain(text: str) -> str:
+    """The same lines with every other unplain letter spelt out (\\x1b), so that it steers no terminal."""
+    return "\n".join(_UNPLAIN.sub(lambda found: ascii(found[0])[1:-1], line) for line in text.split("\n"))
+
+
 def check_plain(name: str, *, where: object) -> None:
     """Raise InputError for a file's name that is not plain."""
     if not is_plain(name):

@@ -114,6 +114,13 @@ class ForceField:
 
         Raises InputError where the maps do not fit the field (another sensor's scale or size).
         """
+        if not isinstance(height, HeightMap):
+            raise InputError(
+                "a force field takes a height map",
+                where="ForceField",
+                value=type(height).__name__,
+                remedy="Make one with reconstructor.height_map(rgb), or HeightMap(...) of depths of your own.",
+            )
         if self.compliance is None:
             self.compliance = self._set_up(height.depth_mm.shape)
         found = self._free(self.compliance, height, shear)

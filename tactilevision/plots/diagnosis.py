@@ -68,13 +68,14 @@ class Sighting:
 def draw_offsets(shown: Offsets) -> Figure:
     """Each press's own offset in order; what cannot belong to the others in orange, with its name."""
     figure, (axes,) = style.new_figure(style.WIDTH_IN, 3.6)
+    labels = [style.as_label(label) for label in shown.labels]
     odd, place = np.array(shown.odd), np.arange(len(shown.labels))
     axes.vlines(place, 0, shown.offset_um, color=np.where(odd, style.ORANGE, style.BLUE), lw=1.2)
     axes.plot(place[~odd], shown.offset_um[~odd], "o", ms=5, color=style.BLUE, label="like the others")
     axes.plot(place[odd], shown.offset_um[odd], "o", ms=8, color=style.ORANGE, label="cannot be one of them")
     for k in place[odd]:
         axes.annotate(
-            shown.labels[k],
+            labels[k],
             (k, shown.offset_um[k]),
             xytext=(7, 0),
             textcoords="offset points",
@@ -87,14 +88,14 @@ def draw_offsets(shown: Offsets) -> Figure:
         axes.text(
             shown.since - 0.4,
             0.97,
-            f"since {shown.labels[shown.since]}",
+            f"since {labels[shown.since]}",
             color=style.ORANGE,
             va="top",
             transform=axes.get_xaxis_transform(),
         )
     axes.axhline(0, color=style.GREY, lw=0.8)
     step = -(-len(place) // 20)
-    axes.set_xticks(place[::step], shown.labels[::step], rotation=45, ha="right")
+    axes.set_xticks(place[::step], labels[::step], rotation=45, ha="right")
     axes.margins(y=0.15)
     axes.set(xlabel="press, in order", ylabel="own offset of depth (µm)", title="Each press's own offset")
     style.legend_below(figure)

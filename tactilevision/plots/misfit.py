@@ -60,13 +60,19 @@ def draw_presses(curves: ForceCurves, presses: Sequence[PressCurve]) -> Figure:
     reach = 1e3 * MARGIN * max((float(np.max(np.abs(one.residual_N))) for one in presses), default=1.0)
     for row, one in zip(grid, presses, strict=True):
         _press(row, one, curves.models)
-        row[2].set_ylim(-reach, reach)
+        _reach(row[2], reach)
     under, beside = ("time (s)", "depth w (mm)", "time (s)"), (-0.2, -0.2, -0.33)  # clear of the widest number
     for axes, label, aside in zip(grid.ravel(), under * rows, beside * rows, strict=True):
         axes.set_xlabel(label, fontsize=9, labelpad=1)
         axes.yaxis.set_label_coords(aside, 0.5)
     style.legend_below(figure, columns=4)
     return figure
+
+
+def _reach(axes: Axes, reach: float) -> None:
+    """From -reach to reach, unless a law that goes through every sample leaves nothing."""
+    if reach > 0:
+        axes.set_ylim(-reach, reach)
 
 
 def _press(row: Sequence[Axes], one: PressCurve, models: Sequence[str]) -> None:
@@ -80,8 +86,8 @@ def _press(row: Sequence[Axes], one: PressCurve, models: Sequence[str]) -> None:
             axes.plot(x, force, color=colour, lw=1.2, label=name)
         left.plot(one.time_s, 1e3 * rest, ".-", ms=3, lw=0.9, color=colour, label=name)
     left.axhline(0, color=style.GREY, lw=0.8)
-    punch = f"{one.indenter}, " if one.indenter else ""
-    over_time.set_title(f"press {one.label} ({punch}a = {one.radius_mm:g} mm)", fontsize=9)
+    punch = f"{style.as_label(one.indenter)}, " if one.indenter else ""
+    over_time.set_title(f"press {style.as_label(one.label)} ({punch}a = {one.radius_mm:g} mm)", fontsize=9)
     for axes in (over_time, over_depth):
         axes.set_ylabel("force (N)", fontsize=9)
     errors = " → ".join(f"{1e3 * rms:.1f}" for rms in one.rms_N)
@@ -165,7 +171,7 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
             label=f"{shown.models[k]} (mean, 95 %)",
         )
     axes.axhline(0, color=style.GREY, lw=0.8)
-    axes.set_ylim(-1.15e3 * shown.reach_N, 1.15e3 * shown.reach_N)
+    _reach(axes, 1.15e3 * shown.reach_N)
     words = [evidence(strip.p_adjusted[k]) for k in kept]
     axes.set_title(" → ".join(dict.fromkeys(words)), fontsize=9)
     label_covariate(axes, strip.words, strip.unit, levels=strip.levels, values=strip.values)

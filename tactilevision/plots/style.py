@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import warnings
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -45,6 +46,7 @@ WIDTH_IN = 7.0  # the widest figure of a report: at 500 px its text is still 9 p
 LOSSLESS = 101  # quality of a WebP picture that keeps every bit, as OpenCV states it
 PHOTO_QUALITY = 90  # of a WebP picture that loses some, 0 to 100; by eye on the presses of gelslim3
 WORTH_IT = 0.6  # of the lossless size: a smaller lossy picture is taken; parts photographs from drawings
+LONGEST_LABEL = 24  # letters of a name in a figure: two of them fit a title over two panels, by eye
 FORMS = ("png", "svg", "pdf")  # a figure is always written as the first, which pages embed
 
 RC: Any = {
@@ -90,7 +92,7 @@ def new_figure(width_in: float, height_in: float, *, rows: int = 1, columns: int
 
 
 def new_quad(width_in: float, height_in: float, *, legend_in: float) -> tuple[Figure, list[Axes]]:
-    """A row of axes whose widths are in the ratio of `shares`, at fixed places: for many figures, quickly."""
+    """Two rows of two axes at fixed places, with room for a legend below: for many figures, quickly."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width_in, height_in))
@@ -129,10 +131,17 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
             handle.set(markersize=max(handle.get_markersize(), 5), alpha=1)  # small dots of a cloud
 
 
+def as_label(name: str) -> str:
+    """A name of the user's as a figure holds it: no tab, which fonts lack, and no more letters than fit."""
+    name = name.replace("\t", " ")
+    return name if len(name) <= LONGEST_LABEL else name[: LONGEST_LABEL - 1] + "…"
+
+
 def save_figure(figure: Figure, path: Path | str, *, form: str = "png") -> None:
     """Write the PNG `path`, and the figure in another of FORMS beside it; each whole or not at all."""
     for one in dict.fromkeys((FORMS[0], form)):
-        with replacing(Path(path).with_suffix(f".{one}")) as temporary:
+        with replacing(Path(path).with_suffix(f".{one}")) as temporary, warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Glyph .* missing from")  # boxes in the figure show as much
             figure.savefig(temporary, format=one)
 
 
@@ -142,8 +151,10 @@ def data_uri(path: Path | str) -> str:
     Not a bit is lost of drawings; of photographs what no eye sees is, since that makes them far smaller.
     """
     import cv2
+    import numpy as np
 
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    written = np.frombuffer(Path(path).read_bytes(), np.uint8)  # OpenCV cannot open every name itself
+    pixels = cv2.imdecode(written, cv2.IMREAD_COLOR)
     lossless, lossy = (
         cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, quality])[1].tobytes()
         for quality in (LOSSLESS, PHOTO_QUALITY)

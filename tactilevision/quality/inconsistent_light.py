@@ -107,7 +107,9 @@ class LightCheck:
         self.kept_share = self._cells(method.kept_share[None])[0]
         self.bias = self._cells(method.bias) - self._cells(np.stack(method.noise_bias)) * self.kept_share
         self.usable = self._cells(method.readable[None].astype(np.float32))[0] > 0.99
-        self.usable &= np.pad(np.ones((height - 2 * BORDER, width - 2 * BORDER), np.bool_), BORDER)
+        inner = np.zeros((height, width), np.bool_)
+        inner[BORDER:-BORDER, BORDER:-BORDER] = True  # of a strip nothing
+        self.usable &= inner
         self.steep = STEEP_SHARE * (method.card.steepest_slope or 0.0)
         light = self.light = method.light_law
         if light is not None:

@@ -58,8 +58,14 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
     for this kind of sensor, which its warnings then say. Raises InputError or RecordingError where the reference
     is missing or cannot be used.
     """
-    from tactilevision.recording import faults_of_flats
+    from tactilevision.recording import Recording, faults_of_flats
 
+    if not isinstance(recording, Recording):
+        raise InputError(
+            "a reconstructor is built of a recording",
+            value=type(recording).__name__,
+            remedy='Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.',
+        )
     with faults_of_flats(recording):
         found = _built(recording, method)
     found.look([*some_frames(recording), *free_frames(recording)])

@@ -44,6 +44,7 @@ from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMat
 from tactilevision.reconstruct.unshadowed import MIN_DEPTH_MM, undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.records.flags import DEEPER, INCONSISTENT, SHADOW, STEEP, add
+from tactilevision.records.maps import as_frame
 from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 from tactilevision.sensors import rectify
 from tactilevision.uncertainty.depth import DepthError, MapEvidence
@@ -111,17 +112,20 @@ class Reconstructor:
     def taught(self, lesson: TaughtWalls | None) -> None:
         self.walls = replace(self.walls, **{"left" if self.shadows is None else "undone": lesson})
 
-    def height_map(self, frame: Frame) -> HeightMap:
+    def height_map(self, frame: Frame | Bytes) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
 
+        `frame` may be its pixels alone, (H, W, 3) uint8, red first.
         Pixels whose colour says nothing (dark, saturated) are invalid; the surface is carried over them. A picture
         unlike the reference is flagged (quality/reference_match.py).
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
+        frame = as_frame(frame)
         return self.rectified_map(self.rectified(frame), time_s=frame.time_s, name=frame.name)
 
-    def rectified(self, frame: Frame) -> Bytes:
+    def rectified(self, frame: Frame | Bytes) -> Bytes:
         """The rectified picture of a raw frame. Raises InputError for one of another size."""
+        frame = as_frame(frame)
         size, known = (frame.rgb.shape[1], frame.rgb.shape[0]), self.frame_size_px
         if known is not None and size != known:
             raise InputError(
@@ -301,7 +305,7 @@ class Reconstructor:
             depth, untouched, mm_per_px=mm_per_px, thickness_mm=gel.thickness_mm if gel else None
         )
 
-    def slope_map(self, frame: Frame) -> SlopeMap:
+    def slope_map(self, frame: Frame | Bytes) -> SlopeMap:
         """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
         rgb = self.rectified(frame)
         with self.turn.lock:

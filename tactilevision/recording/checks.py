@@ -104,6 +104,8 @@ def _doubts_of_forces(recording: Recording) -> Iterator[str]:
             f"{layout.FORCES}: no readings for {gaps_s[longest]:.3g} s after time_s = {times[longest]:.6g}: where "
             "the clock jumped, forces after it belong to other moments than they state"
         )
+    if recording.presses and np.ptp(normal) == 0:
+        yield f"{layout.FORCES}: fz_N is {normal[0]:g} N throughout, also where presses are: was the sensor read?"
     free = float(np.median(normal))
     if free - normal.min() > 2 * (normal.max() - free) and free - normal.min() > 20 * recording.forces.std_N[2]:
         yield f"{layout.FORCES}: fz_N mostly falls where the gel is pressed; it is to grow: see [force] rotation"

@@ -36,6 +36,11 @@ class Frame:
             )
 
 
+def as_frame(given: Frame | Bytes) -> Frame:
+    """The frame, or one of the pixels (H, W, 3) uint8 that were handed over. Raises InputError as Frame does."""
+    return given if isinstance(given, Frame) else Frame(given)
+
+
 def _remedy(given: Any) -> str:
     """What makes a frame of what was handed over instead of one."""
     if isinstance(given, Frame):

@@ -43,6 +43,17 @@ class Curve:
     z_mm: Floats | None = None
     extra: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        shapes = {name: np.shape(getattr(self, name)) for name in ("time_s", "depth_mm", "force_N", "phase")}
+        count = np.size(self.time_s)
+        if shapes != {"time_s": (count,), "depth_mm": (count,), "force_N": (count, 3), "phase": (count,)}:
+            raise InputError(
+                "time_s, depth_mm and phase have one entry a sample, force_N has three",
+                where=f"curve {self.press}",
+                value=", ".join(f"{name} {shape}" for name, shape in shapes.items()),
+                remedy='numpy.stack([fx, fy, fz], axis=1); numpy.full(n, "") where no phase is known.',
+            )
+
 
 @dataclass(frozen=True, slots=True)
 class Material:

@@ -76,7 +76,7 @@ def may_have_marks(sensor: Sensor) -> bool:
 def _checked(sensor: Sensor) -> Sensor:
     if min(sensor.width_px, sensor.height_px) < 2 or not all(0 < s < float("inf") for s in sensor.mm_per_px):
         raise InputError(
-            "a sensor has a size in px and a scale in mm per px, above 0",
+            "a sensor has 2 px or more each way, and a scale in mm per px above 0",
             where=f"sensor {sensor.kind}",
             value=(sensor.width_px, sensor.height_px, sensor.mm_per_px),
         )

@@ -236,7 +236,7 @@ def test_frames_that_differ_in_their_ending_alone_have_each_its_map(tmp_path: Pa
 class Unsure(Reconstructor):
     """States that all its depths are known to 12 um."""
 
-    def height_map(self, frame: Frame) -> HeightMap:
+    def height_map(self, frame: Frame | Bytes) -> HeightMap:
         height = super().height_map(frame)
         return dataclasses.replace(height, std_mm=np.full(height.depth_mm.shape, 0.012))
 

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_presses import indenter, observations
 from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
 
+from calibration.inputs.checks import check
 from calibration.inputs.observations import Measured
 from calibration.report import wording
 from calibration.tasks.calibrate import calibrate
@@ -194,6 +196,23 @@ FORCES = 3.5 * DEPTHS * (1 + DEPTHS / 3)
 def test_bad_measurements_are_named(measured: Measured, message: str) -> None:
     with pytest.raises(InputError, match=message):
         calibrate(measured)
+
+
+def test_what_is_not_measured_is_told_how_to_become_so() -> None:
+    measured = points_of(DEPTHS, FORCES)
+    for given in (measured.recording, [DEPTHS, FORCES]):
+        with pytest.raises(InputError, match=r"Measured\(recording, points, curves\)"):
+            calibrate(given)  # type: ignore[arg-type]
+    one, several = calibrate(measured), calibrate([measured])
+    assert one.c == several.c
+
+
+def test_curves_whose_depth_has_the_wrong_sign_are_refused() -> None:
+    """A little air goes into the gel when the sign is turned: that alone must not be fitted."""
+    depth = np.concatenate([np.linspace(-0.03, 0.0, 6), np.linspace(0.05, 0.5, 20)])
+    turned = observations([-depth] * 2, [indenter("A")] * 2).with_force(np.tile(np.maximum(3.5 * depth, 0.0), 2))
+    with pytest.raises(InputError, match="largest forces come where the depth is none"):
+        check(turned)
 
 
 def test_depths_beyond_the_elements_are_flagged() -> None:

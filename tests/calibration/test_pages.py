@@ -30,6 +30,10 @@ def test_a_rejected_press_says_why_in_a_sentence() -> None:
     assert "rejected: short rest</td>" in page
 
 
+def test_no_presses_are_headed_where_there_is_none_to_list() -> None:
+    assert "<h2>Presses</h2>" not in calibration_page("title", None, points=[])
+
+
 @pytest.fixture
 def plain() -> Comparison:
     data = observations([np.linspace(0.05, 0.6, 20)] * 4, [indenter("A")] * 4)

@@ -9,7 +9,9 @@ import pytest
 from made_recordings import HEIGHTS_MM, points_of
 
 from calibration.laws.theory.plausible import FLAG, GEL_MODULUS_MPA, outside_gels
-from calibration.tasks.calibrate import calibrate
+from calibration.report.verdict import verdict_sentence
+from calibration.tasks.calibrate import calibrate, observe
+from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Estimate, Gel
 
 DEPTHS = np.array(HEIGHTS_MM)
@@ -45,3 +47,21 @@ def test_a_stated_modulus_that_the_result_contradicts_is_told() -> None:
         result = calibrate(points_of(DEPTHS, FORCES, gel=gel))
         assert any("apart from the" in line for line in result.warnings) is told
         assert result.youngs_modulus.value == pytest.approx(found)
+
+
+def test_a_slope_at_the_end_of_its_range_is_told() -> None:
+    """A thickness a thousand times too large: no beta bends the force as these do."""
+    thick = calibrate(points_of(DEPTHS, FORCES, gel=replace(GEL, thickness_mm=3000.0)))
+    assert "beta_at_bound" in thick.flags
+    assert any("stands at the end of its range" in line for line in thick.warnings)
+    assert "beta_at_bound" not in calibrate(points_of(DEPTHS, FORCES, gel=GEL)).flags
+
+
+def test_a_diagnosis_is_not_adequate_where_the_slope_stands_at_its_end() -> None:
+    """The paper's five points, and a thickness in micrometres: once ADEQUATE."""
+    points = np.array([[0.15, 0.5636], [0.3, 1.2063], [0.4, 1.6786], [0.5, 2.186], [0.6, 2.7285]])
+    data = observe([points_of(*points.T, gel=replace(GEL, thickness_mm=3000.0))])
+    found = diagnose(data, np.random.default_rng(0))
+    assert found.verdict == "AMBIGUOUS"
+    assert "thickness" in found.candidates
+    assert "or a unit" in verdict_sentence(found)

@@ -63,6 +63,23 @@ def test_routes_that_contradict_each_other_widen_the_interval_and_say_so() -> No
     assert (result.poisson_ratio.std or 0) > 3 * (alone.poisson_ratio.std or 1)
 
 
+def test_a_stated_nu_that_the_radii_contradict_is_in_the_interval_beside_theirs() -> None:
+    """A wrong nu, stated as sure: it and the radii's own, which is right, are held; E reaches as far."""
+    several = drawn(replace(OPEN, radii_mm=(1.5, 2.5, 3.5)))
+    sensor = several.recording.sensor
+    assert sensor.gel is not None
+    gel = replace(sensor.gel, poisson_ratio=0.40, poisson_ratio_std=0.004)
+    stated = replace(several, recording=replace(several.recording, sensor=replace(sensor, gel=gel)))  # type: ignore[type-var]
+    result = calibrate(stated)
+    assert any("widened to reach to each" in line for line in result.warnings)
+    low, high = result.poisson_ratio.interval95 or (0.0, 0.0)
+    known = [r.poisson_ratio.value for r in result.routes if r.used and r.poisson_ratio.value]
+    assert low < min(known) < max(known) < high
+    assert max(known) == pytest.approx(OPEN.poisson_ratio, abs=0.01)
+    lowest, highest = result.youngs_modulus.interval95 or (0.0, 0.0)
+    assert lowest < dict(result.youngs_modulus_of_nu)[0.48] < highest
+
+
 def test_a_picture_that_cannot_tell_changes_nothing() -> None:
     nothing = Estimate(None, None, (0.3, 0.5), "1", "the rise beside the punch is lost in the noise of the maps")
     result, plain = (calibrate(drawn(STATED), bulge=b) for b in (nothing, None))

@@ -264,7 +264,9 @@ def test_without_its_package_foxglove_is_refused_in_a_sentence(
     monkeypatch.setitem(sys.modules, "foxglove", None)
     words = ("--camera", folder(tmp_path / "f"), "--sensor", profile, "--foxglove")
     assert run("live", *words) == 2
-    assert "pip install 'tactilevision[foxglove]'" in capsys.readouterr().err
+    told = capsys.readouterr()
+    assert "pip install 'tactilevision[foxglove]'" in told.err
+    assert told.out == ""  # before the light is calibrated and the camera looked at
 
 
 def test_ctrl_c_ends_with_the_sums_of_what_was_read(

@@ -229,3 +229,15 @@ def test_where_there_is_no_terminal_progress_is_lines(
     with console.progress_bar("quick"):
         pass
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("command", [("depth",), ("force", "--calibration", "none.json"), ("calibrate",)])
+def test_a_missing_extra_is_told_before_anything_is_read(
+    command: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert run(monkeypatch, *command, tmp_path / "nowhere", "--cluster", "tcp://127.0.0.1:1") == 2
+    assert "pip install 'tactilevision[cluster]'" in capsys.readouterr().err

@@ -88,3 +88,16 @@ def test_a_method_that_was_trained_anew_is_another_way_to_read(tmp_path: Path) -
     card.write_text('{"sha256": "2"}')
     assert chosen.way != before
     assert Choice(method="lookup").way != Choice(method="polynomial").way
+
+
+def test_a_narrow_strip_becomes_maps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Narrower than the border within which colours are not held against the light."""
+    (tmp_path / "frames").mkdir()
+    for number, seen in enumerate((untouched(), untouched()[::-1])):
+        cv2.imwrite(str(tmp_path / "frames" / f"{number}.png"), cv2.resize(seen, (12, 400)))
+    words = ("depth", tmp_path / "frames", "--sensor", "digit", "--mm-per-px", "0.06", "--workers", "1")
+    monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, words), "--out", str(tmp_path / "out")])
+    assert main() == 0
+    assert "2 of 2 frames became height maps" in capsys.readouterr().out

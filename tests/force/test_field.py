@@ -221,6 +221,11 @@ def test_shear_lost_over_half_of_the_view_is_not_used(
     assert any("bridged" in flag for flag in field(height, replace(shear, valid=some)).flags)
 
 
+def test_depths_alone_are_no_height_map(field: ForceField, press: tuple[HeightMap, ShearMap]) -> None:
+    with pytest.raises(InputError, match="takes a height map"):
+        field(press[0].depth_mm)  # type: ignore[arg-type]
+
+
 def test_maps_of_another_sensor_are_refused(field: ForceField, press: tuple[HeightMap, ShearMap]) -> None:
     height, shear = press
     with pytest.raises(InputError, match="another scale"):

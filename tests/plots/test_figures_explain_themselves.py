@@ -108,6 +108,13 @@ def press_rows() -> Figure:
     return misfit.draw_presses(shown, shown.presses)
 
 
+def test_a_law_through_every_sample_is_drawn_without_a_warning() -> None:
+    press = misfit_records.PressCurve("p", "A", 2.5, X, X, X, np.array([X]), ("load",) * 12)
+    exact = misfit_records.ForceCurves(("plain law",), (press,), whole=True)
+    low, high = misfit.draw_presses(exact, exact.presses).axes[2].get_ylim()
+    assert low < 0 < high
+
+
 def strips() -> Figure:
     mean = np.array([[1e-3, 2e-3, 3e-3], [0.0, 0.0, 0.0]])
     told = [

@@ -17,7 +17,7 @@ from shared_scenes import SAMPLE, sample_reconstructor
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.reconstruct import Reconstructor, untouched_rms_mm
+from tactilevision.reconstruct import Reconstructor, build_reconstructor, untouched_rms_mm
 from tactilevision.reconstruct.untouched_frames import subtract_background, tare
 from tactilevision.recording import read_frame, read_recording
 from tactilevision.records import Bytes, Frame, SlopeMap
@@ -199,6 +199,22 @@ def test_free_frames_take_off_slopes_that_are_not_there() -> None:
     assert means[0] > 0.008
     assert abs(means[1]) < 0.001
     assert subtract_background(leaning, free[:2]) is leaning
+
+
+@pytest.mark.parametrize("given", [SAMPLE, str(SAMPLE), SENSOR])
+def test_what_is_no_recording_is_told_how_to_become_one(given: object) -> None:
+    with pytest.raises(InputError, match="read_recording"):
+        build_reconstructor(given)  # type: ignore[arg-type]
+
+
+def test_pixels_alone_are_a_frame() -> None:
+    """As they come from a camera; what is no picture is told so."""
+    rgb = np.asarray(ball_pictures(1, np.random.default_rng(5))[0].rgb)
+    one, other = (reconstructor().height_map(given) for given in (rgb, Frame(rgb)))
+    assert np.array_equal(one.depth_mm, other.depth_mm)
+    assert np.array_equal(reconstructor().rectified(rgb), reconstructor().rectified(Frame(rgb)))
+    with pytest.raises(InputError, match="grey levels"):
+        reconstructor().height_map(rgb / 255.0)  # type: ignore[arg-type]
 
 
 def test_a_frame_of_another_size_is_refused() -> None:

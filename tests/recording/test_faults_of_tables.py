@@ -283,3 +283,9 @@ def test_presses_that_touch_do_not_overlap(folder: Path) -> None:
 def test_a_depth_beyond_the_gel_is_doubted(folder: Path) -> None:
     (folder / "points.csv").write_text("press,indenter,depth_mm,fz_N,accepted\n1,A1,300,1,true\n2,A1,,1,false\n")
     assert any("depth_mm = 300 exceeds" in warning for warning in read_recording(folder).warnings)
+
+
+def test_forces_that_never_change_are_doubted(folder: Path) -> None:
+    text = (folder / "forces.csv").read_text()
+    (folder / "forces.csv").write_text(re.sub(r",[-0-9.]+\n", ",0\n", text))
+    assert any("fz_N is 0 N throughout" in warning for warning in read_recording(folder).warnings)

@@ -21,7 +21,7 @@ _MIN_PAIRS = 12  # pairs of frames: a coder's whole group of pictures
 
 
 def note_repeats(frames: Iterable[Frame | BadFrame], repeats: list[float]) -> Iterator[Frame | BadFrame]:
-    """The frames as they come; `alike` grows by the share of pixels that each has from the one before."""
+    """The frames as they come; `repeats` grows by the share of pixels that each has from the one before."""
     before = None
     for frame in frames:
         if not isinstance(frame, BadFrame):
