@@ -65,6 +65,16 @@ def rejudge(kind: str, clones: str) -> None:
 def on_real(kind: str, name: str, balls: Balls) -> dict[str, Any]:
     """Direction of slope under real balls by the network and by a polynomial made there; gain where SIZED."""
     reference, pictures, mm_per_px = balls
+    told = by_network(kind, name, balls)
+    if len(pictures) >= MIN_CALIBRATED:
+        own = calibrate_from_balls(reference, pictures, mm_per_px=mm_per_px, fit=fit_polynomial)
+        told["direction_error_deg_calibrated"] = own.direction_error_deg
+    return told
+
+
+def by_network(kind: str, name: str, balls: Balls) -> dict[str, Any]:
+    """The same by the network alone."""
+    reference, pictures, mm_per_px = balls
     network = load_network(ROOT / "models" / f"{kind}.onnx", reference).law.at
     samples = seen(reference, pictures, mm_per_px)[1]
     slopes = [network(one.change, one.place) for one in samples]
@@ -72,9 +82,6 @@ def on_real(kind: str, name: str, balls: Balls) -> dict[str, Any]:
     if name in SIZED:
         gains = [gain(one, sample.slopes) for one, sample in zip(slopes, samples, strict=True)]
         told[f"gain_if_the_ball_is_{pictures[0].radius_mm:g}_mm"] = float(np.median(gains))
-    if len(pictures) >= MIN_CALIBRATED:
-        own = calibrate_from_balls(reference, pictures, mm_per_px=mm_per_px, fit=fit_polynomial)
-        told["direction_error_deg_calibrated"] = own.direction_error_deg
     return told
 
 

@@ -216,8 +216,9 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
 def _network_warning(ready: Reconstructor, kind: str) -> str:
     """What to expect of a ready network, by its card."""
     presses = {} if ready.referenced is None else ready.referenced.card.other.get("real_ball_presses", {})
-    off = [sensor["direction_error_deg"] for sensor in presses.values()]
-    real = f"; on real ones slopes pointed {min(off):.0f} to {max(off):.0f} degrees off" if off else ""
+    off = sorted(round(sensor["direction_error_deg"]) for sensor in presses.values())
+    span = " to ".join(dict.fromkeys(map(str, off[:1] + off[-1:])))
+    real = f"; on real ones slopes pointed {span} degrees off" if off else ""
     return f"no ball presses: depth rests on the light of a usual {kind}, not of this one{real}"
 
 
