@@ -79,7 +79,7 @@ def scale_warning(method: CalibratedMethod, *, kind: str) -> str:
     contacts = "1 contact" if count == 1 else f"{count} contacts"
     contrary = (
         f". They contradict the ready network for {kind}, which was set aside: is the picture mirrored or turned, "
-        "or red changed for blue?"
+        "red changed for blue, or the gel touched in its reference?"
         if told["network_contradicted"]
         else ""
     )
