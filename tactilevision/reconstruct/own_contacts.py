@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import CalibratedMethod, Reference
+from tactilevision.photometric import CalibratedMethod, Reference, make_reference
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.contacts.moments import contact_of
+from tactilevision.photometric.contacts.moments import Contact, contact_of
 from tactilevision.photometric.contacts.self_calibration import (
     MIN_CONTACTS,
     calibrate_on_contacts,
@@ -19,6 +20,7 @@ from tactilevision.photometric.contacts.self_calibration import (
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.quality.reference_match import some_frames
+from tactilevision.records import Bytes
 
 if TYPE_CHECKING:
     from tactilevision.recording import Recording
@@ -35,15 +37,17 @@ def calibrated_on_frames(
 ) -> CalibratedMethod | None:
     """A method from contacts in a recording's frames, or None where they are too few to tell the light.
 
-    Its scale is that of `prior`, or a usual one. A prior that the contacts contradict is set aside.
+    Its scale is that of `prior`, or a usual one. A prior that the contacts contradict is set aside, unless they
+    do not against the median of the frames: then the reference is pressed, and they are taken against that.
     """
-    change, rng, contacts = ColourChange(reference), np.random.default_rng(0), []
-    for rgb in some_frames(recording, count=MAX_FRAMES):
-        with suppress(InputError):
-            changes, _, valid = change.measure(rgb)
-            contacts.append(contact_of(changes, valid, rng))
-    seen = [one for one in contacts if one is not None]
+    frames = some_frames(recording, count=MAX_FRAMES)
+    seen = _contacts(frames, reference)
     contradicted = prior is not None and contradict(seen, prior.law.at)
+    if contradicted and prior is not None:
+        median = np.median(frames, axis=0).round().astype(np.uint8)
+        others = _contacts(frames, make_reference([median], may_have_marks=reference.marks is not None))
+        if others and not contradict(others, prior.law.at):
+            seen, contradicted = others, False
     prior = None if contradicted else prior
     law = calibrate_on_contacts(seen, None if prior is None else prior.law.at)
     if law is None:
@@ -63,6 +67,16 @@ def calibrated_on_frames(
     )
     error = RELATIVE_ERROR if prior is None else prior.relative_error
     return CalibratedMethod(law, reference, error, None, card)
+
+
+def _contacts(frames: Sequence[Bytes], reference: Reference) -> list[Contact]:
+    """The contacts of rectified frames (H, W, 3) that can be read."""
+    change, rng, contacts = ColourChange(reference), np.random.default_rng(0), []
+    for rgb in frames:
+        with suppress(InputError):
+            changes, _, valid = change.measure(rgb)
+            contacts.append(contact_of(changes, valid, rng))
+    return [one for one in contacts if one is not None]
 
 
 def scale_warning(method: CalibratedMethod, *, kind: str) -> str:
