@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import shutil
 from pathlib import Path
@@ -52,6 +53,15 @@ def test_it_fits_its_card(kind: str) -> None:
     assert np.median(off) == pytest.approx(method.card.held_out_direction_error_deg, rel=0.2)
     rest = method.law.at(still.change, still.place)
     assert np.median(np.hypot(*rest.T)) < 0.03
+
+
+def test_a_worker_s_copy_of_one_in_use_reads_alike() -> None:
+    frame = flat(np.random.default_rng(0))
+    method = load_network(shipped(), make_reference([frame]))
+    other = frame[::-1].copy()
+    first = method.slopes(other)
+    again = pickle.loads(pickle.dumps(method)).slopes(other)  # noqa: S301 - a worker's copy
+    np.testing.assert_array_equal(again.dz_dx, first.dz_dx)
 
 
 def test_without_balls_it_is_used_and_named(tmp_path: Path) -> None:
