@@ -30,6 +30,8 @@ from tactilevision.photometric import (
     make_reference,
 )
 from tactilevision.photometric.ball.samples import ball_samples, radii_from
+from tactilevision.photometric.found_balls import collect_balls
+from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.methods.weights import find_model
@@ -107,6 +109,16 @@ def test_the_ready_network_is_as_far_off_as_its_card_says(name: str) -> None:
     said = json.loads(path.with_suffix(".json").read_text())["real_ball_presses"][SENSORS[name]]
     found = by_network(KINDS[name], name, real_balls(name))
     assert found == pytest.approx({key: said[key] for key in found}, rel=0.02)
+
+
+def test_a_contact_in_a_dark_corner_is_found_whole() -> None:
+    """Where its brightest side fits best at first; seen by eye at (35, 215), 30 px in radius."""
+    flat, shots = gelslim("gelslim_heightmap/dots1")
+    few = [shot for shot in shots if shot.name in ("sample_4.jpg", "sample_5.jpg", "sample_68.jpg")]
+    balls = collect_balls(ColourChange(make_reference([flat])), few, SCALE, np.random.default_rng(0)).balls
+    assert balls[1] is not None
+    assert balls[1].centre_px == pytest.approx((35.0, 215.0), abs=5.0)
+    assert balls[1].contact_radius_px == pytest.approx(30.0, abs=4.0)
 
 
 def under_balls(folder: str, calibration: Calibration) -> tuple[Floats, tuple[Floats, Floats]]:
