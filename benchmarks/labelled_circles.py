@@ -19,10 +19,9 @@ import cv2
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.default_method import MINI_SCALE, mini
-from benchmarks.own_contacts import circles
 from benchmarks.peers import calibrated, clicked
 from benchmarks.public_frames import i_digit
+from benchmarks.real_frames import circles, real_balls
 from tactilevision.photometric import Reference
 from tactilevision.photometric.ball.detection import Ball, ball_slopes
 from tactilevision.photometric.calibrate import direction_error_deg
@@ -70,9 +69,9 @@ def stage_line(travel_mm: Floats, balls: Sequence[Ball | None]) -> str:
 
 
 def clicked_circles() -> None:
-    reference, pictures = mini()
+    reference, pictures, mm_per_px = real_balls("E")
     changes = [change(reference, one.rgb) for one in pictures]
-    found = [ball for ball in calibrated(reference, pictures, MINI_SCALE).balls if ball is not None]
+    found = [ball for ball in calibrated(reference, pictures, mm_per_px).balls if ball is not None]
     labelled = [ball for ball in clicked(pictures)[1] if ball is not None]
     middles = [middle(u, ball.centre_px) for u, ball in zip(changes, labelled, strict=True)]
     size = [float(np.sqrt(np.sum(np.abs(u).max(axis=2) > CHANGED) / np.pi)) for u in changes]

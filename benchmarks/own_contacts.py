@@ -15,43 +15,28 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from benchmarks.default_method import MINI_SCALE, REAL, ROOT, SCALE, gain, mini, real_balls
 from benchmarks.public_frames import SETS as PUBLIC
+from benchmarks.real_frames import OBJECTS, REAL, ROOT, SETS, circles, objects_of, real_balls
 from tactilevision.photometric import BallPicture, Reference, load_network
-from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import Samples, ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.contacts.moments import Contact, contact_of
 from tactilevision.photometric.contacts.self_calibration import Prior, calibrate_on_contacts, contradict
-from tactilevision.photometric.found_balls import collect_balls, refine_balls
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.records import Bytes, Pair
+from tactilevision.records import Bytes, Floats, Pair
 
-SETS = {
-    "A": "gelslim3_mcubelab/markerless",
-    "B": "gelslim3_mcubelab/markers",
-    "C": "gelslim_heightmap/dots1",
-    "D": "gelslim_heightmap/test_data",
-}
-OBJECTS = {
-    "A": ("gelslim3_mcubelab/markerless_objects", "*.jpg"),
-    "B": ("gelslim3_mcubelab/objects", "*.jpg"),
-    "D": ("gelslim_heightmap/test_data", "reconstruct*.jpg"),
-}
-KINDS = {"E": "gelsight_mini", "F": "gelsight_mini", "G": "digit", "H": "digit", "I": "digit"}
+KINDS = dict(zip("ABCDEFGHI", 4 * ["gelslim3"] + 2 * ["gelsight_mini"] + 3 * ["digit"], strict=True))
 FOLDS = 3
 FEW, DRAWS = (1, 2, 3, 4, 8), 20  # contacts, and how often they are drawn
 
 
 def main(seed: int = 0, clones: str = "") -> None:
     if REAL.is_dir():
-        for name, folder in SETS.items():
-            judge(name, *real_balls(REAL / folder), SCALE, seed=seed)
-        judge("E", *mini(), MINI_SCALE, seed=seed)
+        for name in SETS:
+            judge(name, *real_balls(name), seed=seed)
     if clones:
         for name, balls in PUBLIC.items():
             judge(name, *balls(Path(clones)), seed=seed)
@@ -59,8 +44,7 @@ def main(seed: int = 0, clones: str = "") -> None:
 
 def judge(name: str, reference: Reference, pictures: Sequence[BallPicture], mm_per_px: Pair, *, seed: int) -> None:
     """All figures of a set."""
-    kind = KINDS.get(name, "gelslim3")
-    network = load_network(ROOT / "models" / f"{kind}.onnx", reference).law.at
+    network = load_network(ROOT / "models" / f"{KINDS[name]}.onnx", reference).law.at
     contacts, samples = seen(reference, pictures, mm_per_px)
     print(f"{name}: network {told([network(s.change, s.place) for s in samples], samples)}")
     report(f"{name}: frames left out, network", contacts, samples, network)
@@ -106,6 +90,11 @@ def few_contacts(
         print(f"{name}, {count} alone: {DRAWS - len(laws)} of {DRAWS} refused; {found}", flush=True)
 
 
+def gain(found: Floats, true: Floats) -> float:
+    """Scale of slopes `found` (N, 2), the true ones having 1."""
+    return float(np.sum(found * true) / np.sum(true**2))
+
+
 def direction_errors(slopes: Sequence[np.ndarray], samples: Sequence[Samples]) -> list[np.ndarray]:
     return [direction_error_deg(g, s.slopes) for g, s in zip(slopes, samples, strict=True)]
 
@@ -124,13 +113,6 @@ def seen(
         if len(part.change):  # else a colour is overexposed all over the ball
             samples.append(part)
     return contacts, samples
-
-
-def circles(change: ColourChange, pictures: Sequence[BallPicture], mm_per_px: Pair) -> list[Ball | None]:
-    """The balls by the light of each other, as a calibration finds them; `labelled_circles` says why."""
-    rng = np.random.default_rng(0)
-    alone = collect_balls(change, pictures, mm_per_px, rng)
-    return list(refine_balls(alone, change, pictures, mm_per_px, rng).balls)
 
 
 def of(reference: Reference, rgb: Bytes) -> Contact | None:
@@ -155,19 +137,6 @@ def told(slopes: Sequence[np.ndarray], samples: Sequence[Samples]) -> str:
     off = np.concatenate(direction_errors(slopes, samples))
     gains = [gain(g, s.slopes) for g, s in zip(slopes, samples, strict=True)]
     return f"{np.median(off):.1f} degrees, scale {np.median(gains):.2f} +- {np.std(gains):.2f}"
-
-
-def objects_of(name: str) -> list[Bytes]:
-    folder, pattern = OBJECTS[name]
-    with np.load((REAL / folder).parent / "abe_corr.npz", allow_pickle=False) as table:
-        x, y = table["x"], table["y"]
-    return [np.ascontiguousarray(read(path)[x, y]) for path in sorted((REAL / folder).glob(pattern))]
-
-
-def read(path: Path) -> Bytes:
-    raw = cv2.imread(str(path))
-    assert raw is not None, path
-    return np.ascontiguousarray(raw[..., ::-1])
 
 
 if __name__ == "__main__":

@@ -26,8 +26,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.default_method import MINI, MINI_SCALE, REAL, ROOT, SCALE, mini, real_balls
-from benchmarks.own_contacts import FOLDS, OBJECTS, SETS, objects_of
+from benchmarks.own_contacts import FOLDS
+from benchmarks.real_frames import MINI, OBJECTS, REAL, ROOT, SETS, objects_of, real_balls
 from benchmarks.vision import milliseconds
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, Reference, calibrate_from_balls
@@ -75,9 +75,8 @@ def main(names: Sequence[str] = ()) -> None:
     if not REAL.is_dir():
         print("the real frames are not at hand")
         return
-    for name in names or [*SETS, "E", CLICKED]:
-        reference, pictures = real_balls(REAL / SETS[name]) if name in SETS else mini()
-        scale = SCALE if name in SETS else MINI_SCALE
+    for name in names or [*SETS, CLICKED]:
+        reference, pictures, scale = real_balls("E" if name == CLICKED else name)
         if name == CLICKED:
             pictures, balls = clicked(pictures)
         else:

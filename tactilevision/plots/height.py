@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
+
+LINE = 40  # characters of a title beside another picture's
 
 
 @style.house_look
@@ -186,7 +189,10 @@ def titled(height: HeightMap, words: str, *, between: str = " · ") -> str:
 
     `between` is a line's end where another picture stands beside it.
     """
-    return f"{words}{between}doubtful: {', '.join(height.flags)}" if height.flags else words
+    if not height.flags:
+        return words
+    doubt = f"doubtful: {', '.join(height.flags)}"
+    return words + between + (textwrap.fill(doubt, LINE) if "\n" in between else doubt)
 
 
 def depth_image(axes: Axes, height: HeightMap) -> AxesImage:

@@ -32,6 +32,7 @@ from tactilevision.photometric.methods.weights import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.inconsistent_light import measured_light
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, baseline, some_frames
+from tactilevision.reconstruct.guessed_reference import with_free_reference
 from tactilevision.reconstruct.own_contacts import calibrated_on_frames, scale_warning
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.reconstruct.untouched_frames import free_frames, subtract_background, tare, untouched_of
@@ -195,8 +196,14 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
     sensor, bare = recording.sensor, is_bare(recording)
     path = find_model(_family(sensor.kind))
     ready = _without_balls(sensor, path, flats) if path is not None and flats else None
+    noted: tuple[str, ...] = ()
+    if ready is not None and path is not None and recording.flat_frames:
+        flats, ready, noted = with_free_reference(
+            recording, flats, ready, read=partial(_without_balls, sensor, path)
+        )
     own = _on_own_contacts(recording, flats, ready) if flats else None
     if own is not None:
+        own.warnings += noted
         return own
     if ready is None:
         missing = (
@@ -215,15 +222,16 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
             + ("" if bare else " Or add them to the recording.")
             + _doubt_of_guess(recording),
         )
-    ready.warnings += (_network_warning(ready, sensor.kind),)
+    ready.warnings += (*noted, _network_warning(ready, sensor.kind))
     return ready
 
 
 def _network_warning(ready: Reconstructor, kind: str) -> str:
     """What to expect of a ready network, by its card."""
     presses = {} if ready.referenced is None else ready.referenced.card.other.get("real_ball_presses", {})
-    off = [sensor["direction_error_deg"] for sensor in presses.values()]
-    real = f"; on real ones slopes pointed {min(off):.0f} to {max(off):.0f} degrees off" if off else ""
+    off = sorted(round(sensor["direction_error_deg"]) for sensor in presses.values())
+    span = " to ".join(dict.fromkeys(map(str, off[:1] + off[-1:])))
+    real = f"; on real ones slopes pointed {span} degrees off" if off else ""
     return f"no ball presses: depth rests on the light of a usual {kind}, not of this one{real}"
 
 

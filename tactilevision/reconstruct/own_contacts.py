@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import CalibratedMethod, Reference
+from tactilevision.photometric import CalibratedMethod, Reference, make_reference
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.contacts.moments import contact_of
+from tactilevision.photometric.contacts.moments import Contact, contact_of
 from tactilevision.photometric.contacts.self_calibration import (
     MIN_CONTACTS,
     calibrate_on_contacts,
@@ -19,14 +20,15 @@ from tactilevision.photometric.contacts.self_calibration import (
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.quality.reference_match import some_frames
+from tactilevision.records import Bytes
 
 if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
 MAX_FRAMES = 48  # frames that are looked at; half of them are enough for a law that varies over the picture
 RELATIVE_ERROR = 0.5  # of a slope, where no network tells one's scale
-FEW_OFF_DEG = "6 to 18"  # degrees: medians by one to three contacts of nine real sensors (benchmarks.own_contacts)
-FEW_OFF_WITH_NETWORK_DEG = "6 to 12"  # the same with a network
+FEW_OFF_DEG = "4 to 18"  # degrees: medians by one to three contacts of nine real sensors (benchmarks.own_contacts)
+FEW_OFF_WITH_NETWORK_DEG = "3 to 13"  # the same with a network
 SCALE_STD = 0.6  # of the depth's scale then: nine real sensors .33 to 1.8 of the usual one
 
 
@@ -35,15 +37,17 @@ def calibrated_on_frames(
 ) -> CalibratedMethod | None:
     """A method from contacts in a recording's frames, or None where they are too few to tell the light.
 
-    Its scale is that of `prior`, or a usual one. A prior that the contacts contradict is set aside.
+    Its scale is that of `prior`, or a usual one. A prior that the contacts contradict is set aside, unless they
+    do not against the median of the frames: then the reference is pressed, and they are taken against that.
     """
-    change, rng, contacts = ColourChange(reference), np.random.default_rng(0), []
-    for rgb in some_frames(recording, count=MAX_FRAMES):
-        with suppress(InputError):
-            changes, _, valid = change.measure(rgb)
-            contacts.append(contact_of(changes, valid, rng))
-    seen = [one for one in contacts if one is not None]
+    frames = some_frames(recording, count=MAX_FRAMES)
+    seen = _contacts(frames, reference)
     contradicted = prior is not None and contradict(seen, prior.law.at)
+    if contradicted and prior is not None:
+        median = np.median(frames, axis=0).round().astype(np.uint8)
+        others = _contacts(frames, make_reference([median], may_have_marks=reference.marks is not None))
+        if others and not contradict(others, prior.law.at):
+            seen, contradicted = others, False
     prior = None if contradicted else prior
     law = calibrate_on_contacts(seen, None if prior is None else prior.law.at)
     if law is None:
@@ -65,6 +69,16 @@ def calibrated_on_frames(
     return CalibratedMethod(law, reference, error, None, card)
 
 
+def _contacts(frames: Sequence[Bytes], reference: Reference) -> list[Contact]:
+    """The contacts of rectified frames (H, W, 3) that can be read."""
+    change, rng, contacts = ColourChange(reference), np.random.default_rng(0), []
+    for rgb in frames:
+        with suppress(InputError):
+            changes, _, valid = change.measure(rgb)
+            contacts.append(contact_of(changes, valid, rng))
+    return [one for one in contacts if one is not None]
+
+
 def scale_warning(method: CalibratedMethod, *, kind: str) -> str:
     """What to expect of a method from contacts alone."""
     told = method.card.other
@@ -79,7 +93,7 @@ def scale_warning(method: CalibratedMethod, *, kind: str) -> str:
     contacts = "1 contact" if count == 1 else f"{count} contacts"
     contrary = (
         f". They contradict the ready network for {kind}, which was set aside: is the picture mirrored or turned, "
-        "or red changed for blue?"
+        "red changed for blue, or the gel touched in its reference?"
         if told["network_contradicted"]
         else ""
     )

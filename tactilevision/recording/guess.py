@@ -64,5 +64,7 @@ def guess_flats(
         if named:
             note = f"guessed: {named[0]} shows the untouched gel, by its name; --reference states it"
             return (folder / named[0],), (), (note,)
-    note = f"guessed: the first frame, {names[first]}, shows the untouched gel; --reference states it"
+    which = "the only frame" if len(names) == 1 else "the first frame"
+    flat = ", so that its map is flat" if len(names) == 1 else ""
+    note = f"guessed: {which}, {names[first]}, shows the untouched gel{flat}; --reference states it"
     return (), (first,), (note,)

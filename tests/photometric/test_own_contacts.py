@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -22,9 +23,9 @@ from tactilevision.photometric.found_balls import locate
 from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
 from tactilevision.photometric.methods.weights import find_model
 from tactilevision.reconstruct import build_reconstructor
-from tactilevision.recording import Recording, read_folder, read_recording
+from tactilevision.recording import Recording, read_folder, read_frame, read_recording
 from tactilevision.records import Floats, Sensor
-from tactilevision.records.flags import ASSUMED_SCALE
+from tactilevision.records.flags import ASSUMED_SCALE, REFERENCE
 from tactilevision.sensors import get_sensor, rectify
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
@@ -198,6 +199,38 @@ def test_red_changed_for_blue_is_named_by_the_contacts(tmp_path: Path) -> None:
     assert "contradict" not in said[False]
     assert "contradict the ready network" in said[True]
     assert "red changed for blue" in said[True]
+
+
+def test_a_first_frame_that_is_pressed_gives_way_to_the_median(tmp_path: Path) -> None:
+    """Balls at sixteen places and no untouched picture: maps are as by one, where the first frame makes hills."""
+    sensor = get_sensor("gelslim3_markers")
+    stated = build_reconstructor(bare_folder(tmp_path, sensor))
+    shutil.rmtree(tmp_path / "untouched")
+    recording = read_folder(tmp_path, sensor, guess=True)
+    found = build_reconstructor(recording)
+    said = " ".join(found.warnings)
+    assert f"{recording.frame_names[0]} shows a contact" in said
+    assert "the median of 16 frames" in said
+    assert "contradict" not in said
+    for number in (0, 7):
+        rgb = read_frame(recording, number).rgb
+        depth, true = (one.rectified_map(rgb).depth_mm for one in (found, stated))
+        assert np.corrcoef(depth.ravel(), true.ravel())[0, 1] > 0.95
+
+
+def test_a_stated_reference_that_is_pressed_is_named_and_turns_no_dent(tmp_path: Path) -> None:
+    sensor = get_sensor("gelslim3_markers")
+    stated = bare_folder(tmp_path, sensor)
+    pressed = tmp_path / stated.frame_names[0]
+    found = build_reconstructor(read_folder(tmp_path, sensor, reference=pressed))
+    said = " ".join(found.warnings)
+    assert "most frames show a hill" in said
+    assert "contradict" not in said
+    height = found.rectified_map(read_frame(stated, 7).rgb)
+    true = build_reconstructor(stated).rectified_map(read_frame(stated, 7).rgb).depth_mm
+    assert REFERENCE in height.flags
+    assert height.depth_mm.max() == pytest.approx(true.max(), rel=0.3)
+    assert np.argmax(height.depth_mm) == pytest.approx(np.argmax(true), abs=10 * true.shape[1])
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not at hand")

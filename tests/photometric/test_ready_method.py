@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import shutil
 from pathlib import Path
@@ -54,8 +55,17 @@ def test_it_fits_its_card(kind: str) -> None:
     assert np.median(np.hypot(*rest.T)) < 0.03
 
 
+def test_a_worker_s_copy_of_one_in_use_reads_alike() -> None:
+    frame = flat(np.random.default_rng(0))
+    method = load_network(shipped(), make_reference([frame]))
+    other = frame[::-1].copy()
+    first = method.slopes(other)
+    again = pickle.loads(pickle.dumps(method)).slopes(other)  # noqa: S301 - a worker's copy
+    np.testing.assert_array_equal(again.dz_dx, first.dz_dx)
+
+
 def test_without_balls_it_is_used_and_named(tmp_path: Path) -> None:
-    for kind, off in (("gelslim3_markers", "6 to 9"), ("gelsight_mini", "7 to 9"), ("digit", "9 to 13")):
+    for kind, off in (("gelslim3_markers", "6 to 8"), ("gelsight_mini", "7"), ("digit", "9 to 13")):
         found = build_reconstructor(recording(tmp_path, kind))
         assert "no ball presses" in found.warnings[0]
         assert f"on real ones slopes pointed {off} degrees off" in found.warnings[0]

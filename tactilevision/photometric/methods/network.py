@@ -39,6 +39,10 @@ class Network:
 
     name = "network"
 
+    def __reduce__(self) -> tuple[type[Network], tuple[bytes, float, Path]]:
+        """For other processes: each opens the file itself."""
+        return Network, (self.content, self.steepest, self.source)
+
     @property
     def sha256(self) -> str:
         return hashlib.sha256(self.content).hexdigest()
@@ -69,11 +73,14 @@ class NetworkEvaluator:
     """The network over a whole picture, strip by strip."""
 
     def __init__(self, network: Network, shape: tuple[int, int]) -> None:
-        self.session, self.shape, self.content = network.session, shape, network.content
+        self.network, self.session, self.shape, self.content = network, network.session, shape, network.content
         self.bound = np.float32(REACH * network.steepest)
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in shape[::-1])
         self.place = np.stack(np.meshgrid(x, y))
         self._inputs = np.empty(5 * max(STRIP_PX, shape[1]), np.float32)
+
+    def __reduce__(self) -> tuple[type[NetworkEvaluator], tuple[Network, tuple[int, int]]]:
+        return NetworkEvaluator, (self.network, self.shape)
 
     def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
