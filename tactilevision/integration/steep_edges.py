@@ -35,11 +35,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
 
+from tactilevision.compiled import compiled
 from tactilevision.integration.circle import solved
 from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, window_of
 from tactilevision.integration.punch_edge import PunchEdge, WallLaw
@@ -139,7 +140,7 @@ def restore_windows(
     return edges
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class WallLight:
     """S, C and their rates dS/du, dC/du (n,) at `slopes` u (n,), and h = S/C with its rate; all without unit."""
 
@@ -150,6 +151,11 @@ class WallLight:
     cosine_rate: Floats
     seen: Floats
     seen_rate: Floats
+
+    @cached_property
+    def lines(self) -> Floats:
+        """S, C, their rates, h and its rate, (6, n), as kernels take them."""
+        return np.stack([self.sine, self.cosine, self.sine_rate, self.cosine_rate, self.seen, self.seen_rate])
 
 
 @lru_cache
@@ -229,6 +235,14 @@ class _Law:
                           float(rate @ slopes / (rate @ rate)), 0.0, 0.0])  # fmt: skip
         bend = 3 * start[3] / self.radius_mm
         prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * start[3], bend, bend / self.radius_mm]) ** -2
+        if compiled():
+            from tactilevision.integration.wall_kernels import fitted
+
+            unknown, normal, off = fitted(
+                start, prior, self.s, slopes, std, self.places[0], self.step, self.rates,
+                STEEPEST / (TABLED - 1), self.light.lines, MIN_RATE, DAMPING, CONVERGENCE_TOL, MAX_ITERATIONS,
+            )  # fmt: skip
+            return unknown, np.asarray(cv2.invert(normal)[1]), off
 
         def misfit(unknown: Floats) -> tuple[float, Floats, Floats, Floats]:
             """Squares that are left, half their gradient (6,), normal equations (6, 6), and deviations (n,)."""

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.compiled import compiled
 from tactilevision.errors import InputError
 from tactilevision.photometric.illumination.block_means import means
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response
@@ -65,6 +66,14 @@ class ChangeMaps:
         out += np.float32(SOFTENING_GREY)
         out *= self.scale[:, rows, columns]
         out -= np.float32(1.0)
+        return out
+
+    def changes_of(self, rgb: Bytes, window: Window, *, out: Planes) -> Planes:
+        """As `changes`, of a window of a picture (H, W, 3), compiled."""
+        from tactilevision.photometric.illumination.change_kernels import changes
+
+        top, left = (side.start for side in window)
+        changes(np.ascontiguousarray(rgb), self.down, self.across, self.scale, top, left, SOFTENING_GREY, out)
         return out
 
 
@@ -147,7 +156,10 @@ class ColourChange:
         for window in strips(whole):
             size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
             out: Planes = np.empty((3, *size), np.float32)
-            yield window, self.maps.changes(self.greys(window), window, out=out)
+            if self.undo is None and compiled():
+                yield window, self.maps.changes_of(self.rgb, window, out=out)
+            else:
+                yield window, self.maps.changes(self.greys(window), window, out=out)
 
     def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
         """Channels (3, h, w) of a window of the frame taken in."""

@@ -1,0 +1,56 @@
+"""Whether numba is there to compile loops: what takes a frame many short calls of numpy then takes one.
+
+    if compiled():
+        from tactilevision.integration.wall_kernels import fitted
+
+Files of kernels are named *_kernels.py and import this file's `kernel`; they are imported where `compiled()` says so
+and nowhere else. Every kernel stands for numpy code beside its call and gives the same to float rounding.
+TACTILEVISION_COMPILED=0 in the environment leaves numba alone.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, TypeVar
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+SWITCH = "TACTILEVISION_COMPILED"
+OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy"}  # a product and a sum may be rounded once
+# types of arrays that are read alone
+BYTES3, PLANE, PLANES = (f"Array({kind}, {n}, 'C', True)" for kind, n in (("uint8", 3), ("float32", 2), ("float32", 3)))
+LINE, LINES, LINE32 = (f"Array({kind}, {n}, 'C', True)" for kind, n in (("float64", 1), ("float64", 2), ("float32", 1)))
+
+
+@lru_cache(maxsize=1)
+def compiled() -> bool:
+    """Whether kernels are to be used in this process; the first to ask waits for numba to be loaded."""
+    if os.environ.get(SWITCH) == "0":
+        return False
+    try:
+        import numba  # noqa: F401
+    except ImportError:  # not there, or not made for this numpy
+        return False
+    return True
+
+
+def kernel(*arguments: str) -> Callable[[Kernel], Kernel]:
+    """Compiles a function for `arguments`, numba's names of types, and keeps it for later processes if it can.
+
+    Kept code that cannot be read, or no folder to keep it in, is no failure: it is compiled anew. Without
+    arguments: a part of other kernels, compiled into them.
+    """
+
+    def made(function: Kernel) -> Kernel:
+        from numba import njit
+
+        if not arguments:
+            return njit(**OPTIONS)(function)  # type: ignore[no-any-return]
+        signature = f"({', '.join(arguments)},)"
+        try:
+            return njit(signature, cache=True, **OPTIONS)(function)  # type: ignore[no-any-return]
+        except Exception:  # what a spoilt cache raises depends on its bytes
+            return njit(signature, **OPTIONS)(function)  # type: ignore[no-any-return]
+
+    return made

@@ -1,0 +1,171 @@
+"""The fit of a wall's law of `steep_edges.py`, compiled: what `_Law` does by numpy, one loop a step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactilevision.compiled import LINE, LINES, kernel
+from tactilevision.records import Floats
+
+REACHED = 9.0  # deviations of the camera's blur beyond which a place adds nothing: e^-40
+SAME = 1e-9  # of a step: bins lie whole steps apart, and are weighed alike, but for rounding
+SINGULAR = 2.0**-52  # a pivot below it leaves normal equations without a solution, as OpenCV has it
+
+
+@kernel()
+def _tabled(value: float, step: float, line: Floats) -> float:
+    """What a `line` tabled from 0 on, at every `step`, says at a `value` of 0 or more."""
+    at = value / step
+    if not at < len(line) - 1:
+        return line[-1]
+    i = int(at)
+    return line[i] + (at - i) * (line[i + 1] - line[i])
+
+
+@kernel()
+def _sought(value: float, line: Floats, step: float) -> float:
+    """Where, from 0 on in steps, a rising `line` reaches a `value`."""
+    if not value < line[-1]:
+        return (len(line) - 1) * step
+    i = max(np.searchsorted(line, value, side="right") - 1, 0)
+    return (i + max(value - line[i], 0.0) / (line[i + 1] - line[i])) * step
+
+
+@kernel()
+def _blurred(lines: Floats, sigma: float) -> Floats:
+    """Lines (K, n) blurred by `sigma` of their steps, as OpenCV does with its ends repeated."""
+    count = lines.shape[1]
+    sigma = min(max(sigma, 0.3), 0.25 * count)
+    half = (int(np.rint(8.0 * sigma + 1.0)) | 1) // 2
+    weights = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
+    weights /= weights.sum()
+    out, padded = np.zeros(lines.shape), np.empty(count + 2 * half)
+    for k in range(lines.shape[0]):
+        padded[:half], padded[half : half + count], padded[half + count :] = lines[k, 0], lines[k], lines[k, -1]
+        for j in range(len(weights)):
+            for i in range(count):
+                out[k, i] += weights[j] * padded[i + j]
+    return out
+
+
+@kernel()
+def _light(unknown: Floats, edge: float, rates: Floats, table_step: float, table: Floats) -> Floats:
+    """S and C at the law's places, and both by blur of the edge and the three c: (n, 10), S first."""
+    lines, count = _blurred(rates, edge), rates.shape[1]
+    slope, light = np.zeros(count), np.zeros((count, 10))
+    for k in range(3):
+        slope += unknown[3 + k] * lines[k]
+    for i in range(count):
+        size, sign = abs(slope[i]), np.sign(slope[i])
+        of_sine, of_cosine = _tabled(size, table_step, table[2]), sign * _tabled(size, table_step, table[3])
+        light[i, 0], light[i, 5] = sign * _tabled(size, table_step, table[0]), _tabled(size, table_step, table[1])
+        bend = edge * edge * (slope[i + 1] + slope[i - 1] - 2.0 * slope[i]) if 0 < i < count - 1 else 0.0
+        light[i, 1], light[i, 6] = of_sine * bend, of_cosine * bend
+        for k in range(3):
+            light[i, 2 + k], light[i, 7 + k] = of_sine * lines[k, i], of_cosine * lines[k, i]
+    return light
+
+
+@kernel()
+def _shown(
+    unknown: Floats, s: Floats, first: float, step: float, rates: Floats, table_step: float, table: Floats,
+    min_rate: float,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Slopes (n,) that the picture shows at bins `s`, and their rates (6, n) by unknown."""
+    edge, camera = np.exp(unknown[1]) / step, np.exp(unknown[2]) / step
+    light = _light(unknown, edge, rates, table_step, table)
+    slopes, out, sums, last = np.empty(len(s)), np.empty((6, len(s))), np.empty((3, 10)), light.shape[0] - 1
+    sigma = max(camera, 1.0)
+    reach = int(REACHED * sigma) + 1
+    weights, part = np.empty(2 * reach + 1), -1.0
+    for j in range(len(s)):
+        at = (s[j] - unknown[0] - first) / step
+        near = int(np.floor(min(max(at, 0.0), float(last))))
+        if abs(at - near - part) > SAME:
+            part = at - near
+            for i in range(len(weights)):
+                weights[i] = np.exp(-0.5 * ((part + reach - i) / sigma) ** 2)
+        sums[:] = 0.0
+        for i in range(max(near - reach, 0), min(near + reach, last) + 1):
+            weight, off = weights[i - near + reach], (at - i) / sigma
+            for k in range(10):
+                sums[0, k] += weight * light[i, k]
+                sums[1, k] += weight * off * light[i, k]
+                sums[2, k] += weight * off * off * light[i, k]
+        ratio = sums[0, 0] / sums[0, 5]
+        size = _sought(abs(ratio), table[4], table_step)
+        slopes[j] = np.sign(ratio) * size
+        gain = sums[0, 5] * max(_tabled(size, table_step, table[5]), min_rate)
+        out[0, j] = (sums[1, 0] - ratio * sums[1, 5]) / (sigma * step) / gain
+        out[2, j] = (sums[2, 0] - ratio * sums[2, 5]) / gain
+        out[1, j] = (sums[0, 1] - ratio * sums[0, 6]) / gain
+        for k in range(3):
+            out[3 + k, j] = (sums[0, 2 + k] - ratio * sums[0, 7 + k]) / gain
+    return slopes, out
+
+
+@kernel()
+def _solved(normal: Floats, right: Floats) -> Floats:
+    """The solution (k,) of normal equations (k, k), by Cholesky; 0 where they are singular."""
+    count, low, x = len(right), np.zeros(normal.shape), right.copy()
+    for i in range(count):
+        for j in range(i + 1):
+            left = normal[i, j]
+            for k in range(j):
+                left -= low[i, k] * low[j, k]
+            if i > j:
+                low[i, j] = left / low[j, j]
+            elif left < SINGULAR:
+                return np.zeros(count)
+            else:
+                low[i, i] = np.sqrt(left)
+    for i in range(count):
+        for k in range(i):
+            x[i] -= low[i, k] * x[k]
+        x[i] /= low[i, i]
+    for i in range(count - 1, -1, -1):
+        for k in range(i + 1, count):
+            x[i] -= low[k, i] * x[k]
+        x[i] /= low[i, i]
+    return x
+
+
+@kernel(LINE, LINE, LINE, LINE, LINE, "float64", "float64", LINES, "float64", LINES, "float64", "float64", "float64",
+        "int64")  # fmt: skip
+def fitted(
+    start: Floats, prior: Floats, s: Floats, seen: Floats, std: Floats,
+    first: float, step: float, rates: Floats, table_step: float, table: Floats,
+    min_rate: float, damping: float, tolerance: float, rounds: int,
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    """The unknowns (6,), their normal equations (6, 6), and how many deviations (n,) the law lies off.
+
+    As `_Law.fitted` from `start` under a `prior`; the law's places begin at `first`; `table` (6, m) holds S, C, dS,
+    dC, h and dh.
+    """
+    least, unknown, trial = damping, start.copy(), start.copy()
+    uphill, normal, off, squares = np.zeros(6), np.zeros((6, 6)), np.zeros(len(s)), np.inf
+    for turn in range(rounds + 1):
+        if turn and np.sum(uphill * _solved(normal, uphill)) < tolerance:
+            break
+        better = False
+        for _ in range(5 if turn else 1):
+            if turn:
+                trial = unknown - _solved(normal * (1.0 + damping * np.eye(6)), uphill)
+            slopes, by = _shown(trial, s, first, step, rates, table_step, table, min_rate)
+            misfit, aside = (slopes - seen) / std, trial - start
+            after = np.sum(misfit * misfit) + np.sum(prior * aside * aside)
+            better = turn == 0 or after < squares
+            if better:
+                by /= std
+                unknown, off, squares = trial.copy(), misfit, after
+                uphill, normal = prior * aside, np.diag(prior)
+                for i in range(6):
+                    uphill[i] += np.sum(by[i] * misfit)
+                    for j in range(6):
+                        normal[i, j] += np.sum(by[i] * by[j])
+                break
+            damping *= 30.0
+        if not better:
+            break
+        damping = max(0.1 * damping, least) if turn else least
+    return unknown, normal, off
