@@ -19,8 +19,9 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 SWITCH = "TACTILEVISION_COMPILED"
 OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy"}  # a product and a sum may be rounded once
 # types of arrays that are read alone
-BYTES3, PLANE, PLANES = (f"Array({kind}, {n}, 'C', True)" for kind, n in (("uint8", 3), ("float32", 2), ("float32", 3)))
-LINE, LINES, LINE32 = (f"Array({kind}, {n}, 'C', True)" for kind, n in (("float64", 1), ("float64", 2), ("float32", 1)))
+BYTES2, BYTES3 = (f"Array(uint8, {n}, 'C', True)" for n in (2, 3))
+LINE32, PLANE, PLANES = (f"Array(float32, {n}, 'C', True)" for n in (1, 2, 3))
+LINE, LINES = (f"Array(float64, {n}, 'C', True)" for n in (1, 2))
 
 
 @lru_cache(maxsize=1)

@@ -98,6 +98,8 @@ class ColourChange:
         self.lacking: Bytes | None = None  # (H, W), how many it does not tell
         self._greys: Sequence[Bytes] | None = None  # channels (H, W) of the frame, where it was split already
         self._whole: Planes = np.empty_like(mean)
+        self._overexposed = np.zeros(mean.shape, np.bool_) if self.overexposed is None else self.overexposed
+        self._masks = [np.empty(shape, np.uint8) for shape in (mean.shape, mean.shape[1:], mean.shape[1:])]
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
         """Changes (3, H, W), drift, and validity (H, W) of a frame.
@@ -135,6 +137,8 @@ class ColourChange:
         self.rgb, self.undo, self.missing, self.partly = rgb, drift.undo, self.overexposed, None
         self.lacking, self._greys = None, None
         bright = rgb.max() >= SATURATED
+        if bright and compiled():
+            return drift, self._told(rgb)
         if bright:
             self._greys = cv2.split(rgb)
             over = np.stack([grey >= SATURATED for grey in self._greys])
@@ -147,6 +151,20 @@ class ColourChange:
         brightest = _brightest(self._greys or cv2.split(rgb))
         told = cv2.inRange(brightest, np.floor(self.darkest) + 1, SATURATED - 1)  # of whole numbers
         return drift, self.reference.usable & (told > 0)
+
+    def _told(self, rgb: Bytes) -> Bools:
+        """As `take`, of a frame of which some pixels are overexposed, compiled."""
+        from tactilevision.photometric.illumination.change_kernels import told
+
+        valid, (missing, lacking, partly) = np.empty(rgb.shape[:2], np.bool_), self._masks
+        masks = [
+            np.ascontiguousarray(mask).view(np.uint8)
+            for mask in (self._overexposed, self.lit_by_two, self.reference.usable)
+        ]
+        least, found = min(int(self.darkest) + 1, 255), (missing, lacking, partly, valid.view(np.uint8))
+        told(np.ascontiguousarray(rgb).reshape(len(rgb), -1), *masks, SATURATED, least, *found)
+        self.missing, self.lacking, self.partly = missing.view(np.bool_), lacking, partly.view(np.bool_)
+        return valid
 
     def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
         """The changes (3, h, w) of the frame taken in, strip by strip of a window.
