@@ -1,12 +1,14 @@
-"""The fit of a wall's law of `steep_edges.py`, compiled: what `_Law` does by numpy, one loop a step."""
+"""What `steep_edges.py` does of each wall, compiled: the fit of its law, and its slopes put in place."""
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.compiled import LINE, LINES, kernel
 from tactilevision.records import Floats
 
+Picture = npt.NDArray[np.float32]
 REACHED = 9.0  # deviations of the camera's blur beyond which a place adds nothing: e^-40
 SAME = 1e-9  # of a step: bins lie whole steps apart, and are weighed alike, but for rounding
 SINGULAR = 2.0**-52  # a pivot below it leaves normal equations without a solution, as OpenCV has it
@@ -169,3 +171,36 @@ def fitted(
             break
         damping = max(0.1 * damping, least) if turn else least
     return unknown, normal, off
+
+
+@kernel("float32[:, ::1]", "float32[:, ::1]", "int64", "int64", LINE, LINE, "float64", "float64", "float64", "int64",
+        "float64", "float64", LINE, LINE)  # fmt: skip
+def put(
+    p: Picture, q: Picture, top: int, left: int, x: Floats, y: Floats,
+    face_mm: float, inner: float, outer: float, least: int, step: float, depth_mm: float,
+    steep: Floats, remaining: Floats,
+) -> None:  # fmt: skip
+    """Set slopes (H, W) from a window's corner on between `inner` and `outer` mm of an axis, as `restore` does.
+
+    `x` (w,), `y` (h,) from it; the tilt is that of a face of radius `face_mm` with `least` pixels. `steep`,
+    `remaining` (n,): u' and 1 - u/w, `step` mm apart from `inner` on.
+    """
+    tilt_x, tilt_y, count = 0.0, 0.0, 0
+    for row in range(len(y)):
+        for i in range(len(x)):
+            if np.float32(x[i] * x[i]) + np.float32(y[row] * y[row]) < face_mm * face_mm:
+                tilt_x, tilt_y, count = tilt_x + p[top + row, left + i], tilt_y + q[top + row, left + i], count + 1
+    tilt_x, tilt_y = (tilt_x / count, tilt_y / count) if count >= least else (0.0, 0.0)
+    for row in range(len(y)):
+        for i in range(len(x)):
+            square = np.float32(x[i] * x[i]) + np.float32(y[row] * y[row])
+            if inner * inner <= square < outer * outer:
+                r = np.sqrt(square)
+                at = (r - inner) / step
+                k = min(int(at), len(steep) - 2)
+                part = at - int(at)
+                slope = steep[k] + part * (steep[k + 1] - steep[k])
+                left_over = remaining[k] + part * (remaining[k + 1] - remaining[k])
+                slope *= (1.0 + (tilt_x * x[i] + tilt_y * y[row]) / depth_mm) / r
+                p[top + row, left + i] = slope * x[i] + tilt_x * left_over
+                q[top + row, left + i] = slope * y[row] + tilt_y * left_over
