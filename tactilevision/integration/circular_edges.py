@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.compiled import compiled
 from tactilevision.integration.circle import quick_circle, residual_std, weighted_solution
 from tactilevision.records import Floats, Pair, SlopeMap
 from tactilevision.robust import geman_mcclure_weight, median
@@ -22,6 +23,7 @@ MAX_BLUR = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodi
 BIN_PX = 0.5  # px: step of the profile across the edge
 ACROSS = 4  # directions to a sector
 CONVERGENCE_TOL = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
+ROUNDS = 4  # of reweighting, at most
 INNER_PX = 12.0  # px that the profile reaches inside the edge: past the foot of a blurred flank
 OUTER_SHARE = 0.4  # of the radius that the profile reaches outside: the gel's own fall dies out there
 MAX_OUTER_SHARE = 0.8  # the same where steep slopes reach far: a layer's surface keeps to the law so far
@@ -193,6 +195,10 @@ def _quantiles(values: Floats, *shares: float) -> Floats:
 
 def _flanks(places: Floats, profiles: Floats, part: Floats | float) -> Floats:
     """Places (K,) where profiles (K, J), inwards from their peak, fall to a part of it (one, or (K,)); or NaN."""
+    if compiled():
+        from tactilevision.integration.circle_kernels import flanks
+
+        return flanks(places, profiles, np.broadcast_to(part, len(profiles)).astype(np.float64))
     filled = np.where(np.isnan(profiles), -np.inf, profiles)
     top, each = np.argmax(filled, axis=1), np.arange(len(filled))
     level = part * filled[each, top]
@@ -212,9 +218,13 @@ def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, flo
     Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
     """
     terms, places = _waves(len(places))[:, good], places[good]
+    if compiled():
+        from tactilevision.integration.circle_kernels import harmonics
+
+        return harmonics(places, np.ascontiguousarray(terms), CONVERGENCE_TOL, ROUNDS)
     off = places - median(places)
     solution, scale = np.zeros(3), residual_std(off)
-    for _ in range(4):
+    for _ in range(ROUNDS):
         before, solution = (
             solution,
             weighted_solution(terms, places, weights=geman_mcclure_weight(off, 2.0 * scale)),

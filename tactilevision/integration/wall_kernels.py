@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.compiled import LINE, LINES, kernel
+from tactilevision.integration.circle_kernels import solved
 from tactilevision.records import Floats
 
 Picture = npt.NDArray[np.float32]
 REACHED = 9.0  # deviations of the camera's blur beyond which a place adds nothing: e^-40
 SAME = 1e-9  # of a step: bins lie whole steps apart, and are weighed alike, but for rounding
-SINGULAR = 2.0**-52  # a pivot below it leaves normal equations without a solution, as OpenCV has it
 
 
 @kernel()
@@ -106,32 +106,6 @@ def _shown(
     return slopes, out
 
 
-@kernel()
-def _solved(normal: Floats, right: Floats) -> Floats:
-    """The solution (k,) of normal equations (k, k), by Cholesky; 0 where they are singular."""
-    count, low, x = len(right), np.zeros(normal.shape), right.copy()
-    for i in range(count):
-        for j in range(i + 1):
-            left = normal[i, j]
-            for k in range(j):
-                left -= low[i, k] * low[j, k]
-            if i > j:
-                low[i, j] = left / low[j, j]
-            elif left < SINGULAR:
-                return np.zeros(count)
-            else:
-                low[i, i] = np.sqrt(left)
-    for i in range(count):
-        for k in range(i):
-            x[i] -= low[i, k] * x[k]
-        x[i] /= low[i, i]
-    for i in range(count - 1, -1, -1):
-        for k in range(i + 1, count):
-            x[i] -= low[k, i] * x[k]
-        x[i] /= low[i, i]
-    return x
-
-
 @kernel(LINE, LINE, LINE, LINE, LINE, "float64", "float64", LINES, "float64", LINES, "float64", "float64", "float64",
         "int64")  # fmt: skip
 def fitted(
@@ -147,12 +121,12 @@ def fitted(
     least, unknown, trial = damping, start.copy(), start.copy()
     uphill, normal, off, squares = np.zeros(6), np.zeros((6, 6)), np.zeros(len(s)), np.inf
     for turn in range(rounds + 1):
-        if turn and np.sum(uphill * _solved(normal, uphill)) < tolerance:
+        if turn and np.sum(uphill * solved(normal, uphill)) < tolerance:
             break
         better = False
         for _ in range(5 if turn else 1):
             if turn:
-                trial = unknown - _solved(normal * (1.0 + damping * np.eye(6)), uphill)
+                trial = unknown - solved(normal * (1.0 + damping * np.eye(6)), uphill)
             slopes, by = _shown(trial, s, first, step, rates, table_step, table, min_rate)
             misfit, aside = (slopes - seen) / std, trial - start
             after = np.sum(misfit * misfit) + np.sum(prior * aside * aside)
