@@ -76,7 +76,7 @@ def _shown(
     """Slopes (n,) that the picture shows at bins `s`, and their rates (6, n) by unknown."""
     edge, camera = np.exp(unknown[1]) / step, np.exp(unknown[2]) / step
     light = _light(unknown, edge, rates, table_step, table)
-    slopes, out, sums, last = np.empty(len(s)), np.empty((6, len(s))), np.empty((3, 10)), light.shape[0] - 1
+    slopes, out, sums, last = np.empty(len(s)), np.empty((6, len(s))), np.empty(10), light.shape[0] - 1
     sigma = max(camera, 1.0)
     reach = int(REACHED * sigma) + 1
     weights, part = np.empty(2 * reach + 1), -1.0
@@ -87,22 +87,24 @@ def _shown(
             part = at - near
             for i in range(len(weights)):
                 weights[i] = np.exp(-0.5 * ((part + reach - i) / sigma) ** 2)
-        sums[:] = 0.0
+        sums[:], by_shift, by_shift_too, by_blur, by_blur_too = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(max(near - reach, 0), min(near + reach, last) + 1):
             weight, off = weights[i - near + reach], (at - i) / sigma
             for k in range(10):
-                sums[0, k] += weight * light[i, k]
-                sums[1, k] += weight * off * light[i, k]
-                sums[2, k] += weight * off * off * light[i, k]
-        ratio = sums[0, 0] / sums[0, 5]
+                sums[k] += weight * light[i, k]
+            sine, cosine = weight * off * light[i, 0], weight * off * light[i, 5]
+            by_shift, by_shift_too, by_blur, by_blur_too = (
+                by_shift + sine, by_shift_too + cosine, by_blur + off * sine, by_blur_too + off * cosine
+            )  # fmt: skip
+        ratio = sums[0] / sums[5]
         size = _sought(abs(ratio), table[4], table_step)
         slopes[j] = np.sign(ratio) * size
-        gain = sums[0, 5] * max(_tabled(size, table_step, table[5]), min_rate)
-        out[0, j] = (sums[1, 0] - ratio * sums[1, 5]) / (sigma * step) / gain
-        out[2, j] = (sums[2, 0] - ratio * sums[2, 5]) / gain
-        out[1, j] = (sums[0, 1] - ratio * sums[0, 6]) / gain
+        gain = sums[5] * max(_tabled(size, table_step, table[5]), min_rate)
+        out[0, j] = (by_shift - ratio * by_shift_too) / (sigma * step) / gain
+        out[2, j] = (by_blur - ratio * by_blur_too) / gain
+        out[1, j] = (sums[1] - ratio * sums[6]) / gain
         for k in range(3):
-            out[3 + k, j] = (sums[0, 2 + k] - ratio * sums[0, 7 + k]) / gain
+            out[3 + k, j] = (sums[2 + k] - ratio * sums[7 + k]) / gain
     return slopes, out
 
 

@@ -128,8 +128,7 @@ class LightCheck:
         if self.steep:
             score[cv2.dilate(_length(slopes), self.near) > self.steep] = 0.0
         if self.method.change.lacking is not None:
-            lost = cv2.compare(self.method.change.lacking, 0, cv2.CMP_GT)
-            score[self._cells(lost[None])[0] > 0] = 0.0
+            score[self.method.change.lacking_tiles(self.px, self.size) > 0] = 0.0
         share *= np.clip((score - RAMP) / (1.0 - RAMP), 0.0, 1.0)
         depth = np.zeros_like(score)
         if share.any():

@@ -166,6 +166,20 @@ class ColourChange:
         self.missing, self.lacking, self.partly = missing.view(np.bool_), lacking, partly.view(np.bool_)
         return valid
 
+    def lacking_tiles(self, px: int, size: tuple[int, int]) -> Bytes:
+        """Tiles of `px` by `px` pixels, `size` (w, h) of them, of which some lack a colour: not 0 there."""
+        tiles = np.zeros(size[::-1], np.uint8)
+        left, top, width, height = (0, 0, 0, 0) if self.lacking is None else cv2.boundingRect(self.lacking)
+        rows, columns = (
+            slice(start // px, min(-(-(start + count) // px), most))
+            for start, count, most in ((top, height, size[1]), (left, width, size[0]))
+        )
+        if self.lacking is not None and rows.start < rows.stop and columns.start < columns.stop:
+            of = self.lacking[px * rows.start : px * rows.stop, px * columns.start : px * columns.stop]
+            few = columns.stop - columns.start, rows.stop - rows.start
+            tiles[rows, columns] = cv2.resize(cv2.compare(of, 0, cv2.CMP_GT), few, interpolation=cv2.INTER_AREA)
+        return tiles
+
     def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
         """The changes (3, h, w) of the frame taken in, strip by strip of a window.
 
