@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from tactilevision.compiled import compiled
 from tactilevision.integration.circle import quick_circle, residual_std, weighted_solution
-from tactilevision.records import Floats, Pair, SlopeMap
+from tactilevision.records import Bools, Bytes, Floats, Pair, SlopeMap
 from tactilevision.robust import geman_mcclure_weight, median
 
 MIN_STEEP = 12  # pixels; fewer are noise
@@ -139,6 +139,16 @@ def _profiles(
     across, down = _directions(sectors * ACROSS)
     places = np.arange(bounds_mm[0] + 0.5 * BIN_PX * px, bounds_mm[1], BIN_PX * px)
     r = places.astype(np.float32)
+    if compiled():
+        from tactilevision.integration.profile_kernels import inward as inward_of
+        from tactilevision.integration.profile_kernels import rays
+
+        x, y = np.empty((2, len(across), len(r)), np.float32)
+        rays(across[:, 0], down[:, 0], r / np.float32(mm_per_px[0]), r / np.float32(mm_per_px[1]),
+             circle[0] / mm_per_px[0], circle[1] / mm_per_px[1], x, y)  # fmt: skip
+        p, q = _sampled(slopes.dz_dx, x, y), _sampled(slopes.dz_dy, x, y)
+        known = np.ones(x.shape, np.uint8) if slopes.valid is None else _known(slopes.valid, x, y)
+        return places, inward_of(p, q, known, across[:, 0], down[:, 0], ACROSS)
     x, y = across * (r / np.float32(mm_per_px[0])), down * (r / np.float32(mm_per_px[1]))
     x += np.float32(circle[0] / mm_per_px[0])
     y += np.float32(circle[1] / mm_per_px[1])
@@ -148,8 +158,7 @@ def _profiles(
     along_y *= down
     inward -= along_y
     if slopes.valid is not None and not slopes.valid.all():
-        known = cv2.remap(slopes.valid.view(np.uint8), x, y, cv2.INTER_NEAREST)
-        inward[known == 0] = np.nan
+        inward[_known(slopes.valid, x, y) == 0] = np.nan
     means = np.add.reduce(inward.reshape(sectors, ACROSS, -1), axis=1)
     return places, np.asarray(means, np.float64) / ACROSS
 
@@ -157,6 +166,10 @@ def _profiles(
 def _sampled(plane: npt.NDArray[np.floating], x: Picture, y: Picture) -> Picture:
     plane = np.asarray(plane, np.float32)
     return np.asarray(cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan))
+
+
+def _known(valid: Bools, x: Picture, y: Picture) -> Bytes:
+    return np.asarray(cv2.remap(valid.view(np.uint8), x, y, cv2.INTER_NEAREST))
 
 
 @lru_cache(maxsize=64)
@@ -188,6 +201,10 @@ def window_of(
 
 def _quantiles(values: Floats, *shares: float) -> Floats:
     """The values (shares, J) that a share of the known ones in each column of (K, J) do not exceed, or NaN."""
+    if compiled():
+        from tactilevision.integration.profile_kernels import quantiles
+
+        return quantiles(values, np.array(shares))
     last = np.maximum(np.count_nonzero(np.isfinite(values), axis=0) - 1, 0)
     ordered = np.sort(values, axis=0)  # NaN last
     return np.asarray(ordered[np.multiply.outer(shares, last).astype(np.intp), np.arange(len(last))])

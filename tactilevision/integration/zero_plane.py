@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.compiled import compiled
 from tactilevision.distance import distance_px
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 from tactilevision.records.contact_thresholds import slope_limit
@@ -190,6 +191,15 @@ def _reweighted_fit(
     """
     count, touched = np.count_nonzero(untouched), ~untouched
     correlated, prior_weight = min(CORRELATED, count), FIRST_WEIGHT * count if rises else 0.0
+    if compiled():
+        from tactilevision.integration.zero_plane_kernels import reweighted
+
+        solution, scale, normal, weights = reweighted(
+            terms, depth, untouched, rises, decay_std, correlated, prior_weight,
+            1e-9, MIN_RISE, MAX_ITERATIONS, CONVERGENCE_TOL,
+        )  # fmt: skip
+        inverse = cv2.invert(normal)[1]
+        return solution, float(scale * np.sqrt(correlated * inverse[0, 0])), np.asarray(inverse @ (terms * weights))
     rows, weighted = np.concatenate([terms, depth[None]]), terms * untouched
     solution: Floats = np.zeros(len(terms))
     for _ in range(MAX_ITERATIONS):
