@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 SWITCH = "TACTILEVISION_COMPILED"
-OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy"}  # a product and a sum may be rounded once
+OPTIONS = {"fastmath": {"contract", "reassoc"}, "error_model": "numpy"}  # sums in any order, products in them unrounded
 # types of arrays that are read alone
 BYTES2, BYTES3 = (f"Array(uint8, {n}, 'C', True)" for n in (2, 3))
 LINE32, PLANE, PLANES = (f"Array(float32, {n}, 'C', True)" for n in (1, 2, 3))

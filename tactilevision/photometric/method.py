@@ -171,7 +171,8 @@ class CalibratedMethod:
         valid = complete & self.readable
         if self.change.missing is None or self.change.partly is None or self.two_colour_reader is None:
             return valid
-        return valid | self.two_colour_reader.readable(self.change.missing, self.change.partly)
+        self.two_colour_reader.add_readable(valid, self.change.missing, self.change.partly)
+        return valid
 
     def lost_share(self) -> Picture | None:
         """Relative error (H, W) of slopes of the frame taken in, by missing colours; None where none is."""

@@ -20,14 +20,19 @@ def changes(
 
     Its gain is the product of `down` (3, H, 2) and `across` (3, 2, W); `scale` (3, H, W).
     """
-    for c in range(out.shape[0]):
-        for row in range(out.shape[1]):
+    count, height, width = out.shape
+    apart = np.empty((count, width), np.float32)
+    for row in range(height):
+        pixels, red, green, blue = rgb[top + row, left:], apart[0], apart[1], apart[2]
+        for i in range(width):
+            red[i], green[i], blue[i] = pixels[i, 0], pixels[i, 1], pixels[i, 2]
+        for c in range(count):
             first, second = down[c, top + row]
-            pixels, per_grey = rgb[top + row, left:, c], scale[c, top + row, left:]
-            level, lean, line = across[c, 0, left:], across[c, 1, left:], out[c, row]
-            for i in range(out.shape[2]):
+            grey, per_grey, line = apart[c], scale[c, top + row, left:], out[c, row]
+            level, lean = across[c, 0, left:], across[c, 1, left:]
+            for i in range(width):
                 gain = first * level[i] + second * lean[i]
-                line[i] = (np.float32(pixels[i]) * gain + softening) * per_grey[i] - np.float32(1.0)
+                line[i] = (grey[i] * gain + softening) * per_grey[i] - np.float32(1.0)
 
 
 @kernel(BYTES2, BYTES3, BYTES2, BYTES2, "uint8", "uint8", "uint8[:, :, ::1]", "uint8[:, ::1]", "uint8[:, ::1]",
