@@ -3,40 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.compiled import LINE, LINES, kernel
 from tactilevision.records import Floats
 from tactilevision.robust import MAD_TO_STD
+from tactilevision.robust_kernels import median, solved
 
-SINGULAR = 2.0**-52  # a pivot below it leaves normal equations without a solution, as OpenCV has it
 STIFFENING = 1e-9  # on the diagonal of normal equations, as circle.py has it
-
-
-@kernel()
-def solved(normal: Floats, right: Floats) -> Floats:
-    """The solution (k,) of normal equations (k, k), by Cholesky; 0 where they are singular."""
-    count, low, x = len(right), np.zeros(normal.shape), right.copy()
-    for i in range(count):
-        for j in range(i + 1):
-            left = normal[i, j]
-            for k in range(j):
-                left -= low[i, k] * low[j, k]
-            if i > j:
-                low[i, j] = left / low[j, j]
-            elif left < SINGULAR:
-                return np.zeros(count)
-            else:
-                low[i, i] = np.sqrt(left)
-    for i in range(count):
-        for k in range(i):
-            x[i] -= low[i, k] * x[k]
-        x[i] /= low[i, i]
-    for i in range(count - 1, -1, -1):
-        for k in range(i + 1, count):
-            x[i] -= low[k, i] * x[k]
-        x[i] /= low[i, i]
-    return x
 
 
 @kernel()
@@ -54,7 +27,7 @@ def _weighted(terms: Floats, values: Floats, weights: Floats) -> Floats:
 
 @kernel()
 def _std(off: Floats) -> float:
-    return MAD_TO_STD * np.median(np.abs(off)) + 1e-9
+    return MAD_TO_STD * median(np.abs(off)) + 1e-9
 
 
 @kernel()
@@ -98,7 +71,7 @@ def flanks(places: Floats, profiles: Floats, parts: Floats) -> Floats:
 @kernel(LINE, LINES, "float64", "int64")
 def harmonics(places: Floats, terms: Floats, tolerance: float, rounds: int) -> tuple[Floats, float, float]:
     """Mean, cos and sin part (3,) of places (n,) over terms (3, n), spread and rms of what is left, robust."""
-    off, solution = places - np.median(places), np.zeros(3)
+    off, solution = places - median(places), np.zeros(3)
     scale = _std(off)
     for _ in range(rounds):
         before, solution = solution, _weighted(terms, places, _kept(off, 2.0 * scale))

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.compiled import LINE, LINES, kernel
-from tactilevision.integration.circle_kernels import solved
 from tactilevision.records import Floats
+from tactilevision.robust_kernels import solved
 
 Picture = npt.NDArray[np.float32]
 REACHED = 9.0  # deviations of the camera's blur beyond which a place adds nothing: e^-40

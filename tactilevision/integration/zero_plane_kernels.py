@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.compiled import LINE, LINES, kernel
-from tactilevision.integration.circle_kernels import solved
 from tactilevision.records import Floats
 from tactilevision.robust import MAD_TO_STD
+from tactilevision.robust_kernels import nth, solved
 
 
 @kernel(LINES, LINE, "Array(bool, 1, 'C', True)", "boolean", "float64", "float64", "float64", "float64", "float64",
@@ -19,26 +19,36 @@ def reweighted(
 ) -> tuple[Floats, float, Floats, Floats]:  # fmt: skip
     """Coefficients (k,), scale of what is left, normal equations (k, k) and weights (n,), as `_reweighted_fit`."""
     count, size = len(terms), len(depth)
-    weights, off, solution = untouched.astype(np.float64), np.empty(size), np.zeros(count)
+    weights, off, kept, solution = untouched.astype(np.float64), np.empty(size), np.empty(size), np.zeros(count)
     normal, scale = np.zeros((count, count)), 0.0
     for _ in range(rounds):
         right = np.zeros(count)
         for j in range(count):
-            part = weights * terms[j]
-            right[j] = np.sum(part * depth)
+            total = 0.0
+            for i in range(size):
+                total += weights[i] * terms[j, i] * depth[i]
+            right[j] = total
             for k in range(j + 1):
-                normal[j, k] = np.sum(part * terms[k])
-                normal[k, j] = normal[j, k]
+                total = 0.0
+                for i in range(size):
+                    total += weights[i] * terms[j, i] * terms[k, i]
+                normal[j, k], normal[k, j] = total, total
             normal[j, j] *= 1.0 + stiffening
         normal[-1, -1] += prior
         before, solution = solution, solved(normal, right)
-        off[:] = -depth
-        for k in range(count):
-            off += solution[k] * terms[k]
-        off *= off
-        kept, middle = off[untouched], np.count_nonzero(untouched) // 2
-        scale = MAD_TO_STD * np.partition(kept, middle)[middle] ** 0.5 + 1e-12
-        moved = np.abs(solution - before)[:3].max()
+        counted = 0
+        for i in range(size):
+            lies = -depth[i]
+            for k in range(count):
+                lies += solution[k] * terms[k, i]
+            off[i] = lies * lies
+            if untouched[i]:
+                kept[counted] = off[i]
+                counted += 1
+        scale = MAD_TO_STD * nth(kept[:counted], counted // 2) ** 0.5 + 1e-12
+        moved = 0.0
+        for k in range(min(count, 3)):
+            moved = max(moved, abs(solution[k] - before[k]))
         if moved < tolerance * scale:
             break
         if rises:

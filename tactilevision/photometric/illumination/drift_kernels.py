@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from tactilevision.compiled import LINES, kernel
 from tactilevision.records import Floats
+from tactilevision.robust_kernels import median, solved
 
 Bools = npt.NDArray[np.bool_]
 LINES3, BLOCKS = "Array(float64, 3, 'C', True)", "Array(bool, 1, 'C', True)"
@@ -43,7 +44,10 @@ def _near_contact(touched: Bools, width: int) -> Bools:
 
 
 @kernel()
-def _fit(weighted: Floats, weights: Floats, basis: Floats, normal: Floats, precision: Floats) -> Floats:
+def _fit(
+    weighted: Floats, weights: Floats, basis: Floats, normal: Floats, constant: Floats,
+    plane_share: float, least_plane: float, correlated: float,
+) -> Floats:  # fmt: skip
     """Gains (3, 3): weighted ridge regression, each channel by itself."""
     sums, right = np.zeros(27), np.zeros((3, 3))
     for i in range(len(weights)):
@@ -56,9 +60,10 @@ def _fit(weighted: Floats, weights: Floats, basis: Floats, normal: Floats, preci
     for c in range(3):
         square = sums[9 * c : 9 * c + 9].reshape(3, 3)
         square[0, 0] += 1e-9
-        square[1, 1] += precision[c]
-        square[2, 2] += precision[c]
-        gains[c] = np.linalg.solve(square, right[c])
+        precision = correlated / (plane_share * abs(constant[c]) + least_plane) ** 2
+        square[1, 1] += precision
+        square[2, 2] += precision
+        gains[c] = solved(square, right[c])
     return gains
 
 
@@ -74,18 +79,24 @@ def reweighted(
     fitting, touched = np.empty(len(usable)), np.zeros(len(usable), np.bool_)
     for _ in range(rounds):
         _squares(change, gains, terms, squares)
-        scale = max(1.0, np.median(squares[usable]) / median_square)
+        scale = max(1.0, median(squares[usable]) / median_square)
         limit = touched_square * scale
-        weights = usable / np.square(1.0 + squares * (1.0 / (9.0 * scale)))
-        touched = usable & (squares > limit)
-        fitting = weights
-        if touched.any():
-            away = weights * ~_near_contact(touched, width)
-            if np.count_nonzero(away) >= fewest:
-                fitting = away
-        before = gains
-        precision = correlated / np.square(plane_share * np.abs(gains[:, 0]) + least_plane)
-        gains = _fit(weighted, fitting, basis, normal, precision)
-        if np.abs(gains - before).max() < tolerance:
+        some = False
+        for i in range(len(usable)):
+            touched[i] = usable[i] and squares[i] > limit
+            some |= touched[i]
+            fitting[i] = 1.0 / (1.0 + squares[i] / (9.0 * scale)) ** 2 if usable[i] else 0.0
+        if some:
+            near, away = _near_contact(touched, width), 0
+            for i in range(len(usable)):
+                away += not near[i] and fitting[i] > 0.0
+            for i in range(len(usable) if away >= fewest else 0):
+                fitting[i] = 0.0 if near[i] else fitting[i]
+        before, gains = gains, _fit(weighted, fitting, basis, normal, gains[:, 0], plane_share, least_plane, correlated)
+        moved = 0.0
+        for c in range(3):
+            for k in range(3):
+                moved = max(moved, abs(gains[c, k] - before[c, k]))
+        if moved < tolerance:
             break
     return gains, fitting, touched, limit
