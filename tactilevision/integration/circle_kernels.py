@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tactilevision.compiled import LINE, LINES, kernel
+from tactilevision.compiled.parts import median, solved
 from tactilevision.records import Floats
 from tactilevision.robust import MAD_TO_STD
-from tactilevision.robust_kernels import median, solved
 
 STIFFENING = 1e-9  # on the diagonal of normal equations, as circle.py has it
 
@@ -38,7 +38,7 @@ def _kept(off: Floats, width: float) -> Floats:
 
 @kernel(LINE, LINE, LINE)
 def quick_circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
-    """Centre and radius, as `circle.quick_circle` has them."""
+    """Centre and radius of places (n,), in their unit, as `circle.quick_circle` has them."""
     terms, squares, keep = np.ones((3, len(x))), x * x + y * y, weight
     terms[0], terms[1] = x, y
     a, b, radius = 0.0, 0.0, 0.0
@@ -52,7 +52,7 @@ def quick_circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, fl
 
 @kernel(LINE, LINES, LINE)
 def flanks(places: Floats, profiles: Floats, parts: Floats) -> Floats:
-    """Places (K,) where profiles (K, J) fall to `parts` (K,) of their peak, inwards from it; or NaN."""
+    """Places (K,) where profiles (K, J) fall to `parts` (K,) of their peak, inwards from it, in mm; or NaN."""
     out = np.full(len(profiles), np.nan)
     for k in range(len(profiles)):
         line, top = profiles[k], -1
@@ -70,7 +70,7 @@ def flanks(places: Floats, profiles: Floats, parts: Floats) -> Floats:
 
 @kernel(LINE, LINES, "float64", "int64")
 def harmonics(places: Floats, terms: Floats, tolerance: float, rounds: int) -> tuple[Floats, float, float]:
-    """Mean, cos and sin part (3,) of places (n,) over terms (3, n), spread and rms of what is left, robust."""
+    """Mean, cos and sin part (3,) of places (n,) over terms (3, n), spread and rms of the rest, robust, in mm."""
     off, solution = places - median(places), np.zeros(3)
     scale = _std(off)
     for _ in range(rounds):

@@ -144,8 +144,9 @@ def _profiles(
         from tactilevision.integration.profile_kernels import rays
 
         x, y = np.empty((2, len(across), len(r)), np.float32)
-        rays(across[:, 0], down[:, 0], r / np.float32(mm_per_px[0]), r / np.float32(mm_per_px[1]),
-             circle[0] / mm_per_px[0], circle[1] / mm_per_px[1], x, y)  # fmt: skip
+        along_x, along_y = (r / np.float32(mm) for mm in mm_per_px)
+        left, top = (at / mm for at, mm in zip(circle, mm_per_px, strict=False))
+        rays(across[:, 0], down[:, 0], along_x, along_y, left, top, x, y)
         p, q = _sampled(slopes.dz_dx, x, y), _sampled(slopes.dz_dy, x, y)
         known = np.ones(x.shape, np.uint8) if slopes.valid is None else _known(slopes.valid, x, y)
         return places, inward_of(p, q, known, across[:, 0], down[:, 0], ACROSS)

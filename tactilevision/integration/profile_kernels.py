@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.compiled import LINE32, LINES, PLANE, BYTES2, kernel
+from tactilevision.compiled import BYTES2, LINE32, LINES, PLANE, kernel
 from tactilevision.records import Floats
 
 Picture = npt.NDArray[np.float32]
 
 
 @kernel(LINE32, LINE32, LINE32, LINE32, "float32", "float32", "float32[:, ::1]", "float32[:, ::1]")
-def rays(across: Picture, down: Picture, r: Picture, s: Picture, left: float, top: float, x: Picture, y: Picture) -> None:
+def rays(
+    across: Picture, down: Picture, r: Picture, s: Picture, left: float, top: float, x: Picture, y: Picture
+) -> None:
     """Places `x`, `y` (K, J) in px along directions (K,): `r`, `s` (J,) px along x and y from a centre."""
     for k in range(x.shape[0]):
         for j in range(x.shape[1]):
@@ -24,7 +26,7 @@ def rays(across: Picture, down: Picture, r: Picture, s: Picture, left: float, to
 def inward(
     p: Picture, q: Picture, known: npt.NDArray[np.uint8], across: Picture, down: Picture, each: int
 ) -> Floats:
-    """Slopes (K, J) towards the centre, means over `each` directions of (K each, J), NaN where not all are known."""
+    """Slopes (K, J), mm/mm, towards the centre, means of `each` directions (K each, J); NaN: unknown."""
     out = np.empty((p.shape[0] // each, p.shape[1]))
     for k in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -38,7 +40,7 @@ def inward(
 
 @kernel(LINES, "Array(float64, 1, 'C', True)")
 def quantiles(values: Floats, shares: Floats) -> Floats:
-    """The values (shares, J) that a share of the known ones in each column of (K, J) do not exceed, or NaN."""
+    """What a share (n,) of the known values in each column of (K, J) do not exceed, (n, J), or NaN."""
     out, column = np.full((len(shares), values.shape[1]), np.nan), np.empty(values.shape[0])
     for j in range(values.shape[1]):
         count = 0

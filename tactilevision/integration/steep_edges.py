@@ -99,8 +99,8 @@ def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> Non
         if compiled() and _writable(slopes.dz_dx) and _writable(slopes.dz_dy):
             from tactilevision.integration.wall_kernels import put
 
-            put(slopes.dz_dx, slopes.dz_dy, window[0].start, window[1].start, x[0], y[:, 0],
-                max(inner - 2 * half, 0.0), inner, outer, MIN_FACE, step, edge.depth_mm, *lines)  # fmt: skip
+            at = window[0].start, window[1].start, x[0], y[:, 0], max(inner - 2 * half, 0.0), inner, outer
+            put(slopes.dz_dx, slopes.dz_dy, *at, MIN_FACE, step, edge.depth_mm, *lines)
             continue
         square = (x * x).astype(np.float32) + (y * y).astype(np.float32)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
@@ -255,10 +255,9 @@ class _Law:
         if compiled():
             from tactilevision.integration.wall_kernels import fitted
 
-            unknown, normal, off = fitted(
-                start, prior, self.s, slopes, std, self.places[0], self.step, self.rates,
-                STEEPEST / (TABLED - 1), self.light.lines, MIN_RATE, DAMPING, CONVERGENCE_TOL, MAX_ITERATIONS,
-            )  # fmt: skip
+            law = self.places[0], self.step, self.rates, STEEPEST / (TABLED - 1), self.light.lines, MIN_RATE
+            limits = DAMPING, CONVERGENCE_TOL, MAX_ITERATIONS
+            unknown, normal, off = fitted(start, prior, self.s, slopes, std, *law, *limits)
             return unknown, np.asarray(cv2.invert(normal)[1]), off
 
         def misfit(unknown: Floats) -> tuple[float, Floats, Floats, Floats]:

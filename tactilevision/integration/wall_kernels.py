@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.compiled import LINE, LINES, kernel
+from tactilevision.compiled.parts import solved
 from tactilevision.records import Floats
-from tactilevision.robust_kernels import solved
 
 Picture = npt.NDArray[np.float32]
 REACHED = 9.0  # deviations of the camera's blur beyond which a place adds nothing: e^-40
@@ -29,7 +29,7 @@ def _sought(value: float, line: Floats, step: float) -> float:
     """Where, from 0 on in steps, a rising `line` reaches a `value`."""
     if not value < line[-1]:
         return (len(line) - 1) * step
-    i = max(np.searchsorted(line, value, side="right") - 1, 0)
+    i = max(int(np.searchsorted(line, value, side="right")) - 1, 0)
     return (i + max(value - line[i], 0.0) / (line[i + 1] - line[i])) * step
 
 
@@ -70,9 +70,15 @@ def _light(unknown: Floats, edge: float, rates: Floats, table_step: float, table
 
 @kernel()
 def _shown(
-    unknown: Floats, s: Floats, first: float, step: float, rates: Floats, table_step: float, table: Floats,
+    unknown: Floats,
+    s: Floats,
+    first: float,
+    step: float,
+    rates: Floats,
+    table_step: float,
+    table: Floats,
     min_rate: float,
-) -> tuple[Floats, Floats]:  # fmt: skip
+) -> tuple[Floats, Floats]:
     """Slopes (n,) that the picture shows at bins `s`, and their rates (6, n) by unknown."""
     edge, camera = np.exp(unknown[1]) / step, np.exp(unknown[2]) / step
     light = _light(unknown, edge, rates, table_step, table)
@@ -94,8 +100,11 @@ def _shown(
                 sums[k] += weight * light[i, k]
             sine, cosine = weight * off * light[i, 0], weight * off * light[i, 5]
             by_shift, by_shift_too, by_blur, by_blur_too = (
-                by_shift + sine, by_shift_too + cosine, by_blur + off * sine, by_blur_too + off * cosine
-            )  # fmt: skip
+                by_shift + sine,
+                by_shift_too + cosine,
+                by_blur + off * sine,
+                by_blur_too + off * cosine,
+            )
         ratio = sums[0] / sums[5]
         size = _sought(abs(ratio), table[4], table_step)
         slopes[j] = np.sign(ratio) * size
@@ -108,17 +117,27 @@ def _shown(
     return slopes, out
 
 
-@kernel(LINE, LINE, LINE, LINE, LINE, "float64", "float64", LINES, "float64", LINES, "float64", "float64", "float64",
-        "int64")  # fmt: skip
+@kernel(*[LINE] * 5, "float64", "float64", LINES, "float64", LINES, *["float64"] * 3, "int64")
 def fitted(
-    start: Floats, prior: Floats, s: Floats, seen: Floats, std: Floats,
-    first: float, step: float, rates: Floats, table_step: float, table: Floats,
-    min_rate: float, damping: float, tolerance: float, rounds: int,
-) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    start: Floats,
+    prior: Floats,
+    s: Floats,
+    seen: Floats,
+    std: Floats,
+    first: float,
+    step: float,
+    rates: Floats,
+    table_step: float,
+    table: Floats,
+    min_rate: float,
+    damping: float,
+    tolerance: float,
+    rounds: int,
+) -> tuple[Floats, Floats, Floats]:
     """The unknowns (6,), their normal equations (6, 6), and how many deviations (n,) the law lies off.
 
-    As `_Law.fitted` from `start` under a `prior`; the law's places begin at `first`; `table` (6, m) holds S, C, dS,
-    dC, h and dh.
+    As `_Law.fitted` from `start` under a `prior`. The law's places begin at `first`; `table` (6, m): S, C, dS, dC,
+    h and dh.
     """
     least, unknown, trial = damping, start.copy(), start.copy()
     uphill, normal, off, squares = np.zeros(6), np.zeros((6, 6)), np.zeros(len(s)), np.inf
@@ -132,7 +151,7 @@ def fitted(
             slopes, by = _shown(trial, s, first, step, rates, table_step, table, min_rate)
             misfit, aside = (slopes - seen) / std, trial - start
             after = np.sum(misfit * misfit) + np.sum(prior * aside * aside)
-            better = turn == 0 or after < squares
+            better = bool(turn == 0 or after < squares)
             if better:
                 by /= std
                 unknown, off, squares = trial.copy(), misfit, after
@@ -149,13 +168,25 @@ def fitted(
     return unknown, normal, off
 
 
-@kernel("float32[:, ::1]", "float32[:, ::1]", "int64", "int64", LINE, LINE, "float64", "float64", "float64", "int64",
-        "float64", "float64", LINE, LINE)  # fmt: skip
+@kernel(
+    *["float32[:, ::1]"] * 2, "int64", "int64", LINE, LINE, *["float64"] * 3, "int64", *["float64"] * 2, LINE, LINE
+)
 def put(
-    p: Picture, q: Picture, top: int, left: int, x: Floats, y: Floats,
-    face_mm: float, inner: float, outer: float, least: int, step: float, depth_mm: float,
-    steep: Floats, remaining: Floats,
-) -> None:  # fmt: skip
+    p: Picture,
+    q: Picture,
+    top: int,
+    left: int,
+    x: Floats,
+    y: Floats,
+    face_mm: float,
+    inner: float,
+    outer: float,
+    least: int,
+    step: float,
+    depth_mm: float,
+    steep: Floats,
+    remaining: Floats,
+) -> None:
     """Set slopes (H, W) from a window's corner on between `inner` and `outer` mm of an axis, as `restore` does.
 
     `x` (w,), `y` (h,) from it; the tilt is that of a face of radius `face_mm` with `least` pixels. `steep`,

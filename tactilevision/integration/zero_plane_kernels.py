@@ -6,34 +6,50 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.compiled import LINE, LINES, kernel
+from tactilevision.compiled.parts import nth, solved
 from tactilevision.records import Floats
 from tactilevision.robust import MAD_TO_STD
-from tactilevision.robust_kernels import nth, solved
 
 
-@kernel(LINES, LINE, "Array(bool, 1, 'C', True)", "boolean", "float64", "float64", "float64", "float64", "float64",
-        "int64", "float64")  # fmt: skip
+@kernel()
+def _equations(terms: Floats, depth: Floats, weights: Floats, stiffening: float) -> tuple[Floats, Floats]:
+    """Normal equations (k, k) of terms (k, n) under weights (n,), a little stiffer, and their right side (k,)."""
+    count, size = len(terms), len(depth)
+    normal, right = np.zeros((count, count)), np.zeros(count)
+    for j in range(count):
+        total = 0.0
+        for i in range(size):
+            total += weights[i] * terms[j, i] * depth[i]
+        right[j] = total
+        for k in range(j + 1):
+            total = 0.0
+            for i in range(size):
+                total += weights[i] * terms[j, i] * terms[k, i]
+            normal[j, k], normal[k, j] = total, total
+        normal[j, j] *= 1.0 + stiffening
+    return normal, right
+
+
+@kernel(LINES, LINE, "Array(bool, 1, 'C', True)", "boolean", *["float64"] * 5, "int64", "float64")
 def reweighted(
-    terms: Floats, depth: Floats, untouched: npt.NDArray[np.bool_], rises: bool, decay_std: float,
-    correlated: float, prior: float, stiffening: float, least_rise: float, rounds: int, tolerance: float,
-) -> tuple[Floats, float, Floats, Floats]:  # fmt: skip
-    """Coefficients (k,), scale of what is left, normal equations (k, k) and weights (n,), as `_reweighted_fit`."""
+    terms: Floats,
+    depth: Floats,
+    untouched: npt.NDArray[np.bool_],
+    rises: bool,
+    decay_std: float,
+    correlated: float,
+    prior: float,
+    stiffening: float,
+    least_rise: float,
+    rounds: int,
+    tolerance: float,
+) -> tuple[Floats, float, Floats, Floats]:
+    """Coefficients (k,) in mm, scale of the rest, normal equations (k, k), weights (n,), as `_reweighted_fit`."""
     count, size = len(terms), len(depth)
     weights, off, kept, solution = untouched.astype(np.float64), np.empty(size), np.empty(size), np.zeros(count)
     normal, scale = np.zeros((count, count)), 0.0
     for _ in range(rounds):
-        right = np.zeros(count)
-        for j in range(count):
-            total = 0.0
-            for i in range(size):
-                total += weights[i] * terms[j, i] * depth[i]
-            right[j] = total
-            for k in range(j + 1):
-                total = 0.0
-                for i in range(size):
-                    total += weights[i] * terms[j, i] * terms[k, i]
-                normal[j, k], normal[k, j] = total, total
-            normal[j, j] *= 1.0 + stiffening
+        normal, right = _equations(terms, depth, weights, stiffening)
         normal[-1, -1] += prior
         before, solution = solution, solved(normal, right)
         counted = 0

@@ -165,9 +165,8 @@ class LightCheck:
             from tactilevision.quality.light_kernels import against_law
 
             score, share = np.empty_like(size), np.empty_like(size)
-            against_law(
-                off, size, np.asarray(self.noise_square, np.float32), light.share, light.limit, TINY, score, share
-            )
+            noise = np.asarray(self.noise_square, np.float32)
+            against_law(off, size, noise, light.share, light.limit, float(TINY), score, share)
             return score, share
         return self._deviations(off, size, light.share) / np.float32(light.limit), _length(off) / (size + TINY)
 

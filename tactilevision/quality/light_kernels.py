@@ -13,7 +13,7 @@ Planes = npt.NDArray[np.float32]
 
 @kernel(PLANES, PLANES, "Array(float32, 4, 'C', True)", "Array(int64, 2, 'C', True)", "float32[:, :, ::1]")
 def off_law(change: Planes, slopes: Planes, answers: Planes, powers: npt.NDArray[np.int64], off: Planes) -> None:
-    """What changes (3, h, w) are `off` the law of light, by `answers` (k, 3, h, w) to slopes (2, h, w) to `powers`."""
+    """What changes (3, h, w) are `off` the law of light, of `answers` (k, 3, h, w) to slopes (2, h, w)."""
     p, q = np.ones(5, np.float32), np.ones(5, np.float32)
     for row in range(change.shape[1]):
         for i in range(change.shape[2]):
@@ -33,10 +33,16 @@ def off_law(change: Planes, slopes: Planes, answers: Planes, powers: npt.NDArray
 
 @kernel(PLANES, PLANE, PLANES, "float32", "float32", "float32", "float32[:, ::1]", "float32[:, ::1]")
 def against_law(
-    off: Planes, size: Picture, noise_square: Planes, usual: float, limit: float, tiny: float,
-    score: Picture, share: Picture,
-) -> None:  # fmt: skip
-    """Put in t over its `limit`, and the `share` of the change of colour, of mean `size`, that is not explained."""
+    off: Planes,
+    size: Picture,
+    noise_square: Planes,
+    usual: float,
+    limit: float,
+    tiny: float,
+    score: Picture,
+    share: Picture,
+) -> None:
+    """Put in t over its `limit`, and the `share` of the change of colour, of `size`, that is not explained."""
     for row in range(size.shape[0]):
         for i in range(size.shape[1]):
             of_size = usual * size[row, i]

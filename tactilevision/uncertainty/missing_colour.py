@@ -29,10 +29,9 @@ def missing_colour_variance(depth_mm: Picture, lost_share: Picture, *, every: in
     """
     reach = [REACH_MM / (every * px) for px in mm_per_px]
     left, top, width, height = cv2.boundingRect(cv2.compare(lost_share, 0.0, cv2.CMP_NE))
-    rows, columns = (  # all that the blur carries anything to
-        slice(max(start - beside, 0), start + count + beside)
-        for start, count, beside in ((top, height, int(BLUR * reach[1]) + 2), (left, width, int(BLUR * reach[0]) + 2))
-    )
+    down, across = (int(BLUR * one) + 2 for one in reach[::-1])  # as far as the blur carries anything
+    rows = slice(max(top - down, 0), top + height + down)
+    columns = slice(max(left - across, 0), left + width + across)
     share = cv2.GaussianBlur(lost_share[rows, columns], (0, 0), reach[0], sigmaY=reach[1])
     square = np.square(depth_mm)
     square = cv2.max(leaked_variance(square, 1.0, every=every, mm_per_px=mm_per_px), square)

@@ -13,10 +13,16 @@ Bytes = npt.NDArray[np.uint8]
 
 @kernel(BYTES3, PLANES, PLANES, PLANES, "int64", "int64", "float32", "float32[:, :, ::1]")
 def changes(
-    rgb: Bytes, down: Planes, across: Planes, scale: Planes,
-    top: int, left: int, softening: float, out: Planes,
-) -> None:  # fmt: skip
-    """Changes (3, h, w) into `out` from row `top` and column `left` of a picture (H, W, 3) on.
+    rgb: Bytes,
+    down: Planes,
+    across: Planes,
+    scale: Planes,
+    top: int,
+    left: int,
+    softening: float,
+    out: Planes,
+) -> None:
+    """Changes (3, h, w), relative, into `out` from row `top` and column `left` of a picture (H, W, 3) on.
 
     Its gain is the product of `down` (3, H, 2) and `across` (3, 2, W); `scale` (3, H, W).
     """
@@ -35,12 +41,19 @@ def changes(
                 line[i] = (grey[i] * gain + softening) * per_grey[i] - np.float32(1.0)
 
 
-@kernel(BYTES2, BYTES3, BYTES2, BYTES2, "uint8", "uint8", "uint8[:, :, ::1]", "uint8[:, ::1]", "uint8[:, ::1]",
-        "uint8[:, ::1]")  # fmt: skip
+@kernel(BYTES2, BYTES3, BYTES2, BYTES2, "uint8", "uint8", "uint8[:, :, ::1]", *["uint8[:, ::1]"] * 3)
 def told(
-    rgb: Bytes, overexposed: Bytes, lit_by_two: Bytes, usable: Bytes, saturated: int, least: int,
-    missing: Bytes, lacking: Bytes, partly: Bytes, valid: Bytes,
-) -> None:  # fmt: skip
+    rgb: Bytes,
+    overexposed: Bytes,
+    lit_by_two: Bytes,
+    usable: Bytes,
+    saturated: int,
+    least: int,
+    missing: Bytes,
+    lacking: Bytes,
+    partly: Bytes,
+    valid: Bytes,
+) -> None:
     """Put in which colours (3, H, W) of a picture (H, 3 W) are `missing`, how many (H, W) each pixel is `lacking`.
 
     And where (H, W) it is told by two colours, `partly`, or `valid`, by all, none in shadow. Masks are 0 and 1.

@@ -157,12 +157,12 @@ class ColourChange:
         from tactilevision.photometric.illumination.change_kernels import told
 
         valid, (missing, lacking, partly) = np.empty(rgb.shape[:2], np.bool_), self._masks
-        masks = [
+        over, two, usable = (
             np.ascontiguousarray(mask).view(np.uint8)
             for mask in (self._overexposed, self.lit_by_two, self.reference.usable)
-        ]
-        least, found = min(int(self.darkest) + 1, 255), (missing, lacking, partly, valid.view(np.uint8))
-        told(np.ascontiguousarray(rgb).reshape(len(rgb), -1), *masks, SATURATED, least, *found)
+        )
+        least, lines = min(int(self.darkest) + 1, 255), np.ascontiguousarray(rgb).reshape(len(rgb), -1)
+        told(lines, over, two, usable, SATURATED, least, missing, lacking, partly, valid.view(np.uint8))
         self.missing, self.lacking, self.partly = missing.view(np.bool_), lacking, partly.view(np.bool_)
         return valid
 

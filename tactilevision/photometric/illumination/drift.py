@@ -126,11 +126,9 @@ class DriftTracker:
         if compiled():
             from tactilevision.photometric.illumination.drift_kernels import reweighted
 
-            return reweighted(
-                change, gains, self._shown, self._terms, self.basis, self._normal, self.usable, self.size[0],
-                MEDIAN_LENGTH**2, colour_limit(1.0), PLANE_SHARE, MIN_PLANE, CORRELATED, MIN_BLOCKS,
-                MAX_ITERATIONS, CONVERGENCE_TOL,
-            )  # fmt: skip
+            tables = self._shown, self._terms, self.basis, self._normal, self.usable, self.size[0]
+            limits = MEDIAN_LENGTH**2, colour_limit(1.0), PLANE_SHARE, MIN_PLANE, CORRELATED
+            return reweighted(change, gains, *tables, *limits, MIN_BLOCKS, MAX_ITERATIONS, CONVERGENCE_TOL)
         weighted = change * self._shown
         for _ in range(MAX_ITERATIONS):
             squares = self._squares(change, gains)

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.compiled import LINES, kernel
+from tactilevision.compiled.parts import median, solved
 from tactilevision.records import Floats
-from tactilevision.robust_kernels import median, solved
 
 Bools = npt.NDArray[np.bool_]
 LINES3, BLOCKS = "Array(float64, 3, 'C', True)", "Array(bool, 1, 'C', True)"
@@ -45,9 +45,15 @@ def _near_contact(touched: Bools, width: int) -> Bools:
 
 @kernel()
 def _fit(
-    weighted: Floats, weights: Floats, basis: Floats, normal: Floats, constant: Floats,
-    plane_share: float, least_plane: float, correlated: float,
-) -> Floats:  # fmt: skip
+    weighted: Floats,
+    weights: Floats,
+    basis: Floats,
+    normal: Floats,
+    constant: Floats,
+    plane_share: float,
+    least_plane: float,
+    correlated: float,
+) -> Floats:
     """Gains (3, 3): weighted ridge regression, each channel by itself."""
     sums, right = np.zeros(27), np.zeros((3, 3))
     for i in range(len(weights)):
@@ -67,14 +73,26 @@ def _fit(
     return gains
 
 
-@kernel(LINES, LINES, LINES, LINES3, LINES, LINES, BLOCKS, "int64", "float64", "float64", "float64", "float64",
-        "float64", "int64", "int64", "float64")  # fmt: skip
+@kernel(*[LINES] * 3, LINES3, LINES, LINES, BLOCKS, "int64", *["float64"] * 5, "int64", "int64", "float64")
 def reweighted(
-    change: Floats, start: Floats, shown: Floats, terms: Floats, basis: Floats, normal: Floats, usable: Bools,
-    width: int, median_square: float, touched_square: float, plane_share: float, least_plane: float,
-    correlated: float, fewest: int, rounds: int, tolerance: float,
-) -> tuple[Floats, Floats, Bools, float]:  # fmt: skip
-    """Gains (3, 3) from a `start`, weights (n,) of the blocks, which are touched, and their limit, as `_reweighted`."""
+    change: Floats,
+    start: Floats,
+    shown: Floats,
+    terms: Floats,
+    basis: Floats,
+    normal: Floats,
+    usable: Bools,
+    width: int,
+    median_square: float,
+    touched_square: float,
+    plane_share: float,
+    least_plane: float,
+    correlated: float,
+    fewest: int,
+    rounds: int,
+    tolerance: float,
+) -> tuple[Floats, Floats, Bools, float]:
+    """Gains (3, 3), relative, from `start`, weights (n,) of blocks, those touched, their limit."""
     weighted, gains, squares, limit = change * shown, start, np.empty(len(usable)), 0.0
     fitting, touched = np.empty(len(usable)), np.zeros(len(usable), np.bool_)
     for _ in range(rounds):
@@ -92,7 +110,8 @@ def reweighted(
                 away += not near[i] and fitting[i] > 0.0
             for i in range(len(usable) if away >= fewest else 0):
                 fitting[i] = 0.0 if near[i] else fitting[i]
-        before, gains = gains, _fit(weighted, fitting, basis, normal, gains[:, 0], plane_share, least_plane, correlated)
+        before = gains
+        gains = _fit(weighted, fitting, basis, normal, before[:, 0], plane_share, least_plane, correlated)
         moved = 0.0
         for c in range(3):
             for k in range(3):

@@ -185,8 +185,9 @@ class PolynomialEvaluator:
         if compiled() and out[0].flags.c_contiguous and change[0].flags.c_contiguous:
             from tactilevision.photometric.methods.polynomial_kernels import slopes as slopes_of
 
+            red, green, blue = change
             for rows, side in zip(self._by_slope, out, strict=True):
-                slopes_of(*change, rows[window[0]], self.x[window[1]], self.bound, side)
+                slopes_of(red, green, blue, rows[window[0]], self.x[window[1]], float(self.bound), side)
             return
         size = change.shape[1:]
         # made anew for each strip: so it lies where the last one's was, which is still in the cache

@@ -30,7 +30,9 @@ def _one(c: Line, k: int, x: float) -> float:
 
 
 @kernel(PLANE, PLANE, PLANE, PLANE, LINE32, "float32", "float32[:, ::1]")
-def slopes(red: Picture, green: Picture, blue: Picture, rows: Picture, across: Line, bound: float, out: Picture) -> None:
+def slopes(
+    red: Picture, green: Picture, blue: Picture, rows: Picture, across: Line, bound: float, out: Picture
+) -> None:
     """One slope (h, w) of changes (h, w), into `out`; coefficients by `rows` (h, 6 * 19), x `across` (w,)."""
     for row in range(out.shape[0]):
         c, red_row, green_row, blue_row, out_row = rows[row], red[row], green[row], blue[row], out[row]

@@ -3,7 +3,7 @@
     if compiled():
         from tactilevision.integration.wall_kernels import fitted
 
-Files of kernels are named *_kernels.py and import this file's `kernel`; they are imported where `compiled()` says so
+Files of kernels are named *_kernels.py and use this file's `kernel`; they are imported where `compiled()` says so
 and nowhere else. Every kernel stands for numpy code beside its call and gives the same to float rounding.
 TACTILEVISION_COMPILED=0 in the environment leaves numba alone.
 """
@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 SWITCH = "TACTILEVISION_COMPILED"
-OPTIONS = {"fastmath": {"contract", "reassoc"}, "error_model": "numpy"}  # sums in any order, products in them unrounded
+OPTIONS: dict[str, Any] = {"fastmath": {"contract", "reassoc"}, "error_model": "numpy"}  # sums in any order
 # types of arrays that are read alone
 BYTES2, BYTES3 = (f"Array(uint8, {n}, 'C', True)" for n in (2, 3))
 LINE32, PLANE, PLANES = (f"Array(float32, {n}, 'C', True)" for n in (1, 2, 3))
@@ -46,12 +46,15 @@ def kernel(*arguments: str) -> Callable[[Kernel], Kernel]:
     def made(function: Kernel) -> Kernel:
         from numba import njit
 
-        if not arguments:
-            return njit(**OPTIONS)(function)  # type: ignore[no-any-return]
         signature = f"({', '.join(arguments)},)"
+        done: Kernel
+        if not arguments:
+            done = njit(**OPTIONS)(function)
+            return done
         try:
-            return njit(signature, cache=True, **OPTIONS)(function)  # type: ignore[no-any-return]
+            done = njit(signature, cache=True, **OPTIONS)(function)
         except Exception:  # what a spoilt cache raises depends on its bytes
-            return njit(signature, **OPTIONS)(function)  # type: ignore[no-any-return]
+            done = njit(signature, **OPTIONS)(function)
+        return done
 
     return made

@@ -1,18 +1,19 @@
-"""Small parts of many kernels: medians as in `robust.py`, and normal equations solved."""
+"""Small parts of many kernels: medians as in `tactilevision/robust.py`, and normal equations solved."""
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.compiled import kernel
-from tactilevision.robust import Floats
 
+Floats = npt.NDArray[np.float64]
 SINGULAR = 2.0**-52  # a pivot below it leaves normal equations without a solution, as OpenCV has it
 
 
 @kernel()
 def nth(values: Floats, n: int) -> float:
-    """The value (n,) that `n` others do not exceed; puts in front of it, in place, what it is not below (Hoare)."""
+    """Of values (n,), left in part in order (Hoare), that which has `n` in front of it, in their unit."""
     low, high = 0, len(values) - 1
     while low < high:
         pivot, i, j = values[(low + high) // 2], low, high
@@ -35,7 +36,7 @@ def nth(values: Floats, n: int) -> float:
 
 @kernel()
 def median(values: Floats) -> float:
-    """The median of values (n,), at least one, none NaN."""
+    """The median of values (n,), at least one, none NaN, in their unit."""
     ordered, half = values.copy(), len(values) // 2
     upper = nth(ordered, half)
     if len(values) % 2:
@@ -48,7 +49,7 @@ def median(values: Floats) -> float:
 
 @kernel()
 def solved(normal: Floats, right: Floats) -> Floats:
-    """The solution (k,) of normal equations (k, k), by Cholesky; 0 where they are singular."""
+    """The solution (k,) of normal equations (k, k), by Cholesky, in their unit; 0 where they are singular."""
     count, low, x = len(right), np.zeros(normal.shape), right.copy()
     for i in range(count):
         for j in range(i + 1):
