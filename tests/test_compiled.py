@@ -165,9 +165,9 @@ def test_the_profile_across_a_rim(both: Any) -> None:
     rng = np.random.default_rng(4)
     p, q = rng.normal(0, 1, (2, 90, 120)).astype(np.float32)
     valid = rng.random((90, 120)) > 0.02
+    rim = (3.0, 2.6, 1.9), (1.2, 3.4)
     for known in (None, valid):
         slopes = SlopeMap(p, q, known)
-        rim = (3.0, 2.6, 1.9), (1.2, 3.4)
         alike(both(lambda s=slopes: circular_edges._profiles(s, (0.05, 0.06), *rim)), atol=3e-5)
 
 
