@@ -1,4 +1,7 @@
-"""Small parts of many kernels: medians as in `tactilevision/robust.py`, and normal equations solved."""
+"""Small parts of many kernels: medians as in `tactilevision/robust.py`, and normal equations solved.
+
+numba sees a change of a kernel's own file alone: after one here, delete what it kept (`__pycache__/*.nbi`).
+"""
 
 from __future__ import annotations
 
