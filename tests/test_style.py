@@ -150,5 +150,5 @@ def test_the_packages_are_few_enough_to_be_seen_at_a_glance() -> None:
         files = [p for p in inside if p.suffix == ".py"]
         packages += len(folders)
         loose[package] = len(files)
-    assert packages <= 35
+    assert packages <= 36
     assert max(loose.values()) <= 8, loose

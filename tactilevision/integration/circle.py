@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from tactilevision.compiled import compiled
 from tactilevision.records import Floats, Pair
 from tactilevision.robust import frame_mad_std, geman_mcclure_weight, mad_std, tukey_weight
 
@@ -122,6 +123,10 @@ def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float,
 
     Source: Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8.
     """
+    if compiled():
+        from tactilevision.integration.circle_kernels import quick_circle as quickly
+
+        return quickly(x, y, weight)
     terms, squares = np.stack([x, y, np.ones_like(x)]), x * x + y * y
     keep = weight
     for _ in range(2):

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.compiled import compiled
 from tactilevision.integration.circle import quick_circle, residual_std, weighted_solution
-from tactilevision.records import Floats, Pair, SlopeMap
+from tactilevision.records import Bools, Bytes, Floats, Pair, SlopeMap
 from tactilevision.robust import geman_mcclure_weight, median
 
 MIN_STEEP = 12  # pixels; fewer are noise
@@ -22,6 +23,7 @@ MAX_BLUR = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodi
 BIN_PX = 0.5  # px: step of the profile across the edge
 ACROSS = 4  # directions to a sector
 CONVERGENCE_TOL = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
+ROUNDS = 4  # of reweighting, at most
 INNER_PX = 12.0  # px that the profile reaches inside the edge: past the foot of a blurred flank
 OUTER_SHARE = 0.4  # of the radius that the profile reaches outside: the gel's own fall dies out there
 MAX_OUTER_SHARE = 0.8  # the same where steep slopes reach far: a layer's surface keeps to the law so far
@@ -137,6 +139,17 @@ def _profiles(
     across, down = _directions(sectors * ACROSS)
     places = np.arange(bounds_mm[0] + 0.5 * BIN_PX * px, bounds_mm[1], BIN_PX * px)
     r = places.astype(np.float32)
+    if compiled():
+        from tactilevision.integration.profile_kernels import inward as inward_of
+        from tactilevision.integration.profile_kernels import rays
+
+        x, y = np.empty((2, len(across), len(r)), np.float32)
+        along_x, along_y = (r / np.float32(mm) for mm in mm_per_px)
+        left, top = (at / mm for at, mm in zip(circle, mm_per_px, strict=False))
+        rays(across[:, 0], down[:, 0], along_x, along_y, left, top, x, y)
+        p, q = _sampled(slopes.dz_dx, x, y), _sampled(slopes.dz_dy, x, y)
+        known = np.ones(x.shape, np.uint8) if slopes.valid is None else _known(slopes.valid, x, y)
+        return places, inward_of(p, q, known, across[:, 0], down[:, 0], ACROSS)
     x, y = across * (r / np.float32(mm_per_px[0])), down * (r / np.float32(mm_per_px[1]))
     x += np.float32(circle[0] / mm_per_px[0])
     y += np.float32(circle[1] / mm_per_px[1])
@@ -146,8 +159,7 @@ def _profiles(
     along_y *= down
     inward -= along_y
     if slopes.valid is not None and not slopes.valid.all():
-        known = cv2.remap(slopes.valid.view(np.uint8), x, y, cv2.INTER_NEAREST)
-        inward[known == 0] = np.nan
+        inward[_known(slopes.valid, x, y) == 0] = np.nan
     means = np.add.reduce(inward.reshape(sectors, ACROSS, -1), axis=1)
     return places, np.asarray(means, np.float64) / ACROSS
 
@@ -155,6 +167,10 @@ def _profiles(
 def _sampled(plane: npt.NDArray[np.floating], x: Picture, y: Picture) -> Picture:
     plane = np.asarray(plane, np.float32)
     return np.asarray(cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan))
+
+
+def _known(valid: Bools, x: Picture, y: Picture) -> Bytes:
+    return np.asarray(cv2.remap(valid.view(np.uint8), x, y, cv2.INTER_NEAREST))
 
 
 @lru_cache(maxsize=64)
@@ -186,6 +202,10 @@ def window_of(
 
 def _quantiles(values: Floats, *shares: float) -> Floats:
     """The values (shares, J) that a share of the known ones in each column of (K, J) do not exceed, or NaN."""
+    if compiled():
+        from tactilevision.integration.profile_kernels import quantiles
+
+        return quantiles(values, np.array(shares))
     last = np.maximum(np.count_nonzero(np.isfinite(values), axis=0) - 1, 0)
     ordered = np.sort(values, axis=0)  # NaN last
     return np.asarray(ordered[np.multiply.outer(shares, last).astype(np.intp), np.arange(len(last))])
@@ -193,6 +213,10 @@ def _quantiles(values: Floats, *shares: float) -> Floats:
 
 def _flanks(places: Floats, profiles: Floats, part: Floats | float) -> Floats:
     """Places (K,) where profiles (K, J), inwards from their peak, fall to a part of it (one, or (K,)); or NaN."""
+    if compiled():
+        from tactilevision.integration.circle_kernels import flanks
+
+        return flanks(places, profiles, np.broadcast_to(part, len(profiles)).astype(np.float64))
     filled = np.where(np.isnan(profiles), -np.inf, profiles)
     top, each = np.argmax(filled, axis=1), np.arange(len(filled))
     level = part * filled[each, top]
@@ -212,9 +236,13 @@ def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, flo
     Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
     """
     terms, places = _waves(len(places))[:, good], places[good]
+    if compiled():
+        from tactilevision.integration.circle_kernels import harmonics
+
+        return harmonics(places, np.ascontiguousarray(terms), CONVERGENCE_TOL, ROUNDS)
     off = places - median(places)
     solution, scale = np.zeros(3), residual_std(off)
-    for _ in range(4):
+    for _ in range(ROUNDS):
         before, solution = (
             solution,
             weighted_solution(terms, places, weights=geman_mcclure_weight(off, 2.0 * scale)),

@@ -35,11 +35,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
+from tactilevision.compiled import compiled
 from tactilevision.integration.circle import solved
 from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, window_of
 from tactilevision.integration.punch_edge import PunchEdge, WallLaw
@@ -92,6 +95,13 @@ def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> Non
     for edge in edges:
         outer, inner = edge.radius_mm + edge.reach_mm, edge.radius_mm + edge.places_mm[0]
         window, x, y = window_of(slopes.dz_dx.shape, edge.centre_mm, mm_per_px=mm_per_px, outer_mm=outer)
+        step, lines = edge.places_mm[1] - edge.places_mm[0], _lines(edge, half)
+        if compiled() and _writable(slopes.dz_dx) and _writable(slopes.dz_dy):
+            from tactilevision.integration.wall_kernels import put
+
+            at = window[0].start, window[1].start, x[0], y[:, 0], max(inner - 2 * half, 0.0), inner, outer
+            put(slopes.dz_dx, slopes.dz_dy, *at, MIN_FACE, step, edge.depth_mm, *lines)
+            continue
         square = (x * x).astype(np.float32) + (y * y).astype(np.float32)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
         face = (square < max(inner - 2 * half, 0.0) ** 2).view(np.uint8)
@@ -100,22 +110,30 @@ def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> Non
         band = (square >= inner * inner) & (square < outer * outer)
         rows, columns = np.divmod(np.flatnonzero(band).astype(np.int32), np.int32(band.shape[1]))
         x, y, r = x.ravel().take(columns), y.ravel().take(rows), np.sqrt(square[band])
-        steep, remaining = _interpolated(edge, r, half)
+        steep, remaining = _interpolated(lines, (r - inner) / step)
         steep *= (1.0 + (tilt[0] * x + tilt[1] * y) / edge.depth_mm) / r
         p[band] = steep * x + tilt[0] * remaining
         q[band] = steep * y + tilt[1] * remaining
 
 
-def _interpolated(edge: PunchEdge, r: Floats, half: float) -> tuple[Floats, Floats]:
-    """Mean slope u' within `half` of distances `r` (n,) from the axis, and 1 - u/w there."""
+def _lines(edge: PunchEdge, half: float) -> tuple[Floats, Floats]:
+    """Mean slope u' within `half` of the wall's places (n,), and 1 - u/w there."""
     below, above = (np.interp(edge.places_mm + d, edge.places_mm, edge.fall_mm) for d in (half, -half))
-    steep, remaining = (above - below) / (2 * half), 1.0 - 0.5 * (above + below) / edge.depth_mm
-    at = (r - (edge.radius_mm + edge.places_mm[0])) / (edge.places_mm[1] - edge.places_mm[0])
+    return (above - below) / (2 * half), 1.0 - 0.5 * (above + below) / edge.depth_mm
+
+
+def _interpolated(lines: tuple[Floats, Floats], at: Floats) -> tuple[Floats, Floats]:
+    """What two lines (n,) say at `at` (m,), counted in their steps."""
     i = at.astype(np.int32)
     at -= i
-    np.minimum(i, len(steep) - 2, out=i)
-    steep, remaining = (line.take(i) + at * np.diff(line).take(i) for line in (steep, remaining))
+    np.minimum(i, len(lines[0]) - 2, out=i)
+    steep, remaining = (line.take(i) + at * np.diff(line).take(i) for line in lines)
     return steep, remaining
+
+
+def _writable(plane: npt.NDArray[Any]) -> bool:
+    """Whether kernels may write to a plane (H, W) as it lies."""
+    return plane.dtype == np.float32 and plane.flags.c_contiguous and plane.flags.writeable
 
 
 def restore_windows(
@@ -139,7 +157,7 @@ def restore_windows(
     return edges
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class WallLight:
     """S, C and their rates dS/du, dC/du (n,) at `slopes` u (n,), and h = S/C with its rate; all without unit."""
 
@@ -150,6 +168,11 @@ class WallLight:
     cosine_rate: Floats
     seen: Floats
     seen_rate: Floats
+
+    @cached_property
+    def lines(self) -> Floats:
+        """S, C, their rates, h and its rate, (6, n), as kernels take them."""
+        return np.stack([self.sine, self.cosine, self.sine_rate, self.cosine_rate, self.seen, self.seen_rate])
 
 
 @lru_cache
@@ -229,6 +252,13 @@ class _Law:
                           float(rate @ slopes / (rate @ rate)), 0.0, 0.0])  # fmt: skip
         bend = 3 * start[3] / self.radius_mm
         prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * start[3], bend, bend / self.radius_mm]) ** -2
+        if compiled():
+            from tactilevision.integration.wall_kernels import fitted
+
+            law = self.places[0], self.step, self.rates, STEEPEST / (TABLED - 1), self.light.lines, MIN_RATE
+            limits = DAMPING, CONVERGENCE_TOL, MAX_ITERATIONS
+            unknown, normal, off = fitted(start, prior, self.s, slopes, std, *law, *limits)
+            return unknown, np.asarray(cv2.invert(normal)[1]), off
 
         def misfit(unknown: Floats) -> tuple[float, Floats, Floats, Floats]:
             """Squares that are left, half their gradient (6,), normal equations (6, 6), and deviations (n,)."""

@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.compiled import compiled
 from tactilevision.distance import distance_px
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 from tactilevision.records.contact_thresholds import slope_limit
@@ -189,7 +190,15 @@ def _reweighted_fit(
     Where it `rises`, the last coefficient is expected to be a part `decay_std` of the one before.
     """
     count, touched = np.count_nonzero(untouched), ~untouched
-    correlated, prior_weight = min(CORRELATED, count), FIRST_WEIGHT * count if rises else 0.0
+    correlated, prior_weight = min(CORRELATED, float(count)), FIRST_WEIGHT * count if rises else 0.0
+    if compiled():
+        from tactilevision.integration.zero_plane_kernels import reweighted
+
+        limits = correlated, prior_weight, STIFFENING[0, 0] - 1.0, MIN_RISE, MAX_ITERATIONS, CONVERGENCE_TOL
+        found, scale, normal, weights = reweighted(terms, depth, untouched, rises, decay_std, *limits)
+        inverse = cv2.invert(normal)[1]
+        std = float(scale * np.sqrt(correlated * inverse[0, 0]))
+        return found, std, np.asarray(inverse @ (terms * weights))
     rows, weighted = np.concatenate([terms, depth[None]]), terms * untouched
     solution: Floats = np.zeros(len(terms))
     for _ in range(MAX_ITERATIONS):

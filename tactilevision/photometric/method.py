@@ -171,7 +171,8 @@ class CalibratedMethod:
         valid = complete & self.readable
         if self.change.missing is None or self.change.partly is None or self.two_colour_reader is None:
             return valid
-        return valid | self.two_colour_reader.readable(self.change.missing, self.change.partly)
+        self.two_colour_reader.add_readable(valid, self.change.missing, self.change.partly)
+        return valid
 
     def lost_share(self) -> Picture | None:
         """Relative error (H, W) of slopes of the frame taken in, by missing colours; None where none is."""
@@ -196,8 +197,8 @@ class CalibratedMethod:
         """Set slopes `part` (2, h, w) of a window anew where a colour is missing; 0 where more are."""
         missing, partly, reader = self.change.missing, self.change.partly, self.two_colour_reader
         if reader is not None and missing is not None and partly is not None:
-            if (blind := self._blind(window)).any():
-                part[:, blind] = 0.0
+            if cv2.countNonZero(blind := self._blind(window)):
+                part[:, blind > 0] = 0.0
             reader.read_into(part, change, window, missing=missing, partly=partly)
 
     def _fill_blind(self, slopes: Planes, window: Window) -> None:
@@ -205,13 +206,15 @@ class CalibratedMethod:
         if self.change.missing is None or self.two_colours is None:
             return
         blind = self._blind(window)
-        if blind.any():
-            fill(slopes, blind.astype(np.uint8))
+        if cv2.countNonZero(blind):
+            fill(slopes, np.asarray(blind > 0, np.uint8))
 
-    def _blind(self, window: Window) -> Bools:
+    def _blind(self, window: Window) -> Bytes:
+        """Pixels (h, w) of a window that fewer than two colours tell: not 0 there."""
         assert self.change.lacking is not None
         assert self.change.partly is not None
-        return np.asarray((self.change.lacking[window] > 0) & ~self.change.partly[window])
+        partly = self.change.partly.view(np.uint8)[window]  # 1 only where one is lacking
+        return np.asarray(cv2.compare(self.change.lacking[window], partly, cv2.CMP_GT))
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""

@@ -107,7 +107,7 @@ class TiledEvaluator:
         self.maps.light(drift.gains)
         self._read()
         lost_share = self.method.lost_share()
-        missing = None if lost_share is None else self._missing_tiles()
+        missing = None if lost_share is None else self.method.change.lacking_tiles(self.px, self.size)
         if missing is not None:
             self._slopes[:, missing > 0] = 0.0
         steepest = cv2.norm(cv2.magnitude(*self._slopes), cv2.NORM_INF)
@@ -139,13 +139,6 @@ class TiledEvaluator:
             self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, out=change), window, part)
             part *= self.kept_share[window]
             part -= self.bias[:, window[0]]
-
-    def _missing_tiles(self) -> Bytes:
-        """Means (h, w) that a colour of the frame taken in is missing in: not 0 there."""
-        lacking = self.method.change.lacking
-        assert lacking is not None
-        whole = cv2.compare(lacking[self.even], 0, cv2.CMP_GT)
-        return np.asarray(cv2.resize(whole, self.size, interpolation=cv2.INTER_AREA))
 
     def windows(self, slopes: Planes, *, missing: Bytes | None = None) -> list[Window]:
         """Windows of the whole picture round what is not gentle in its coarse `slopes`, a block to spare.

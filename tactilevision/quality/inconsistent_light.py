@@ -35,6 +35,7 @@ from itertools import accumulate
 import cv2
 import numpy as np
 
+from tactilevision.compiled import compiled
 from tactilevision.integration.two_grid_poisson import integrate_small
 from tactilevision.photometric import BallPicture
 from tactilevision.photometric.ball.detection import Ball
@@ -46,6 +47,7 @@ from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.photometric.protocols import Picture
 from tactilevision.records import Bools, Bytes, Pair
+from tactilevision.robust import median
 
 CELL_MM = 0.4  # mm along the side of a cell, about: finer ones take longer and show as much
 REACH_MM = 0.76  # mm, deviation of the mean over neighbours: noise of single cells must not count
@@ -64,6 +66,7 @@ TINY = np.float32(1e-9)  # keeps ratios of nothing to nothing at 0
 MIN_AREA_MM2 = 3.0  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
 RISE_SHARE = 0.25  # of the depth; tests/photometric/test_inconsistent_light.py
 RISE_MM = 0.1  # mm beside that: 235 pictures of samples and a path tracer have .05 beside .3 of the depth
+POWERS = np.array(SLOPE_POWERS)
 MIN_DEPTH_MM = 0.05  # mm of depth that rest on inconsistent places: less makes no map doubtful
 
 
@@ -127,14 +130,13 @@ class LightCheck:
         if self.steep:
             score[cv2.dilate(_length(slopes), self.near) > self.steep] = 0.0
         if self.method.change.lacking is not None:
-            lost = cv2.compare(self.method.change.lacking, 0, cv2.CMP_GT)
-            score[self._cells(lost[None])[0] > 0] = 0.0
+            score[self.method.change.lacking_tiles(self.px, self.size) > 0] = 0.0
         share *= np.clip((score - RAMP) / (1.0 - RAMP), 0.0, 1.0)
         depth = np.zeros_like(score)
         if share.any():
             np.minimum(share, 1.0, out=share)
             depth = integrate_small(slopes * share, self.cell_mm)
-            depth -= np.median(depth)
+            depth -= median(depth.ravel())
         inconsistent = score > 1.0
         return Inconsistency(inconsistent, depth, float(inconsistent.sum() * self.cell_mm[0] * self.cell_mm[1]))
 
@@ -161,6 +163,13 @@ class LightCheck:
     def _colours(self, change: Planes, slopes: Planes, light: LightLaw) -> tuple[Picture, Picture]:
         """t over its limit, and the share of the change of colour that is not explained, (h, w) each."""
         off, size = self.residual(change, slopes), self._size(change)
+        if compiled():
+            from tactilevision.quality.light_kernels import against_law
+
+            score, share = np.empty_like(size), np.empty_like(size)
+            noise = np.asarray(self.noise_square, np.float32)
+            against_law(off, size, noise, light.share, light.limit, float(TINY), score, share)
+            return score, share
         return self._deviations(off, size, light.share) / np.float32(light.limit), _length(off) / (size + TINY)
 
     def _deviations(self, off: Planes, size: Picture, share: float) -> Picture:
@@ -177,6 +186,11 @@ class LightCheck:
 
     def residual(self, change: Planes, slopes: Planes) -> Planes:
         """What changes (3, h, w) of cells are off the law of light at slopes (2, h, w), means over REACH_MM."""
+        if compiled():
+            from tactilevision.quality.light_kernels import off_law
+
+            off_law(change, slopes, self.answers, POWERS, off := np.empty_like(change))
+            return np.stack([self._mean(plane) for plane in off])
         p, q = (
             np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
         )

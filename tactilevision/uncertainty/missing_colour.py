@@ -18,6 +18,7 @@ from tactilevision.records import Pair
 from tactilevision.uncertainty.leakage import leaked_variance
 
 Picture = npt.NDArray[np.float32]
+BLUR = 4.0  # deviations to which OpenCV follows a blur
 REACH_MM = 1.0  # mm over which errors of integrated slopes hang together: half of a usual contact
 
 
@@ -27,7 +28,13 @@ def missing_colour_variance(depth_mm: Picture, lost_share: Picture, *, every: in
     Both hold every `every`th pixel of a picture at `mm_per_px` (x, y).
     """
     reach = [REACH_MM / (every * px) for px in mm_per_px]
-    share = cv2.GaussianBlur(lost_share, (0, 0), reach[0], sigmaY=reach[1])
+    left, top, width, height = cv2.boundingRect(cv2.compare(lost_share, 0.0, cv2.CMP_NE))
+    down, across = (int(BLUR * one) + 2 for one in reach[::-1])  # as far as the blur carries anything
+    rows = slice(max(top - down, 0), top + height + down)
+    columns = slice(max(left - across, 0), left + width + across)
+    share = cv2.GaussianBlur(lost_share[rows, columns], (0, 0), reach[0], sigmaY=reach[1])
     square = np.square(depth_mm)
     square = cv2.max(leaked_variance(square, 1.0, every=every, mm_per_px=mm_per_px), square)
-    return np.asarray(np.square(share) * square, np.float32)
+    variance = np.zeros(depth_mm.shape, np.float32)
+    np.multiply(np.square(share), square[rows, columns], out=variance[rows, columns])
+    return variance

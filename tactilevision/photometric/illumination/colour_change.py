@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.compiled import compiled
 from tactilevision.errors import InputError
 from tactilevision.photometric.illumination.block_means import means
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response
@@ -67,6 +68,14 @@ class ChangeMaps:
         out -= np.float32(1.0)
         return out
 
+    def changes_of(self, rgb: Bytes, window: Window, *, out: Planes) -> Planes:
+        """As `changes`, of a window of a picture (H, W, 3), compiled."""
+        from tactilevision.photometric.illumination.change_kernels import changes
+
+        top, left = (side.start for side in window)
+        changes(np.ascontiguousarray(rgb), self.down, self.across, self.scale, top, left, SOFTENING_GREY, out)
+        return out
+
 
 class ColourChange:
     """Turns rectified frames into colour changes (3, H, W) float32, in buffers made once."""
@@ -89,6 +98,8 @@ class ColourChange:
         self.lacking: Bytes | None = None  # (H, W), how many it does not tell
         self._greys: Sequence[Bytes] | None = None  # channels (H, W) of the frame, where it was split already
         self._whole: Planes = np.empty_like(mean)
+        self._overexposed = np.zeros(mean.shape, np.bool_) if self.overexposed is None else self.overexposed
+        self._masks = [np.empty(shape, np.uint8) for shape in (mean.shape, mean.shape[1:], mean.shape[1:])]
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
         """Changes (3, H, W), drift, and validity (H, W) of a frame.
@@ -126,6 +137,8 @@ class ColourChange:
         self.rgb, self.undo, self.missing, self.partly = rgb, drift.undo, self.overexposed, None
         self.lacking, self._greys = None, None
         bright = rgb.max() >= SATURATED
+        if bright and compiled():
+            return drift, self._told(rgb)
         if bright:
             self._greys = cv2.split(rgb)
             over = np.stack([grey >= SATURATED for grey in self._greys])
@@ -139,6 +152,34 @@ class ColourChange:
         told = cv2.inRange(brightest, np.floor(self.darkest) + 1, SATURATED - 1)  # of whole numbers
         return drift, self.reference.usable & (told > 0)
 
+    def _told(self, rgb: Bytes) -> Bools:
+        """As `take`, of a frame of which some pixels are overexposed, compiled."""
+        from tactilevision.photometric.illumination.change_kernels import told
+
+        valid, (missing, lacking, partly) = np.empty(rgb.shape[:2], np.bool_), self._masks
+        over, two, usable = (
+            np.ascontiguousarray(mask).view(np.uint8)
+            for mask in (self._overexposed, self.lit_by_two, self.reference.usable)
+        )
+        least, lines = min(int(self.darkest) + 1, 255), np.ascontiguousarray(rgb).reshape(len(rgb), -1)
+        told(lines, over, two, usable, SATURATED, least, missing, lacking, partly, valid.view(np.uint8))
+        self.missing, self.lacking, self.partly = missing.view(np.bool_), lacking, partly.view(np.bool_)
+        return valid
+
+    def lacking_tiles(self, px: int, size: tuple[int, int]) -> Bytes:
+        """Tiles of `px` by `px` pixels, `size` (w, h) of them, of which some lack a colour: not 0 there."""
+        tiles = np.zeros(size[::-1], np.uint8)
+        left, top, width, height = (0, 0, 0, 0) if self.lacking is None else cv2.boundingRect(self.lacking)
+        rows, columns = (
+            slice(start // px, min(-(-(start + count) // px), most))
+            for start, count, most in ((top, height, size[1]), (left, width, size[0]))
+        )
+        if self.lacking is not None and rows.start < rows.stop and columns.start < columns.stop:
+            of = self.lacking[px * rows.start : px * rows.stop, px * columns.start : px * columns.stop]
+            few = columns.stop - columns.start, rows.stop - rows.start
+            tiles[rows, columns] = cv2.resize(cv2.compare(of, 0, cv2.CMP_GT), few, interpolation=cv2.INTER_AREA)
+        return tiles
+
     def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
         """The changes (3, h, w) of the frame taken in, strip by strip of a window.
 
@@ -147,7 +188,10 @@ class ColourChange:
         for window in strips(whole):
             size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
             out: Planes = np.empty((3, *size), np.float32)
-            yield window, self.maps.changes(self.greys(window), window, out=out)
+            if self.undo is None and compiled():
+                yield window, self.maps.changes_of(self.rgb, window, out=out)
+            else:
+                yield window, self.maps.changes(self.greys(window), window, out=out)
 
     def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
         """Channels (3, h, w) of a window of the frame taken in."""

@@ -31,6 +31,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.compiled import compiled
 from tactilevision.photometric.ball.samples import KEPT, TYPICAL, Samples
 from tactilevision.photometric.illumination.colour_change import Window, strips
 from tactilevision.records import Floats
@@ -164,6 +165,8 @@ class PolynomialEvaluator:
         for m, (i, j) in enumerate(POWERS):
             per_row[:, i] += y[:, j, None, None] * polynomial.coefficients[:, :, m]
         self.per_row: Picture = per_row.reshape(shape[0], -1, len(PRODUCTS)).astype(np.float32)
+        by_slope = self.per_row.reshape(shape[0], -1, 2, len(PRODUCTS)).transpose(2, 0, 1, 3)
+        self._by_slope = by_slope.reshape(2, shape[0], -1)
         # high powers of X belong to single colours alone
         self._low = np.ascontiguousarray(self.per_row[:, :LOW])
         self._high = np.ascontiguousarray(self.per_row[:, LOW:, :3])
@@ -179,6 +182,13 @@ class PolynomialEvaluator:
 
     def strip(self, change: Picture, window: Window, out: Picture) -> None:
         """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
+        if compiled() and out[0].flags.c_contiguous and change[0].flags.c_contiguous:
+            from tactilevision.photometric.methods.polynomial_kernels import slopes as slopes_of
+
+            red, green, blue = change
+            for rows, side in zip(self._by_slope, out, strict=True):
+                slopes_of(red, green, blue, rows[window[0]], self.x[window[1]], float(self.bound), side)
+            return
         size = change.shape[1:]
         # made anew for each strip: so it lies where the last one's was, which is still in the cache
         products = np.empty((len(PRODUCTS), *size), np.float32)

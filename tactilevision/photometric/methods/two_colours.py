@@ -105,13 +105,15 @@ class TwoColourReader:
         ]
         self.clear = [kept > 0.5 for kept in self.kept_share]
 
-    def readable(self, missing: Bools, partly: Bools) -> Bools:
-        """Where (H, W) two colours tell more than noise; `missing` (3, H, W), `partly` (H, W) as of the change."""
-        told, box = np.zeros(partly.shape, np.bool_), _box(partly)
+    def add_readable(self, valid: Bools, missing: Bools, partly: Bools) -> None:
+        """Count as `valid` (H, W), in place, where two colours tell more than noise.
+
+        `missing` (3, H, W), `partly` (H, W) as of the change.
+        """
+        box = _box(partly)
         for colour in range(COLOURS) if box is not None else ():
             if self.laws.errors[colour] < UNKNOWN:
-                told[box] |= missing[colour][box] & partly[box] & self.clear[colour][box]
-        return told
+                valid[box] |= missing[colour][box] & partly[box] & self.clear[colour][box]
 
     def read_into(self, slopes: Planes, change: Planes, window: Window, *, missing: Bools, partly: Bools) -> None:
         """Set `slopes` (2, h, w) of a window where two colours are left, of changes (3, h, w), by masks of all."""
