@@ -18,6 +18,7 @@ from calibration.inputs.deadline import Each, in_turn
 from calibration.model.stages import Effect
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Whitener
+from tactilevision.records import Floats
 
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
 TOLD_APART = 3.0  # std between two candidates: nearer ones stay in the set together
@@ -62,16 +63,31 @@ def inside(candidate: Candidate) -> bool:
 
 
 def by_one_reading(current: Fit, candidate: Candidate) -> float:
-    """What a candidate takes off chi^2 at the one sample of a curve where it takes most.
+    """What a candidate takes off chi^2 less where one sample of a curve is left out: the one by which it is most.
 
-    One stray reading is no effect. A point is a press, and odd presses are looked for by themselves: 0 there.
+    Of chi^2 = r' P r a sample holds (P r)_i^2 / P_ii. One stray reading is no effect. A point is a press, and odd
+    presses are looked for by themselves: 0 there.
     """
-    if not current.data.is_curves:
+    data = current.data
+    if not data.is_curves:
         return 0.0
-    white = Whitener(current.data, current.noise, current.about).apply
-    read = current.data.normal_N
-    taken = white(read - current.force_N) ** 2 - white(read - candidate.force_N) ** 2
-    return max(float(np.max(taken)), 0.0)
+    white = Whitener(data, current.noise, current.about).apply
+    place = np.arange(data.size) - data.first[data.press]  # in its press
+    root = white(np.eye(int(place.max()) + 1)[place])  # of P, press by press
+
+    def of_samples(columns: Floats) -> Floats:
+        return np.asarray(np.add.reduceat(columns, data.first)[data.press, place])
+
+    before, after = (
+        of_samples(root * white(data.normal_N - force)[:, None]) ** 2
+        for force in (current.force_N, candidate.force_N)
+    )
+    return max(float(np.max((before - after) / of_samples(root**2))), 0.0)
+
+
+def rests_on_one_reading(current: Fit, candidate: Candidate) -> bool:
+    """Whether a candidate is better than nothing by one reading alone."""
+    return candidate.cost < current.chi2 <= candidate.cost + by_one_reading(current, candidate)
 
 
 def chance(presses: int) -> float:

@@ -25,6 +25,7 @@ from calibration.diagnosis.confirmation import (
     chance,
     equals,
     inside,
+    rests_on_one_reading,
     skill,
     weighed_again,
 )
@@ -278,24 +279,25 @@ def _look(
         watch.tell(f"fitting {key.replace('_', ' ')}")
         with suppress(*CANNOT_FIT):  # it screened well but does not fit: no candidate
             candidates.append(refit())
+    candidates = [c for c in candidates if not rests_on_one_reading(current, c)]
     return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored)
 
 
 def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | None:
     """The best candidate, if its improvement is beyond chance for having looked at all, and carries over.
 
-    A candidate that rests on one reading is none, nor a rival: without that reading it is no better than nothing.
-    One that is beyond doubt may be predicted worse by as much as so many presses leave to chance.
+    Without any one reading it has to be better than nothing as well. One that is beyond doubt may be predicted
+    worse by as much as so many presses leave to chance.
     """
-    worth = {c.effect.key: current.chi2 - c.cost - by_one_reading(current, c) for c in turn.candidates}
-    rivals = [c for c in turn.candidates if worth[c.effect.key] > 0]
     may = [
         c
-        for c in rivals
-        if turn.scored[c.effect.key].p_adjusted <= level and inside(c) and worth[c.effect.key] >= AS_GOOD
+        for c in turn.candidates
+        if turn.scored[c.effect.key].p_adjusted <= level
+        and inside(c)
+        and c.cost + by_one_reading(current, c) <= current.chi2 - AS_GOOD
     ]
     keys = {c.effect.key for c in may}  # the others: chance, at the end of the range, or held back beforehand
-    again = weighed_again(current, may[0], rivals, each) if may else ()
+    again = weighed_again(current, may[0], turn.candidates, each) if may else ()
     for best in (c for c in again if c.effect.key in keys):
         scored = turn.scored[best.effect.key]
         try:

@@ -13,6 +13,7 @@ from calibration.diagnosis import confirmation
 from calibration.diagnosis.refit import adopt, hold_out, refit_with
 from calibration.effects import EFFECTS
 from calibration.inputs.observations import Observations
+from calibration.tasks.diagnose import diagnose
 
 
 def test_a_rival_that_fits_better_by_its_own_noise_goes_first() -> None:
@@ -51,19 +52,39 @@ def drawn_off(count: int) -> Observations:
     return observations([depth] * count, [indenter()] * count, time_s=times, phase=phase)
 
 
-def test_one_stray_reading_is_no_effect() -> None:
-    """A reading of -60 mN beyond the touch, in one press of twelve: adhesion can follow it, and rests on it."""
-    data = drawn_off(12)
-    force = MODEL.predict(TRUTH, data) + 0.004 * np.random.default_rng(5).standard_normal(data.size)
+def stray(correlation: float, seed: int) -> Observations:
+    """A reading of -60 mN beyond the touch in one press of twelve, beside noise of 4 mN that is alike in a press."""
+    data, rng = drawn_off(12), np.random.default_rng(seed)
+    noise = rng.standard_normal((12, 24))
+    for k in range(1, 24):
+        noise[:, k] = correlation * noise[:, k - 1] + np.sqrt(1 - correlation**2) * noise[:, k]
+    force = MODEL.predict(TRUTH, data) + 0.004 * noise.ravel()
     force[-1] = 1.001 * (MODEL + EFFECTS["adhesion"]).predict(np.array([*TRUTH, 0.001]), data)[-1]
-    base = pure(data.with_force(force))
+    return data.with_force(force)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.7, 0.9])
+def test_one_stray_reading_is_no_effect(correlation: float) -> None:
+    """Adhesion can follow it, and rests on it, in however many white entries it stands."""
+    base = pure(stray(correlation, 2))
     found = refit_with(base, EFFECTS["adhesion"])
-    assert found.cost < base.chi2 - 30
+    assert found.cost < base.chi2 - 20
     assert found.cost + confirmation.by_one_reading(base, found) > base.chi2 - confirmation.AS_GOOD
+
+
+def test_a_face_that_clings_rests_on_many_readings() -> None:
+    data = drawn_off(12)
     many = (MODEL + EFFECTS["adhesion"]).predict(np.array([*TRUTH, 0.001]), data)
-    clings = pure(data.with_force(many + 0.004 * np.random.default_rng(5).standard_normal(data.size)))
-    found = refit_with(clings, EFFECTS["adhesion"])
-    assert found.cost + confirmation.by_one_reading(clings, found) < clings.chi2 - 100
+    base = pure(data.with_force(many + 0.004 * np.random.default_rng(5).standard_normal(data.size)))
+    found = refit_with(base, EFFECTS["adhesion"])
+    assert found.cost + confirmation.by_one_reading(base, found) < base.chi2 - 100
+    assert not confirmation.rests_on_one_reading(base, found)
+
+
+def test_a_diagnosis_names_no_effect_for_one_stray_reading() -> None:
+    found = diagnose(stray(0.9, 2), np.random.default_rng(0))
+    assert found.verdict != "IDENTIFIED"
+    assert not found.effects
 
 
 def test_presses_left_out_are_not_predicted_from_their_own_readings() -> None:
