@@ -2,9 +2,9 @@
 
     python -m benchmarks.ready_cards [CLONES]
 
-Sets A to E lie at ../shared/real, F to I in clones in the folder CLONES (public_frames.py); those at hand are read.
-Balls lie where the light of each other shows them. Beside each network stands a polynomial calibrated on the
-balls themselves. The figures are those of `own_contacts`, row "network".
+Sets A to E lie at ../shared/real, F to I in clones in the folder CLONES (public_frames.py); those there are
+judged. Balls lie where the light of each other shows them. Beside each network stands a polynomial calibrated on
+the balls themselves. The figures are those of `own_contacts`, row "network".
 """
 
 from __future__ import annotations
