@@ -32,7 +32,7 @@ DETECTION_SIGMA = 6.0
 MIN_MM = 0.03  # mm: the least height that counts, however small the deviations
 MIN_DENT_SHARE = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
 PRESSED_SIGMA = 3.0  # deviations of depth, for a dent in what may become the reference: in doubt it does not
-# of the hill: gel that rises beside one reads up to .36 on five sensors of seven; by .4 contacts count from .42 on
+# of the hill: 49 of 54 free medians have a dent of .39 of it at most, 46 of 47 pressed ones .42 and more
 MAX_RISE_SHARE = 0.4
 BORDER = 2  # blocks along the border of the picture, which do not count
 
