@@ -4,8 +4,8 @@
 
 KIND is gelslim3 (the default), gelsight_mini or digit. Trained on gel drawn under many lights like that kind's,
 with the shadows that it casts (tactilevision/photometric/training), three to six minutes on one core. How far it
-is off on real frames is then judged by `ready_cards`. The network learns nothing of them; one set a kind chose the
-bounds of its lights.
+is off on the real frames at hand is then judged by `ready_cards`; the card before is written over, and figures of
+other sets with it. The network learns nothing of them; one set a kind chose the bounds of its lights.
 """
 
 from __future__ import annotations

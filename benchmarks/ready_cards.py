@@ -1,10 +1,10 @@
 """Judges the ready networks, models/KIND.onnx, on real ball presses, and writes what comes out into their cards.
 
-    python -m benchmarks.ready_cards CLONES
+    python -m benchmarks.ready_cards [CLONES]
 
-Sets A to E lie at ../shared/real, F to I in clones in the folder CLONES (public_frames.py); all nine are needed.
-Balls lie where the light of each other shows them. Beside each network stands a polynomial calibrated on the
-balls themselves. The figures are those of `own_contacts`, row "network".
+Sets A to E lie at ../shared/real, F to I in clones in the folder CLONES (public_frames.py); those there are
+judged. Balls lie where the light of each other shows them. Beside each network stands a polynomial calibrated on
+the balls themselves. The figures are those of `own_contacts`, row "network".
 """
 
 from __future__ import annotations
@@ -47,18 +47,22 @@ def main(clones: str = "") -> None:
 
 
 def rejudge(kind: str, clones: str) -> None:
-    """Write the real figures of a kind's network into its card; without its frames the card stays as it is."""
+    """Write the real figures of a kind's network into its card; of sets not at hand those of the card stay."""
     sets = [name for name, one in KINDS.items() if one == kind]
-    if not all(REAL.is_dir() if name in SETS else clones for name in sets):
-        print(f"{kind}: its real frames are not at hand")
+    at_hand = [name for name in sets if (REAL.is_dir() if name in SETS else clones)]
+    missing = [SENSORS[name] for name in sets if name not in at_hand]
+    if missing:
+        print(f"{kind}: not at hand: {'; '.join(missing)}")
+    if not at_hand:
         return
     path = (ROOT / "models" / kind).with_suffix(".json")
-    judged = {"date": datetime.date.today().isoformat(), "circles": CIRCLES}
-    presses = {
+    card = json.loads(path.read_text())
+    presses = card.get("real_ball_presses", {}) | {
         SENSORS[name]: on_real(kind, name, real_balls(name) if name in SETS else PUBLIC[name](Path(clones)))
-        for name in sets
+        for name in at_hand
     }
-    write_json(path, json.loads(path.read_text()) | {"real_ball_presses": presses, "real_judged": judged})
+    judged = {"date": datetime.date.today().isoformat(), "circles": CIRCLES, "not_at_hand": missing}
+    write_json(path, card | {"real_ball_presses": presses, "real_judged": judged})
     print(kind, json.dumps(presses, indent=1), flush=True)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactilevision.quality.contact_in_reference import contact_in_reference
+from tactilevision.quality.contact_in_reference import contact_in_reference, pressed_beside
 from tactilevision.quality.reference_match import some_frames
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.records import Bytes, Pair
@@ -30,25 +30,30 @@ def with_free_reference(
 ) -> tuple[Sequence[Bytes], Reconstructor, tuple[str, ...]]:
     """Pictures (H, W, 3) of the untouched gel, the reconstructor against them, and what was taken for them.
 
-    The same as before unless the guessed frame shows a contact and the median of the frames shows none. `read`
-    makes a reconstructor against such pictures.
+    The same as before unless the guessed frame shows a contact and the median of the frames shows none, neither
+    by the frames nor against the guessed frame. `read` makes a reconstructor against such pictures.
     """
     frames = some_frames(recording, count=MAX_FRAMES)
     at = _contact(ready, frames)
     if at is None:
         return flats, ready, ()
-    median: list[Bytes] = [np.median(frames, axis=0).round().astype(np.uint8)]
-    against = read(median)
-    if _contact(against, frames) is not None:
+    median: Bytes = np.median(frames, axis=0).round().astype(np.uint8)
+    against = read([median])
+    if _contact(against, frames) is not None or _pressed(ready, median):
         return flats, ready, ()
     name = recording.frame_names[recording.flat_frames[0]]
     note = (
         f"{name} shows a contact near ({at[0]:.0f}, {at[1]:.0f}) px: in its place the median of {len(frames)} "
         "frames is taken for the untouched gel; --reference states a picture of it"
     )
-    return median, against, (note,)
+    return [median], against, (note,)
 
 
 def _contact(reader: Reconstructor, frames: Sequence[Bytes]) -> Pair | None:
     method = reader.referenced
     return None if method is None else contact_in_reference(method, reader.rectified_map, pictures=frames)
+
+
+def _pressed(reader: Reconstructor, picture: Bytes) -> bool:
+    method = reader.referenced
+    return method is None or pressed_beside(method, reader.rectified_map, picture=picture)

@@ -218,6 +218,28 @@ def test_a_first_frame_that_is_pressed_gives_way_to_the_median(tmp_path: Path) -
         assert np.corrcoef(depth.ravel(), true.ravel())[0, 1] > 0.95
 
 
+def test_a_median_that_is_pressed_itself_is_no_reference(tmp_path: Path) -> None:
+    """Eleven of sixteen frames press one place, the first another: free frames would show a dent, unflagged."""
+    sensor, free = get_sensor("gelslim3_markers"), (3, 6, 10, 13)
+    stated = bare_folder(tmp_path, sensor)
+    first, often = (read_frame(stated, number).rgb for number in (0, 7))
+    flat = cv2.imread(str(tmp_path / "untouched" / "flat.png"))
+    assert flat is not None
+    rng = np.random.default_rng(0)
+    for number, name in enumerate(stated.frame_names):
+        rgb = flat[..., ::-1] if number in free else often
+        grainy = np.clip(rgb + rng.normal(0.0, 1.0, rgb.shape), 0, 255).round().astype(np.uint8)
+        cv2.imwrite(str(tmp_path / name), (grainy if number else first)[..., ::-1])
+    shutil.rmtree(tmp_path / "untouched")
+    recording = read_folder(tmp_path, sensor, guess=True)
+    found = build_reconstructor(recording)
+    said = " ".join(found.warnings)
+    assert "the median of" not in said
+    assert "most frames show a hill" in said
+    for number in (1, 3):
+        assert REFERENCE in found.rectified_map(read_frame(recording, number).rgb).flags
+
+
 def test_a_stated_reference_that_is_pressed_is_named_and_turns_no_dent(tmp_path: Path) -> None:
     sensor = get_sensor("gelslim3_markers")
     stated = bare_folder(tmp_path, sensor)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from lamp_room import flat, with_dots
 
+from benchmarks import ready_cards
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, load_network, make_reference
 from tactilevision.photometric.methods.network import Network
@@ -53,6 +54,28 @@ def test_it_fits_its_card(kind: str) -> None:
     assert np.median(off) == pytest.approx(method.card.held_out_direction_error_deg, rel=0.2)
     rest = method.law.at(still.change, still.place)
     assert np.median(np.hypot(*rest.T)) < 0.03
+
+
+def test_real_sets_at_hand_are_judged_and_figures_of_others_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "models" / "gelsight_mini.json"
+    path.parent.mkdir()
+    e, f = (ready_cards.SENSORS[name] for name in "EF")
+    monkeypatch.setattr(ready_cards, "ROOT", tmp_path)
+    monkeypatch.setattr(ready_cards, "REAL", tmp_path)
+    monkeypatch.setattr(ready_cards, "real_balls", lambda name: name)
+    monkeypatch.setattr(ready_cards, "on_real", lambda kind, name, balls: {"direction_error_deg": 7.0})
+    for before in ({}, {e: {"direction_error_deg": 9.0}, f: {"direction_error_deg": 8.0}}):
+        path.write_text(json.dumps({"real_ball_presses": before} if before else {}))
+        ready_cards.rejudge("gelsight_mini", "")
+        assert f"not at hand: {f}" in capsys.readouterr().out
+        card = json.loads(path.read_text())
+        assert card["real_ball_presses"] == before | {e: {"direction_error_deg": 7.0}}
+        assert card["real_judged"]["not_at_hand"] == [f]
+    monkeypatch.setattr(ready_cards, "REAL", tmp_path / "none")
+    ready_cards.rejudge("gelsight_mini", "")
+    assert json.loads(path.read_text()) == card
 
 
 def test_a_worker_s_copy_of_one_in_use_reads_alike() -> None:

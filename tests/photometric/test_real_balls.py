@@ -103,7 +103,7 @@ def test_filled_marks_make_better_slopes() -> None:
 
 
 @pytest.mark.parametrize("name", [*(pytest.param(one, marks=pytest.mark.slow) for one in "ABCE"), "D"])
-def test_the_ready_network_is_as_far_off_as_its_card_says(name: str) -> None:
+def test_the_ready_network_is_as_far_off_on_a_to_e_as_its_card_says(name: str) -> None:
     path = find_model(KINDS[name])
     assert path is not None
     said = json.loads(path.with_suffix(".json").read_text())["real_ball_presses"][SENSORS[name]]
