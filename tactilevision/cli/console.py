@@ -36,9 +36,12 @@ FormatOption = Annotated[
 ]
 
 
-def _reached(address: str | None) -> str | None:
-    """The address, once a scheduler has answered there: before the light is calibrated, which takes minutes."""
-    if address is not None:
+def _reached(context: typer.Context, address: str | None) -> str | None:
+    """The address, once a scheduler has answered there: before the light is calibrated, which takes minutes.
+
+    A shell that completes a line waits for no scheduler.
+    """
+    if address is not None and not context.resilient_parsing:
         from tactilevision.cluster.connect import check_cluster
 
         check_cluster(address)
