@@ -12,7 +12,7 @@ from calibration.fit.minimise import QUICK, Minimum, minimise
 from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
 from calibration.model.parameters import Parameter
-from calibration.model.stages import Effect, EffectBase
+from calibration.model.stages import NOT_READ, Effect, EffectBase
 from calibration.noise.model import Whitener
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Bools, Floats
@@ -138,8 +138,8 @@ class HeldOut:
 
 
 def hold_out(model: Model, about: Fit, *, start: Floats, folds: Ints, kept: Sequence[int] = ()) -> HeldOut:
-    """The force in N of each fold of presses (M,), predicted from the others and not from its own readings; the
-    history of all stays known.
+    """The force in N of each fold of presses (M,), predicted from the others and not from its own normal readings;
+    the history of all stays known, and so do tangential readings.
 
     The parameters `kept` are those of the start, and so are those of the law that only the fold's presses tell:
     the slope of a radius that is pressed once.
@@ -158,7 +158,7 @@ def hold_out(model: Model, about: Fit, *, start: Floats, folds: Ints, kept: Sequ
         own = {int(k): _held(table[k], float(start[k])) for k in law.start + untold}
         problem = replace(whole, parameters=tuple(own.get(k, p) for k, p in enumerate(table)))
         found = fit_without(problem, start, out)
-        unread = data.with_force(np.where(out, 0.0, data.normal_N))  # an effect may ask what was read
+        unread = data.with_force(np.where(out, NOT_READ, data.normal_N))  # an effect may ask what was read
         force = model.predict(problem.full(found.values), unread)
         error[out] = (data.normal_N - force)[out]
         squares += float(np.sum(whitener.apply(data.normal_N - force)[out] ** 2))

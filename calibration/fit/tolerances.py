@@ -42,8 +42,8 @@ class Heights(EffectBase):
         )
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Shift the depth of each indenter's presses."""
-        shift = np.zeros(len(self.stds))
+        """Shift the depth of each indenter's presses; those of an indenter added later stay."""
+        shift = np.zeros(len(data.indenters))
         shift[[k for k, (_, std) in enumerate(self.stds) if std > 0]] = values
         return replace(state, depth_mm=state.depth_mm + shift[data.presses.indenter[data.press]])
 

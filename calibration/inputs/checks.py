@@ -20,7 +20,8 @@ TOUCH = 3.0  # std of a press zero
 MIN_AIR = 5  # samples of air on the way in: fewer do not tell how forces scatter there
 PULL_SIGMA = 4.0  # std of them: a force that lies farther below is none of air
 MIN_PULLING_SHARE = 0.1  # of the samples near the touch on the way out: so many pull only where a gel clings
-LOADED = 0.5  # of the largest force, either way: above it the punch stands in the gel, whatever a zero is off by
+LOADED = 0.5  # of the largest force above that of air, either way: from it on the punch stands in the gel
+NEAR_TOUCH = 0.1  # of the samples, the nearest to depth 0: their force is about air's, whatever the depth's sign
 SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
 
 
@@ -158,12 +159,15 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
         )
     if np.ptp(force) <= 0 and data.size > 1:
         yield InputError("the force never changes", value=float(force[0]), remedy="Check the force's column.")
-    pressed = data.depth_mm[np.abs(force) >= LOADED * np.max(np.abs(force))]
+    near = np.abs(data.depth_mm)
+    air_N = np.median(force[near <= np.quantile(near, NEAR_TOUCH)])  # other than 0 where it was not tared
+    above = np.abs(force - air_N)
+    pressed = data.depth_mm[above >= LOADED * np.max(above)]
     if np.median(pressed) <= 0:
         yield InputError(
             "the largest forces come where the depth is none",
             value=float(np.median(pressed)),
-            remedy="Depth is positive into the gel: check its sign and its zero.",
+            remedy="Depth is positive into the gel: check its sign and its zero, or tare the force.",
         )
     if not one_depth and any(_falling(data)):
         left = in_phase(data)  # clocks far apart make a force fall: such presses are left out

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 STICKING, EDGE, THICKNESS = "sticking", "edge", "thickness"  # conditions that an effect may fit; else stated
 
+NOT_READ = 0.0  # N: the normal force of presses held out, as if the gel did not pull; tangential forces stay
+
 
 class Stage(IntEnum):
     """Where in the chain an effect acts."""
@@ -126,7 +128,7 @@ class EffectBase:
     acts only beyond or below some depth, so that no small amplitude stands for it; `same_over` covariates over
     which it has to have one size, where what looks like it has several; `reads_force` where it depends on the
     normal force itself: the model hands it the force that it predicts, for the measured one's noise would pass for
-    the effect.
+    the effect. An effect that asks what was read finds NOT_READ in the normal forces of presses held out.
 
     `order` among the effects of a stage: lower acts first, private ones last. `largest`: the size of the first
     parameter that no rig exceeds, from where the effect vanishes, a judgement; None: its bounds. `typical`: its

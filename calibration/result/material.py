@@ -14,11 +14,19 @@ from calibration.laws.theory.admissible_range import beta_outside_theory, deeper
 from calibration.laws.theory.plausible import FLAG, outside_gels
 from calibration.repeats.pure_error import repeatability_rms
 from calibration.result.by_radius import own_lines
+from calibration.result.poisson_routes import contradictions, holding_each, of_fit
 from calibration.result.published_route import published_route
 from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from calibration.result.round_result import of_round
 
 AT_BOUND = "beta_at_bound"  # the flag of a slope that the fit pushed as far as it may go
+
+
+def material_by_routes(fitted: Fit) -> CalibrationResult:
+    """The material behind a fit, its interval reaching to each route to nu where those contradict each other."""
+    routes = of_fit(fitted)
+    found = determine_material(holding_each(fitted, routes))
+    return replace(found, warnings=(*found.warnings, *contradictions(routes)))
 
 
 def determine_material(fitted: Fit) -> CalibrationResult:

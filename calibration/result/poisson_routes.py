@@ -7,7 +7,8 @@
             about friction and the constitutive law than about nu
 
 Those that are independent of each other are combined by their variances. Where they contradict each other, what is
-combined is as uncertain as the contradiction is large (Birge's ratio): none is dropped, none is believed alone.
+combined is as uncertain as the contradiction is large (Birge's ratio), and beyond CONTRARY its interval reaches to
+each: none is dropped, none is believed alone.
 Source: Birge, Phys. Rev. 40 (1932) 207.
 
 The bound is no measurement. Solid elastomers are nearly incompressible (nu above .495: Nedoluha, Saadawi, Barney,
@@ -91,6 +92,13 @@ def of_radii(fitted: Fit) -> tuple[Route, ...]:
     return (Route("radii", estimate, used=inside),)
 
 
+def of_fit(fitted: Fit) -> tuple[Route, ...]:
+    """What a fit was told of nu beforehand, and what its radii say without that; none unless both speak."""
+    gel = fitted.data.gel
+    radii = () if gel.poisson_ratio is None else of_radii(fitted)
+    return (*of_prior(gel), *radii) if radii else ()
+
+
 def of_beta(beta: Estimate) -> tuple[Route, ...]:
     """The published log law at the ends and the middle of beta's interval; none where beta is not above 0."""
     if beta.value is None or beta.interval95 is None or not beta.interval95[0] > 0:
@@ -140,6 +148,8 @@ def informed(data: Observations, bulge: Estimate | None, *, bound: Pair | None =
     stds = np.array([route.poisson_ratio.std for route in routes])
     mean = float(np.average(values, weights=stds**-2.0))
     std = float(np.sum(stds**-2.0) ** -0.5) * max(apart(routes), 1.0)
+    if apart(routes) > CONTRARY:
+        std = max(std, _reach(mean, routes))
     gel = replace(data.gel, poisson_ratio=min(mean, HIGHEST), poisson_ratio_std=std)
     return replace(data, gel=gel)
 
@@ -162,14 +172,21 @@ def holding_each(fitted: Fit, routes: Sequence[Route]) -> Fit:
 
     What goes along with nu in the fit (E, c) is as much less sure. A nu that is held stays.
     """
+    if apart(routes) <= CONTRARY:
+        return fitted
     k = fitted.index("poisson_ratio")
     std = float(np.sqrt(fitted.covariance[k, k]))
-    if apart(routes) <= CONTRARY or std <= 0:
+    if std <= 0:
         return fitted
-    known = [r.poisson_ratio.value for r in routes if r.used and r.poisson_ratio.value is not None]
-    wider = max(std, *(abs(float(fitted.values[k]) - nu) / REACH for nu in known))
+    wider = max(std, _reach(float(fitted.values[k]), routes))
     along = fitted.covariance[:, k] / std
     return replace(fitted, covariance=fitted.covariance + (wider**2 / std**2 - 1) * np.outer(along, along))
+
+
+def _reach(nu: float, routes: Sequence[Route]) -> float:
+    """The std with which the interval about `nu` holds every route that is used."""
+    known = [r.poisson_ratio.value for r in routes if r.used and r.poisson_ratio.value is not None]
+    return max(abs(nu - one) for one in known) / REACH
 
 
 def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
@@ -196,13 +213,20 @@ def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
         if r.poisson_ratio.value is None and r.name != "prior"
     ]
     silent += [f"Poisson's ratio is held to {r.poisson_ratio.why}" for r in routes if r.used and _is_bound(r)]
+    return [*lines, *silent], contradictions(routes)
+
+
+def contradictions(routes: Sequence[Route]) -> list[str]:
+    """A warning where the routes that are used contradict each other."""
+    between = apart(routes)
+    if between <= CONTRARY:
+        return []
     exact = any(route.name == "prior" and route.poisson_ratio.std == 0 for route in routes)
-    warning = [
+    return [
         f"the routes to Poisson's ratio contradict each other by {between:.1f} standard deviations: "
         + ("it is taken as stated" if exact else "its interval is widened to reach to each")
         + ". Check the stated one, the thickness and the radii"
     ]
-    return [*lines, *silent], warning if between > CONTRARY else []
 
 
 def _is_bound(route: Route) -> bool:

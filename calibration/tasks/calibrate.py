@@ -7,7 +7,7 @@ write_json("calibration.json", result.as_json())
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -74,16 +74,11 @@ def calibrate(
     single = isinstance(chosen, FlatPunch) and at_one_depth(data)
     check(data, shape=shape_of(chosen), one_depth=single)
     given, data = data, in_phase(data)
-    free = _free(chosen, data, single=single)
-    if isinstance(free, FlatPunch):
-        free = replace(free, poisson_range=bound or OPEN_NU)
-    model = Model(free, effects.effects if effects else ())
-    fitted = fit(model, data)
-    routes: tuple[Route, ...] = ()
-    if isinstance(chosen, FlatPunch):
-        known = of_prior(stated.gel, bulge=bulge, bound=bound)
-        routes = (*of_bulge(bulge), *known, *of_radii(fitted))
-        fitted = holding_each(fitted, routes)
+    free = _free(chosen, data, single=single, bound=bound)
+    fitted = fit(Model(free, effects.effects if effects else ()), data)
+    known = (*of_bulge(bulge), *of_prior(stated.gel, bulge=bulge, bound=bound))
+    routes = (*known, *of_radii(fitted)) if isinstance(chosen, FlatPunch) else ()
+    fitted = holding_each(fitted, routes)
     result = with_errors(determine_material(allow_for_indenters(fitted)), fit_errors(judged(fitted)))
     if single:
         result = _of_one_depth(result)
@@ -94,10 +89,18 @@ def calibrate(
     apart = apart_from_stated(result.youngs_modulus, stated.gel)
     if apart:
         result = replace(result, warnings=(*result.warnings, apart))
-    rejected = [(p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted]
-    late = Counter(given.presses.label) - Counter(data.presses.label)
-    rejected += [(press, OUT_OF_PHASE) for press in late.elements()]
-    return replace(result, presses_rejected=tuple(rejected), clock_offset=clock_offset or NO_CLOCK)
+    rejected = (*_distrusted(sets), *_out_of_phase(given, data))
+    return replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
+
+
+def _distrusted(sets: Sequence[Measured]) -> Iterator[tuple[str, str]]:
+    """Presses that the certificate rejected, each with its reason."""
+    return ((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
+
+
+def _out_of_phase(given: Observations, kept: Observations) -> Iterator[tuple[str, str]]:
+    late = Counter(given.presses.label) - Counter(kept.presses.label)
+    return ((press, OUT_OF_PHASE) for press in late.elements())
 
 
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
@@ -162,11 +165,14 @@ def _of_one_depth(result: CalibrationResult) -> CalibrationResult:
     )
 
 
-def _free(law: Law, data: Observations, *, single: bool) -> Law:
+def _free(law: Law, data: Observations, *, single: bool, bound: Pair | None) -> Law:
     """The default law lets nu vary where several radii may fix it, and beta be theory's at a single depth."""
-    if single and isinstance(law, FlatPunch):
-        law = replace(law, one_depth=True)
+    if not isinstance(law, FlatPunch):
+        return law
     several = np.unique(data.presses.radius_mm).size > 1
-    if isinstance(law, FlatPunch) and several and data.gel.poisson_ratio is None:
-        return replace(law, free_poisson_ratio=True)
-    return law
+    return replace(
+        law,
+        one_depth=single or law.one_depth,
+        free_poisson_ratio=(several and data.gel.poisson_ratio is None) or law.free_poisson_ratio,
+        poisson_range=bound or OPEN_NU,
+    )

@@ -27,7 +27,7 @@ from calibration.model.stages import Effect
 from calibration.repeats.pure_error import repeatability_rms
 from calibration.repeats.repeat_noise import refit_with_pure_noise
 from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
-from calibration.result.material import determine_material
+from calibration.result.material import material_by_routes
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from calibration.tasks.fit_errors import fit_errors
@@ -177,7 +177,7 @@ def _of_picture(data: Observations) -> tuple[Compared, ...]:
 
 def with_gel(found: Comparison) -> Comparison:
     """The same with what each fit says of the gel."""
-    said = (m if m.material else replace(m, material=determine_material(m.fitted)) for m in found.models)
+    said = (m if m.material else replace(m, material=material_by_routes(m.fitted)) for m in found.models)
     return replace(found, models=tuple(said))
 
 

@@ -41,7 +41,7 @@ from calibration.inputs.phase import in_phase
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
 from calibration.repeats.repeat_noise import beyond_stated
-from calibration.result.material import AT_BOUND, determine_material
+from calibration.result.material import AT_BOUND, material_by_routes
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import base_fit, base_model, fit_alone
@@ -156,8 +156,8 @@ def _determine(
 ) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
-    before = determine_material(base)
-    alone = concluded(fitted, before if fitted is base else determine_material(fitted))
+    before = material_by_routes(base)
+    alone = concluded(fitted, before if fitted is base else material_by_routes(fitted))
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]

@@ -8,8 +8,9 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
+from errno import ENOSPC
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, TextIO
 
 import typer
 
@@ -36,9 +37,12 @@ FormatOption = Annotated[
 ]
 
 
-def _reached(address: str | None) -> str | None:
-    """The address, once a scheduler has answered there: before the light is calibrated, which takes minutes."""
-    if address is not None:
+def _reached(context: typer.Context, address: str | None) -> str | None:
+    """The address, once a scheduler has answered there: before the light is calibrated, which takes minutes.
+
+    A shell that completes a line waits for no scheduler.
+    """
+    if address is not None and not context.resilient_parsing:
         from tactilevision.cluster.connect import check_cluster
 
         check_cluster(address)
@@ -123,14 +127,26 @@ def say(*lines: str) -> None:
         except BrokenPipeError:
             raise
         except OSError as fault:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python writes what is left at its end
+            _let_go(sys.stdout)
             raise OutputError(
                 f"cannot be written: {fault.strerror}", where="standard output", remedy="Send it elsewhere."
             ) from fault
 
 
 def _complain(line: str) -> None:
-    typer.echo(as_plain(line), err=True)
+    """To standard error, where that can be written: if not, the results and the exit code tell."""
+    try:
+        typer.echo(as_plain(line), err=True)
+    except OSError:
+        _let_go(sys.stderr)
+
+
+def _let_go(stream: TextIO) -> None:
+    """Let what a stream could not write go nowhere: Python writes what is left at its end."""
+    try:
+        stream.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def say_first(lines: Sequence[str], rest: Path) -> None:
@@ -154,14 +170,18 @@ def hand_over(result: Any, path: Path | None) -> None:
 
 def report_failure(fault: BaseException) -> int:
     """Print one clear message and return the exit code; what is no known failure is raised again."""
+    if isinstance(fault, OSError) and fault.errno == ENOSPC and not fault.filename:  # help, or a file of results
+        _let_go(sys.stdout)
+        where, remedy = "standard output or a file", "Make room, or send it elsewhere."
+        fault = OutputError(f"cannot be written: {fault.strerror}", where=where, remedy=remedy)
     if isinstance(fault, TactilevisionError):
         _complain(f"error: {fault}")
         return fault.exit_code
     if isinstance(fault, typer.Abort | KeyboardInterrupt):
-        typer.echo("interrupted: results written earlier are as they were.", err=True)
+        _complain("interrupted: results written earlier are as they were.")
         return INTERRUPTED
     if isinstance(fault, Terminated):
-        typer.echo("terminated: results written earlier are as they were.", err=True)
+        _complain("terminated: results written earlier are as they were.")
         return TERMINATED
     if isinstance(fault, SystemExit):
         return fault.code if isinstance(fault.code, int) else 1
@@ -172,6 +192,9 @@ def report_failure(fault: BaseException) -> int:
         return InputError.exit_code
     show = getattr(fault, "show", None)  # a wrong option or argument, worded by the command line's parser
     if callable(show):
-        show()
+        try:
+            show()
+        except OSError:
+            _let_go(sys.stderr)
         return int(getattr(fault, "exit_code", 2))
     raise fault

@@ -71,11 +71,12 @@ def live(
 ) -> None:
     """Read frames live: depth, contact and wrench, rate and latency. Frames are dropped, never queued."""
     from tactilevision.camera.audit import audit
+    from tactilevision.camera.foxglove import check_installed
     from tactilevision.camera.loop import Counts, run
     from tactilevision.camera.newest import Newest
 
     if foxglove or mcap is not None:
-        _check_foxglove()
+        check_installed()  # before the camera is looked at
     chosen = source.Choice(sensor, reference, method, mm_per_px, shadows=shadows, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
     found = audit(opened.first, timed=not opened.source.waits)
@@ -91,13 +92,6 @@ def live(
         console.hand_over(_as_json(counts, found, newest.dropped), json)
     if not counts.read:
         raise InputError("no frame could be read", where="live", value=counts.why or f"{newest.came} frames came")
-
-
-def _check_foxglove() -> None:
-    """Before the camera is looked at: raise InputError where the extra is missing."""
-    from tactilevision.camera.foxglove import check_installed
-
-    check_installed()
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,7 +54,6 @@ def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder)
 def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progress) -> list[Picture]:
     """Sheets of all presses, for those who want to see each; the most telling where they are very many."""
     from tactilevision.plots.misfit import draw_presses
-    from tactilevision.plots.style import as_label
 
     if not curves.whole:
         return []
@@ -62,8 +61,7 @@ def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progre
     sheets = [shown[k : k + SHEET] for k in range(0, len(shown), SHEET)]
     kept = []
     for number, sheet in enumerate(sheets, start=1):
-        first, last = as_label(sheet[0].label), as_label(sheet[-1].label)
-        words = f"Presses {first} to {last}. Black dots: measured. {coloured(curves.models)}"
+        words = f"Presses {sheet[0].label} to {sheet[-1].label}. Black dots: measured. {coloured(curves.models)}"
         kept.append(folder.keep(draw_presses(curves, sheet), f"presses/sheet_{number:02d}.png", caption=words))
         progress(number, len(sheets), "presses")
     return kept

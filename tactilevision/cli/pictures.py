@@ -88,7 +88,7 @@ def of_presses(
             figure = draw_press(evidence, point, rgb=rgb)
             words = "; ".join(finding.text for finding in evidence.findings)
             name = f"presses/{picture_name(point.press, number)}"
-            caption = f"Press {style.as_label(point.press)}: " + (words or "nothing against it.")
+            caption = f"Press {point.press}: " + (words or "nothing against it.")
             pictures.append(folder.keep(figure, name, caption=caption))
         progress(number, len(certificate.points))
     return pictures

@@ -103,7 +103,7 @@ def _check(client: Any, address: str) -> None:
         raise ClusterError("the cluster has no workers", where=WHERE, value=address, remedy=remedy) from fault
     here = versions()
     try:
-        told = client.run(_asking(tuple(here)))
+        told = client.run(_asking())
     except Exception as fault:  # whatever a foreign worker answers
         remedy = "Start the workers with the Python and dask of this machine."
         raise ClusterError(
@@ -115,18 +115,14 @@ def _check(client: Any, address: str) -> None:
             raise different
 
 
-def _asking(names: tuple[str, ...]) -> Callable[[], dict[str, str]]:
-    """A function that travels by value: a worker without this library can answer it, too."""
+def _asking() -> Callable[[], dict[str, str]]:
+    """A function that travels by value: a worker without this library can answer it, too, with nothing."""
 
     def ask() -> dict[str, str]:
-        from importlib.metadata import PackageNotFoundError, version
-
-        told = {}
-        for name in names:
-            try:
-                told[name] = version(name)
-            except PackageNotFoundError:
-                told[name] = "none"
-        return told
+        try:
+            from tactilevision.cluster.versions import versions
+        except ImportError:
+            return {}
+        return versions()
 
     return ask

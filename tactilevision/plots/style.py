@@ -132,9 +132,13 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
 
 
 def as_label(name: str) -> str:
-    """A name of the user's as a figure holds it: no tab, which fonts lack, and no more letters than fit."""
+    """A name of the user's as a figure holds it: no tab, which fonts lack, and no more letters than fit.
+
+    A long one loses its middle: names differ at their ends (run_001, run_002).
+    """
     name = name.replace("\t", " ")
-    return name if len(name) <= LONGEST_LABEL else name[: LONGEST_LABEL - 1] + "…"
+    half = (LONGEST_LABEL - 1) // 2
+    return name if len(name) <= LONGEST_LABEL else f"{name[: LONGEST_LABEL - 1 - half]}…{name[-half:]}"
 
 
 def save_figure(figure: Figure, path: Path | str, *, form: str = "png") -> None:

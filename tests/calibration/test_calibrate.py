@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from contextlib import nullcontext as does_not_raise
 from dataclasses import replace
 from pathlib import Path
 
@@ -213,6 +214,16 @@ def test_curves_whose_depth_has_the_wrong_sign_are_refused() -> None:
     turned = observations([-depth] * 2, [indenter("A")] * 2).with_force(np.tile(np.maximum(3.5 * depth, 0.0), 2))
     with pytest.raises(InputError, match="largest forces come where the depth is none"):
         check(turned)
+
+
+@pytest.mark.parametrize("zero_N", [-3.0, 0.0, 3.0])
+def test_a_force_that_was_not_tared_is_no_depth_of_the_wrong_sign(zero_N: float) -> None:
+    """More samples lie in air than in the gel, and read a zero larger than the largest force."""
+    depth = np.concatenate([np.linspace(-0.5, 0.0, 40), np.linspace(0.02, 0.5, 25)])
+    force = np.tile(np.maximum(3.5 * depth, 0.0) + zero_N, 2)
+    for side, told in ((1, does_not_raise()), (-1, pytest.raises(InputError, match="or tare the force"))):
+        with told:
+            check(observations([side * depth] * 2, [indenter("A")] * 2).with_force(force))
 
 
 def test_depths_beyond_the_elements_are_flagged() -> None:

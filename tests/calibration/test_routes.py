@@ -12,8 +12,9 @@ from calibration.inputs.observations import Measured
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.laws.theory import admissible_range
 from calibration.result.joint_region import joint_picture
-from calibration.result.poisson_routes import of_beta
-from calibration.tasks.calibrate import calibrate
+from calibration.result.poisson_routes import informed, of_beta
+from calibration.tasks.calibrate import calibrate, observe
+from calibration.tasks.compare import plain_law, prepare
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Estimate, Material
@@ -63,14 +64,37 @@ def test_routes_that_contradict_each_other_widen_the_interval_and_say_so() -> No
     assert (result.poisson_ratio.std or 0) > 3 * (alone.poisson_ratio.std or 1)
 
 
-def test_a_stated_nu_that_the_radii_contradict_is_in_the_interval_beside_theirs() -> None:
-    """A wrong nu, stated as sure: it and the radii's own, which is right, are held; E reaches as far."""
+def test_pictures_and_a_statement_that_contradict_each_other_are_both_in_what_is_handed_on() -> None:
+    """What `diagnose` and `compare` fit with."""
+    gel = informed(observe([drawn(STATED)]), bulge(0.42, 0.003)).gel
+    assert gel.poisson_ratio is not None
+    assert gel.poisson_ratio_std is not None
+    far = max(abs(gel.poisson_ratio - nu) for nu in (0.42, STATED.poisson_ratio))
+    assert far < 1.96 * gel.poisson_ratio_std
+
+
+def stated_wrongly() -> Measured:
+    """Three radii on a gel of another nu than is stated as sure."""
     several = drawn(replace(OPEN, radii_mm=(1.5, 2.5, 3.5)))
     sensor = several.recording.sensor
     assert sensor.gel is not None
     gel = replace(sensor.gel, poisson_ratio=0.40, poisson_ratio_std=0.004)
-    stated = replace(several, recording=replace(several.recording, sensor=replace(sensor, gel=gel)))  # type: ignore[type-var]
-    result = calibrate(stated)
+    return replace(several, recording=replace(several.recording, sensor=replace(sensor, gel=gel)))  # type: ignore[type-var]
+
+
+def test_a_comparison_reaches_to_each_route_as_a_calibration_does() -> None:
+    measured = stated_wrongly()
+    found = plain_law(prepare(observe([measured])), rng=None).models[0].material
+    alone = calibrate(measured)
+    assert found is not None
+    assert any("widened to reach to each" in line for line in found.warnings)
+    assert found.poisson_ratio.interval95 == pytest.approx(alone.poisson_ratio.interval95, abs=0.003)
+    assert found.youngs_modulus.interval95 == pytest.approx(alone.youngs_modulus.interval95, rel=0.02)
+
+
+def test_a_stated_nu_that_the_radii_contradict_is_in_the_interval_beside_theirs() -> None:
+    """A wrong nu, stated as sure: it and the radii's own, which is right, are held; E reaches as far."""
+    result = calibrate(stated_wrongly())
     assert any("widened to reach to each" in line for line in result.warnings)
     low, high = result.poisson_ratio.interval95 or (0.0, 0.0)
     known = [r.poisson_ratio.value for r in result.routes if r.used and r.poisson_ratio.value]

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from made_recordings import Truth, draw
 
-from calibration.fit.tolerances import HEIGHTS
+from calibration.fit.tolerances import HEIGHTS, with_tolerances
+from calibration.inputs.join import join
 from calibration.inputs.observations import Measured
+from calibration.laws.flat_punch import FlatPunch
+from calibration.model.composition import Model
 from calibration.result.result import CalibrationResult
-from calibration.tasks.calibrate import calibrate
+from calibration.tasks.calibrate import calibrate, observe
 from tactilevision.records import CertificationDetails
 
 TOUCH_MM, RISE = 0.002, 0.006
@@ -47,6 +50,18 @@ def test_a_stated_shared_error_widens_the_interval() -> None:
 def test_the_estimate_itself_stays() -> None:
     stated, silent = (result(2, 0.0, states=states).c.value for states in (True, False))
     assert stated == pytest.approx(silent, rel=0.005)
+
+
+def test_presses_of_an_indenter_that_is_added_keep_their_depth() -> None:
+    """Presses that are proposed have an indenter of their own, whose height nobody machined yet."""
+    data = observe([draw(Truth(height_std_mm=0.001), np.random.default_rng(4))])
+    model = with_tolerances(Model(FlatPunch()), data)
+    values, size = model.defaults(data), data.size
+    values[model.slices(data)[HEIGHTS]] = 0.01
+    more = join(data, data)
+    moved = model.predict(values, more) > model.predict(model.defaults(data), more)
+    assert moved[:size].all()
+    assert not moved[size:].any()
 
 
 @pytest.mark.slow

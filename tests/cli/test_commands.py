@@ -12,8 +12,10 @@ import time
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
 from tactilevision.cli import console, main
+from tactilevision.cli.app import app
 from tactilevision.recording import read_recording
 
 ROOT = Path(__file__).parents[2]
@@ -241,3 +243,14 @@ def test_a_missing_extra_is_told_before_anything_is_read(
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert run(monkeypatch, *command, tmp_path / "nowhere", "--cluster", "tcp://127.0.0.1:1") == 2
     assert "pip install 'tactilevision[cluster]'" in capsys.readouterr().err
+
+
+def test_completing_a_line_waits_for_no_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr("tactilevision.cluster.connect.check_cluster", asked.append)
+    line = ["somewhere", "--cluster", "tcp://127.0.0.1:1"]
+    command = get_command(app).commands["depth"]  # type: ignore[attr-defined]
+    command.make_context("depth", list(line), resilient_parsing=True)
+    assert not asked
+    command.make_context("depth", list(line))
+    assert asked == line[2:]

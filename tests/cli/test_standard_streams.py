@@ -15,6 +15,7 @@ from tactilevision.cli.console import say, warn
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "sample_frames" / "paper_points"
+FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
 
 
 def in_shell(line: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -36,13 +37,37 @@ def test_results_are_written_though_every_stream_is_closed(tmp_path: Path) -> No
     assert (tmp_path / "report.html").is_file()
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
+@FULL
 def test_a_summary_that_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> None:
     done = in_shell('"$@" > /dev/full', "calibrate", PAPER, "--out", tmp_path)
     assert done.returncode == 2
     assert [line for line in done.stderr.splitlines() if not line.startswith("warning")] == [
         "error: standard output: cannot be written: No space left on device. Send it elsewhere."
     ]
+
+
+@FULL
+def test_a_summary_is_told_though_warnings_cannot_be_written(tmp_path: Path) -> None:
+    done = in_shell('"$@" 2> /dev/full', "calibrate", PAPER, "--out", tmp_path)
+    assert done.returncode == 0
+    assert "stiffness        c  = 3.494" in done.stdout
+
+
+@FULL
+@pytest.mark.parametrize("arguments", [["calibrate", "nowhere"], ["calibrate", "--nothing"], [""]])
+def test_bad_input_keeps_its_exit_code_where_no_error_can_be_written(arguments: list[str]) -> None:
+    assert in_shell('"$@" 2> /dev/full', *arguments).returncode == 2
+
+
+@FULL
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["calibrate", "--help"]])
+def test_help_that_cannot_be_written_is_one_line(arguments: list[str]) -> None:
+    done = in_shell('"$@" > /dev/full', *arguments)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "error: standard output or a file: cannot be written: No space left on device. "
+        "Make room, or send it elsewhere.\n"
+    )
 
 
 def test_a_terminal_that_knows_no_greek_ends_no_run(tmp_path: Path) -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from tactilevision.cli.misfit_pictures import keep_every_press
 from tactilevision.plots.misfit import draw_presses
-from tactilevision.plots.style import LONGEST_LABEL, save_figure
+from tactilevision.plots.style import LONGEST_LABEL, as_label, save_figure
 from tactilevision.records.misfit import ForceCurves, PressCurve
 
 X = np.linspace(0.05, 0.5, 12)
@@ -22,3 +25,20 @@ def test_a_name_fits_its_figure_and_is_drawn_without_a_warning(name: str, tmp_pa
     title = figure.axes[0].get_title(loc="left")
     assert "\t" not in title
     assert len(title) < 2 * LONGEST_LABEL + len("press  (, a = 2.5 mm)") + 1
+
+
+def test_long_names_that_differ_at_either_end_stay_different() -> None:
+    names = [f"{day}_silicone_pad_flat_punch_run_{run}" for day in ("mon", "tue") for run in ("001", "002")]
+    shown = {as_label(name) for name in names}
+    assert len(shown) == len(names)
+    assert {len(name) for name in shown} == {LONGEST_LABEL}
+
+
+def test_a_caption_names_presses_in_full() -> None:
+    """A page wraps long words; a figure cannot."""
+    names = [f"2026-11-24_sensor_a_punch_3_mm_run_{run:03d}" for run in (1, 2)]
+    presses = tuple(PressCurve(n, n, 2.5, X, X, X, np.array([0.9 * X]), ("load",) * 12) for n in names)
+    folder: Any = SimpleNamespace(keep=lambda figure, name, *, caption: caption)
+    curves = ForceCurves(("plain law",), presses, whole=True)
+    (caption,) = keep_every_press(curves, folder, lambda done, total, what="": None)
+    assert set(names) <= set(str(caption).split("Presses ")[1].replace(". Black", " Black").split(" "))
