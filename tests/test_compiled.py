@@ -226,6 +226,16 @@ def test_numba_is_left_alone_where_it_is_not_wanted(monkeypatch: pytest.MonkeyPa
     switch.compiled.cache_clear()
 
 
+def test_every_kernel_is_there_before_workers_are() -> None:
+    pytest.importorskip("numba")
+    code = "import sys; from tactilevision.compiled import compile_all; compile_all(); print(*sys.modules)"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    kept = {"tactilevision." + ".".join(path.relative_to(ROOT / "tactilevision").with_suffix("").parts)
+            for path in (ROOT / "tactilevision").rglob("*_kernels.py")}  # fmt: skip
+    assert len(kept) > 5
+    assert kept <= set(out.stdout.split())
+
+
 @pytest.mark.parametrize("harm", ["none", "spoilt", "no folder"])
 def test_a_cache_that_cannot_be_used_is_no_failure(harm: str, tmp_path: Path) -> None:
     pytest.importorskip("numba")

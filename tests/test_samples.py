@@ -15,6 +15,7 @@ from benchmarks.digest.cases import calibration
 from benchmarks.digest.compare import differences
 from benchmarks.digest.record import read_record
 from tactilevision.cli import main
+from tactilevision.compiled import SWITCH, compiled
 from tactilevision.recording import read_recording
 
 ROOT = Path(__file__).parents[1]
@@ -30,8 +31,11 @@ def calibrated() -> Path:
 def calibrated_sample() -> Path:
     out = scenes() / "sample"
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(SWITCH, "0")  # the record is numpy's
+        compiled.cache_clear()
         patch.setattr(sys, "argv", ["tactilevision", "calibrate", str(SAMPLE), "--out", str(out)])
         assert main() == 0
+    compiled.cache_clear()
     return out
 
 

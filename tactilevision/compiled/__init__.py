@@ -13,9 +13,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
 from typing import Any, TypeVar
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+PACKAGE = Path(__file__).parents[1]
 SWITCH = "TACTILEVISION_COMPILED"
 OPTIONS: dict[str, Any] = {"fastmath": {"contract", "reassoc"}, "error_model": "numpy"}  # sums in any order
 # types of arrays that are read alone
@@ -34,6 +37,13 @@ def compiled() -> bool:
     except ImportError:  # not there, or not made for this numpy
         return False
     return True
+
+
+def compile_all() -> None:
+    """Compile every kernel, or read what is kept: before frames come, or workers that would compile it each."""
+    if compiled():
+        for path in sorted(PACKAGE.rglob("*_kernels.py")):
+            import_module(".".join((PACKAGE.name, *path.relative_to(PACKAGE).with_suffix("").parts)))
 
 
 def kernel(*arguments: str) -> Callable[[Kernel], Kernel]:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import scipy.interpolate  # noqa: F401 -- kappa's table asks for it: now, not with the first contact
 
+from tactilevision.compiled import compile_all
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
@@ -55,6 +56,7 @@ class CalibratedSensor:
     """
 
     def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None, shadows: bool = False) -> None:
+        compile_all()  # no frame is to wait for it
         self.profile = profile
         self.reconstructor = Reconstructor(profile.sensor, profile.method)
         self.reconstructor.warnings = _as_then(profile)
