@@ -101,13 +101,14 @@ def skill(current: Fit, fitted: Fit, effect: Effect) -> float:
     Both are weighed by the noise of `fitted`, the fit with the effect, about its own line: what a missing effect
     does to all presses alike passes for their scatter, and its slopes put a depth's noise where the gel has none.
     The effect's size is found anew from each fold's others, not its form: a time that four fifths of the presses
-    leave open may run off, and says nothing of the effect.
+    leave open may run off, and says nothing of the effect. One that asks readings may not ask those of the fold.
     """
     folds, begin = press_folds(current.data), fitted.model.slices(current.data)[effect.key].start
     table = effect.parameters
     form = [begin + k for k, p in enumerate(table) if p.unit != table[0].unit]
-    before = hold_out(current.model, fitted, start=current.values, folds=folds)
-    after = hold_out(fitted.model, fitted, start=fitted.values, folds=folds, kept=form)
+    read = not getattr(effect, "asks_readings", False)
+    before = hold_out(current.model, fitted, start=current.values, folds=folds, read=read)
+    after = hold_out(fitted.model, fitted, start=fitted.values, folds=folds, kept=form, read=read)
     if after.rms_N > (1 + chance(current.data.count)) * before.rms_N:
         return 1 - after.rms_N / before.rms_N
     return 1 - after.squares / before.squares if before.squares > 0 else 0.0

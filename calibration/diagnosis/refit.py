@@ -137,9 +137,11 @@ class HeldOut:
     squares: float
 
 
-def hold_out(model: Model, about: Fit, *, start: Floats, folds: Ints, kept: Sequence[int] = ()) -> HeldOut:
-    """The force in N of each fold of presses (M,), predicted from the others and not from its own normal readings;
-    the history of all stays known, and so do tangential readings.
+def hold_out(
+    model: Model, about: Fit, *, start: Floats, folds: Ints, kept: Sequence[int] = (), read: bool = False
+) -> HeldOut:
+    """The force in N of each fold of presses (M,), predicted from the others and, unless `read`, not from its own
+    normal readings; the history of all stays known, and so do tangential readings.
 
     The parameters `kept` are those of the start, and so are those of the law that only the fold's presses tell:
     the slope of a radius that is pressed once.
@@ -158,8 +160,8 @@ def hold_out(model: Model, about: Fit, *, start: Floats, folds: Ints, kept: Sequ
         own = {int(k): _held(table[k], float(start[k])) for k in law.start + untold}
         problem = replace(whole, parameters=tuple(own.get(k, p) for k, p in enumerate(table)))
         found = fit_without(problem, start, out)
-        unread = data.with_force(np.where(out, NOT_READ, data.normal_N))  # an effect may ask what was read
-        force = model.predict(problem.full(found.values), unread)
+        seen = data if read else data.with_force(np.where(out, NOT_READ, data.normal_N))
+        force = model.predict(problem.full(found.values), seen)
         error[out] = (data.normal_N - force)[out]
         squares += float(np.sum(whitener.apply(data.normal_N - force)[out] ** 2))
         squares += float(np.mean(out) * np.sum(problem.residual(found.values)[data.size :] ** 2))

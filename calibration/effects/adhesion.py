@@ -43,6 +43,7 @@ class Adhesion(EffectBase):
     separated_by = ("unloading to pull-off",)
     source = "Kendall, J. Phys. D 4 (1971) 1186"
     threshold = True
+    asks_readings = True
     order = 150
     largest = 0.002
     check = ManualCheck("unload slowly until the punch lets go", 4.0)

@@ -128,7 +128,8 @@ class EffectBase:
     acts only beyond or below some depth, so that no small amplitude stands for it; `same_over` covariates over
     which it has to have one size, where what looks like it has several; `reads_force` where it depends on the
     normal force itself: the model hands it the force that it predicts, for the measured one's noise would pass for
-    the effect. An effect that asks what was read finds NOT_READ in the normal forces of presses held out.
+    the effect; `asks_readings` where it takes from what was read which way a sample went: of presses held out it
+    finds NOT_READ when it is confirmed.
 
     `order` among the effects of a stage: lower acts first, private ones last. `largest`: the size of the first
     parameter that no rig exceeds, from where the effect vanishes, a judgement; None: its bounds. `typical`: its
@@ -149,6 +150,7 @@ class EffectBase:
     threshold: ClassVar[bool] = False
     same_over: ClassVar[tuple[str, ...]] = ()
     reads_force: ClassVar[bool] = False
+    asks_readings: ClassVar[bool] = False
     order: ClassVar[float] = inf
     largest: ClassVar[float | None] = None
     typical: ClassVar[float | None] = None
