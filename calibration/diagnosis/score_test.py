@@ -35,7 +35,7 @@ from tactilevision.records import Floats
 DRAWS = 399  # of the bootstrap: p to .0025, finer by the tail's fit
 FIRST_DRAWS = 99  # after which it ends where all is decided
 MANY_DRAWS = 1999  # where p lies near a level: heavy presses moved p of 399 300 times, of these 3 (others_curves)
-NEAR_LEVELS = (1e-5, 0.1)  # p between which more draws may decide otherwise: 6.5e-5 of 399 was .002 to .005
+NEAR_LEVELS = (1e-5, 0.2)  # p between which more draws may decide otherwise: 6.5e-5 of 399 was .002 to .005
 PORTION = 300  # draws made at once
 PORTION_VALUES = 4.5e6  # forces made at once, 36 MB: fewer draws from 15,000 samples on
 BATCH = 50  # draws of one step, which any process may do: .2 s for 1600 samples
