@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.plots import style
+from tactilevision.plots.letters import legible
 from tactilevision.records import Estimate, Floats
 from tactilevision.records.misfit import ErrorFall, ForceCurves, PressCurve, ResidualStrips, Strip
 
@@ -185,7 +186,7 @@ def label_covariate(axes: Axes, words: str, unit: str, *, levels: Sequence[str],
     axes.set_xlabel(words)
     if levels:
         at = sorted({round(value) for value in values.tolist()})
-        axes.set_xticks(at, [levels[k] for k in at])
+        axes.set_xticks(at, [style.as_label(levels[k]) for k in at])
         axes.set_xlim(at[0] - 0.5, at[-1] + 0.5)
         return
     if unit == "rad":
@@ -225,7 +226,7 @@ def draw_error_fall(fall: ErrorFall) -> Figure:
     if fall.band is not None:
         low, high = (scale * end for end in fall.band)
         axes.axhspan(low, high, color=style.INVALID, zorder=0, label="its 95 % interval")
-    axes.set_xticks(range(count), list(fall.models), rotation=15 if count > 3 else 0)
+    axes.set_xticks(range(count), list(map(legible, fall.models)), rotation=15 if count > 3 else 0)
     what = "left out" if fall.held_out else "fitted"
     title = "How the error falls" if count > 1 else "The error, and how presses repeat"
     axes.set(ylabel=f"rms error on presses {what} ({unit})", title=title, xlim=(-0.7, max(count, 3) - 0.3))
@@ -244,7 +245,7 @@ def draw_moduli(names: Sequence[str], moduli: Sequence[Estimate]) -> Figure:
             axes.plot(estimate.interval95, [place, place], "|-", ms=9, color=colour)
         if estimate.value is not None:
             axes.plot(estimate.value, place, "o", ms=6, color=colour)
-    axes.set_yticks(range(len(names)), list(names))
+    axes.set_yticks(range(len(names)), list(map(legible, names)))
     for tick, colour in zip(axes.get_yticklabels(), model_colours(len(names)), strict=True):
         tick.set_color(colour)
     axes.invert_yaxis()
