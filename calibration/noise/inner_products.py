@@ -22,10 +22,17 @@ from tactilevision.records import Floats
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns (N, k) as the error model weighs them, `flat` (cells, k); `beside` (M, 2, k) with gain and zero."""
+    """Columns (N, k) as the error model weighs them: `tables` (m, t, k), one a rectangle of presses, and `beside`
+    (M, 2, k) with gain and zero.
+    """
 
-    flat: Floats
+    tables: Sequence[Floats]
     beside: Floats
+
+    @property
+    def flat(self) -> Floats:
+        """(cells, k)."""
+        return _joined([table.reshape(-1, table.shape[2]) for table in self.tables])
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +80,7 @@ class Weighing:
     def take(self, columns: Floats) -> Columns:
         """Columns (N, k), N."""
         tables = self._weighed(columns)
-        return Columns(_joined([t.reshape(-1, t.shape[2]) for t in tables]), self._beside(tables))
+        return Columns(tables, self._beside(tables))
 
     def product(self, one: Columns, other: Columns) -> Product:
         """Of all of one with all of the other."""
@@ -81,7 +88,8 @@ class Weighing:
 
     def squares(self, one: Columns) -> Product:
         """Of each column with itself."""
-        return Product(np.einsum("nk,nk->k", one.flat, one.flat), one.beside, one.beside, self._common)
+        rest = sum(np.einsum("mtk,mtk->k", table, table) for table in one.tables)
+        return Product(np.asarray(rest), one.beside, one.beside, self._common)
 
     def log_volume(self, noise: Noise) -> float:
         """ln det V, but for the samples' own noise at scale 1."""
