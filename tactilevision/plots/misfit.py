@@ -55,14 +55,14 @@ def draw_presses(curves: ForceCurves, presses: Sequence[PressCurve]) -> Figure:
     height_in = ROW_IN * rows + 1.15
     figure = Figure(figsize=(style.WIDTH_IN, height_in))  # a fixed layout: sheets of presses are many
     figure.subplots_adjust(
-        left=0.08, right=0.985, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.55, hspace=0.62
+        left=0.1, right=0.985, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.55, hspace=0.62
     )
     grid = figure.subplots(rows, 3, squeeze=False)
     reach = 1e3 * MARGIN * max((float(np.max(np.abs(one.residual_N))) for one in presses), default=1.0)
     for row, one in zip(grid, presses, strict=True):
         _press(row, one, curves.models)
         _reach(row[2], reach)
-    under, beside = ("time (s)", "depth w (mm)", "time (s)"), (-0.2, -0.2, -0.33)  # clear of the widest number
+    under, beside = ("time (s)", "depth w (mm)", "time (s)"), (-0.29, -0.29, -0.33)  # clear of the widest number
     for axes, label, aside in zip(grid.ravel(), under * rows, beside * rows, strict=True):
         axes.set_xlabel(label, fontsize=9, labelpad=1)
         axes.yaxis.set_label_coords(aside, 0.5)
@@ -198,6 +198,8 @@ def label_covariate(axes: Axes, words: str, unit: str, *, levels: Sequence[str],
         decades = [10.0**k for k in range(int(np.floor(low)), int(np.ceil(high)) + 1)]
         steps = (1,) if high - low > FINE else (1, 2, 5)
         ticks = [step * one for one in decades for step in steps if low <= np.log10(step * one) <= high]
+        if len(ticks) < 2:  # within less than an octave
+            ticks = [float(f"{10**one:.2g}") for one in (low, high)]
         axes.set_xticks(np.log10(ticks), [f"{one:g}" for one in ticks])
     if plain not in ("", "1"):
         axes.set_xlabel(f"{words} ({plain})")
