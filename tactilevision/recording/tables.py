@@ -140,10 +140,13 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:
     missing = [name for name in columns.required if name not in header]
     if missing:
         near = nearest(missing[0], [name for name in header if name not in columns.known])
+        remedy = f"Rename {near} to {missing[0]}, if that is what it holds." if near else ""
+        if header[0].startswith("#"):
+            remedy = "The first line names the columns: take comments out."
         raise RecordingError(
             f"column {', '.join(missing)} is missing; there are {', '.join(header)}",
             where=f"{path}, line 1",
-            remedy=f"Rename {near} to {missing[0]}, if that is what it holds." if near else "",
+            remedy=remedy,
         )
     return header
 
