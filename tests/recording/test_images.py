@@ -161,5 +161,5 @@ def test_a_stack_of_tiffs_is_refused_and_thumbnails_and_masks_are_none(tmp_path:
 
 def test_an_array_with_its_colours_first_is_told_how_to_turn(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((3, 40, 50), np.uint8))
-    with pytest.raises(RecordingError, match="colours last: numpy.moveaxis"):
+    with pytest.raises(RecordingError, match="colours last"):
         read_image(tmp_path / "a.npy")
