@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -85,7 +85,7 @@ def report(folders: Sequence[Path], *, results: Path | None) -> None:
     readings = []
     print("| recording | nu | off | E off | c off | clock off | good kept | bad named |\n" + 8 * "|---" + "|")
     for folder in folders:
-        readings.append(scored(folder, calibrated(folder, results / folder.name)))
+        readings.append(scored(folder, calibrated(folder, results / f"{folder.name}-{content(folder)}")))
         print(_row(readings[-1]), flush=True)
     for what, share, does in ASKED:
         print(f"{what}: {sum(map(does, readings))} of {len(readings)} (asked {share * len(readings):.1f})")
@@ -95,10 +95,19 @@ def report(folders: Sequence[Path], *, results: Path | None) -> None:
 
 def revision(root: Path) -> str:
     """The first twelve digits of the SHA-256 of all sources: it changes with any of them, committed or not."""
+    files = (one for name in SOURCES for one in (root / name).rglob("*"))
+    return _digest((one for one in files if "__pycache__" not in one.parts), root)
+
+
+def content(recording: Path) -> str:
+    """The same of a recording's files: another recording of the same name has another."""
+    return _digest(recording.rglob("*"), recording)
+
+
+def _digest(paths: Iterable[Path], root: Path) -> str:
     digest = hashlib.sha256()
-    for path in sorted(one for name in SOURCES for one in (root / name).rglob("*") if one.is_file()):
-        if "__pycache__" not in path.parts:
-            digest.update(f"{path.relative_to(root)}\n{path.stat().st_size}\n".encode() + path.read_bytes())
+    for path in sorted(one for one in paths if one.is_file()):
+        digest.update(f"{path.relative_to(root)}\n{path.stat().st_size}\n".encode() + path.read_bytes())
     return digest.hexdigest()[:12]
 
 

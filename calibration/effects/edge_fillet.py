@@ -41,7 +41,7 @@ class EdgeFillet(EffectBase):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """rho, t."""
-        sticks = "0: the gel slides over the edge; 1: it sticks"
+        sticks = "how much the gel sticks to the edge (0: it slides)"
         return (
             Parameter("edge_radius_mm", "mm", 0.0, (0.0, 0.8), "rounding beyond what is stated", 0.1),
             Parameter("sticking", "1", 0.0, (0.0, 1.0), sticks, 0.3),

@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.effects.support.hereditary import Grid
 from calibration.inputs.denoised_depth import LOAD, branches
 from calibration.inputs.observations import Observations
+from calibration.noise.rectangles import rectangles
 from tactilevision.records import Bools, Floats
 
 MIN_PRESSES = 6  # that show both loading and rest; fewer cannot say that one scatters more
@@ -28,25 +28,26 @@ class Scatter:
     """The statistic for residuals of one set of measurements; `seen` False where they cannot show it."""
 
     def __init__(self, data: Observations) -> None:
-        self._grid = Grid.of(data)
-        self._load, self._rest = self._sides(branches(data) == LOAD)
-        enough = (self._load.sum(axis=1) >= MIN_SAMPLES) & (self._rest.sum(axis=1) >= MIN_SAMPLES)
-        self._use = enough
-        self.seen = bool(np.count_nonzero(enough) >= MIN_PRESSES)
-
-    def _sides(self, loading: Bools) -> tuple[Bools, Bools]:
-        real = self._grid.real
-        return loading[self._grid.rows] & real, ~loading[self._grid.rows] & real
+        loading = branches(data) == LOAD
+        self._parts = [(p, loading[p.rows] & p.real, ~loading[p.rows] & p.real) for p in rectangles(data)]
+        enough = [_enough(load) & _enough(rest) for _, load, rest in self._parts]
+        self._use = np.concatenate(enough)
+        self.seen = bool(np.count_nonzero(self._use) >= MIN_PRESSES)
 
     def differences(self, white: Floats) -> Floats:
         """d of each press (M',), for a white residual (N,)."""
-        table = white[self._grid.rows] ** 2
-        return np.asarray((_mean(table, self._load) - _mean(table, self._rest))[self._use])
+        tables = [(white[part.rows] ** 2, load, rest) for part, load, rest in self._parts]
+        d = np.concatenate([_mean(table, load) - _mean(table, rest) for table, load, rest in tables])
+        return np.asarray(d[self._use])
 
     def statistic(self, d: Floats, expected: float) -> float:
         """t^2 of `differences` d against the mean that the model lets expect; 0 where loading scatters less."""
         error = max(float(d.std(ddof=1)) / np.sqrt(d.size), 1e-300)
         return float(max((d.mean() - expected) / error, 0.0) ** 2)
+
+
+def _enough(where: Bools) -> Bools:
+    return np.asarray(where.sum(axis=1) >= MIN_SAMPLES)
 
 
 def _mean(values: Floats, where: Bools) -> Floats:

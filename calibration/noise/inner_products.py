@@ -14,25 +14,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.effects.support.hereditary import Grid
 from calibration.inputs.observations import Observations
 from calibration.noise.model import Alike, Linear, Noise
+from calibration.noise.rectangles import rectangles
 from tactilevision.records import Floats
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns (N, k) as the error model weighs them: `table` (M, T, k), and `beside` (M, 2, k) with gain and
-    zero.
+    """Columns (N, k) as the error model weighs them: `tables` (m, t, k), one a rectangle of presses, and `beside`
+    (M, 2, k) with gain and zero.
     """
 
-    table: Floats
+    tables: Sequence[Floats]
     beside: Floats
 
     @property
     def flat(self) -> Floats:
-        """(M T, k)."""
-        return self.table.reshape(-1, self.table.shape[2])
+        """(cells, k)."""
+        return _joined([table.reshape(-1, table.shape[2]) for table in self.tables])
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,15 +72,15 @@ class Weighing:
     """What the samples of some presses weigh, about one model: of `noise` only how alike neighbours are."""
 
     def __init__(self, data: Observations, about: Linear, noise: Noise) -> None:
-        self._grid, self._base = Grid.of(data), about.base_N
-        self._alike = Alike.of(noise, self._grid)
+        self._parts, self._base = rectangles(data), about.base_N
+        self._alike = Alike.of(noise, data)
         self._shared = self._weighed(np.column_stack([about.force_N, about.slope_N_per_mm]))
-        self._common = np.asarray(self._shared.transpose(0, 2, 1) @ self._shared)
+        self._common = self._beside(self._shared)
 
     def take(self, columns: Floats) -> Columns:
         """Columns (N, k), N."""
-        table = self._weighed(columns)
-        return Columns(table, np.asarray(self._shared.transpose(0, 2, 1) @ table))
+        tables = self._weighed(columns)
+        return Columns(tables, self._beside(tables))
 
     def product(self, one: Columns, other: Columns) -> Product:
         """Of all of one with all of the other."""
@@ -88,7 +88,8 @@ class Weighing:
 
     def squares(self, one: Columns) -> Product:
         """Of each column with itself."""
-        return Product(np.einsum("mtk,mtk->k", one.table, one.table), one.beside, one.beside, self._common)
+        rest = sum(np.einsum("mtk,mtk->k", table, table) for table in one.tables)
+        return Product(np.asarray(rest), one.beside, one.beside, self._common)
 
     def log_volume(self, noise: Noise) -> float:
         """ln det V, but for the samples' own noise at scale 1."""
@@ -98,12 +99,20 @@ class Weighing:
         """The same of each, (n,)."""
         _, volumes = inverse_beside_one(self._common * _squares(noises))
         scale = np.array([noise.scale for noise in noises])
-        own = 2 * float(self._grid.real.sum()) * np.log(scale) + self._alike.log_volume(self._grid)
+        own = 2 * float(self._base.size) * np.log(scale) + self._alike.log_volume(self._parts)
         return np.asarray(own + np.sum(np.log(volumes), axis=1))
 
-    def _weighed(self, columns: Floats) -> Floats:
-        table = (columns / self._base[:, None])[self._grid.rows] * self._grid.real[:, :, None]
-        return self._alike.decorrelate(table)
+    def _weighed(self, columns: Floats) -> list[Floats]:
+        scaled = columns / self._base[:, None]
+        return [self._alike.decorrelate(part.padded(scaled)) for part in self._parts]
+
+    def _beside(self, tables: Sequence[Floats]) -> Floats:
+        """Gain and zero with these columns, (M, 2, k); presses in the order of the rectangles."""
+        return _joined([s.transpose(0, 2, 1) @ t for s, t in zip(self._shared, tables, strict=True)])
+
+
+def _joined(parts: Sequence[Floats]) -> Floats:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def inverse_beside_one(inner: Floats) -> tuple[Floats, Floats]:

@@ -10,12 +10,13 @@ Samples of one press are no repeats: whitening takes their common part out.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.effects.support.hereditary import Grid
 from calibration.inputs.observations import Observations
+from calibration.noise.rectangles import Rectangle, rectangles
 from tactilevision.records import Floats
 
 STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
@@ -78,37 +79,57 @@ class Whitener:
     """W with W V W^T = 1 for the covariance V of the samples. `apply` takes (N,) or (N, k)."""
 
     def __init__(self, data: Observations, noise: Noise, about: Linear) -> None:
-        self._grid = Grid.of(data)
+        self._parts = rectangles(data)
         self._std = noise.scale * about.base_N
-        self._alike = Alike.of(noise, self._grid)
+        self._alike = Alike.of(noise, data)
         shared = np.column_stack([noise.gain * about.force_N, noise.zero_mm * about.slope_N_per_mm])
-        table = self._decorrelate(shared)
-        left, size, _ = np.linalg.svd(table, full_matrices=False)  # a press at a time: (M, T, 2)
-        self._left = left
-        self._shrink = 1 - 1 / np.sqrt(1 + size**2)
+        self._shared = [
+            _Shared.of(self._alike.decorrelate(part)) for part in self._padded(shared / self._std[:, None])
+        ]
 
     def apply(self, values: Floats) -> Floats:
         """W values."""
-        table = self._decorrelate(values.reshape(values.shape[0], -1))
-        inner = np.einsum("mtr,mtk->mrk", self._left, table)
-        table = table - np.einsum("mtr,mrk->mtk", self._left, self._shrink[:, :, None] * inner)
-        return np.asarray(table[self._grid.real].reshape(values.shape))
+        columns = values.reshape(values.shape[0], -1) / self._std[:, None]
+        pairs = zip(self._padded(columns), self._shared, strict=True)
+        tables = [shared.add(self._alike.decorrelate(table), -shared.shrink) for table, shared in pairs]
+        return self._flat(tables).reshape(values.shape)
 
     def colour(self, values: Floats) -> Floats:
         """The inverse of `apply`: white numbers (N, k) become errors in N."""
-        table = self._padded(values.reshape(values.shape[0], -1))
-        grow = 1 / (1 - self._shrink) - 1
-        inner = np.einsum("mtr,mtk->mrk", self._left, table)
-        table = table + np.einsum("mtr,mrk->mtk", self._left, grow[:, :, None] * inner)
-        table = self._alike.correlate(table)
-        flat = table[self._grid.real] * self._std[:, None]
-        return np.asarray(flat.reshape(values.shape))
+        pairs = zip(self._padded(values.reshape(values.shape[0], -1)), self._shared, strict=True)
+        tables = [self._alike.correlate(shared.add(table, 1 / (1 - shared.shrink) - 1)) for table, shared in pairs]
+        return np.asarray((self._flat(tables) * self._std[:, None]).reshape(values.shape))
 
-    def _padded(self, columns: Floats) -> Floats:
-        return np.asarray(columns[self._grid.rows] * self._grid.real[:, :, None])
+    def _padded(self, columns: Floats) -> list[Floats]:
+        return [part.padded(columns) for part in self._parts]
 
-    def _decorrelate(self, columns: Floats) -> Floats:
-        return self._alike.decorrelate(self._padded(columns / self._std[:, None]))
+    def _flat(self, tables: Sequence[Floats]) -> Floats:
+        """The samples (N, k) of rectangles (m, t, k)."""
+        if len(tables) == 1:
+            return np.asarray(tables[0][self._parts[0].real])
+        flat = np.empty((self._std.size, tables[0].shape[2]))
+        for part, table in zip(self._parts, tables, strict=True):
+            flat[part.rows[part.real]] = table[part.real]
+        return flat
+
+
+@dataclass(frozen=True, slots=True)
+class _Shared:
+    """What the samples of a press share: directions `left` (m, t, 2), `shrink` (m, 2) along them."""
+
+    left: Floats
+    shrink: Floats
+
+    @classmethod
+    def of(cls, columns: Floats) -> _Shared:
+        """From gain and zero in units of a sample's noise, (m, t, 2)."""
+        left, size, _ = np.linalg.svd(columns, full_matrices=False)  # a press at a time
+        return cls(left, 1 - 1 / np.sqrt(1 + size**2))
+
+    def add(self, table: Floats, share: Floats) -> Floats:
+        """The table (m, t, k) and so much again, `share` (m, 2), of what lies along them."""
+        inner = np.einsum("mtr,mtk->mrk", self.left, table)
+        return np.asarray(table + np.einsum("mtr,mrk->mtk", self.left, share[:, :, None] * inner))
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,15 +145,17 @@ class Alike:
     correlation: float
 
     @classmethod
-    def of(cls, noise: Noise, grid: Grid) -> Alike:
-        """The filter's steps for a process of variance 1."""
-        std, gain, expected = [], [], 1 - noise.white
-        for _ in range(grid.rows.shape[1]):
-            std.append(float(np.sqrt(expected + noise.white)))
-            gain.append(expected / (expected + noise.white))
-            known = expected * (1 - gain[-1])
+    def of(cls, noise: Noise, data: Observations) -> Alike:
+        """The filter's steps for a process of variance 1, as many as the longest press has."""
+        steps = max(part.rows.shape[1] for part in rectangles(data))
+        variance: list[float] = []
+        expected = 1 - noise.white
+        while len(variance) < steps and variance[-1:] != [expected]:  # until nothing changes any more
+            variance.append(expected)
+            known = expected * (1 - expected / (expected + noise.white))
             expected = noise.correlation**2 * known + (1 - noise.correlation**2) * (1 - noise.white)
-        return cls(np.array(std), np.array(gain), noise.correlation)
+        settled = np.pad(variance, (0, steps - len(variance)), mode="edge")
+        return cls(np.sqrt(settled + noise.white), settled / (settled + noise.white), noise.correlation)
 
     def decorrelate(self, table: Floats) -> Floats:
         """The innovation of columns (M, T, k), white where the columns are such noise."""
@@ -141,24 +164,25 @@ class Alike:
         from scipy.linalg.lapack import dtbtrs
 
         along = np.ascontiguousarray(table.transpose(0, 2, 1))  # (M, k, T)
-        told, kept = self.correlation * self.gain, self.correlation * (1 - self.gain)
+        gain, std = self.gain[: table.shape[1]], self.std[: table.shape[1]]
+        told, kept = self.correlation * gain, self.correlation * (1 - gain)
         begun = np.zeros_like(along)
         begun[..., 1:] = told[:-1] * along[..., :-1]
-        columns = begun.reshape(-1, self.std.size).T
+        columns = begun.reshape(-1, std.size).T
         expected, _ = dtbtrs(np.array([np.ones_like(kept), -kept]), columns, uplo="L", diag="U", overwrite_b=True)
-        return np.asarray((along - expected.T.reshape(along.shape)).transpose(0, 2, 1) / self.std[:, None])
+        return np.asarray((along - expected.T.reshape(along.shape)).transpose(0, 2, 1) / std[:, None])
 
     def correlate(self, innovation: Floats) -> Floats:
         """The inverse."""
         if not self.correlation:
             return innovation
         table, expected = np.empty_like(innovation), np.zeros_like(innovation[:, 0])
-        for k, (std, gain) in enumerate(zip(self.std, self.gain, strict=True)):
-            new = std * innovation[:, k]
+        for k, gain in enumerate(self.gain[: innovation.shape[1]]):
+            new = self.std[k] * innovation[:, k]
             table[:, k] = expected + new
             expected = self.correlation * (expected + gain * new)
         return table
 
-    def log_volume(self, grid: Grid) -> float:
+    def log_volume(self, parts: Sequence[Rectangle]) -> float:
         """ln det of the covariance of such noise."""
-        return float(2 * np.sum(grid.real * np.log(self.std)))
+        return float(sum(2 * np.sum(part.real * np.log(self.std[: part.rows.shape[1]])) for part in parts))

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.vision_depth_check import reading_error_mm
+from calibration.laws.theory.plausible import stated_outside_gels
 from calibration.model.parameters import Parameter
 from calibration.report import wording
 
@@ -25,7 +26,13 @@ def in_words(key: str) -> str:
 
 
 def verdict_sentence(found: Diagnosis) -> str:
-    """What is wrong with the rig or the gel, in one sentence; with presses set aside, also what holds without."""
+    """What is wrong with the rig or the gel, in one sentence; then whether E rests on a nu that no gel has."""
+    stated = stated_outside_gels(found.base.data.gel)
+    return f"{_verdict_sentence(found)} {stated}." if stated else _verdict_sentence(found)
+
+
+def _verdict_sentence(found: Diagnosis) -> str:
+    """With presses set aside, also what holds without."""
     if found.set_aside:
         return _without(found)
     if found.stopped and not found.effects:
@@ -74,7 +81,7 @@ def _without(found: Diagnosis) -> str:
     rest = replace(found, verdict=found.without, set_aside=(), odd=replace(found.odd, presses=()))
     many = "it" if len(found.set_aside) == 1 else "them"
     alone = _odd(replace(found, odd=replace(found.odd, wanders=(), scattered=False)))
-    return f"{alone}: set aside, to be looked at. Without {many}: {found.without}. {verdict_sentence(rest)}"
+    return f"{alone}: set aside, to be looked at. Without {many}: {found.without}. {_verdict_sentence(rest)}"
 
 
 def _so_far(found: Diagnosis) -> str:

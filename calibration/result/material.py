@@ -11,7 +11,7 @@ from calibration.fit.least_squares import Fit
 from calibration.laws import FLAT, shape_of
 from calibration.laws.paper import Paper
 from calibration.laws.theory.admissible_range import beta_outside_theory, deeper_than_elements
-from calibration.laws.theory.plausible import FLAG, outside_gels
+from calibration.laws.theory.plausible import FLAG, NU_FLAG, outside_gels, stated_outside_gels
 from calibration.repeats.pure_error import repeatability_rms
 from calibration.result.by_radius import own_lines
 from calibration.result.poisson_routes import contradictions, holding_each, of_fit
@@ -35,7 +35,11 @@ def determine_material(fitted: Fit) -> CalibrationResult:
         found = of_round(fitted)
     else:
         found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
-    told = ((FLAG, outside_gels(found.youngs_modulus)), (AT_BOUND, _at_bound(fitted)))
+    told = (
+        (FLAG, outside_gels(found.youngs_modulus)),
+        (NU_FLAG, stated_outside_gels(fitted.data.gel)),
+        (AT_BOUND, _at_bound(fitted)),
+    )
     for flag, said in told:
         if said:
             found = replace(found, warnings=(*found.warnings, said), flags=(*found.flags, flag))

@@ -5,8 +5,6 @@ Each frame's map is written whole under its own name before the frame counts as 
 
 from __future__ import annotations
 
-import csv
-import io
 import shutil
 import time
 from collections import Counter
@@ -23,6 +21,7 @@ from tactilevision.batch.jobs import Journal, Row, run_job, way_of_reading
 from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.cluster.connect import check_cluster
 from tactilevision.contact.region import contact_flags, find_contact
+from tactilevision.door.cells import csv_text
 from tactilevision.door.numbers import read_cells
 from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked, write_tiff
@@ -263,12 +262,10 @@ def std_at(height: HeightMap, peak_mm: float) -> float:
 
 def table(rows: Iterable[FrameResult]) -> str:
     """depth.csv: what is not known is left empty."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for row in rows:
-        numbers = (row.peak_mm, row.contact_area_mm2, row.ms, row.peak_std_mm)
-        writer.writerow(
-            [row.frame, row.status, *("" if np.isnan(n) else f"{n:.4f}" for n in numbers), " ".join(row.flags)]
-        )
-    return text.getvalue()
+    return csv_text([COLUMNS, *map(cells, rows)])
+
+
+def cells(row: FrameResult) -> tuple[str, ...]:
+    """A row of depth.csv."""
+    numbers = (row.peak_mm, row.contact_area_mm2, row.ms, row.peak_std_mm)
+    return (row.frame, row.status, *("" if np.isnan(n) else f"{n:.4f}" for n in numbers), " ".join(row.flags))

@@ -11,12 +11,12 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 from tactilevision.batch.fingerprint import fingerprint_of
-from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, reconstruct_folder, table
+from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, cells, reconstruct_folder
 from tactilevision.cluster.connect import check_cluster
+from tactilevision.door.cells import cell_text, csv_text
 from tactilevision.door.documents import read_text
 from tactilevision.errors import ClusterError, InputError, OutputError, RecordingError
 from tactilevision.files import write_text
@@ -165,7 +165,9 @@ def _finished(place: Path) -> Path:
 def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[FrameResult, ...] | None:
     try:
         said = read_text(_finished(place))
-        header, *rows = [tuple(row) for row in csv.reader(io.StringIO(read_text(place / TABLE), newline=""))]
+        header, *rows = [
+            tuple(map(cell_text, row)) for row in csv.reader(io.StringIO(read_text(place / TABLE), newline=""))
+        ]
         if header != COLUMNS or said != fingerprint_of(recording, way):
             return None
         return tuple(FrameResult.of(row) for row in rows)
@@ -203,12 +205,9 @@ def _frames_of(folder: Path) -> Path | None:
 
 def _table(branches: Sequence[Branch]) -> str:
     """Every frame under its path in the tree; a source that was passed over is one row."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    lines: list[tuple[str, ...]] = [COLUMNS]
     for branch in branches:
         if branch.why:
-            writer.writerow([branch.name, f"passed over: {branch.why}", *[""] * (len(COLUMNS) - 2)])
-        rows = [replace(row, frame=branch.path_of(row)) for row in branch.rows]
-        writer.writerows(islice(csv.reader(io.StringIO(table(rows), newline="")), 1, None))
-    return text.getvalue()
+            lines.append((branch.name, f"passed over: {branch.why}", *[""] * (len(COLUMNS) - 2)))
+        lines += [cells(replace(row, frame=branch.path_of(row))) for row in branch.rows]
+    return csv_text(lines)

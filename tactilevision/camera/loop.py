@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -12,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactilevision.camera.sources import Shot
+from tactilevision.door.cells import csv_text
 from tactilevision.errors import InputError
 from tactilevision.live import EDGES_MS, Moment, Stream
 from tactilevision.records import Frame
@@ -41,7 +40,6 @@ class Told:
         force = (*wrench.force_N, *wrench.force_std_N, *wrench.moment_Nmm) if wrench else (math.nan,) * 9
         numbers = (moment.peak_mm, *force, self.age_ms)
         cells = [f"{number:.6g}" if math.isfinite(number) else "" for number in numbers]
-        text = io.StringIO()
         row = [
             self.shot.name,
             f"{self.shot.time_s:.6f}",
@@ -49,8 +47,7 @@ class Told:
             *cells,
             " ".join(moment.height.flags),
         ]
-        csv.writer(text, lineterminator="\n").writerow(row)
-        return text.getvalue()
+        return csv_text([row])
 
 
 @dataclass

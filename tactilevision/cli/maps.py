@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactilevision.door.cells import cell_text
 from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class Maps:
             for row in csv.DictReader(file):
                 said = row.get("peak_mm") or "nan"
                 if said.replace(".", "", 1).isdecimal() and float(said) > peak_mm:
-                    deepest, peak_mm = row["frame"], float(said)
+                    deepest, peak_mm = cell_text(row["frame"]), float(said)
         return self.named(deepest)
 
 

@@ -5,8 +5,6 @@ Streamed on all cores and taken up again where it was cut off (jobs.py).
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +14,7 @@ import numpy as np
 from tactilevision.batch.fingerprint import fingerprint_of
 from tactilevision.batch.jobs import Journal, run_job, way_of_reading
 from tactilevision.cluster.connect import check_cluster
+from tactilevision.door.cells import csv_text
 from tactilevision.errors import InputError
 from tactilevision.files import write_text
 from tactilevision.force.compliance import GelCompliance
@@ -148,16 +147,13 @@ def beside(row: FrameForce, readings: Readings) -> FrameForce:
 
 def table(rows: Sequence[FrameForce]) -> str:
     """resultants.csv: what is not known is left empty."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for row in rows:
-        numbers = (*row.resultant_N, *row.resultant_std_N, *row.moment_Nmm, row.depth_mm, *row.place_mm)
-        writer.writerow(
-            [row.frame, _cell(row.time_s), *map(_cell, numbers), row.why or row.flags, row.press]
-            + [_cell(value) for value in row.measured_N]
-        )
-    return text.getvalue()
+    return csv_text([COLUMNS, *map(_cells, rows)])
+
+
+def _cells(row: FrameForce) -> tuple[str, ...]:
+    numbers = (*row.resultant_N, *row.resultant_std_N, *row.moment_Nmm, row.depth_mm, *row.place_mm)
+    about = (row.why or row.flags, row.press)
+    return (row.frame, _cell(row.time_s), *map(_cell, numbers), *about, *map(_cell, row.measured_N))
 
 
 def _untouched(recording: Recording) -> Untouched | None:

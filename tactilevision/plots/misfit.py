@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.plots import style
+from tactilevision.plots.letters import legible
 from tactilevision.records import Estimate, Floats
 from tactilevision.records.misfit import ErrorFall, ForceCurves, PressCurve, ResidualStrips, Strip
 
@@ -54,14 +55,14 @@ def draw_presses(curves: ForceCurves, presses: Sequence[PressCurve]) -> Figure:
     height_in = ROW_IN * rows + 1.15
     figure = Figure(figsize=(style.WIDTH_IN, height_in))  # a fixed layout: sheets of presses are many
     figure.subplots_adjust(
-        left=0.08, right=0.985, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.55, hspace=0.62
+        left=0.1, right=0.985, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.55, hspace=0.62
     )
     grid = figure.subplots(rows, 3, squeeze=False)
     reach = 1e3 * MARGIN * max((float(np.max(np.abs(one.residual_N))) for one in presses), default=1.0)
     for row, one in zip(grid, presses, strict=True):
         _press(row, one, curves.models)
         _reach(row[2], reach)
-    under, beside = ("time (s)", "depth w (mm)", "time (s)"), (-0.2, -0.2, -0.33)  # clear of the widest number
+    under, beside = ("time (s)", "depth w (mm)", "time (s)"), (-0.29, -0.29, -0.33)  # clear of the widest number
     for axes, label, aside in zip(grid.ravel(), under * rows, beside * rows, strict=True):
         axes.set_xlabel(label, fontsize=9, labelpad=1)
         axes.yaxis.set_label_coords(aside, 0.5)
@@ -185,7 +186,7 @@ def label_covariate(axes: Axes, words: str, unit: str, *, levels: Sequence[str],
     axes.set_xlabel(words)
     if levels:
         at = sorted({round(value) for value in values.tolist()})
-        axes.set_xticks(at, [levels[k] for k in at])
+        axes.set_xticks(at, [style.as_label(levels[k]) for k in at])
         axes.set_xlim(at[0] - 0.5, at[-1] + 0.5)
         return
     if unit == "rad":
@@ -197,6 +198,8 @@ def label_covariate(axes: Axes, words: str, unit: str, *, levels: Sequence[str],
         decades = [10.0**k for k in range(int(np.floor(low)), int(np.ceil(high)) + 1)]
         steps = (1,) if high - low > FINE else (1, 2, 5)
         ticks = [step * one for one in decades for step in steps if low <= np.log10(step * one) <= high]
+        if len(ticks) < 2:  # within less than an octave
+            ticks = [float(f"{10**one:.2g}") for one in (low, high)]
         axes.set_xticks(np.log10(ticks), [f"{one:g}" for one in ticks])
     if plain not in ("", "1"):
         axes.set_xlabel(f"{words} ({plain})")
@@ -225,7 +228,7 @@ def draw_error_fall(fall: ErrorFall) -> Figure:
     if fall.band is not None:
         low, high = (scale * end for end in fall.band)
         axes.axhspan(low, high, color=style.INVALID, zorder=0, label="its 95 % interval")
-    axes.set_xticks(range(count), list(fall.models), rotation=15 if count > 3 else 0)
+    axes.set_xticks(range(count), list(map(legible, fall.models)), rotation=15 if count > 3 else 0)
     what = "left out" if fall.held_out else "fitted"
     title = "How the error falls" if count > 1 else "The error, and how presses repeat"
     axes.set(ylabel=f"rms error on presses {what} ({unit})", title=title, xlim=(-0.7, max(count, 3) - 0.3))
@@ -244,7 +247,7 @@ def draw_moduli(names: Sequence[str], moduli: Sequence[Estimate]) -> Figure:
             axes.plot(estimate.interval95, [place, place], "|-", ms=9, color=colour)
         if estimate.value is not None:
             axes.plot(estimate.value, place, "o", ms=6, color=colour)
-    axes.set_yticks(range(len(names)), list(names))
+    axes.set_yticks(range(len(names)), list(map(legible, names)))
     for tick, colour in zip(axes.get_yticklabels(), model_colours(len(names)), strict=True):
         tick.set_color(colour)
     axes.invert_yaxis()

@@ -85,7 +85,9 @@ def draw_residuals(found: Residuals) -> Figure:
         axes[4].text(0.5, 0.5, "no tangential force", ha="center", transform=axes[4].transAxes, color=style.GREY)
     _cloud(axes[5], press, left, std, found.usable)
     if len(labels) <= 40:
-        axes[5].set_xticks(range(len(labels)), [name or "-" for name in labels], rotation=90, fontsize=8)
+        axes[5].set_xticks(
+            range(len(labels)), [style.as_label(name) or "-" for name in labels], rotation=90, fontsize=8
+        )
     axes[5].set(xlabel="press", ylabel="fz: picture − sensor (N)")
     inside = float(np.mean(np.abs(left[found.usable]) < 1.96 * std[found.usable])) if found.usable.any() else 0.0
     style.legend_below(figure)
@@ -130,5 +132,5 @@ def _name_presses(axes: Axes, place: Floats, time_s: Floats, presses: Sequence[P
         inside = (time_s >= press.start_s) & (time_s <= press.end_s)
         if inside.any():
             middle = float(place[inside].mean())
-            axes.text(middle, 1.01, press.press, transform=axes.get_xaxis_transform(), fontsize=7, ha="center",
-                      va="bottom", color=style.GREY)  # fmt: skip
+            axes.text(middle, 1.01, style.as_label(press.press), transform=axes.get_xaxis_transform(),
+                      fontsize=7, ha="center", va="bottom", color=style.GREY)  # fmt: skip

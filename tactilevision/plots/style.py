@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import warnings
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from tactilevision.errors import InputError
 from tactilevision.files import replacing
+from tactilevision.plots.letters import choose_fonts, legible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,20 +132,20 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
 
 
 def as_label(name: str) -> str:
-    """A name of the user's as a figure holds it: no tab, which fonts lack, and no more letters than fit.
+    """A name of the user's as a figure holds it: letters that there is a font for, and no more than fit.
 
     A long one loses its middle: names differ at their ends (run_001, run_002).
     """
-    name = name.replace("\t", " ")
+    name = legible(name)
     half = (LONGEST_LABEL - 1) // 2
     return name if len(name) <= LONGEST_LABEL else f"{name[: LONGEST_LABEL - 1 - half]}…{name[-half:]}"
 
 
 def save_figure(figure: Figure, path: Path | str, *, form: str = "png") -> None:
     """Write the PNG `path`, and the figure in another of FORMS beside it; each whole or not at all."""
+    choose_fonts(figure)
     for one in dict.fromkeys((FORMS[0], form)):
-        with replacing(Path(path).with_suffix(f".{one}")) as temporary, warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Glyph .* missing from")  # boxes in the figure show as much
+        with replacing(Path(path).with_suffix(f".{one}")) as temporary:
             figure.savefig(temporary, format=one)
 
 

@@ -70,6 +70,19 @@ def doubts(recording: Recording) -> Iterator[str]:
     starts = [curve.time_s[0] for curve in recording.curves]
     if any(after < before for before, after in pairwise(starts)):
         yield f"{layout.CURVES}: time_s starts anew between presses, so rest and order cannot be told"
+    else:
+        yield from _doubts_of_curve_times(recording)
+
+
+def _doubts_of_curve_times(recording: Recording) -> Iterator[str]:
+    spans = {press.press: (press.start_s, press.end_s) for press in recording.presses}
+    known = [curve for curve in recording.curves if curve.press in spans]
+    apart = [c.press for c in known if c.time_s[0] > spans[c.press][1] or c.time_s[-1] < spans[c.press][0]]
+    if 2 * len(apart) > len(known):
+        yield (
+            f"{layout.CURVES}: time_s lies outside of start_s to end_s in {layout.PRESSES} for {some(apart)}: "
+            "is it in milliseconds, or another clock's?"
+        )
 
 
 def _doubts_of_frames(recording: Recording) -> Iterator[str]:

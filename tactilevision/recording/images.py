@@ -96,7 +96,13 @@ def as_rgb(picture: npt.NDArray[Any], path: Path, *, white_level: float | None =
             remedy="Record in colour. Grey copies of colour frames cannot be used.",
         )
     if picture.ndim != 3 or picture.shape[2] not in (3, 4):
-        raise RecordingError("a picture has the shape (height, width, 3)", where=path, value=picture.shape)
+        turned = picture.ndim == 3 and picture.shape[0] in (3, 4)
+        raise RecordingError(
+            "a picture has the shape (height, width, 3)",
+            where=path,
+            value=picture.shape,
+            remedy="Put the colours last: numpy.moveaxis(picture, 0, -1)." if turned else "",
+        )
     picture = picture[..., :3].astype(picture.dtype.newbyteorder("="), copy=False)
     if picture.dtype == np.uint8:
         return np.ascontiguousarray(picture)

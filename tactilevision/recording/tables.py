@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.door.cells import cell_text
 from tactilevision.door.limits import check
 from tactilevision.door.names import is_plain
 from tactilevision.door.numbers import check_numbers
@@ -93,7 +94,7 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
                 empty_allowed = name not in columns.numbers
                 numbers[name].extend(_numbers(path, name, cells, chunk_lines, empty_allowed))
             else:
-                texts[name].extend(map(str.strip, cells))
+                texts[name].extend(cell_text(cell.strip()) for cell in cells)
     if not lines:
         raise RecordingError("has no rows under its header", where=path)
     if len(lines) < least_rows:
@@ -124,7 +125,7 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:
     if not cells:
         raise RecordingError("is empty", where=path, remedy=f"Give it a header: {','.join(columns.required)}.")
     check(len(cells), "MAX_COLUMNS", what="its columns", where=f"{path}, line 1")
-    header = [cell.strip() or f"column_{index + 1}" for index, cell in enumerate(cells)]
+    header = [cell_text(cell.strip()) or f"column_{index + 1}" for index, cell in enumerate(cells)]
     for mark, called in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and mark in header[0]:
             raise RecordingError(
@@ -139,10 +140,13 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:
     missing = [name for name in columns.required if name not in header]
     if missing:
         near = nearest(missing[0], [name for name in header if name not in columns.known])
+        remedy = f"Rename {near} to {missing[0]}, if that is what it holds." if near else ""
+        if header[0].startswith("#"):
+            remedy = "The first line names the columns: take comments out."
         raise RecordingError(
             f"column {', '.join(missing)} is missing; there are {', '.join(header)}",
             where=f"{path}, line 1",
-            remedy=f"Rename {near} to {missing[0]}, if that is what it holds." if near else "",
+            remedy=remedy,
         )
     return header
 

@@ -6,11 +6,10 @@ Every file is whole or not there at all.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.door.cells import csv_text
 from tactilevision.files import write_text
 from tactilevision.recording import layout
 from tactilevision.recording.model import BallPress, StageSeries
@@ -31,11 +31,8 @@ _JOINED = ("details", "edge_profile", "extra")  # fields that are written as col
 
 def write_table(path: Path | str, columns: _Columns) -> None:
     """Write any table: columns of equal length, in the order given."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*(map(_cell, column) for column in columns.values()), strict=True))
-    write_text(path, text.getvalue())
+    rows = zip(*(map(_cell, column) for column in columns.values()), strict=True)
+    write_text(path, csv_text(chain([tuple(columns)], rows)))
 
 
 def write_frame_table(

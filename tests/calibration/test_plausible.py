@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_recordings import HEIGHTS_MM, points_of
 
-from calibration.laws.theory.plausible import FLAG, GEL_MODULUS_MPA, outside_gels
+from calibration.laws.theory.plausible import FLAG, GEL_MODULUS_MPA, NU_FLAG, outside_gels
 from calibration.report.verdict import verdict_sentence
 from calibration.tasks.calibrate import calibrate, observe
 from calibration.tasks.diagnose import diagnose
@@ -28,6 +28,24 @@ def test_forces_in_another_unit_are_asked_about(unit: float, law: str) -> None:
     assert any("are forces in N" in line for line in wrong.as_json()["warnings"])
     assert FLAG in wrong.flags
     assert wrong.youngs_modulus.value == pytest.approx(unit * (right.youngs_modulus.value or 0), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("nu", "std", "told"), [(0.0, None, True), (0.2, 0.01, True), (0.25, 0.1, False), (0.4, None, False)]
+)
+def test_a_stated_nu_that_no_gel_has_is_flagged_and_said(nu: float, std: float | None, told: bool) -> None:
+    gel = replace(GEL, poisson_ratio=nu, poisson_ratio_std=std)
+    result = calibrate(points_of(DEPTHS, FORCES, gel=gel))
+    assert (NU_FLAG in result.flags) is told
+    assert any("which [sensor.gel] states and no gel has" in line for line in result.warnings) is told
+
+
+def test_a_diagnosis_says_that_its_modulus_rests_on_such_a_nu() -> None:
+    for nu, told in ((0.0, True), (0.48, False)):
+        data = observe([points_of(DEPTHS, FORCES, gel=replace(GEL, poisson_ratio=nu))])
+        found = diagnose(data, np.random.default_rng(0))
+        assert (NU_FLAG in found.flags) is told
+        assert ("no gel has" in verdict_sentence(found)) is told
 
 
 def test_an_open_modulus_is_judged_by_its_interval() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -299,3 +300,23 @@ def test_a_label_with_dollar_signs_is_text(tmp_path: Path) -> None:
 
     draw()
     assert (tmp_path / "a.png").stat().st_size > 0
+
+
+def test_an_axis_s_name_stands_clear_of_its_numbers() -> None:
+    """Forces of .25 and .50 N once stood under the axis's name."""
+    shown = curves()
+    small = tuple(replace(one, measured_N=0.6 * X, modelled_N=0.6 * one.modelled_N) for one in shown.presses)
+    figure = misfit.draw_presses(shown, small)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        name = axes.yaxis.label.get_window_extent()
+        numbers = [one for one in axes.get_yticklabels() if one.get_text()]
+        assert not [one.get_text() for one in numbers if one.get_window_extent().overlaps(name)]
+        assert name.x0 > 0
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.033, 0.045), (0.1, 20.0), (3.0, 700.0)])
+def test_an_axis_of_logarithms_has_numbers_however_short(low: float, high: float) -> None:
+    _, (axes,) = style.new_figure(3.0, 2.0)
+    misfit.label_covariate(axes, "the speed", "log10 mm/s", levels=(), values=np.log10([low, high]))
+    assert len(axes.get_xticks()) >= 2

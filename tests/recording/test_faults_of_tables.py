@@ -73,6 +73,7 @@ CONTENTS = [
     ("forces.csv", HEAD.encode(), "forces.csv: has no rows under its header"),
     ("forces.csv", (HEAD + "0,0,0,0\n").encode(), "forces.csv: has 1 row, at least 2 are needed"),
     ("forces.csv", b"time_s;fx_N;fy_N;fz_N\n0;0;0;0\n", "line 1: its columns are separated by semicolons"),
+    ("forces.csv", b"# made by X\n" + HEAD.encode() + b"0,0,0,0\n", "names the columns: take comments out"),
     ("forces.csv", b"time_s\tfx_N\tfy_N\tfz_N\n0\t0\t0\t0\n", "line 1: its columns are separated by tabs"),
     ("forces.csv", HEAD.encode() + b"0,0,0,0\n1,0,0,\xff\n", "forces.csv, line 3: is not UTF-8 text"),
     ("forces.csv", HEAD.encode() + b'0,0,0,"0\n', "forces.csv, line 2: is not CSV: unexpected end of data"),

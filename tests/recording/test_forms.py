@@ -193,6 +193,21 @@ def test_a_time_that_starts_anew_between_curves_is_a_warning(tmp_path: Path) -> 
     assert any("starts anew between presses" in warning for warning in warnings)
 
 
+@pytest.mark.parametrize(("scale", "told"), [(1, False), (1000, True)])
+def test_times_of_curves_in_milliseconds_are_asked_about(tmp_path: Path, scale: int, told: bool) -> None:
+    rows = [
+        f"{name},{scale * (start + k)},0.{k},0,0,0.{k}" for name, start in (("a", 5), ("b", 50)) for k in (1, 2)
+    ]
+    folder = tables_only(
+        tmp_path / "curves", "curves.csv", "\n".join(["press,time_s,depth_mm,fx_N,fy_N,fz_N", *rows])
+    )
+    with (folder / "recording.toml").open("a") as settings:
+        settings.write('[indenter.A]\nshape = "flat_cylinder"\nradius_mm = 2.5\n')
+    (folder / "presses.csv").write_text("press,indenter,start_s,end_s\na,A,4,9\nb,A,49,60\n")
+    warnings = read_recording(folder).warnings
+    assert any("is it in milliseconds" in warning for warning in warnings) is told
+
+
 def test_frames_and_a_reference_are_enough_for_depth(folder: Path) -> None:
     for name in ("forces.csv", "presses.csv", "frames.csv"):
         (folder / name).unlink()

@@ -157,3 +157,9 @@ def test_a_stack_of_tiffs_is_refused_and_thumbnails_and_masks_are_none(tmp_path:
         second.encoderinfo = {"tiffinfo": {254: kind}}
         one.save(tmp_path / "second.tiff", save_all=True, append_images=[second])
         np.testing.assert_array_equal(read_image(tmp_path / "second.tiff"), picture(1))
+
+
+def test_an_array_with_its_colours_first_is_told_how_to_turn(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.zeros((3, 40, 50), np.uint8))
+    with pytest.raises(RecordingError, match="colours last"):
+        read_image(tmp_path / "a.npy")

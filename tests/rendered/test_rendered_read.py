@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 
 from benchmarks.rendered import read
-from benchmarks.rendered.read import ASKED, report, revision, scored
+from benchmarks.rendered.read import ASKED, content, report, revision, scored
 
 TRUTH: dict[str, Any] = {
     "poisson_ratio": 0.45,
@@ -40,7 +40,7 @@ def found(**changes: Any) -> dict[str, Any]:
 
 
 def recording(folder: Path) -> Path:
-    folder.mkdir()
+    folder.mkdir(parents=True)
     (folder / "truth.toml").write_text(tomli_w.dumps(TRUTH))
     return folder
 
@@ -78,8 +78,10 @@ def keep(results: Path, **changes: Any) -> None:
 def test_calibrations_of_these_sources_are_not_made_anew(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    keep(tmp_path / "results" / revision(read.ROOT) / "a", c_N_per_mm=estimate(2.9, 0.05))
-    report([recording(tmp_path / "a")], results=tmp_path / "results")
+    folder = recording(tmp_path / "a")
+    kept = tmp_path / "results" / revision(read.ROOT) / f"a-{content(folder)}"
+    keep(kept, c_N_per_mm=estimate(2.9, 0.05))
+    report([folder], results=tmp_path / "results")
     said = capsys.readouterr().out
     assert "| a | 0.4500 | -0.0040 ± 0.0051 | +0.5 % | -3.3 % ! | +1.5 ms | 2 of 2 | 2 of 2 |" in said
     assert "c within 1.5 %: 0 of 1" in said
@@ -97,6 +99,22 @@ def test_calibrations_of_other_sources_are_not_taken_for_these(
     monkeypatch.setattr("subprocess.run", calibrate)
     report([recording(tmp_path / "a")], results=tmp_path / "results")
     assert "c within 1.5 %: 1 of 1" in capsys.readouterr().out
+
+
+def test_a_calibration_of_another_recording_of_the_same_name_is_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, other = (recording(tmp_path / day / "a") for day in ("monday", "tuesday"))
+    (other / "forces.csv").write_text("time_s,fx_N,fy_N,fz_N\n0,0,0,0\n")
+    made = []
+
+    def calibrate(command: list[str], **_: object) -> None:
+        made.append(Path(command[-1]))
+        keep(made[-1])
+
+    monkeypatch.setattr("subprocess.run", calibrate)
+    report([one, other, one], results=tmp_path / "results")
+    assert len(made) == 2
 
 
 def test_a_revision_changes_with_any_source(tmp_path: Path) -> None:

@@ -11,33 +11,14 @@ Int. J. Numer. Meth. Eng. 2 (1970) 45 (the recursion).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from calibration.inputs.observations import Ints, Observations
-from tactilevision.records import Bools, Floats
+from calibration.inputs.observations import Observations
+from tactilevision.records import Floats
 
-KEPT = 8  # data sets of which the rectangle is kept: a fit asks for it at every step
-
-
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """Samples of presses as a rectangle (M, T): `rows` indices into the samples, `real` False where padded."""
-
-    rows: Ints
-    real: Bools
-
-    @staticmethod
-    @lru_cache(maxsize=KEPT)
-    def of(data: Observations) -> Grid:
-        """One row a press, padded at its end by its last sample."""
-        first = data.first
-        length = np.diff(np.append(first, data.size))
-        offset = np.arange(int(length.max()))
-        rows = first[:, None] + np.minimum(offset, (length - 1)[:, None])
-        return Grid(rows, offset < length[:, None])
+KEPT = 8  # steps of time that are kept: a fit asks for them again and again
 
 
 def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:

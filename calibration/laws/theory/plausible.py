@@ -1,4 +1,4 @@
-"""Is it a gel? What Young's modulus the pads of such sensors can have at all."""
+"""Is it a gel? What Young's modulus and Poisson's ratio the pads of such sensors can have at all."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from tactilevision.records import Estimate, Gel, Pair
 # E = .0981 (56 + 7.62336 S) / (.137505 (254 - 2.54 S)) MPa (A. N. Gent, Rubber Chem. Technol. 31, 1958, 896)
 GEL_MODULUS_MPA: Pair = (0.005, 10.0)
 FLAG = "modulus_outside_gels"
+# Rubber lies at .45 to .5; from .3 on the tables of finite elements know a gel; below it are foam and cork
+LEAST_POISSON_RATIO = 0.3
+NU_FLAG = "poisson_ratio_outside_gels"
 
 
 def outside_gels(modulus: Estimate) -> str:
@@ -21,6 +24,17 @@ def outside_gels(modulus: Estimate) -> str:
     return (
         f"E = {found} MPa is that of no gel ({GEL_MODULUS_MPA[0]:g} to {GEL_MODULUS_MPA[1]:g} MPa): are forces "
         "in N, and depths, radii and thickness in mm?"
+    )
+
+
+def stated_outside_gels(gel: Gel) -> str:
+    """A sentence where the nu that is stated, with twice its std, is that of no gel; else empty."""
+    nu = gel.poisson_ratio
+    if nu is None or nu + 2 * (gel.poisson_ratio_std or 0.0) >= LEAST_POISSON_RATIO:
+        return ""
+    return (
+        f"E rests on nu = {nu:g}, which [sensor.gel] states and no gel has (rubber: 0.45 to 0.5): at rubber's nu "
+        "the same forces give a far smaller E. State the gel's own, or leave poisson_ratio out"
     )
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
+from tactilevision.door.cells import cell_text
 from tactilevision.door.documents import read_text
 from tactilevision.door.numbers import read_cells
 from tactilevision.errors import InputError, TactilevisionError
@@ -100,7 +101,7 @@ def read_certified(calibration: Path) -> tuple[Certified, ...]:
         except (KeyError, TypeError, AttributeError, InputError):
             continue
         if good and np.isfinite(time_s) and 0 < depth_mm < np.inf:
-            found.append(Certified(str(row.get("press")), time_s, depth_mm))
+            found.append(Certified(cell_text(str(row.get("press"))), time_s, depth_mm))
     return tuple(found)
 
 
