@@ -43,9 +43,9 @@ def lit_slopes(
     The map of the frame, its cast shadows undone and its face as its wall has it, gives the shape, and the
     certified depth its scale. Raises as `Reconstructor.height_map`.
     """
-    before, by_walls = (reader.shadows, reader.lean), replace(field, lamps=replace(field.lamps, refined=None))
+    before = reader.shadows, reader.lean
     try:
-        reader.shadows, reader.lean = by_walls, UNDONE_LEAN
+        reader.shadows, reader.lean = field.unrefined, UNDONE_LEAN
         shape = reader.height_map(frame).depth_mm
     finally:
         reader.shadows, reader.lean = before
