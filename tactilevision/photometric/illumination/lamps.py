@@ -81,10 +81,13 @@ class Lamp:
 
     def light(self, x_mm: Floats, y_mm: Floats, z_mm: Floats | float = 0.0) -> Floats:
         """Vector of light (3, ...) at places of the pad (any shape, mm), `z_mm` over it; its unit is open."""
-        return np.asarray(np.mean(self.lights(x_mm, y_mm, z_mm), axis=0))
+        return np.asarray(np.sum(self._lights(x_mm, y_mm, z_mm), axis=0) * self.distance_mm**2 / POINTS)
 
     def lights(self, x_mm: Floats, y_mm: Floats, z_mm: Floats | float = 0.0) -> Floats:
         """As `light`, of each of the strip's points (POINTS, 3, ...)."""
+        return np.asarray(self._lights(x_mm, y_mm, z_mm) * self.distance_mm**2)
+
+    def _lights(self, x_mm: Floats, y_mm: Floats, z_mm: Floats | float) -> Floats:
         out, _ = _directions(self.azimuth_rad)
         front = np.array([*(-(self.aim_mm + self.distance_mm) * out), -self.height_mm])
         front /= np.linalg.norm(front)
@@ -94,7 +97,7 @@ class Lamp:
             square = np.sum(way**2, axis=0)
             shine = np.maximum(-np.tensordot(front, way, axes=1), 1e-6 * self.distance_mm)
             one[:] = shine / square**2 * way
-        return light * self.distance_mm**2
+        return light
 
 
 @dataclass(frozen=True, slots=True)
