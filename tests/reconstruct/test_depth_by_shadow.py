@@ -90,8 +90,8 @@ def test_shadows_tell_a_face_s_depth_whatever_the_map_has(number: int, scale: fl
 def test_lamps_half_as_high_again_make_faces_as_much_deeper() -> None:
     refined = found().refined
     assert refined is not None
-    raised = tuple(replace(lamp, height_mm=1.2 * lamp.height_mm) for lamp in refined.lamps)
-    high = replace(refined, lamps=raised)
+    first, second, third = (replace(lamp, height_mm=1.2 * lamp.height_mm) for lamp in refined.lamps)
+    high = replace(refined, lamps=(first, second, third))
     usual, deeper = told(4, scale=1.0, lamps=refined), told(4, scale=1.0, lamps=high)
     assert usual is not None
     assert deeper is not None
@@ -104,9 +104,11 @@ def test_a_gentle_face_and_one_without_a_picture_of_its_gel_tell_nothing() -> No
     assert told(1, scale=1.0, lamps=refined) is None, ".15 mm throws too short a shadow"
     level = np.zeros((120, 160))
     edge = PunchEdge((0.0, 0.0), 2.5, 0.4, np.array([-0.2, 0.4]), np.array([0.0, 0.2]), 0.3, 0.1, 0.02)
-    about = {"lamps": refined, "mm_per_px": MM_PER_PX, "thickness_mm": 3.0}
     light = np.ones((120, 160, 3))
-    assert depth_by_shadow(edge, level, light=light, reflected=0 * light, **about) is None
+    seen = depth_by_shadow(
+        edge, level, light=light, reflected=0 * light, lamps=refined, mm_per_px=MM_PER_PX, thickness_mm=3.0
+    )
+    assert seen is None
 
 
 def pressed() -> tuple[Floats, PunchEdge]:
@@ -127,7 +129,9 @@ def test_a_face_takes_the_mean_by_what_both_state(
     field = LightField.of(found(), (80, 80), (0.1, 0.1))
     picture, std = np.full((80, 80, 3), 90, np.uint8), np.full((80, 80), 0.02)
     mapped = depth, np.ones((80, 80), np.bool_), std, ()
-    seen, _, told_std, flags = with_shadow_depths(mapped, picture, picture, field, [edge], thickness_mm=3.0)
+    seen, _, told_std, flags = with_shadow_depths(
+        mapped, picture, picture.astype(float), field, [edge], thickness_mm=3.0
+    )
     assert seen[40, 40] == pytest.approx((0.4 / 0.02**2 + by_shadow_mm / 0.01**2) / (0.02**-2 + 0.01**-2))
     assert np.array_equal(seen[:, :20], depth[:, :20]), "gel beside stays"
     half = np.hypot(*(np.indices((80, 80)) - 40)) * 0.1 - 1.5
@@ -144,4 +148,4 @@ def test_lamps_of_before_leave_a_map_as_it_is() -> None:
     field = LightField.of(replace(found(), refined=None), (80, 80), (0.1, 0.1))
     picture = np.full((80, 80, 3), 90, np.uint8)
     mapped = depth, np.ones((80, 80), np.bool_), np.full((80, 80), 0.02), ()
-    assert with_shadow_depths(mapped, picture, picture, field, [edge], thickness_mm=3.0) is mapped
+    assert with_shadow_depths(mapped, picture, picture.astype(float), field, [edge], thickness_mm=3.0) is mapped
