@@ -60,14 +60,16 @@ def take(paths: Sequence[Path], *, answered: str = "") -> list[Taken]:
 def shadows_undone(taken: Taken) -> Taken | None:
     """The recording certified from maps whose cast shadows are undone; None where its frames show none.
 
-    Its reconstructor undoes them from then on.
+    Its reconstructor undoes them from then on; faces stay as deep as their walls have them.
     """
     from tactilevision.certificate.certify import certify
     from tactilevision.reconstruct.shadows_seen import with_shadows
 
     reader = taken.reconstructor
-    if reader is None or with_shadows(taken.recording, reader).shadows is None:
+    field = with_shadows(taken.recording, reader).shadows if reader else None
+    if reader is None or field is None:
         return None
+    reader.shadows = field.unrefined
     with console.progress_bar("undoing cast shadows") as progress:
         return replace(taken, certificate=certify(taken.recording, reader, progress=progress))
 

@@ -198,15 +198,18 @@ def _compliance(
 
 def _lamps(files: Mapping[str, bytes], path: Path) -> Lamps | None:
     content = _json(files, contents.LAMPS, path)
-    if content is None:
-        return None
+    return None if content is None else _lamps_of(content, path)
+
+
+def _lamps_of(content: Mapping[str, Any], path: Path) -> Lamps:
     from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 
     first, second, third = (_lamp(Lamp, one, path) for one in content["lamps"])
     power, misfit = (_number(content[key], key, path) for key in ("power", "misfit"))
     if not power > 0:
         raise InputError("a camera's power lies above 0", where=path, value=power)
-    return Lamps((first, second, third), power, misfit)
+    refined = content.get("refined")
+    return Lamps((first, second, third), power, misfit, refined and _lamps_of(refined, path))
 
 
 def _lamp(kind: type[Lamp], content: Mapping[str, Any], path: Path) -> Lamp:

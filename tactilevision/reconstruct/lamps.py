@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import ball_samples, join
 from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.illumination.glossy_lamps import fit_glossy_lamps
 from tactilevision.photometric.illumination.lamps import Lamps, fit_lamps
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.recording import Recording, read_image
+from tactilevision.records import Floats
 from tactilevision.sensors import rectify
 
 MAX_SAMPLES = 300  # samples of one ball
@@ -18,6 +23,7 @@ BEST_MISFIT = 3.0  # stated deviations: balls that fit worse are lit by somethin
 def find_lamps(recording: Recording, reconstructor: Reconstructor) -> Lamps | None:
     """Three lamps that explain the balls, or those of the method's file; None where neither tells them.
 
+    With the same lamps `refined` for lengths of shadows, where balls tell them.
     Raises InputError where a ball's picture can no longer be read.
     """
     method, calibration = reconstructor.referenced, reconstructor.calibration
@@ -26,24 +32,36 @@ def find_lamps(recording: Recording, reconstructor: Reconstructor) -> Lamps | No
         return kept
     if method is None or calibration is None or len(recording.balls) != len(calibration.balls):
         return None
-    change, rng, parts = ColourChange(method.reference), np.random.default_rng(0), []
+    change, rng, parts, heights = ColourChange(method.reference), np.random.default_rng(0), [], []
+    mm_per_px = recording.sensor.mm_per_px
     for number, (record, ball) in enumerate(zip(recording.balls, calibration.balls, strict=True)):
         if ball is None:
             continue
         picture = rectify(recording.sensor, read_image(record.path, white_level=recording.white_level))
         changes, _, valid = change.measure(picture)
-        mm_per_px = recording.sensor.mm_per_px
         parts.append(
             ball_samples(changes, ball, mm_per_px=mm_per_px, number=number, most=MAX_SAMPLES, valid=valid, rng=rng)
         )
+        heights.append(_height_mm(ball, parts[-1].slopes, mm_per_px[0]))
     if not parts:
         return None
-    balls = join(parts)
-    lamps = fit_lamps(
+    balls, seen = join(parts), method.reference
+    lamps = fit_lamps(balls.change, balls.slopes, place=balls.place, reference=seen, mm_per_px=mm_per_px)
+    if lamps is None or lamps.misfit > BEST_MISFIT:
+        return None
+    refined = fit_glossy_lamps(
         balls.change,
         balls.slopes,
+        height_mm=np.concatenate(heights),
         place=balls.place,
-        reference=method.reference,
-        mm_per_px=recording.sensor.mm_per_px,
+        reference=seen,
+        mm_per_px=mm_per_px,
     )
-    return lamps if lamps is not None and lamps.misfit < BEST_MISFIT else None
+    return replace(lamps, refined=refined)
+
+
+def _height_mm(ball: Ball, slopes: Floats, mm_per_px: float) -> Floats:
+    """How high (N,) the gel stands where a ball has these slopes (N, 2): by Hertz a^2/R in the middle."""
+    contact_mm, radius_mm = ball.contact_radius_px * mm_per_px, ball.radius_mm
+    down = 1.0 - 1.0 / np.sqrt(1.0 + np.sum(slopes**2, axis=1))
+    return np.asarray(contact_mm**2 / radius_mm - radius_mm * down)

@@ -40,12 +40,12 @@ def lit_slopes(
 ) -> LitSlopes:
     """A reader for frames of about this one's depth in mm; `face` (H, W) is the punch's in the picture.
 
-    The map of the frame, its cast shadows undone, gives the shape, and the certified depth its scale. Raises as
-    `Reconstructor.height_map`.
+    The map of the frame, its cast shadows undone and its face as its wall has it, gives the shape, and the
+    certified depth its scale. Raises as `Reconstructor.height_map`.
     """
     before = reader.shadows, reader.lean
     try:
-        reader.shadows, reader.lean = field, UNDONE_LEAN
+        reader.shadows, reader.lean = field.unrefined, UNDONE_LEAN
         shape = reader.height_map(frame).depth_mm
     finally:
         reader.shadows, reader.lean = before

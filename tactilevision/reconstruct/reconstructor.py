@@ -177,6 +177,7 @@ class Reconstructor:
                     taught=partial(self._mapped, law=replace(law, strict=False)) if law.taught else None,
                     edges=lambda: self.evidence.edges if self.evidence else (),
                     thickness_mm=gel.thickness_mm if gel else USUAL_THICKNESS_MM,
+                    reference=self.referenced.reference.rgb if self.referenced else None,
                 )
         if gel is not None and surface.max() > gel.thickness_mm:
             flags = add(flags, (DEEPER,))

@@ -10,8 +10,9 @@ it, a sharp round rim alone (integration/circular_edges.py) says where the face 
 the next settle where whole ones swing. Some maps jump: as the forecast moves, slopes beside the wall pass the
 limit of what is read, and the wall's law has other gel to go by. So steps shrink as 1/n, and where maps still
 jump, their mean is the map (Mann's iteration). What was given back is known to a share of itself, which the
-deviation holds, along with how far the last map lies off that mean. All else is the last map's. What certified
-faces taught of walls comes last of all: within the rounds it would move the forecast, and some maps would jump.
+deviation holds, along with how far the last map lies off that mean. All else is the last map's. Then faces take
+part of the depth that their shadows' reach tells (`faces_by_shadow.py`). What certified faces taught of walls
+comes last of all: within the rounds it would move the forecast, and some maps would jump.
 
 Assumes three near lamps found from balls. What it does to faces and the gel beside is measured on pictures of a
 path tracer in docs/evidence/rendered.md.
@@ -35,8 +36,10 @@ from tactilevision.photometric.illumination.cast_shadow import (
     visibility,
 )
 from tactilevision.photometric.illumination.interreflection import reflected, without
+from tactilevision.reconstruct.faces_by_shadow import with_shadow_depths
 from tactilevision.reconstruct.pressed_gel import with_faces
 from tactilevision.records import Bools, Bytes, SlopeMap
+from tactilevision.records.flags import add
 
 Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None, tuple[str, ...]]
 
@@ -59,13 +62,15 @@ def undo_shadows(
     taught: Callable[[Bytes], Mapped] | None,
     edges: Callable[[], Sequence[PunchEdge]],
     thickness_mm: float,
+    reference: npt.NDArray[np.floating[Any]] | None = None,
 ) -> tuple[Mapped, npt.NDArray[np.floating[Any]] | None]:
     """Depth (H, W) mm, validity, deviation and flags of a rectified picture (H, W, 3), shadows undone.
 
     `mapped` gives them for a picture as it is, `again` for one whose shadows are being undone, `taught` for that
     picture with walls as certified faces taught them, None where none did. `edges` are those of the picture that
-    was mapped last, in a gel of `thickness_mm`. And the part (H, W) mm of the deviation that the shadows bring,
-    None for contacts too gentle to cast any.
+    was mapped last, in a gel of `thickness_mm`. Beside the untouched
+    `reference` (H, W, 3) in grey levels shadows tell faces' depths, too. And the part (H, W) mm of the deviation
+    that the shadows bring, None for contacts too gentle to cast any.
     """
     surface, valid, std, flags = mapped(rgb)
     if surface.max() < MIN_DEPTH_MM:
@@ -86,11 +91,19 @@ def undo_shadows(
     else:
         surface = depth
     given_back = np.hypot(GIVEN_BACK_STD * (surface - plain), off)
+    found: Mapped = surface, valid, _with(std, given_back), flags
+    if reference is not None:
+        found = with_shadow_depths(found, rgb, reference, field, edges(), thickness_mm=thickness_mm)
     if taught is not None:
-        surface, valid, std, flags = _as_taught(taught, undone, kept=surface, last=last)
-    if std is not None:
-        std = np.hypot(std, given_back).astype(std.dtype)
-    return (surface, valid, std, flags), given_back
+        surface, valid, std, flags = _as_taught(taught, undone, kept=found[0], last=last)
+        found = surface, valid, _with(std, given_back), add(flags, found[3])
+    return found, given_back
+
+
+def _with(
+    std: npt.NDArray[np.floating[Any]] | None, given_back: npt.NDArray[np.floating[Any]]
+) -> npt.NDArray[np.floating[Any]] | None:
+    return None if std is None else np.hypot(std, given_back).astype(std.dtype)
 
 
 def _as_taught(

@@ -16,6 +16,7 @@ ASSUMED_SCALE = "assumed_scale"
 INCONSISTENT = "inconsistent_light"
 SHADOW = "shadow"
 STEEP = "steep"
+CONTRARY = "contrary_depths"
 MEANING = {
     UNFIT: "the light's calibration fails balls that it never saw: neither direction nor depth of what is pressed "
     "can be trusted",
@@ -37,6 +38,8 @@ MEANING = {
     "steeply there. `depth` and `force` undo them, `live --shadows` and load_sensor(path, shadows=True) too",
     STEEP: "slopes are steeper than any ball that told the light, and belong to no round flat face: what stands "
     "behind them is read too shallow; smaller balls, or deeper presses of them, would tell",
+    CONTRARY: "the shadow of a flat face tells another depth of it than its wall's slopes do, by more than both "
+    "state: the face's deviation holds both",
     BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",
 }
 

@@ -50,6 +50,15 @@ def test_a_lamp_is_found_where_the_path_tracer_had_it(drawn: dict[str, Any]) -> 
     assert seen == pytest.approx(true, abs=0.12)
 
 
+@pytest.mark.parametrize("drawn", TRUTH["rig"]["lamps"], ids=["red", "green", "blue"])
+def test_gloss_and_raised_gel_tell_how_high_a_lamp_stands(drawn: dict[str, Any]) -> None:
+    x, y, z = drawn["centre_mm"]
+    refined = found().refined
+    assert refined is not None
+    lamp = min(refined.lamps, key=lambda one: abs(np.angle(np.exp(1j * (one.azimuth_rad - np.arctan2(y, x))))))
+    assert lamp.height_mm / lamp.distance_mm == pytest.approx(z / np.hypot(x, y), rel=0.09)
+
+
 def ring(step: dict[str, Any], reach: tuple[float, float], shape: tuple[int, ...]) -> tuple[Bools, Floats, Floats]:
     """Places (H, W) at a distance from the punch's edge in mm, and the directions from its axis."""
     rows, columns = np.indices(shape)

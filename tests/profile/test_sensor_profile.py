@@ -190,15 +190,16 @@ def test_a_method_keeps_what_its_reader_knows_of_walls() -> None:
 
 def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -> None:
     laws = {False: DepthScale((1.2,), (0.05, 0.5), 0.01), True: DepthScale((1.0,), (0.05, 0.5), 0.01)}
-    held = replace(profile(), face_law=laws[False], lamps=LAMPS, undone_face_law=laws[True])
+    lamps = replace(LAMPS, refined=replace(LAMPS, power=1.8))
+    held = replace(profile(), face_law=laws[False], lamps=lamps, undone_face_law=laws[True])
     there = write_profile(held, tmp_path / "a.tvs")
-    assert read_profile(there).lamps == LAMPS
+    assert read_profile(there).lamps == lamps
     left, undone = load_sensor(there, indenter="A1"), load_sensor(there, indenter="A1", shadows=True)
     assert left.reconstructor.shadows is None, "by default frames are read fast"
     assert "shadow" in read_one(left, pressed(4, 2.0)).flags
     assert "shadow" not in (*read_one(undone, pressed(4, 2.0)).flags, *read_one(left, free(3)).flags)
     by_hand = Reconstructor(profile().sensor, profile().method)
-    undo_by(by_hand, LAMPS)
+    undo_by(by_hand, lamps)
     rgb = pressed(4, 2.0)
     np.testing.assert_array_equal(
         read_one(undone, rgb).height.depth_mm, by_hand.rectified_map(by_hand.rectified(Frame(rgb))).depth_mm

@@ -49,6 +49,8 @@ def test_a_saved_method_undoes_shadows_as_the_balls_do(tmp_path: Path) -> None:
 
 
 def test_lamps_come_back_as_they_went() -> None:
+    refined = dataclasses.replace(LAMPS, refined=dataclasses.replace(LAMPS, power=1.9))
+    assert lamps_of(lamp_arrays(refined), where=Path("m.npz")) == refined
     assert lamps_of(lamp_arrays(LAMPS), where=Path("m.npz")) == LAMPS
     assert lamps_of({}, where=Path("m.npz")) is None
 

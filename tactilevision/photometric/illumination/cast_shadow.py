@@ -23,7 +23,7 @@ is seen is the slope of a line through T against it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -68,6 +68,11 @@ class LightField:
         shares = light_shares(np.array([lamp.colour for lamp in lamps.lamps]).T, vectors[:, 2])
         leans = vectors[:, :2] / vectors[:, 2:]
         return cls(lamps, leans.astype(np.float32), shares.astype(np.float32), mm_per_px)
+
+    @property
+    def unrefined(self) -> LightField:
+        """The same without refined lamps: faces are then as deep as their walls alone have them."""
+        return replace(self, lamps=replace(self.lamps, refined=None))
 
 
 def dimming(field: LightField, depth_mm: npt.NDArray[np.floating], seen: Picture | None = None) -> Picture:

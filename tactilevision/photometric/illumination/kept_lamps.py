@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,20 +15,27 @@ from tactilevision.photometric.illumination.lamps import MAX_POWER, Lamp, Lamps
 from tactilevision.records import Floats
 
 PLACE = ("azimuth_rad", "distance_mm", "height_mm", "length_mm", "aim_mm")  # rad and mm; then three colours
+OWN, REFINED = "lamps", "refined_lamps"  # what the names of arrays begin with
+PARTS: Mapping[str, tuple[int, ...]] = {"places": (3, len(PLACE)), "colours": (3, 3), "camera": (2,)}
 SHAPES: Mapping[str, tuple[int, ...]] = {
-    "lamps_places": (3, len(PLACE)),
-    "lamps_colours": (3, 3),
-    "lamps_camera": (2,),
+    f"{kind}_{part}": shape for kind in (OWN, REFINED) for part, shape in PARTS.items()
 }
 FARTHEST_MM = 1e4  # mm: a lamp ten metres away is a mistake
 
 
 def lamp_arrays(lamps: Lamps) -> dict[str, Floats]:
-    """Places in rad and mm (3, 5) and colours (3, 3) of the lamps; the camera's power and the misfit (2,)."""
+    """Places in rad and mm (3, 5) and colours (3, 3) of the lamps; the camera's power and the misfit (2,).
+
+    And the same of the refined ones, where there are any.
+    """
+    return _arrays(lamps, OWN) | (_arrays(lamps.refined, REFINED) if lamps.refined else {})
+
+
+def _arrays(lamps: Lamps, kind: str) -> dict[str, Floats]:
     return {
-        "lamps_places": np.array([[getattr(lamp, name) for name in PLACE] for lamp in lamps.lamps]),
-        "lamps_colours": np.array([lamp.colour for lamp in lamps.lamps]),
-        "lamps_camera": np.array([lamps.power, lamps.misfit]),
+        f"{kind}_places": np.array([[getattr(lamp, name) for name in PLACE] for lamp in lamps.lamps]),
+        f"{kind}_colours": np.array([lamp.colour for lamp in lamps.lamps]),
+        f"{kind}_camera": np.array([lamps.power, lamps.misfit]),
     }
 
 
@@ -36,9 +44,14 @@ def lamps_of(arrays: Mapping[str, npt.NDArray[Any]], *, where: Path) -> Lamps | 
 
     Raises InputError for lamps that no sensor has.
     """
-    if "lamps_places" not in arrays:
+    lamps = _lamps(arrays, OWN, where=where)
+    return lamps and replace(lamps, refined=_lamps(arrays, REFINED, where=where))
+
+
+def _lamps(arrays: Mapping[str, npt.NDArray[Any]], kind: str, *, where: Path) -> Lamps | None:
+    if f"{kind}_places" not in arrays:
         return None
-    places, colours, (power, misfit) = (arrays[name] for name in SHAPES)
+    places, colours, (power, misfit) = (arrays[f"{kind}_{part}"] for part in PARTS)
     beside = places[:, 1:4]
     if beside.min() <= 0 or np.abs(places).max() > FARTHEST_MM:
         raise InputError(

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import cv2
 import numpy as np
@@ -78,27 +79,39 @@ class Lamp:
         plane = self.distance_mm * out + along[:, None] * side
         return np.column_stack([plane, np.full(POINTS, self.height_mm)])
 
-    def light(self, x_mm: Floats, y_mm: Floats) -> Floats:
-        """Vector of light (3, ...) at places of the pad (any shape, mm); its unit is open."""
+    def light(self, x_mm: Floats, y_mm: Floats, z_mm: Floats | float = 0.0) -> Floats:
+        """Vector of light (3, ...) at places of the pad (any shape, mm), `z_mm` over it; its unit is open."""
+        return np.asarray(np.sum(self._lights(x_mm, y_mm, z_mm), axis=0) * self.distance_mm**2 / POINTS)
+
+    def lights(self, x_mm: Floats, y_mm: Floats, z_mm: Floats | float = 0.0) -> Floats:
+        """As `light`, of each of the strip's points (POINTS, 3, ...)."""
+        return np.asarray(self._lights(x_mm, y_mm, z_mm) * self.distance_mm**2)
+
+    def _lights(self, x_mm: Floats, y_mm: Floats, z_mm: Floats | float) -> Floats:
         out, _ = _directions(self.azimuth_rad)
         front = np.array([*(-(self.aim_mm + self.distance_mm) * out), -self.height_mm])
         front /= np.linalg.norm(front)
-        total = np.zeros((3, *np.shape(x_mm)))
-        for point in self.points_mm:
-            way = np.stack([point[0] - x_mm, point[1] - y_mm, np.full(np.shape(x_mm), point[2])])
+        light = np.empty((POINTS, 3, *np.shape(x_mm)))
+        for one, point in zip(light, self.points_mm, strict=True):
+            way = np.stack([point[0] - x_mm, point[1] - y_mm, np.broadcast_to(point[2] - z_mm, np.shape(x_mm))])
             square = np.sum(way**2, axis=0)
             shine = np.maximum(-np.tensordot(front, way, axes=1), 1e-6 * self.distance_mm)
-            total += shine / square**2 * way
-        return np.asarray(total * self.distance_mm**2 / POINTS)
+            one[:] = shine / square**2 * way
+        return light
 
 
 @dataclass(frozen=True, slots=True)
 class Lamps:
-    """The lamps of a sensor, the camera's `power`, and the rms `misfit` of the balls in stated deviations."""
+    """The lamps of a sensor, the camera's `power`, and the rms `misfit` of the balls in stated deviations.
+
+    `refined`: the same lamps by a fit that knows gloss and raised gel (glossy_lamps.py), by which lengths of
+    shadows are read; None where there is none.
+    """
 
     lamps: tuple[Lamp, Lamp, Lamp]
     power: float
     misfit: float
+    refined: Lamps | None = None
 
 
 def fit_lamps(
@@ -112,19 +125,11 @@ def fit_lamps(
     if len(place) < MIN_COUNT:
         return None
     some = np.linspace(0, len(place) - 1, min(SAMPLES, len(place))).astype(np.intp)
-    task = _Task.of(change[some], slopes[some], place[some], reference, mm_per_px)
-    from scipy.optimize import least_squares
-
-    low, high = np.full(task.count, -np.inf), np.full(task.count, np.inf)
-    low[24], high[24] = 1.0, MAX_POWER
-    low[3:24:8], high[3:24:8] = np.log(LENGTHS)
-    found = least_squares(task.residual, task.start(), bounds=(low, high), x_scale="jac", max_nfev=60)
-    off = task.of_balls(found.x)
-    return Lamps(task.lamps(found.x), float(found.x[24]), float(np.sqrt(np.median(off**2)) / 0.6745))
+    return LampTask.of(change[some], slopes[some], place[some], reference, mm_per_px).solved()
 
 
 @dataclass(frozen=True)
-class _Task:
+class LampTask:
     """One fit. Parameters: eight for each lamp, the camera's power, four of the ink's and the lens's fall-off."""
 
     x_mm: Floats
@@ -139,7 +144,7 @@ class _Task:
     known: dict[Lamp, tuple[Floats, Floats]] = field(default_factory=dict)  # a derivative moves one lamp of three
 
     @classmethod
-    def of(cls, change: Floats, slopes: Floats, place: Floats, reference: Reference, mm_per_px: Pair) -> _Task:
+    def of(cls, change: Floats, slopes: Floats, place: Floats, reference: Reference, mm_per_px: Pair) -> Self:
         height, width = reference.shape
         half = 0.5 * np.array([(width - 1) * mm_per_px[0], (height - 1) * mm_per_px[1]])
         columns, rows = np.rint(0.5 * (place + 1.0) * (width - 1, height - 1)).astype(np.intp).T
@@ -164,6 +169,17 @@ class _Task:
             own[5 + lamp] = 0.0
         values[24] = PRIOR_POWER[0]
         return values
+
+    def solved(self) -> Lamps:
+        """The lamps that leave the least."""
+        from scipy.optimize import least_squares
+
+        low, high = np.full(self.count, -np.inf), np.full(self.count, np.inf)
+        low[24], high[24] = 1.0, MAX_POWER
+        low[3:24:8], high[3:24:8] = np.log(LENGTHS)
+        found = least_squares(self.residual, self.start(), bounds=(low, high), x_scale="jac", max_nfev=60)
+        off = self.of_balls(found.x)
+        return Lamps(self.lamps(found.x), float(found.x[24]), float(np.sqrt(np.median(off**2)) / 0.6745))
 
     def lamps(self, values: Floats) -> tuple[Lamp, Lamp, Lamp]:
         found = []
@@ -205,14 +221,14 @@ class _Task:
         balls = np.sign(off) * ROBUST * (np.sqrt(1.0 + 2.0 * np.abs(off) / ROBUST) - 1.0)
         lamps = self.lamps(values)
         light = np.stack([self._light(lamp)[1] for lamp in lamps])
-        x, y, fall_off = self.free_x_mm / self.half_mm, self.free_y_mm / self.half_mm, values[25:]
+        x, y, fall_off = self.free_x_mm / self.half_mm, self.free_y_mm / self.half_mm, values[25:29]
         lens = fall_off[0] + fall_off[1] * x + fall_off[2] * y + fall_off[3] * (x * x + y * y)
         shown = np.log(np.array([lamp.colour for lamp in lamps]).T @ light) + lens
         free = (self.free - shown / values[24]) / STD_OF_FREE
         weight = np.sqrt(10.0 * 6.0 / free.shape[1]), np.sqrt(600.0 / off.shape[1])  # as if so many told apart
-        return np.concatenate([(weight[1] * balls).ravel(), (weight[0] * free).ravel(), self._priors(values)])
+        return np.concatenate([(weight[1] * balls).ravel(), (weight[0] * free).ravel(), self.priors(values)])
 
-    def _priors(self, values: Floats) -> Floats:
+    def priors(self, values: Floats) -> Floats:
         found = []
         for own in values[:24].reshape(3, 8):
             pairs = zip(own[1:5], (PRIORS[name] for name in ("distance", "tangent", "length", "aim")), strict=True)
@@ -220,7 +236,7 @@ class _Task:
             cross = np.delete(own[5:], np.argmax(own[5:])) - own[5:].max()
             found += list((cross - PRIOR_CROSS[0]) / PRIOR_CROSS[1])
         found.append((values[24] - PRIOR_POWER[0]) / PRIOR_POWER[1])
-        return np.array([*found, *(values[26:] / 0.1), 0.05 * values[5:24:8].sum()])
+        return np.array([*found, *(values[26:29] / 0.1), 0.05 * values[5:24:8].sum()])
 
 
 def shading(
