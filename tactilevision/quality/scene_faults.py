@@ -76,9 +76,9 @@ def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes])
     return (*found, *(SceneFault(said, spoils=False) for said in others if said))
 
 
-def lamp_failed(reference: npt.NDArray[np.floating], rgb: Bytes) -> bool:
-    """Whether one channel of a rectified picture (H, W, 3) has gone dark since the `reference` (H, W, 3)."""
-    return bool(_failed_lamp((_blocks(rgb, BLOCKS) - _blocks(reference, BLOCKS))[None]))
+def spoiled(reference: npt.NDArray[np.floating], rgb: Bytes) -> bool:
+    """Whether depths of a rectified picture (H, W, 3) are false by what happened since the `reference`."""
+    return any(fault.spoils for fault in scene_faults(reference, [rgb]))
 
 
 def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:

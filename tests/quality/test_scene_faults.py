@@ -10,10 +10,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from tactilevision.photometric import make_reference
 from tactilevision.quality.reference_match import some_frames
-from tactilevision.quality.scene_faults import lamp_failed, scene_faults
+from tactilevision.quality.scene_faults import scene_faults, spoiled
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.reconstruct.build import with_flats
+from tactilevision.reconstruct.untouched_frames import free_frames
 from tactilevision.recording import read_image, read_recording
 from tactilevision.records import Bytes
 from tactilevision.sensors import rectify
@@ -123,8 +125,10 @@ def test_an_exchange_against_the_methods_own_pictures_is_named(name: str) -> Non
     assert found.reference_match.other_light
 
 
-def test_frames_with_a_lamp_out_do_not_renew_the_reference(scene: tuple[Picture, list[Bytes]]) -> None:
-    reference, pictures = scene
-    dark = as_light(pictures[0], lambda x: x * np.array([1, 1, 0.05], np.float32))
-    assert lamp_failed(reference, dark)
-    assert not any(lamp_failed(reference, rgb) for rgb in pictures)
+@pytest.mark.parametrize("name", ["mirrored", "lamp"])
+def test_spoiled_frames_do_not_renew_the_reference(name: str) -> None:
+    recording = read_recording(ROOT / "sample_frames" / "gelslim3")
+    reference = make_reference([rectify(recording.sensor, read_image(path)) for path in recording.flats])
+    free = free_frames(recording)[:6]
+    assert not any(spoiled(reference.rgb, rgb) for rgb in free)
+    assert all(spoiled(reference.rgb, FAULTS[name][1](rgb, 0)) for rgb in free)
