@@ -25,6 +25,7 @@ from tactilevision.photometric.ball.consistency import COVERED
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.illumination.light_match import light_of, other_light
 from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.photometric.reference import Reference
 from tactilevision.quality.fitness import scale_is_assumed, unfit
 from tactilevision.quality.image_shift import image_shift
 from tactilevision.quality.scene_faults import exchanged, scene_faults
@@ -98,9 +99,12 @@ class ReferenceMatch:
             "or the gel moved since? Depths are false; take a new reference",
         )
 
-    def check_scene(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
-        """See by rectified `pictures` what happened since the reference (scene_faults.py); a warning for each."""
-        found = scene_faults(self.method.reference.rgb, pictures)
+    def check_scene(self, pictures: Sequence[Bytes], *, before: Reference | None = None) -> tuple[str, ...]:
+        """See by rectified `pictures` what happened since the reference (scene_faults.py); a warning for each.
+
+        `before`: the reference as it was taken, where such pictures have renewed it.
+        """
+        found = scene_faults((before or self.method.reference).rgb, pictures)
         self.other_light |= any(fault.spoils for fault in found)
         return tuple(fault.sentence for fault in found)
 

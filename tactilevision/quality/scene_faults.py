@@ -49,10 +49,11 @@ COLOURS = ("red", "green", "blue")
 
 @dataclass(frozen=True, slots=True)
 class SceneFault:
-    """What happened, in a sentence; `spoils`: depths are false by it."""
+    """What happened, in a sentence; `spoils`: depths are false by it; `dims`: for want of a lamp's light."""
 
     sentence: str
     spoils: bool
+    dims: bool = False
 
 
 def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> tuple[SceneFault, ...]:
@@ -70,15 +71,21 @@ def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes])
             f"the frames {exchange} against the untouched reference: read both in the same way; depths are false"
         )
         return (SceneFault(told, spoils=True),)
-    spoiling = _failed_lamp(change) or _gamma(before, change)
+    dark = _failed_lamp(change)
+    spoiling = dark or _gamma(before, change)
     others = ("" if spoiling else _failed_later(change), _exposure(change), _mark(reference, pictures))
-    found = [SceneFault(spoiling, spoils=True)] if spoiling else []
+    found = [SceneFault(spoiling, spoils=True, dims=bool(dark))] if spoiling else []
     return (*found, *(SceneFault(said, spoils=False) for said in others if said))
 
 
-def spoiled(reference: npt.NDArray[np.floating], rgb: Bytes) -> bool:
-    """Whether depths of a rectified picture (H, W, 3) are false by what happened since the `reference`."""
-    return any(fault.spoils for fault in scene_faults(reference, [rgb]))
+def able_to_renew(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> list[Bytes]:
+    """The rectified `pictures` (H, W, 3) that may renew the `reference` (H, W, 3): no fault spoils them.
+
+    Where none is sound, those that lack a lamp's light: slopes are then read from what is left of it.
+    """
+    faults = [scene_faults(reference, [rgb]) for rgb in pictures]
+    sound = [rgb for rgb, found in zip(pictures, faults, strict=True) if not any(one.spoils for one in found)]
+    return sound or [rgb for rgb, found in zip(pictures, faults, strict=True) if any(one.dims for one in found)]
 
 
 def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
