@@ -21,7 +21,7 @@ from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.gpu.device import find_gpu
 from tactilevision.records import Bools, Bytes, Floats, Footprint, Frame, HeightMap, Indenter, TractionMap, Wrench
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
-from tactilevision.records.flags import add
+from tactilevision.records.flags import LIGHT, add
 from tactilevision.robust import median
 from tactilevision.uncertainty.untouched_noise import untouched_std
 
@@ -130,7 +130,8 @@ class Stream:
             if held is not height:
                 height, peak_mm = held, float(held.depth_mm[held.valid].max())
             tractions = self.sensor.tractions(height, rgb)
-        if not contact and least_mm < CONTACT.live_blind_mm and self.renew > 0:
+        known = LIGHT not in height.flags and least_mm < CONTACT.live_blind_mm
+        if not contact and known and self.renew > 0:
             self.reconstructor.follow(rgb, self.renew)
         latency_ms = 1e3 * (time.perf_counter() - began)
         self.latencies[np.searchsorted(EDGES_MS, latency_ms)] += 1

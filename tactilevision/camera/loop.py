@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -52,20 +53,22 @@ class Told:
 
 @dataclass
 class Counts:
-    """What a loop has done: frames read, `refused` with the last reason, ages in ms, and the rate."""
+    """What a loop has done: frames read, how many have each flag, `refused` with the last reason, ages in ms."""
 
     read: int = 0
     refused: int = 0
     why: str = ""
+    flags: Counter[str] = field(default_factory=Counter)
     histogram: np.ndarray[tuple[int], np.dtype[np.float64]] = field(
         default_factory=lambda: np.zeros(len(EDGES_MS))
     )
     ages_ms: list[float] = field(default_factory=list)
     began_s: float = field(default_factory=time.monotonic)
 
-    def add(self, age_ms: float) -> None:
+    def add(self, age_ms: float, flags: Iterable[str] = ()) -> None:
         """Count a frame that was read."""
         self.read += 1
+        self.flags.update(flags)
         self.histogram[np.searchsorted(EDGES_MS, age_ms)] += 1
         self.ages_ms.append(age_ms)
         del self.ages_ms[:-KEPT]
@@ -102,6 +105,6 @@ def run(shots: Iterable[Shot], stream: Stream, *, counts: Counts, tell: Callable
             counts.refused, counts.why = counts.refused + 1, fault.what
             continue
         age_ms = 1e3 * (time.monotonic() - shot.time_s)
-        counts.add(age_ms)
+        counts.add(age_ms, moment.height.flags)
         if not tell(Told(shot, moment, age_ms)):
             break

@@ -13,7 +13,7 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
-from tactilevision.records.flags import MEANING
+from tactilevision.records.flags import told
 
 if TYPE_CHECKING:
     from tactilevision.batch.folder import FrameResult
@@ -138,9 +138,7 @@ def _tell(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
     console.say_first([f"  {row.frame}: {row.status}" for row in bad], out / "depth.csv")
     best = max((row for row in rows if row.status == "ok"), key=lambda row: row.peak_mm, default=None)
     flagged = Counter(flag for row in rows for flag in row.flags)
-    console.warn(
-        [f"{count} of {len(rows)} frames are flagged {flag!r}: {MEANING[flag]}" for flag, count in flagged.items()]
-    )
+    console.warn(told(flagged, len(rows)))
     if best is not None:
         console.say(f"  deepest: {best.frame}, {best.peak_mm:.3f} mm over {best.contact_area_mm2:.1f} mm²")
 

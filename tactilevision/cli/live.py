@@ -21,8 +21,9 @@ from tactilevision.runs import output_lock
 if TYPE_CHECKING:
     from tactilevision.camera.audit import Audit
     from tactilevision.camera.loop import Counts, Told
-    from tactilevision.camera.sources import Source
+    from tactilevision.camera.sources import Shot, Source
     from tactilevision.live import Stream
+    from tactilevision.reconstruct import Reconstructor
 
 EVERY_S = 1.0  # s between two lines on the terminal
 TABLE = "live.csv"
@@ -70,22 +71,38 @@ def live(
     json: console.JsonOption = None,
 ) -> None:
     """Read frames live: depth, contact and wrench, rate and latency. Frames are dropped, never queued."""
-    from tactilevision.camera.audit import audit
     from tactilevision.camera.foxglove import check_installed
-    from tactilevision.camera.loop import Counts, run
-    from tactilevision.camera.newest import Newest
 
     if foxglove or mcap is not None:
         check_installed()  # before the camera is looked at
     chosen = source.Choice(sensor, reference, method, mm_per_px, shadows=shadows, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
+
+    def listeners(stack: ExitStack) -> tuple[list[Callable[[Told, float], None]], Path | None]:
+        return _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap), _table(stack, out)
+
+    _play(opened, listeners, until=(frames, seconds), every=every, json=json)
+
+
+def _play(
+    opened: _Opened,
+    listeners: Callable[[ExitStack], tuple[list[Callable[[Told, float], None]], Path | None]],
+    *,
+    until: tuple[int | None, float | None],
+    every: bool,
+    json: Path | None,
+) -> None:
+    """Audit what was opened, then read it frame by frame `until` so many frames or seconds; say both."""
+    from tactilevision.camera.audit import audit
+    from tactilevision.camera.loop import Counts, run
+    from tactilevision.camera.newest import Newest
+
     found = audit(opened.first, timed=not opened.source.waits)
     _tell_audit(opened, found)
     counts, newest = Counts(), Newest(opened.source, every=every)
     try:
         with ExitStack() as stack:
-            shows = _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap)
-            teller = _Teller(counts, shows, _table(stack, out), frames, seconds)
+            teller = _Teller(counts, opened.stream, *listeners(stack), *until)
             run(stack.enter_context(newest), opened.stream, counts=counts, tell=teller)
     finally:  # also where the camera went, or Ctrl-C was typed
         _tell_end(counts, newest.came, newest.dropped)
@@ -202,16 +219,22 @@ class _Teller:
     """Hands each frame to what shows it, the table, and now and then the terminal; says when it is enough."""
 
     counts: Counts
+    stream: Stream
     shows: list[Callable[[Told, float], None]]
     table: Path | None
     frames: int | None
     seconds: float | None
     spoken_s: float = 0.0
+    named: bool = False
 
     def __call__(self, told: Told) -> bool:
         from tactilevision.camera.preview import words
         from tactilevision.files import append_text
+        from tactilevision.records.flags import LIGHT
 
+        if LIGHT in told.moment.height.flags and not self.named:
+            self.named = True  # once: it takes longer than a frame
+            console.warn(_faults(self.stream.reconstructor, told.shot))
         for show in self.shows:
             show(told, self.counts.rate_Hz)
         if self.table is not None:
@@ -224,13 +247,27 @@ class _Teller:
         return not (enough or (self.seconds is not None and now_s - self.counts.began_s >= self.seconds))
 
 
+def _faults(reader: Reconstructor, shot: Shot) -> list[str]:
+    """What happened since the reference to the picture of a shot, by name."""
+    from tactilevision.quality.scene_faults import scene_faults
+    from tactilevision.records import Frame
+
+    if reader.referenced is None:
+        return []
+    found = scene_faults(reader.referenced.reference.rgb, [reader.rectified(Frame(shot.rgb))])
+    return [f"{shot.name}: {fault.sentence}" for fault in found]
+
+
 def _tell_end(counts: Counts, came: int, dropped: int) -> None:
+    from tactilevision.records.flags import told
+
     if counts.read:
         console.say(
             f"{counts.read} frames read of {came} that came, {dropped} dropped, {counts.rate_Hz:.1f} a second; "
             f"95 of 100 were known within {counts.age95_ms:.1f} ms of coming",
             *counts.lines(),
         )
+        console.warn(told(counts.flags, counts.read))
     if counts.refused:
         console.warn([f"{counts.refused} frames were refused, the last because {counts.why}"])
 
@@ -244,6 +281,7 @@ def _as_json(counts: Counts, found: Audit, dropped: int) -> dict[str, Any]:
         "refused": counts.refused,
         "rate_Hz": counts.rate_Hz,
         "age95_ms": counts.age95_ms,
+        "flags": dict(counts.flags),
         "histogram": [[float(edge), int(count)] for edge, count in zip(EDGES_MS, counts.histogram, strict=True)],
         "audit": found.as_json(),
     }

@@ -93,8 +93,13 @@ def _certified(recording: Recording, answered: str) -> Taken:
     require_all(recording)
     with console.progress_bar("calibrating the light"):
         reconstructor = build_reconstructor(recording, "polynomial" if recording.balls else None)
+    _warn(reconstructor.warnings, answered)
     with console.progress_bar("certifying presses") as progress:
         certificate = certify(recording, reconstructor, progress=progress)
-    warnings = [*reconstructor.warnings, *certificate.warnings]
-    console.warn([one for one in warnings if not answered or answered not in one])
-    return Taken(recording, certificate, reconstructor)
+    _warn(certificate.warnings, answered)
+    told = (*reconstructor.warnings, *certificate.warnings)
+    return Taken(recording, replace(certificate, warnings=told), reconstructor)
+
+
+def _warn(lines: Sequence[str], answered: str) -> None:
+    console.warn([line for line in lines if not answered or answered not in line])

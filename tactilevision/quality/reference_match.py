@@ -23,11 +23,12 @@ from tactilevision.errors import InputError
 from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.ball.consistency import COVERED
 from tactilevision.photometric.illumination.drift import Drift
-from tactilevision.photometric.illumination.light_match import other_light
+from tactilevision.photometric.illumination.light_match import light_of, other_light
 from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.photometric.reference import Reference
 from tactilevision.quality.fitness import scale_is_assumed, unfit
 from tactilevision.quality.image_shift import image_shift
-from tactilevision.quality.scene_faults import scene_faults
+from tactilevision.quality.scene_faults import exchanged, scene_faults
 from tactilevision.records import Bytes, Pair
 from tactilevision.records.flags import ASSUMED_SCALE, BALLS, LIGHT, MOVED, REFERENCE, UNFIT
 from tactilevision.sensors import rectify
@@ -42,7 +43,7 @@ MIN_MISFIT = 0.8  # the least misfit that is usual: one reading's own noise
 MIN_STD_MM = 0.001  # mm: the least deviation of the zero plane that is usual: one reading's own noise
 # as real pictures have against a reference of a single JPEG
 DEFAULT_BASELINE = {"misfit": 7.5, "zero_std_mm": 0.02}
-FRAMES_READ = 5  # frames of a recording
+FRAMES_READ = 9  # frames of a recording: what comes in its last third shows in three
 
 
 class ReferenceMatch:
@@ -67,9 +68,18 @@ class ReferenceMatch:
         self.residuals: tuple[float, ...] = ()
 
     def check_light(self, light: npt.ArrayLike) -> tuple[str, ...]:
-        """See whether the method was made in another `light` (`illumination/light_match.py`); a warning where it
-        was.
+        """See whether the method was made in another `light` (`illumination/light_match.py`), or for pictures
+        whose sides or colours were exchanged since; a warning where it was.
         """
+        before, now = (
+            np.log(np.maximum(one, 1.0)) for one in (np.asarray(light, float), light_of(self.method.reference))
+        )
+        if exchange := exchanged(before, now):
+            self.other_light = True
+            return (
+                f"the untouched gel's pictures {exchange} against those that the method was made of: read both in "
+                "the same way; depths are false",
+            )
         gain_std = self.method.card.held_out_gain_std
         warning = other_light(
             light, self.method.reference, scale_error=self.method.relative_error if gain_std is None else gain_std
@@ -89,9 +99,12 @@ class ReferenceMatch:
             "or the gel moved since? Depths are false; take a new reference",
         )
 
-    def check_scene(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
-        """See by rectified `pictures` what happened since the reference (scene_faults.py); a warning for each."""
-        found = scene_faults(self.method.reference.rgb, pictures)
+    def check_scene(self, pictures: Sequence[Bytes], *, before: Reference | None = None) -> tuple[str, ...]:
+        """See by rectified `pictures` what happened since the reference (scene_faults.py); a warning for each.
+
+        `before`: the reference as it was taken, where such pictures have renewed it.
+        """
+        found = scene_faults((before or self.method.reference).rgb, pictures)
         self.other_light |= any(fault.spoils for fault in found)
         return tuple(fault.sentence for fault in found)
 

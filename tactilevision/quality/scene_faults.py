@@ -4,13 +4,13 @@ Blocks of the untouched gel are compared with the reference's, as logarithms of 
 of its own in ln(picture/reference):
 
     channels swapped, mirrored   the reference with its colours or sides exchanged fits, as it is it does not
-    a lamp failed                one channel is darker than the others by a factor
+    a lamp failed                one channel is darker than the others by a factor, in some frames or all
     gamma changed                it grows with ln(reference), in all channels alike
     automatic exposure           one number for all blocks and channels, another in each frame
-    torn gel, dirt               a mark at one place in all frames, in all channels alike
+    torn gel, dirt               a mark at one place in some frames or all, in all channels alike
 
-The median over frames stands for the untouched gel, so contacts may cover half of them. A drift of the lamps is
-none of these; `photometric/illumination/drift.py` undoes it.
+The median over frames stands for the untouched gel, so contacts may cover half of them. What came later shows in
+some of them. A drift of the lamps is none of these; `photometric/illumination/drift.py` undoes it.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ GAMMA_SPREAD = 0.15  # ln of grey, deviation over the picture: less shows no exp
 EXPOSURE = 0.05  # ln of grey between frames: lamps flicker by less
 ALIKE = 0.25  # of the exposure's change: the most by which channels and places may differ in it
 MIN_FRAMES = 3  # frames from which changes between them are told
+MIN_DARK = 2  # frames with a lamp out: one alone may be a contact that covers it
+SINCE = 1 / 3  # of the frames, at least, that show a mark: fewer may be contacts
 MARK = 0.2  # ln of grey of a mark: dust and grain stay below it
 MARK_SIGMA = 8.0  # deviations of all blocks that a mark stands out
 MARK_BLOCKS = 4  # fine blocks that a mark covers: one may be a dead pixel or a hair
@@ -47,10 +49,11 @@ COLOURS = ("red", "green", "blue")
 
 @dataclass(frozen=True, slots=True)
 class SceneFault:
-    """What happened, in a sentence; `spoils`: depths are false by it."""
+    """What happened, in a sentence; `spoils`: depths are false by it; `dims`: for want of a lamp's light."""
 
     sentence: str
     spoils: bool
+    dims: bool = False
 
 
 def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> tuple[SceneFault, ...]:
@@ -63,12 +66,26 @@ def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes])
         return ()
     before = _blocks(reference, BLOCKS)
     change = np.stack([_blocks(rgb, BLOCKS) for rgb in pictures]) - before
-    if exchanged := _exchanged(before, np.median(change, axis=0)):
-        return (SceneFault(exchanged, spoils=True),)
-    spoiling = _failed_lamp(change) or _gamma(before, change)
-    others = (_exposure(change), _mark(reference, pictures))
-    found = [SceneFault(spoiling, spoils=True)] if spoiling else []
+    if exchange := exchanged(before, before + np.median(change, axis=0)):
+        told = (
+            f"the frames {exchange} against the untouched reference: read both in the same way; depths are false"
+        )
+        return (SceneFault(told, spoils=True),)
+    dark = _failed_lamp(change)
+    spoiling = dark or _gamma(before, change)
+    others = ("" if spoiling else _failed_later(change), _exposure(change), _mark(reference, pictures))
+    found = [SceneFault(spoiling, spoils=True, dims=bool(dark))] if spoiling else []
     return (*found, *(SceneFault(said, spoils=False) for said in others if said))
+
+
+def able_to_renew(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> list[Bytes]:
+    """The rectified `pictures` (H, W, 3) that may renew the `reference` (H, W, 3): no fault spoils them.
+
+    Where none is sound, those that lack a lamp's light: slopes are then read from what is left of it.
+    """
+    faults = [scene_faults(reference, [rgb]) for rgb in pictures]
+    sound = [rgb for rgb, found in zip(pictures, faults, strict=True) if not any(one.spoils for one in found)]
+    return sound or [rgb for rgb, found in zip(pictures, faults, strict=True) if any(one.dims for one in found)]
 
 
 def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
@@ -77,9 +94,9 @@ def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
     return np.asarray(np.log(grey.astype(np.float64) + DARK_GREY))
 
 
-def _exchanged(before: Floats, change: Floats) -> str:
-    """The exchange of sides or colours that the pictures show, where without it they do not fit."""
-    now, found = before + change, {}
+def exchanged(before: Floats, now: Floats) -> str:
+    """The exchange of sides or colours between two lights, ln of grey (rows, columns, 3); "" for none."""
+    found = {}
     sides: dict[str, Callable[[Floats], Floats]] = {
         "": lambda a: a,
         "mirrored left to right": lambda a: a[:, ::-1],
@@ -97,13 +114,13 @@ def _exchanged(before: Floats, change: Floats) -> str:
     swapped = "" if order == (0, 1, 2) else "have red and blue swapped (BGR for RGB)"
     if order not in ((0, 1, 2), (2, 1, 0)):
         swapped = f"have their channels in the order {', '.join(COLOURS[k] for k in order)}"
-    said = " and ".join(part for part in (f"are {side}" if side else "", swapped) if part)
-    return f"the frames {said} against the untouched reference: read both in the same way; depths are false"
+    return " and ".join(part for part in (f"are {side}" if side else "", swapped) if part)
 
 
 def _pattern(change: Floats) -> float:
     """How far blocks and channels changed apart: the median size, as of a normal deviation."""
-    return mad_std(change)
+    known = change[np.isfinite(change)]
+    return mad_std(known) if known.size else float("inf")
 
 
 def _failed_lamp(change: Floats) -> str:
@@ -117,6 +134,14 @@ def _failed_lamp(change: Floats) -> str:
         f"{COLOURS[darkest]} has {share:.2f} of its brightness beside the other colours: a lamp failed, faded or "
         "is covered; depths lean on the colours that are left. Mend the lamp, or calibrate anew"
     )
+
+
+def _failed_later(change: Floats) -> str:
+    """As `_failed_lamp`, of those frames that show it alone."""
+    dark = np.array([bool(_failed_lamp(one[None])) for one in change])
+    if np.count_nonzero(dark) < MIN_DARK:
+        return ""
+    return f"in {np.count_nonzero(dark)} of {len(change)} frames looked at, {_failed_lamp(change[dark])}"
 
 
 def _gamma(before: Floats, change: Floats) -> str:
@@ -160,7 +185,7 @@ def _detail(change: Floats) -> Floats:
 
 
 def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> str:
-    """A mark that all frames and channels show at one place and the reference does not.
+    """A mark that many frames show at one place, in all channels, and the reference does not.
 
     A contact makes some channels brighter and others darker; a mark changes all alike.
     """
@@ -168,9 +193,11 @@ def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> str
         return ""
     before = _blocks(reference, FINE_BLOCKS)
     change = [_blocks(rgb, FINE_BLOCKS) - before for rgb in pictures]
-    detail = np.stack([channel for one in change for channel in np.moveaxis(_detail(one), 2, 0)])
-    lasting = np.where(np.sign(detail).min(axis=0) == np.sign(detail).max(axis=0), np.abs(detail).min(axis=0), 0.0)
-    seen = lasting > max(MARK, MARK_SIGMA * mad_std(np.median(detail, axis=0)))
+    detail = np.stack([_detail(one) for one in change])
+    darker, brighter = ((sign * detail).min(axis=3) for sign in (-1, 1))  # in all channels, by at least
+    many = max(MIN_FRAMES, round(SINCE * len(pictures)))
+    lasting = np.maximum(*(np.sort(shown, axis=0)[-many] for shown in (darker, brighter)))
+    seen = lasting > max(MARK, MARK_SIGMA * mad_std(np.median(detail, axis=(0, 3))))
     count, patches, _, centres = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
     for number in range(1, count):
         column, row = centres[number]
@@ -181,7 +208,7 @@ def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> str
                 for at, n, m in zip((column, row), reference.shape[1::-1], FINE_BLOCKS, strict=True)
             )
             return (
-                f"all frames show a mark near ({x:.0f}, {y:.0f}) px that the reference has not: torn gel or dirt? "
+                f"the frames show a mark near ({x:.0f}, {y:.0f}) px that the reference has not: torn gel or dirt? "
                 "Clean it; else take a new reference, or a new gel"
             )
     return ""

@@ -253,8 +253,9 @@ class Reconstructor:
     def look(self, pictures: Sequence[Bytes]) -> None:
         """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not."""
         if self.reference_match is not None:
+            before = self.calibration.method.reference if self.calibration else None
             self.warnings += (
-                *self.reference_match.check_scene(pictures),
+                *self.reference_match.check_scene(pictures, before=before),
                 *self.reference_match.check_shift(pictures),
                 *check_reference(self.reference_match, self.rectified_map, pictures=pictures),
             )

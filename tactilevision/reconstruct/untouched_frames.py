@@ -15,6 +15,7 @@ from tactilevision.photometric.background import BackgroundSums
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
 from tactilevision.photometric.reference import Reference
+from tactilevision.quality.scene_faults import able_to_renew
 from tactilevision.records import Bytes
 from tactilevision.sensors import rectify
 
@@ -62,9 +63,9 @@ def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> Ca
 
 
 def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:
-    """Those of `frames` nearly all of which follows the light's drift."""
+    """Those of `frames` nearly all of which follows the light's drift, and whose pictures no fault spoils."""
     free = []
-    for rgb in frames:
+    for rgb in able_to_renew(method.reference.rgb, frames):
         drift = method.change.tracker.measure(rgb)
         if drift.untouched[method.change.tracker.usable.reshape(drift.untouched.shape)].mean() > FREE_SHARE:
             free.append(rgb)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 MOVED = "moved"
 LIGHT = "light"
@@ -48,3 +48,8 @@ def add(flags: tuple[str, ...], more: Iterable[str]) -> tuple[str, ...]:
     """Both, each once, in the order of MEANING."""
     both = {*flags, *more}
     return tuple(flag for flag in MEANING if flag in both)
+
+
+def told(counts: Mapping[str, int], frames: int) -> list[str]:
+    """A line for each flag: how many of the `frames` have it, and what it means."""
+    return [f"{count} of {frames} frames are flagged {flag!r}: {MEANING[flag]}" for flag, count in counts.items()]

@@ -21,8 +21,8 @@ from tactilevision.batch.tree import reconstruct_tree
 from tactilevision.cli import main
 from tactilevision.cluster import connect, pool
 from tactilevision.cluster.steps import step_pool
-from tactilevision.cluster.versions import refusal, versions
-from tactilevision.errors import ClusterError, InputError
+from tactilevision.cluster.versions import versions
+from tactilevision.errors import ClusterError
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes, Sensor, SlopeMap
@@ -302,27 +302,6 @@ def test_workers_of_another_version_are_refused(machines: Machines, monkeypatch:
         connect.check_cluster(machines.address)
 
 
-def test_workers_that_compile_in_another_way_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactilevision.cluster.versions.compiled", lambda: False)
-    plain = versions()
-    assert plain["numba"] == "none"
-    fast = plain | {"numba": "9.9"}
-    for here, there, remedy in (
-        (fast, plain, "Use numba 9.9 on every worker, or set TACTILEVISION_COMPILED=0 on all machines"),
-        (plain, fast, "Set TACTILEVISION_COMPILED=0 on all machines"),
-    ):
-        fault = refusal(here, there)
-        assert fault is not None
-        assert f"{remedy}, and start the workers again" in str(fault)
-
-
-def test_a_worker_without_the_library_is_refused() -> None:
-    fault = refusal(versions(), {})
-    assert fault is not None
-    assert "'none'" in str(fault)
-    assert refusal(versions(), versions()) is None
-
-
 @pytest.mark.parametrize(
     "where", ["tcp://127.0.0.1:1", "missing.json", "no address", "tcp://nohost.invalid:8786", "tcp://localhost"]
 )
@@ -338,20 +317,3 @@ def test_a_cluster_out_of_reach_is_one_sentence_and_nothing_is_written(
     assert main() == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not out.exists()
-
-
-def test_what_answers_but_is_no_scheduler_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connect, "ANSWER_S", 0.5)
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        where = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(ClusterError, match=r"no Dask scheduler answers .* dashboard has another port"):
-            connect.check_cluster(where)
-
-
-def test_a_scheduler_file_states_an_address(tmp_path: Path) -> None:
-    file = tmp_path / "scheduler.json"
-    file.write_text('{"address": "tcp://10.0.0.1:8786"}')
-    assert connect.address_of(str(file)) == "tcp://10.0.0.1:8786"
-    file.write_text('{"id": 3}')
-    with pytest.raises(InputError, match="states `address`"):
-        connect.address_of(str(file))

@@ -10,9 +10,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from tactilevision.photometric import make_reference
 from tactilevision.quality.reference_match import some_frames
-from tactilevision.quality.scene_faults import scene_faults
+from tactilevision.quality.scene_faults import able_to_renew, scene_faults
 from tactilevision.reconstruct import build_reconstructor
+from tactilevision.reconstruct.build import with_flats
+from tactilevision.reconstruct.untouched_frames import free_frames
 from tactilevision.recording import read_image, read_recording
 from tactilevision.records import Bytes
 from tactilevision.sensors import rectify
@@ -57,8 +60,14 @@ FAULTS: dict[str, tuple[str, Callable[[Bytes, int], Bytes]]] = {
     ),
     "gamma": ("to the power 1.2", lambda rgb, k: (255 * (rgb / 255.0) ** 1.25).astype(np.uint8)),
     "exposure": ("exposure on automatic", lambda rgb, k: as_light(rgb, lambda x: x * np.float32(1 + 0.04 * k))),
-    "torn": (r"a mark near \(27\d, 11\d\) px", lambda rgb, k: torn(rgb)),
+    "torn": (r"a mark near \(27\d, 1[01]\d\) px", lambda rgb, k: torn(rgb)),
+    "lamp later": (
+        "in 2 of 9 frames looked at, red has 0.[23].* a lamp failed",
+        lambda rgb, k: as_light(rgb, lambda x: x * np.array([0.05, 1, 1], np.float32)) if k > 6 else rgb,
+    ),
+    "torn later": (r"a mark near \(27\d, 1[01]\d\) px", lambda rgb, k: torn(rgb) if k > 5 else rgb),
 }
+OF_SOME = ("exposure", "torn", "lamp later", "torn later")  # the others spoil all maps
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -68,7 +77,7 @@ def test_each_fault_is_told_by_its_name(scene: tuple[Picture, list[Bytes]], name
     found = scene_faults(reference, [change(rgb, k) for k, rgb in enumerate(pictures)])
     assert len(found) == 1
     assert re.search(said, found[0].sentence)
-    assert found[0].spoils == (name not in ("exposure", "torn"))
+    assert found[0].spoils == (name not in OF_SOME)
 
 
 def test_sound_pictures_show_none(scene: tuple[Picture, list[Bytes]]) -> None:
@@ -102,3 +111,26 @@ def test_a_reconstructor_warns_and_flags_its_maps() -> None:
     found.look([rgb[:, ::-1].copy() for rgb in pictures])
     assert any("mirrored left to right" in line for line in found.warnings)
     assert "light" in found.rectified_map(pictures[0]).flags
+
+
+@pytest.mark.parametrize("name", ["swapped", "mirrored"])
+def test_an_exchange_against_the_methods_own_pictures_is_named(name: str) -> None:
+    recording = read_recording(ROOT / "sample_frames" / "rendered_shadows")
+    flats = [FAULTS[name][1](read_image(path), 0).copy() for path in recording.flats]
+    assert recording.sensor.rectification is None
+    made = build_reconstructor(recording)
+    found = with_flats(recording.sensor, made.method, flats=flats)
+    assert any(FAULTS[name][0] in line and "the method was made of" in line for line in found.warnings)
+    assert found.reference_match is not None
+    assert found.reference_match.other_light
+
+
+def test_spoiled_frames_do_not_renew_the_reference() -> None:
+    recording = read_recording(ROOT / "sample_frames" / "gelslim3")
+    reference = make_reference([rectify(recording.sensor, read_image(path)) for path in recording.flats]).rgb
+    free = free_frames(recording)[:6]
+    assert able_to_renew(reference, free) == free
+    dark, mirrored = ([FAULTS[name][1](rgb, 0) for rgb in free] for name in ("lamp", "mirrored"))
+    assert able_to_renew(reference, [*dark[:3], *free[3:]]) == free[3:]
+    assert able_to_renew(reference, dark) == dark  # what is left of the light is all there is
+    assert able_to_renew(reference, mirrored) == []
