@@ -23,7 +23,8 @@ import numpy.typing as npt
 
 from tactilevision.integration.dct_poisson import edge_divergence, transform_solver
 from tactilevision.integration.poisson import integrate
-from tactilevision.photometric.illumination.colour_change import Planes, Window
+from tactilevision.photometric.illumination.colour_change import Planes
+from tactilevision.photometric.windows import Window
 from tactilevision.records import Pair, SlopeMap
 
 LARGE = 10000  # points, above which a coarse grid is solved by transforms: no quicker on smaller ones
