@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import tactilevision.compiled as switch
-from tactilevision.integration import circle, circular_edges, steep_edges, zero_plane
+from tactilevision.integration import circle, circular_edges, steep_edges, two_grid_poisson, zero_plane
 from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.photometric.illumination import drift
 from tactilevision.photometric.illumination.colour_change import ColourChange, strips
@@ -205,6 +205,16 @@ def test_the_zero_plane(touched: bool, both: Any) -> None:
         return [plane.offset_mm, plane.tilt_mm, plane.std_mm, plane.takes]
 
     alike(both(work), rtol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(40, 53), (130, 121)])
+def test_surfaces_between_all_kinds_of_ends(shape: tuple[int, int], both: Any) -> None:
+    right = np.random.default_rng(8).normal(0, 1, shape).astype(np.float32)
+    kinds = [(low, high) for low in (False, True) for high in (False, True)]
+    for free in [(along_y, along_x) for along_y in kinds for along_x in kinds]:
+        level = right - right.mean() if all(free[0] + free[1]) else right
+        pair = both(lambda r=level, f=free: two_grid_poisson._solved(r, (0.06, 0.05), f))
+        np.testing.assert_allclose(pair[1], pair[0], atol=3e-6 * np.abs(pair[0]).max())
 
 
 def test_numba_is_left_alone_where_it_is_not_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
