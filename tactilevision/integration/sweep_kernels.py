@@ -1,4 +1,4 @@
-"""One axis of the equations of `two_grid_poisson.py` by elimination, compiled: quicker than products with waves."""
+"""The equations of `two_grid_poisson.py`, compiled: one axis of them by elimination."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from tactilevision.compiled import LINE, LINES, kernel
 from tactilevision.records import Floats
 
 Picture = npt.NDArray[np.float32]
+BLOCK = 32  # waves at once, so that what is found of them stays in the cache
 SINGULAR = 1e-9  # a pivot below it is that of the one mode whose mean is open: its last point stays at 0
 
 
@@ -31,13 +32,16 @@ def pivots(bend: Floats, count: int, first: float, last: float) -> Floats:
 def sweep(modes: Picture, inverse: Floats, square: float) -> None:
     """Put the solution z in place of `modes` (n, m), where -`square` modes_j is what `pivots` (n, m) are of."""
     count, width = modes.shape
-    found = np.zeros((count + 1, width))
-    for j in range(count):
-        now, before, mode, per_pivot = found[j], found[max(j - 1, 0)], modes[j], inverse[j]
-        for i in range(width):
-            now[i] = (before[i] - square * mode[i]) * per_pivot[i]  # before the first there is 0
-    for j in range(count - 1, -1, -1):
-        now, after, mode, per_pivot = found[j], found[j + 1], modes[j], inverse[j]
-        for i in range(width):
-            now[i] += per_pivot[i] * after[i]
-            mode[i] = now[i]
+    found = np.zeros((count + 1, BLOCK))
+    for left in range(0, width, BLOCK):
+        size = min(BLOCK, width - left)
+        found[0] = 0.0
+        for j in range(count):
+            now, before, mode, per_pivot = found[j], found[max(j - 1, 0)], modes[j, left:], inverse[j, left:]
+            for i in range(size):
+                now[i] = (before[i] - square * mode[i]) * per_pivot[i]  # before the first there is 0
+        for j in range(count - 1, -1, -1):
+            now, after, mode, per_pivot = found[j], found[j + 1], modes[j, left:], inverse[j, left:]
+            for i in range(size):
+                now[i] += per_pivot[i] * after[i]
+                mode[i] = now[i]

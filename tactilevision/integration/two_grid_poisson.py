@@ -5,10 +5,11 @@ surface z is carried over to the single pixels, linear in between. What is then 
 
     L e = div (p, q) - L z      e = 0 on the window's rim; nothing flows over the picture's border
 
-(L: 5-point Laplacian) is solved by products with L's eigenvectors along either axis, or, compiled, along y alone and by elimination along
-x: at the size of a window as quick as transforms, and at any size. Between like ends they are even and odd by
-turns, so that half of each will do. Means of a gradient are the gradient of means, so that a step comes out as
-high coarsely as finely, and e is small and local: the depth of contacts is within .1 um that of one solution.
+(L: 5-point Laplacian) is solved by products with L's eigenvectors along either axis, or, compiled, along y alone
+and by elimination along x: at the size of a window as quick as transforms, and at any size. Between like ends they
+are even and odd by turns, so that half of each will do. Means of a gradient are the gradient of means, so that a
+step comes out as high coarsely as finely, and e is small and local: the depth of contacts is within .1 um that of
+one solution.
 Assumes gentle slopes at the rims of windows, as `multiresolution.py` cuts them.
 """
 

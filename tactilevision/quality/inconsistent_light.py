@@ -190,7 +190,9 @@ class LightCheck:
             from tactilevision.quality.light_kernels import off_law
 
             off_law(change, slopes, self.answers, POWERS, off := np.empty_like(change))
-            return np.stack([self._mean(plane) for plane in off])
+            for plane in off:
+                plane[:] = self._mean(plane)
+            return off
         p, q = (
             np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
         )
