@@ -30,7 +30,10 @@ def pivots(bend: Floats, count: int, first: float, last: float) -> Floats:
 
 @kernel("float32[:, ::1]", LINES, "float64")
 def sweep(modes: Picture, inverse: Floats, square: float) -> None:
-    """Put the solution z in place of `modes` (n, m), where -`square` modes_j is what `pivots` (n, m) are of."""
+    """Put z (n, m), mm, in place of `modes` (n, m), 1/mm, with the `inverse` (n, m) of `pivots`.
+
+    -`square` modes_j, `square` in mm^2, is the right side of their equations.
+    """
     count, width = modes.shape
     found = np.zeros((count + 1, BLOCK))
     for left in range(0, width, BLOCK):
