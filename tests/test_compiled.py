@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import tactilevision.compiled as switch
-from tactilevision.integration import circle, circular_edges, steep_edges, zero_plane
+from tactilevision.integration import circle, circular_edges, steep_edges, two_grid_poisson, zero_plane
 from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.photometric.illumination import drift
 from tactilevision.photometric.illumination.colour_change import ColourChange, strips
@@ -26,7 +26,7 @@ from tactilevision.records import Frame, SlopeMap
 
 ROOT = Path(__file__).parents[1]
 FRAMES = {"free": 126, "gentle": 109, "deep": 308, "shallow": 137}  # of the sample, by what presses there
-KEPT_OUT = "import tactilevision.photometric.illumination.change_kernels as k; print(k.told.signatures)"
+KEPT_OUT = "import tactilevision.photometric.illumination.change_kernels as k; print(k.changes.signatures)"
 
 
 @pytest.fixture
@@ -104,26 +104,19 @@ def test_the_polynomial(both: Any) -> None:
     assert 0.01 < float(np.mean(np.abs(slopes) >= evaluate.bound)) < 0.9  # some are held to the bound
 
 
-@pytest.mark.parametrize("overexposed", [False, True])
-def test_colour_changes_and_what_is_told(overexposed: bool, both: Any) -> None:
+def test_colour_changes(both: Any) -> None:
     rng = np.random.default_rng(1)
     mean = rng.uniform(60, 200, (48, 64, 3)).astype(np.float32)
-    mean[:3, :5, 1] = 254.0 if overexposed else 120.0
     change = ColourChange(Reference(mean, (1.0, 1.2, 0.9), rng.random((48, 64)) > 0.05))
     rgb = np.clip(mean * 1.02 + rng.normal(0, 1.2, mean.shape), 0, 255).astype(np.uint8)
-    rgb[10:14, 20:30, 0], rgb[20:22, 5:9], rgb[30:33, 40:44] = 255, 254, 2
     window = slice(5, 40), slice(7, 61)
 
     def taken() -> list[Any]:
-        found, valid = change.take(rgb)
-        masks = [np.array(mask) for mask in (valid, change.missing, change.lacking, change.partly)]
+        found, _ = change.take(rgb)
         changes = np.concatenate([one.copy() for _, one in change.within(window)], axis=1)
-        return [*masks, change.lacking_tiles(4, (16, 12)), found.gains, found.untouched, changes]
+        return [found.gains, found.untouched, changes]
 
-    ours, theirs = both(taken)
-    for one, other in zip(ours[:5], theirs[:5], strict=True):
-        np.testing.assert_array_equal(other, one)
-    alike((ours[5:], theirs[5:]), atol=2e-6)
+    alike(both(taken), atol=2e-6)
     assert len(list(strips(window))) == 1
 
 
@@ -214,6 +207,16 @@ def test_the_zero_plane(touched: bool, both: Any) -> None:
     alike(both(work), rtol=1e-6)
 
 
+@pytest.mark.parametrize("shape", [(40, 53), (130, 121)])
+def test_surfaces_between_all_kinds_of_ends(shape: tuple[int, int], both: Any) -> None:
+    right = np.random.default_rng(8).normal(0, 1, shape).astype(np.float32)
+    kinds = [(low, high) for low in (False, True) for high in (False, True)]
+    for free in [(along_y, along_x) for along_y in kinds for along_x in kinds]:
+        level = right - right.mean() if all(free[0] + free[1]) else right
+        pair = both(lambda r=level, f=free: two_grid_poisson._solved(r, (0.06, 0.05), f))
+        np.testing.assert_allclose(pair[1], pair[0], atol=3e-6 * np.abs(pair[0]).max())
+
+
 def test_numba_is_left_alone_where_it_is_not_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
     code = "import sys; from tactilevision.compiled import compiled; print(compiled(), 'numba' in sys.modules)"
     environment = os.environ | {switch.SWITCH: "0"}
@@ -246,7 +249,7 @@ def test_a_cache_that_cannot_be_used_is_no_failure(harm: str, tmp_path: Path) ->
     else:
         subprocess.run([sys.executable, "-c", KEPT_OUT], env=environment, capture_output=True, check=True)
         kept = list(folder.rglob("*.nbi"))
-        assert len(kept) == 2
+        assert len(kept) == 1
         for path in kept if harm == "spoilt" else ():
             path.write_bytes(b"no index")
     out = subprocess.run(

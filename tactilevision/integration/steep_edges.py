@@ -46,7 +46,8 @@ from tactilevision.compiled import compiled
 from tactilevision.integration.circle import solved
 from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, window_of
 from tactilevision.integration.punch_edge import PunchEdge, WallLaw
-from tactilevision.photometric.illumination.colour_change import Planes, Window
+from tactilevision.photometric.illumination.colour_change import Planes
+from tactilevision.photometric.windows import Window
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 
 FOOT_PX = 6.0  # px inside the edge from which slopes are read

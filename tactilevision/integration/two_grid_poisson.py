@@ -5,10 +5,11 @@ surface z is carried over to the single pixels, linear in between. What is then 
 
     L e = div (p, q) - L z      e = 0 on the window's rim; nothing flows over the picture's border
 
-(L: 5-point Laplacian) is solved by products with L's eigenvectors along either axis: at the size of a window as
-quick as transforms, and at any size. Between like ends they are even and odd by turns, so that half of each will
-do. Means of a gradient are the gradient of means, so that a step comes out as
-high coarsely as finely, and e is small and local: the depth of contacts is within .1 um that of one solution.
+(L: 5-point Laplacian) is solved by products with L's eigenvectors along either axis, or, compiled, along y alone
+and by elimination along x: at the size of a window as quick as transforms, and at any size. Between like ends they
+are even and odd by turns, so that half of each will do. Means of a gradient are the gradient of means, so that a
+step comes out as high coarsely as finely, and e is small and local: the depth of contacts is within .1 um that of
+one solution.
 Assumes gentle slopes at the rims of windows, as `multiresolution.py` cuts them.
 """
 
@@ -21,10 +22,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.compiled import compiled
 from tactilevision.integration.dct_poisson import edge_divergence, transform_solver
 from tactilevision.integration.poisson import integrate
-from tactilevision.photometric.illumination.colour_change import Planes, Window
-from tactilevision.records import Pair, SlopeMap
+from tactilevision.photometric.illumination.colour_change import Planes
+from tactilevision.photometric.windows import Window
+from tactilevision.records import Floats, Pair, SlopeMap
 
 LARGE = 10000  # points, above which a coarse grid is solved by transforms: no quicker on smaller ones
 FOLDED = 120  # points, from which on halves of waves are quicker than whole ones
@@ -100,33 +103,41 @@ def integrate_small(slopes: Planes, step_mm: Pair) -> Picture:
 
 def _solved(right: Picture, step_mm: Pair, free: tuple[Ends, Ends]) -> Picture:
     """The surface (h, w) whose 5-point Laplacian is `right`, with ends along y and x as `free`; else mean 0."""
-    down, across, inverse = _bases(right.shape, step_mm, free)
-    modes = _to_modes(_to_modes(right, down).T, across)
-    modes *= inverse
-    return np.asarray(_of_modes(_of_modes(modes, across).T, down))
+    down, _ = _waves(right.shape[0], free[0])
+    modes = _to_modes(right, down)
+    if compiled():
+        from tactilevision.integration.sweep_kernels import sweep
+
+        sweep(modes, _pivots(right.shape, step_mm, free), step_mm[0] ** 2)
+        if all(free[0]) and all(free[1]):
+            modes[:, 0] -= modes[:, 0].mean()
+    else:
+        across, _ = _waves(right.shape[1], free[1])
+        modes = _of_modes(_to_modes(modes, across) * _inverse(right.shape, step_mm, free), across)
+    return _of_modes(modes, down)
 
 
 def _to_modes(values: Picture, halves: Halves) -> Picture:
-    """Even modes (n, w) of values (n, w) along their first axis, then odd ones."""
+    """Even modes (w, n) of values (n, w) along their first axis, then odd ones."""
     even, odd = halves
     if odd is None:
-        return np.asarray(even.T @ values)
+        return np.asarray(values.T @ even)
+    out = np.empty(values.T.shape, values.dtype)
     first, second = values[: len(odd)], values[: -len(odd) - 1 : -1]
-    out = np.empty_like(values, order="C")
     total = values[: len(even)].copy()
     total[: len(odd)] += second
-    np.matmul(even.T, total, out=out[: len(even)])
-    np.matmul(odd.T, first - second, out=out[len(even) :])
+    np.matmul(total.T, even, out=out[:, : len(even)])
+    np.matmul((first - second).T, odd, out=out[:, len(even) :])
     return out
 
 
 def _of_modes(modes: Picture, halves: Halves) -> Picture:
-    """The values (n, w) of even modes, then odd ones (n, w)."""
+    """The values (n, w) of even modes (w, n), then odd ones."""
     even, odd = halves
     if odd is None:
-        return np.asarray(even @ modes)
-    out, half = np.empty_like(modes, order="C"), len(odd)
-    total, difference = even @ modes[: len(even)], odd @ modes[len(even) :]
+        return np.asarray(even @ modes.T)
+    out, half = np.empty(modes.T.shape, modes.dtype), len(odd)
+    total, difference = even @ modes[:, : len(even)].T, odd @ modes[:, len(even) :].T
     np.subtract(total[:half], difference, out=out[: -half - 1 : -1])
     out[: len(even)] = total
     out[:half] += difference
@@ -134,12 +145,20 @@ def _of_modes(modes: Picture, halves: Halves) -> Picture:
 
 
 @lru_cache(maxsize=32)
-def _bases(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> tuple[Halves, Halves, Picture]:
-    """Eigenvectors along y and x, and one over the eigenvalues (w, h) of the Laplacian, 0 for that which is 0."""
-    (down, bend_y), (across, bend_x) = (_modes(count, ends) for count, ends in zip(shape, free, strict=True))
-    bend = (bend_y / step_mm[1] ** 2)[None, :] + (bend_x / step_mm[0] ** 2)[:, None]
-    inverse = -1.0 / np.where(bend > 0.0, bend, np.inf)
-    return down, across, np.asarray(inverse, np.float32)
+def _inverse(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> Picture:
+    """1 over the eigenvalues (h, w) of the Laplacian, 0 for that which is 0."""
+    bend_y, bend_x = (_waves(count, ends)[1] for count, ends in zip(shape, free, strict=True))
+    bend = (bend_y / step_mm[1] ** 2)[:, None] + (bend_x / step_mm[0] ** 2)[None, :]
+    return np.asarray(-1.0 / np.where(bend > 0.0, bend, np.inf), np.float32)
+
+
+@lru_cache(maxsize=32)
+def _pivots(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> Floats:
+    """1 over the pivots (w, h) of each wave along y, in steps along x."""
+    from tactilevision.integration.sweep_kernels import pivots
+
+    bend = _waves(shape[0], free[0])[1] * (step_mm[0] / step_mm[1]) ** 2
+    return pivots(bend, shape[1], *map(float, free[1]))
 
 
 def _extrapolate(lines: Picture, known: int, clamped: int) -> None:
@@ -152,15 +171,14 @@ def _extrapolate(lines: Picture, known: int, clamped: int) -> None:
 
 
 @lru_cache(maxsize=32)
-def _modes(count: int, free: Ends) -> tuple[Halves, Picture]:
+def _waves(count: int, free: Ends) -> tuple[Halves, Floats]:
     """Eigenvectors, in columns, and eigenvalues (count,) of minus the second difference, even ones first."""
     i, k = np.arange(count)[:, None], np.arange(count)[None, :]
     fixed = 1.0 - 0.5 * sum(free)
     angle = np.pi * (k + fixed) / (count + fixed)
     waves = np.cos(angle * (i + 0.5)) if free[0] else np.sin(angle * (i + 1))
-    lengths = np.sqrt(np.sum(waves**2, axis=0))
     values = 2.0 - 2.0 * np.cos(angle[0])
-    waves, values = np.asarray(waves / lengths, np.float32), np.asarray(values, np.float32)
+    waves = np.asarray(waves / np.sqrt(np.sum(waves**2, axis=0)), np.float32)
     if free[0] != free[1] or count < FOLDED:
         return (np.ascontiguousarray(waves), None), values
     even, odd = waves[: count - count // 2, ::2], waves[: count // 2, 1::2]  # waves are even and odd by turns

@@ -14,12 +14,7 @@ import numpy.typing as npt
 from tactilevision.photometric.background import BackgroundSums, SlopeBackground, damping, darkness, noise_bias
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.camera_response import response_from_card
-from tactilevision.photometric.illumination.colour_change import (
-    ColourChange,
-    Planes,
-    Window,
-    strips,
-)
+from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, strips
 from tactilevision.photometric.illumination.lamps import Lamps
 from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import fill
@@ -27,6 +22,7 @@ from tactilevision.photometric.methods.two_colours import TwoColourLaws, TwoColo
 from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
 from tactilevision.photometric.protocols import ColourLaw, PhotometricMethod, PixelMethod, Reading
 from tactilevision.photometric.reference import Reference
+from tactilevision.photometric.windows import Patch, Window, common, inside
 from tactilevision.records import Bools, Bytes, Floats, SlopeMap
 from tactilevision.records.taught_walls import WallLessons
 
@@ -169,16 +165,15 @@ class CalibratedMethod:
     def valid(self, complete: Bools) -> Bools:
         """Where (H, W) slopes of the frame taken in are told: `complete`, by all colours, or by two of them."""
         valid = complete & self.readable
-        if self.change.missing is None or self.change.partly is None or self.two_colour_reader is None:
-            return valid
-        self.two_colour_reader.add_readable(valid, self.change.missing, self.change.partly)
+        if self.change.missing is not None and self.two_colour_reader is not None:
+            self.two_colour_reader.add_readable(valid, self.change.missing)
         return valid
 
-    def lost_share(self) -> Picture | None:
-        """Relative error (H, W) of slopes of the frame taken in, by missing colours; None where none is."""
-        if self.change.missing is None or self.change.lacking is None or self.two_colour_reader is None:
+    def lost_share(self) -> Patch | None:
+        """Relative error of slopes of the frame taken in, by missing colours; None where none is."""
+        if self.change.missing is None or self.two_colour_reader is None:
             return None
-        return self.two_colour_reader.lost_share(self.change.missing, self.change.lacking)
+        return self.two_colour_reader.lost_share(self.change.missing)
 
     def _read_into(self, slopes: Planes, parts: Iterable[tuple[Window, Planes]], top: int = 0) -> float:
         """Set `slopes`, from the picture's row `top` on, by strips of changes (3, h, w); their greatest length."""
@@ -188,33 +183,21 @@ class CalibratedMethod:
             self.evaluate.strip(change, window, part)
             part *= self.kept_share[window]
             part -= self.bias[:, *window]
-            if self.change.missing is not None:
-                self._read_two_colours(part, change, window)
+            if self.change.missing is not None and self.two_colour_reader is not None:
+                self.two_colour_reader.read_into(part, change, window, self.change.missing)
             steepest = max(steepest, cv2.norm(cv2.magnitude(part[0], part[1]), cv2.NORM_INF))
         return steepest
 
-    def _read_two_colours(self, part: Planes, change: Planes, window: Window) -> None:
-        """Set slopes `part` (2, h, w) of a window anew where a colour is missing; 0 where more are."""
-        missing, partly, reader = self.change.missing, self.change.partly, self.two_colour_reader
-        if reader is not None and missing is not None and partly is not None:
-            if cv2.countNonZero(blind := self._blind(window)):
-                part[:, blind > 0] = 0.0
-            reader.read_into(part, change, window, missing=missing, partly=partly)
-
     def _fill_blind(self, slopes: Planes, window: Window) -> None:
         """Fill the slopes (2, h, w) of a window from around where fewer than two colours tell them."""
-        if self.change.missing is None or self.two_colours is None:
+        missing = self.change.missing
+        if missing is None or self.two_colours is None or (both := common(window, missing.window)) is None:
             return
-        blind = self._blind(window)
-        if cv2.countNonZero(blind):
-            fill(slopes, np.asarray(blind > 0, np.uint8))
-
-    def _blind(self, window: Window) -> Bytes:
-        """Pixels (h, w) of a window that fewer than two colours tell: not 0 there."""
-        assert self.change.lacking is not None
-        assert self.change.partly is not None
-        partly = self.change.partly.view(np.uint8)[window]  # 1 only where one is lacking
-        return np.asarray(cv2.compare(self.change.lacking[window], partly, cv2.CMP_GT))
+        blind = missing.blind[inside(both, missing.window)]
+        if blind.any():
+            mask = np.zeros(slopes.shape[1:], np.uint8)
+            mask[inside(both, window)] = blind
+            fill(slopes, mask)
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""
@@ -230,9 +213,10 @@ class CalibratedMethod:
         """The same method with another card."""
         return replace(self, card=card)
 
-    def _std(self, dz_dx: Array, dz_dy: Array, lost: Picture | None) -> Array:
-        std = np.abs(dz_dx)
-        std += np.abs(dz_dy)
-        std *= np.float32(self.relative_error) if lost is None else np.hypot(lost, np.float32(self.relative_error))
-        std += self.noise
+    def _std(self, dz_dx: Array, dz_dy: Array, lost: Patch | None) -> Array:
+        size = np.abs(dz_dx) + np.abs(dz_dy)
+        std = np.float32(self.relative_error) * size + self.noise
+        if lost is not None:
+            at, error = lost.window, np.hypot(lost.values, np.float32(self.relative_error))
+            std[at] = error * size[at] + self.noise[at]
         return std

@@ -20,9 +20,10 @@ import numpy.typing as npt
 
 from tactilevision.photometric.background import noise_bias
 from tactilevision.photometric.illumination.block_means import means, tile_px_of
-from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, Window, strips
+from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, strips
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.protocols import PixelMethod, Reading
+from tactilevision.photometric.windows import Patch, Window
 from tactilevision.records import Bools, Bytes, SlopeMap
 from tactilevision.robust import median
 
@@ -50,7 +51,7 @@ class TiledSlopes:
     valid: Bools
     drift: Drift
     steepest: float
-    lost_share: Picture | None = None
+    lost_share: Patch | None = None
 
 
 def tile_px_for(method: PixelMethod) -> int:
@@ -107,7 +108,8 @@ class TiledEvaluator:
         self.maps.light(drift.gains)
         self._read()
         lost_share = self.method.lost_share()
-        missing = None if lost_share is None else self.method.change.lacking_tiles(self.px, self.size)
+        told = self.method.change.missing
+        missing = None if lost_share is None or told is None else told.tiles(self.px, self.size)
         if missing is not None:
             self._slopes[:, missing > 0] = 0.0
         steepest = cv2.norm(cv2.magnitude(*self._slopes), cv2.NORM_INF)

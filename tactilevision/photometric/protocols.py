@@ -8,9 +8,10 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, Window
+from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.reference import Reference
+from tactilevision.photometric.windows import Patch, Window
 from tactilevision.records import Bools, Bytes, Floats, SlopeMap
 
 Picture = npt.NDArray[np.float32]
@@ -56,13 +57,13 @@ class ColourLaw(Protocol):
 class Reading:
     """The slopes of one frame, the drift of its light, and the greatest |slope|.
 
-    `lost_share`: relative error (H, W) of a slope where colours are missing; None where none is.
+    `lost_share`: relative error of a slope where colours are missing; None where none is.
     """
 
     slopes: SlopeMap
     drift: Drift
     steepest: float
-    lost_share: Picture | None = None
+    lost_share: Patch | None = None
 
 
 class PixelMethod(Protocol):
@@ -84,6 +85,6 @@ class PixelMethod(Protocol):
 
     def valid(self, complete: Bools) -> Bools: ...
 
-    def lost_share(self) -> Picture | None: ...
+    def lost_share(self) -> Patch | None: ...
 
     def read_window(self, window: Window) -> tuple[Planes, float]: ...

@@ -129,8 +129,8 @@ class LightCheck:
         score *= self.usable
         if self.steep:
             score[cv2.dilate(_length(slopes), self.near) > self.steep] = 0.0
-        if self.method.change.lacking is not None:
-            score[self.method.change.lacking_tiles(self.px, self.size) > 0] = 0.0
+        if (missing := self.method.change.missing) is not None:
+            score[missing.tiles(self.px, self.size) > 0] = 0.0
         share *= np.clip((score - RAMP) / (1.0 - RAMP), 0.0, 1.0)
         depth = np.zeros_like(score)
         if share.any():
@@ -190,7 +190,9 @@ class LightCheck:
             from tactilevision.quality.light_kernels import off_law
 
             off_law(change, slopes, self.answers, POWERS, off := np.empty_like(change))
-            return np.stack([self._mean(plane) for plane in off])
+            for plane in off:
+                plane[:] = self._mean(plane)
+            return off
         p, q = (
             np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
         )

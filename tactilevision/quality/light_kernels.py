@@ -14,21 +14,27 @@ Planes = npt.NDArray[np.float32]
 @kernel(PLANES, PLANES, "Array(float32, 4, 'C', True)", "Array(int64, 2, 'C', True)", "float32[:, :, ::1]")
 def off_law(change: Planes, slopes: Planes, answers: Planes, powers: npt.NDArray[np.int64], off: Planes) -> None:
     """What changes (3, h, w) are `off` the law of light, of `answers` (k, 3, h, w) to slopes (2, h, w)."""
-    p, q = np.ones(5, np.float32), np.ones(5, np.float32)
+    width = change.shape[2]
+    p, q, light = (
+        np.ones((5, width), np.float32),
+        np.ones((5, width), np.float32),
+        np.empty((3, width), np.float32),
+    )
     for row in range(change.shape[1]):
-        for i in range(change.shape[2]):
-            for n in range(1, 5):
-                p[n], q[n] = p[n - 1] * slopes[0, row, i], q[n - 1] * slopes[1, row, i]
-            red, green, blue = np.float32(1.0), np.float32(1.0), np.float32(1.0)
-            for k in range(powers.shape[0]):
-                product = p[powers[k, 0]] * q[powers[k, 1]]
-                red += answers[k, 0, row, i] * product
-                green += answers[k, 1, row, i] * product
-                blue += answers[k, 2, row, i] * product
-            steep = np.sqrt(np.float32(1.0) + p[2] + q[2])
-            off[0, row, i] = change[0, row, i] + np.float32(1.0) - red / steep
-            off[1, row, i] = change[1, row, i] + np.float32(1.0) - green / steep
-            off[2, row, i] = change[2, row, i] + np.float32(1.0) - blue / steep
+        for n in range(1, 5):
+            for i in range(width):
+                p[n, i], q[n, i] = p[n - 1, i] * slopes[0, row, i], q[n - 1, i] * slopes[1, row, i]
+        light[:] = np.float32(1.0)
+        for k in range(powers.shape[0]):
+            of_p, of_q = p[powers[k, 0]], q[powers[k, 1]]
+            for c in range(3):
+                answer, line = answers[k, c, row], light[c]
+                for i in range(width):
+                    line[i] += answer[i] * (of_p[i] * of_q[i])
+        for c in range(3):
+            for i in range(width):
+                steep = np.sqrt(np.float32(1.0) + p[2, i] + q[2, i])
+                off[c, row, i] = change[c, row, i] + np.float32(1.0) - light[c, i] / steep
 
 
 @kernel(PLANES, PLANE, PLANES, "float32", "float32", "float32", "float32[:, ::1]", "float32[:, ::1]")

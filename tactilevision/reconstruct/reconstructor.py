@@ -37,6 +37,7 @@ from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import ReferencedMethod, as_referenced
 from tactilevision.photometric.multiresolution import TiledEvaluator
 from tactilevision.photometric.protocols import PhotometricMethod
+from tactilevision.photometric.windows import Patch
 from tactilevision.quality.contact_in_reference import check_reference
 from tactilevision.quality.fitness import unfit_warnings
 from tactilevision.quality.inconsistent_light import Inconsistency, LightCheck, stands_out
@@ -268,7 +269,7 @@ class Reconstructor:
         *,
         walls: list[PunchEdge],
         drift: Drift | None,
-        lost_share: Planes | None = None,
+        lost_share: Patch | None = None,
     ) -> Planes | None:
         if self.error is None or self.zero is None:
             return None
@@ -333,7 +334,7 @@ class Reconstructor:
 
     def _evaluate_tiled(
         self, rgb: Bytes
-    ) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None, Planes | None]:
+    ) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None, Patch | None]:
         """Slopes, untouched blocks, drift, greatest |slope|, surface and `lost_share`, where they are known."""
         if self.referenced is None:
             slopes = self.method.slopes(rgb)

@@ -23,6 +23,7 @@ from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.illumination.block_means import shares
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.photometric.windows import Patch
 from tactilevision.records import Bools, HeightMap, Pair, SlopeMap
 from tactilevision.uncertainty.depth_scale import extrapolated_gain_std, gain_variance, scale_variance
 from tactilevision.uncertainty.illumination import DriftError
@@ -59,7 +60,7 @@ class MapEvidence:
     """What one height map's deviation rests on, beside its depth.
 
     `slopes` (H, W) may be left out where edges were restored, and where none is too steep (`too_steep`); `edges`
-    are those that were restored; `drift` is None where the light was not followed. `lost_share` (H, W) is the
+    are those that were restored; `drift` is None where the light was not followed. `lost_share` is the
     relative error of a slope where colours are missing, None where none is. `unexplained_mm` (h, w) is the depth
     that rests on slopes which the light does not explain (quality/inconsistent_light.py), None where none does.
     """
@@ -68,7 +69,7 @@ class MapEvidence:
     slopes: SlopeMap | None = None
     edges: Sequence[PunchEdge] = ()
     drift: Drift | None = None
-    lost_share: Picture | None = None
+    lost_share: Patch | None = None
     unexplained_mm: Picture | None = None
 
 
@@ -189,7 +190,7 @@ class DepthError:
     def _lost(self, few: Picture, evidence: MapEvidence) -> Picture | None:
         if evidence.lost_share is None:
             return None
-        share = _thinned(evidence.lost_share, few.shape)
+        share = _thinned(evidence.lost_share, self.method.reference.shape, few.shape)
         return missing_colour_variance(few, share, every=self.every, mm_per_px=self.mm_per_px)
 
     def _light(self, evidence: MapEvidence, shape: tuple[int, ...]) -> Picture | None:
@@ -210,17 +211,15 @@ class DepthError:
         )
 
 
-def _thinned(plane: Picture, size: tuple[int, ...]) -> Picture:
-    """Means over blocks (h, w) of a plane (H, W) that is 0 but for a small part: of that part alone."""
+def _thinned(patch: Patch, shape: tuple[int, int], size: tuple[int, ...]) -> Picture:
+    """Means over blocks (h, w) of a picture of `shape` (H, W) that is 0 but for a `patch`."""
     out = np.zeros(size, np.float32)
-    left, top, width, height = cv2.boundingRect(cv2.compare(plane, 0.0, cv2.CMP_GT))
-    rows, columns = slice(top, top + height), slice(left, left + width)
-    down, across = (shares(count, blocks) for count, blocks in zip(plane.shape, size, strict=True))
-    seen = [
+    down, across = (shares(count, blocks) for count, blocks in zip(shape, size, strict=True))
+    rows, columns = (
         slice(along.start * blocks // count, -(-along.stop * blocks // count))
-        for along, count, blocks in zip((rows, columns), plane.shape, size, strict=True)
-    ]
-    out[*seen] = down[seen[0], rows] @ (plane[rows, columns] @ across[seen[1], columns].T)
+        for along, count, blocks in zip(patch.window, shape, size, strict=True)
+    )
+    out[rows, columns] = down[rows, patch.window[0]] @ (patch.values @ across[columns, patch.window[1]].T)
     return out
 
 

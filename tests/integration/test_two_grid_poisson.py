@@ -7,7 +7,8 @@ import pytest
 
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.two_grid_poisson import TwoGridPoisson
-from tactilevision.photometric.illumination.colour_change import Planes, Window
+from tactilevision.photometric.illumination.colour_change import Planes
+from tactilevision.photometric.windows import Window
 from tactilevision.records import Floats, SlopeMap
 
 SHAPE, STEP = (121, 163), (0.06, 0.07)

@@ -1,11 +1,11 @@
-"""What `colour_change.py` asks of every pixel, compiled: its colour changes, and which of its colours are told."""
+"""The colour changes of `colour_change.py`, compiled."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.compiled import BYTES2, BYTES3, PLANES, kernel
+from tactilevision.compiled import BYTES3, PLANES, kernel
 
 Planes = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
@@ -39,36 +39,3 @@ def changes(
             for i in range(width):
                 gain = first * level[i] + second * lean[i]
                 line[i] = (grey[i] * gain + softening) * per_grey[i] - np.float32(1.0)
-
-
-@kernel(BYTES2, BYTES3, BYTES2, BYTES2, "uint8", "uint8", "uint8[:, :, ::1]", *["uint8[:, ::1]"] * 3)
-def told(
-    rgb: Bytes,
-    overexposed: Bytes,
-    lit_by_two: Bytes,
-    usable: Bytes,
-    saturated: int,
-    least: int,
-    missing: Bytes,
-    lacking: Bytes,
-    partly: Bytes,
-    valid: Bytes,
-) -> None:
-    """Put in which colours (3, H, W) of a picture (H, 3 W) are `missing`, how many (H, W) each pixel is `lacking`.
-
-    And where (H, W) it is told by two colours, `partly`, or `valid`, by all, none in shadow. Masks are 0 and 1.
-    """
-    for row in range(rgb.shape[0]):
-        pixels, two, known = rgb[row], lit_by_two[row], usable[row]
-        over_r, over_g, over_b = overexposed[0, row], overexposed[1, row], overexposed[2, row]
-        red, green, blue = missing[0, row], missing[1, row], missing[2, row]
-        count, part, whole = lacking[row], partly[row], valid[row]
-        for i in range(lacking.shape[1]):
-            r, g, b = pixels[3 * i], pixels[3 * i + 1], pixels[3 * i + 2]
-            red[i] = np.uint8(r >= saturated) | over_r[i]
-            green[i] = np.uint8(g >= saturated) | over_g[i]
-            blue[i] = np.uint8(b >= saturated) | over_b[i]
-            count[i] = red[i] + green[i] + blue[i]
-            part[i] = two[i] & np.uint8(count[i] == 1)
-            brightest = max(r, g, b)
-            whole[i] = known[i] & np.uint8(brightest >= least) & np.uint8(brightest < saturated)

@@ -7,8 +7,7 @@ Dividing by the local brightness makes u nearly the same function of slope all o
 keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
 leans over the picture is small, and applied to first order.
 Marks on the gel are filled from around, in I0 once and in u frame by frame.
-A colour that is overexposed, in the frame or in I0, says nothing at its pixel: `missing` names it, and `partly`
-the pixels that two colours are left of.
+A colour that is overexposed, in the frame or in I0, says nothing at its pixel (`missing_colours.py`).
 """
 
 from __future__ import annotations
@@ -25,15 +24,16 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.illumination.block_means import means
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response
 from tactilevision.photometric.illumination.drift import Drift, DriftTracker, undo_drift
+from tactilevision.photometric.illumination.missing_colours import MissingColours, MissingColoursFinder
 from tactilevision.photometric.markers import fill_marks, marked
-from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
+from tactilevision.photometric.reference import Reference, darkest_grey
+from tactilevision.photometric.windows import Window
 from tactilevision.records import Bools, Bytes, Floats
 
 SHADOW_PX = 4  # pixels apart that shadows are looked for
 STRIP_PX = 25000  # pixels worked on at once, so that all that is made of them stays in the cache
 
 Planes = npt.NDArray[np.float32]
-Window = tuple[slice, slice]  # rows and columns
 
 
 class ChangeMaps:
@@ -89,17 +89,12 @@ class ColourChange:
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self.maps = ChangeMaps(mean, x, y)
         self.noise: Planes = self.maps.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
-        self.darkest = darkest_grey(reference.noise_grey)
+        self.darkest = int(darkest_grey(reference.noise_grey))  # of whole numbers
         self.rgb: Bytes = np.empty((0, 0, 3), np.uint8)
         self.undo: Floats | None = None
-        self.overexposed, self.lit_by_two = reference.overexposed, reference.lit_by_two
-        self.missing: Bools | None = None  # (3, H, W), colours that the frame does not tell; None: tells all
-        self.partly: Bools | None = None  # (H, W), where it tells two of them
-        self.lacking: Bytes | None = None  # (H, W), how many it does not tell
-        self._greys: Sequence[Bytes] | None = None  # channels (H, W) of the frame, where it was split already
+        self.find_missing = MissingColoursFinder(reference).find
+        self.missing: MissingColours | None = None  # of the frame taken in; None: it tells all colours
         self._whole: Planes = np.empty_like(mean)
-        self._overexposed = np.zeros(mean.shape, np.bool_) if self.overexposed is None else self.overexposed
-        self._masks = [np.empty(shape, np.uint8) for shape in (mean.shape, mean.shape[1:], mean.shape[1:])]
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
         """Changes (3, H, W), drift, and validity (H, W) of a frame.
@@ -121,64 +116,35 @@ class ColourChange:
     def measure_known(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
         """As `measure`, changes that are not known NaN, and valid (H, W) where two colours are known."""
         changes, drift, valid = self.measure(rgb)
-        if self.missing is not None and self.partly is not None:
-            changes[self.missing] = np.nan
-            valid = valid | self.partly
+        if self.missing is not None:
+            window, valid = self.missing.window, valid.copy()
+            changes[:, *window][self.missing.missing] = np.nan
+            valid[window] |= self.missing.partly
         return changes, drift, valid
 
     def take(self, rgb: Bytes) -> tuple[Drift, Bools]:
         """Take a frame in: its drift, and where (H, W) it tells all colours, to be left so.
 
-        `within` then tells its changes, `missing` and `partly` what it tells in part.
+        `within` then tells its changes, `missing` which colours it does not tell.
         """
         self._check(rgb)
         drift = self.tracker.measure(rgb)
         self.maps.light(drift.gains)
-        self.rgb, self.undo, self.missing, self.partly = rgb, drift.undo, self.overexposed, None
-        self.lacking, self._greys = None, None
-        bright = rgb.max() >= SATURATED
-        if bright and compiled():
-            return drift, self._told(rgb)
-        if bright:
-            self._greys = cv2.split(rgb)
-            over = np.stack([grey >= SATURATED for grey in self._greys])
-            self.missing = over if self.overexposed is None else over | self.overexposed
+        self.rgb, self.undo, self.missing = rgb, drift.undo, self.find_missing(rgb)
+        valid = self.reference.usable
+        if self._in_shadow(rgb):
+            valid = valid & (_brightest(rgb) > self.darkest)
         if self.missing is not None:
-            self.lacking = missing_count(self.missing)
-            self.partly = self.lit_by_two & (self.lacking == 1)
-        if not bright and _brightest(cv2.split(rgb[::SHADOW_PX, ::SHADOW_PX])).min() > self.darkest:
-            return drift, self.reference.usable
-        brightest = _brightest(self._greys or cv2.split(rgb))
-        told = cv2.inRange(brightest, np.floor(self.darkest) + 1, SATURATED - 1)  # of whole numbers
-        return drift, self.reference.usable & (told > 0)
+            valid = valid.copy()
+            valid[self.missing.window] &= self.missing.count == 0
+        return drift, valid
 
-    def _told(self, rgb: Bytes) -> Bools:
-        """As `take`, of a frame of which some pixels are overexposed, compiled."""
-        from tactilevision.photometric.illumination.change_kernels import told
-
-        valid, (missing, lacking, partly) = np.empty(rgb.shape[:2], np.bool_), self._masks
-        over, two, usable = (
-            np.ascontiguousarray(mask).view(np.uint8)
-            for mask in (self._overexposed, self.lit_by_two, self.reference.usable)
-        )
-        least, lines = min(int(self.darkest) + 1, 255), np.ascontiguousarray(rgb).reshape(len(rgb), -1)
-        told(lines, over, two, usable, SATURATED, least, missing, lacking, partly, valid.view(np.uint8))
-        self.missing, self.lacking, self.partly = missing.view(np.bool_), lacking, partly.view(np.bool_)
-        return valid
-
-    def lacking_tiles(self, px: int, size: tuple[int, int]) -> Bytes:
-        """Tiles of `px` by `px` pixels, `size` (w, h) of them, of which some lack a colour: not 0 there."""
-        tiles = np.zeros(size[::-1], np.uint8)
-        left, top, width, height = (0, 0, 0, 0) if self.lacking is None else cv2.boundingRect(self.lacking)
-        rows, columns = (
-            slice(start // px, min(-(-(start + count) // px), most))
-            for start, count, most in ((top, height, size[1]), (left, width, size[0]))
-        )
-        if self.lacking is not None and rows.start < rows.stop and columns.start < columns.stop:
-            of = self.lacking[px * rows.start : px * rows.stop, px * columns.start : px * columns.stop]
-            few = columns.stop - columns.start, rows.stop - rows.start
-            tiles[rows, columns] = cv2.resize(cv2.compare(of, 0, cv2.CMP_GT), few, interpolation=cv2.INTER_AREA)
-        return tiles
+    def _in_shadow(self, rgb: Bytes) -> bool:
+        """Whether shadows are to be looked for in all of a frame: few of its pixels tell, unless it is bright."""
+        line = rgb.ravel()
+        if np.maximum(line[1:], line[:-1]).min() > self.darkest:  # no two colours beside each other are dark
+            return False
+        return self.missing is not None or bool(_brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() <= self.darkest)
 
     def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
         """The changes (3, h, w) of the frame taken in, strip by strip of a window.
@@ -195,7 +161,7 @@ class ColourChange:
 
     def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
         """Channels (3, h, w) of a window of the frame taken in."""
-        greys = [grey[window] for grey in self._greys] if self._greys else cv2.split(self.rgb[window])
+        greys = cv2.split(self.rgb[window])
         return greys if self.undo is None else list(undo_drift(greys, self.undo, power=self.tracker.power))
 
     def means(self, px: int) -> Planes:
@@ -235,16 +201,10 @@ class ColourChange:
             )
 
 
-def _brightest(greys: Sequence[Bytes]) -> Bytes:
-    """Of three channels (H, W), pixel by pixel."""
-    red, green, blue = greys
+def _brightest(rgb: Bytes) -> Bytes:
+    """Of the three channels of a picture (H, W, 3), pixel by pixel."""
+    red, green, blue = cv2.split(rgb)
     return np.asarray(cv2.max(cv2.max(red, green), blue))
-
-
-def missing_count(missing: Bools) -> Bytes:
-    """Number (H, W) of colours that are `missing`, a mask (3, H, W)."""
-    red, green, blue = missing.view(np.uint8)
-    return np.asarray(red + green + blue)
 
 
 def strips(window: Window) -> Iterator[Window]:

@@ -21,7 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.illumination.colour_change import Window, strips
+from tactilevision.photometric.illumination.colour_change import strips
+from tactilevision.photometric.windows import Window
 from tactilevision.records import Floats
 
 CELLS = 48  # entries along each colour; more leave more of them to the cubic

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.illumination.colour_change import STRIP_PX, Window, strips
+from tactilevision.photometric.illumination.colour_change import STRIP_PX, strips
 from tactilevision.photometric.methods.onnx_file import open_bytes, run_network
 from tactilevision.photometric.methods.polynomial import REACH
+from tactilevision.photometric.windows import Window
 from tactilevision.records import Floats
 
 CHANGE_STEP = 0.05  # colour change over which the slope of the law at rest is taken

@@ -33,7 +33,8 @@ import numpy.typing as npt
 
 from tactilevision.compiled import compiled
 from tactilevision.photometric.ball.samples import KEPT, TYPICAL, Samples
-from tactilevision.photometric.illumination.colour_change import Window, strips
+from tactilevision.photometric.illumination.colour_change import strips
+from tactilevision.photometric.windows import Window
 from tactilevision.records import Floats
 
 PRODUCTS = tuple(pick for n in (1, 2, 3) for pick in combinations_with_replacement(range(3), n))

@@ -11,16 +11,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from tactilevision.photometric.background import NOISE_LIMIT
 from tactilevision.photometric.ball.cross_validation import FOLDS, Fitter, held_out, patch_error
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.illumination.colour_change import Planes, Window
+from tactilevision.photometric.illumination.colour_change import Planes
+from tactilevision.photometric.illumination.missing_colours import MissingColours
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Picture, Polynomial, PolynomialEvaluator
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.records import Bools, Bytes, Floats
+from tactilevision.photometric.windows import Patch, Window, common, inside, outside, window_of
+from tactilevision.records import Bools, Floats
 
 COLOURS = 3  # red, green, blue: channels of a frame
 THINNED = 4  # samples of which one is held out: a quarter tells the error as well, and takes a quarter of the time
@@ -105,45 +106,35 @@ class TwoColourReader:
         ]
         self.clear = [kept > 0.5 for kept in self.kept_share]
 
-    def add_readable(self, valid: Bools, missing: Bools, partly: Bools) -> None:
-        """Count as `valid` (H, W), in place, where two colours tell more than noise.
-
-        `missing` (3, H, W), `partly` (H, W) as of the change.
-        """
-        box = _box(partly)
-        for colour in range(COLOURS) if box is not None else ():
+    def add_readable(self, valid: Bools, of: MissingColours) -> None:
+        """Count as `valid` (H, W), in place, where two colours tell more than noise."""
+        for colour in range(COLOURS):
             if self.laws.errors[colour] < UNKNOWN:
-                valid[box] |= missing[colour][box] & partly[box] & self.clear[colour][box]
+                valid[of.window] |= of.missing[colour] & of.partly & self.clear[colour][of.window]
 
-    def read_into(self, slopes: Planes, change: Planes, window: Window, *, missing: Bools, partly: Bools) -> None:
-        """Set `slopes` (2, h, w) of a window where two colours are left, of changes (3, h, w), by masks of all."""
-        left = partly[window]
-        for colour in range(COLOURS) if left.any() else ():
-            where = missing[colour][window] & left
-            box = _box(where)
-            if box is None:
+    def read_into(self, slopes: Planes, change: Planes, window: Window, of: MissingColours) -> None:
+        """Set `slopes` (2, h, w) of a window where a colour is missing, of changes (3, h, w); 0 where more are."""
+        if (both := common(window, of.window)) is None:
+            return
+        seen, part = inside(both, of.window), (slice(None), *inside(both, window))
+        slopes, change = slopes[part], change[part]
+        slopes[:, of.blind[seen]] = 0.0
+        for colour in range(COLOURS):
+            where = of.missing[colour][seen] & of.partly[seen]
+            if (box := window_of(where)) is None:
                 continue
-            rows, columns = box
-            across = slice(window[1].start + columns.start, window[1].start + columns.stop)
-            whole = slice(window[0].start + rows.start, window[0].start + rows.stop), across
-            known = change[:, rows, columns].copy()
+            whole = outside(box, both)
+            known = change[:, *box].copy()
             known[colour] = 0.0
             found = np.empty((2, *known.shape[1:]), np.float32)
             self.evaluators[colour].strip(known, whole, found)
             found *= self.kept_share[colour][whole]
-            np.copyto(slopes[:, rows, columns], found, where=where[rows, columns])
+            np.copyto(slopes[:, *box], found, where=where[box])
 
-    def lost_share(self, missing: Bools, lacking: Bytes) -> Picture:
-        """Relative error (H, W) of slopes where colours are `missing` (3, H, W), `lacking` (H, W) of them."""
-        errors, box = np.zeros(lacking.shape, np.float32), _box(lacking)
-        if box is not None:
-            for colour in range(COLOURS):
-                errors[box][missing[colour][box]] = self.laws.errors[colour]
-            errors[box][lacking[box] > 1] = UNKNOWN
-        return errors
-
-
-def _box(where: Bools | Bytes) -> Window | None:
-    """The rows and columns that hold all of a mask (h, w), None for an empty one."""
-    left, top, width, height = cv2.boundingRect(where.view(np.uint8))
-    return (slice(top, top + height), slice(left, left + width)) if width else None
+    def lost_share(self, of: MissingColours) -> Patch:
+        """Relative error of slopes where colours are missing."""
+        errors = np.zeros(of.count.shape, np.float32)
+        for colour in range(COLOURS):
+            errors[of.missing[colour]] = self.laws.errors[colour]
+        errors[of.count > 1] = UNKNOWN
+        return Patch(of.window, errors)
