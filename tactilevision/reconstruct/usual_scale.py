@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactilevision.photometric.ball.detection import Ball, ball_slopes
-from tactilevision.photometric.ball.samples import INSIDE
+from tactilevision.photometric.ball.samples import INSIDE, radii_from
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.records import Bytes, Floats, Pair
 
@@ -51,10 +51,11 @@ def usual_scale_warnings(
 def _products(network: PhotometricMethod, rgb: Bytes, ball: Ball, *, mm_per_px: Pair) -> Floats:
     """Sums under one ball (3,): slopes read times stated ones, read ones squared, stated ones squared."""
     read = network.slopes(rgb)
-    y, x = np.indices(read.dz_dx.shape, dtype=np.float64)
-    x, y = (x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1]
+    inside = radii_from(ball, read.dz_dx.shape, mm_per_px=mm_per_px) < INSIDE
+    under = rows, columns = np.nonzero(inside if read.valid is None else inside & read.valid)
+    places: Floats = (np.array([columns, rows]).T - ball.centre_px) * mm_per_px
+    x, y = places.T
     contact_mm = ball.contact_radius_px * mm_per_px[0]
-    under = (np.hypot(x, y) < INSIDE * contact_mm) & read.valid
-    stated = np.stack(ball_slopes(x[under], y[under], contact_mm=contact_mm, radius_mm=ball.radius_mm))
+    stated = np.stack(ball_slopes(x, y, contact_mm=contact_mm, radius_mm=ball.radius_mm))
     found = np.stack([read.dz_dx[under], read.dz_dy[under]])
     return np.array([np.sum(found * stated), np.sum(found**2), np.sum(stated**2)]) + 1e-12
