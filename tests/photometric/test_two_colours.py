@@ -20,7 +20,7 @@ from tactilevision.photometric import (
     save_method,
 )
 from tactilevision.photometric.ball.detection import Ball
-from tactilevision.photometric.ball.samples import Samples, radii_from, told_alike
+from tactilevision.photometric.ball.samples import radii_from
 from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.reference import SATURATED
 from tactilevision.reconstruct import Reconstructor
@@ -135,18 +135,3 @@ def test_the_laws_of_two_colours_travel_with_the_method(tmp_path: Path) -> None:
     one, other = method.slopes(rgb), again.slopes(rgb)
     np.testing.assert_allclose(one.dz_dx, other.dz_dx, atol=1e-5)
     np.testing.assert_array_equal(one.valid, other.valid)
-
-
-def test_a_colour_that_changes_no_more_than_its_noise_tells_nothing() -> None:
-    """A dead lamp's: its law made slopes of hardly any change, and no place was bright enough to be read."""
-    rng = np.random.default_rng(8)
-    slopes = rng.normal(0.0, 0.3, (600, 2))
-    change = np.column_stack([slopes @ [1.0, 0.2], slopes @ [-0.3, 0.9], rng.normal(0.0, 3e-5, 600)])
-    noise = np.tile([0.01, 0.01, 0.05], (600, 1))
-    known = Samples(change, rng.uniform(-1, 1, (600, 2)), slopes, np.arange(600) % 6, noise)
-    pressed, resting = told_alike(known, known, min_balls=3)
-    assert not pressed.change[:, COLOUR].any()
-    assert not resting.change[:, COLOUR].any()
-    np.testing.assert_array_equal(pressed.change[:, :COLOUR], change[:, :COLOUR])
-    lit = dataclasses.replace(known, change=change + np.array([0.0, 0.0, 0.2]))
-    assert told_alike(lit, lit, min_balls=3)[0] is lit

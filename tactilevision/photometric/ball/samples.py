@@ -16,7 +16,6 @@ TYPICAL = 0.2  # slope below which samples weigh alike in the fits
 CONTACT = 9000  # samples under balls, over all presses
 RESTING = 4000  # samples of untouched gel
 INSIDE = 0.93  # of the contact radius: blur mixes the rim with the gel outside, which is not a sphere
-DEAD_POWER = 4.0  # of the noise's: what changes less shows no ball; lit colours of real sensors have 490 and more
 OUTSIDE = 4.0  # contact radii from which the gel is taken for untouched
 
 KEPT = 24  # sets of samples whose sums are kept: contact and rest of all balls, without 3 groups, 3 pairs, 4 sides
@@ -67,26 +66,11 @@ def join(parts: Sequence[Samples]) -> Samples:
 
 
 def told_alike(contact: Samples, untouched_samples: Samples, *, min_balls: int) -> tuple[Samples, Samples]:
-    """Samples that the same colours tell: all three or, where these tell fewer than `min_balls`, the best two.
-
-    A colour that changes no more than its noise does, as that of a dead lamp, is made not to change.
-    """
+    """Samples that the same colours tell: all three or, where these tell fewer than `min_balls`, the best two."""
     if len(np.unique(contact.complete().press)) >= min_balls:
-        alike = contact.complete(), untouched_samples.complete()
-    else:
-        overexposed = int(np.argmax(np.isnan(contact.change).sum(axis=0)))
-        alike = contact.without(overexposed), untouched_samples.without(overexposed)
-    for colour in _dead(alike[0]):
-        alike = alike[0].without(colour), alike[1].without(colour)
-    return alike
-
-
-def _dead(contact: Samples) -> list[int]:
-    """Numbers of the colours in which balls leave less change than noise."""
-    if contact.noise is None or not len(contact.change):
-        return []
-    power, noise = (np.mean(np.square(one), axis=0) for one in (contact.change, contact.noise))
-    return [int(colour) for colour in np.flatnonzero((power > 0) & (power < DEAD_POWER * noise))]
+        return contact.complete(), untouched_samples.complete()
+    overexposed = int(np.argmax(np.isnan(contact.change).sum(axis=0)))
+    return contact.without(overexposed), untouched_samples.without(overexposed)
 
 
 def ball_samples(
