@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
-import cv2
 import numpy as np
 
+from tactilevision.errors import InputError
 from tactilevision.photometric.background import BackgroundSums, SlopeBackground
 from tactilevision.photometric.ball.consistency import (
     contradicting_radii,
@@ -17,7 +17,6 @@ from tactilevision.photometric.ball.consistency import (
     odd_balls,
     reference_warnings,
     scale_warnings,
-    shared_contact,
 )
 from tactilevision.photometric.ball.cross_validation import (
     SLOPE_SOFTENING,
@@ -34,6 +33,7 @@ from tactilevision.photometric.ball.cross_validation import (
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.gamma import response_of
 from tactilevision.photometric.ball.observability import Observability, slope_observability
+from tactilevision.photometric.ball.pressed_reference import pressed_reference
 from tactilevision.photometric.ball.samples import (
     Samples,
     far_from,
@@ -49,7 +49,6 @@ from tactilevision.photometric.found_balls import (
     refine_balls,
 )
 from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.illumination.drift import solid
 from tactilevision.photometric.light_law import fit_light_law
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
@@ -58,7 +57,6 @@ from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes, Floats, Pair
 
-REFERENCE_CONTACT_SHARE = 0.85  # of the ball pictures
 MAX_SLOPE_NOISE = 0.03  # slope of a pixel's noise, worst direction: real .001 to .006, a tenth as coloured .047
 MAX_NOISE_RATIO = 4.0  # worst over best, beyond which that counts: real 1.8 to 2.7, a tenth as coloured 4.6
 MAX_GAP_DEG = 200.0  # degrees between colours' sides: five real sensors leave 131 to 184, two lamps 250
@@ -117,10 +115,14 @@ def calibrate_from_balls(
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light = slope_observability(pressed)
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
-    contact_px = shared_contact(alone.balls) or _contact_in_reference(change, pictures, alone.balls, mm_per_px)
-    warnings += scale_warnings(pressed.change, pressed.slopes) + coverage_warnings(cover)
-    warnings += _observability_warnings(light) + _radii_warnings(best, balls, pressed, resting)
-    warnings += reference_warnings(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
+    contact_px, at_contact = pressed_reference(change, [picture.rgb for picture in pictures], alone.balls)
+    warnings += reference_warnings(contact_px) or [
+        *scale_warnings(pressed.change, pressed.slopes),
+        *coverage_warnings(cover),
+        *_observability_warnings(light),
+        *_radii_warnings(best, balls, pressed, resting),
+        *_odd_ball_warnings(best, balls, pictures, pressed),
+    ]
     card = replace(
         _card(best, pressed, light),
         balls=seen.count,
@@ -128,6 +130,7 @@ def calibrate_from_balls(
         balls_cover=tuple(np.round(cover, 3).tolist()),
         response=response_of(pressed, values_at(pressed, change.level)).to_card(),
         contact_in_reference_px=contact_px,
+        balls_at_that_contact=at_contact,
     )
     relative = best.slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
     light_law = fit_light_law(pressed, best.held_out, others=best.others)
@@ -165,7 +168,8 @@ def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
 
     Raises InputError where too few balls are told by the same colours.
     """
-    check_count(told := len(np.unique(pressed.press)), told, ["the others lie where two colours are overexposed"])
+    white = InputError("two colours are overexposed there", remedy="Dim the light, or press balls elsewhere.")
+    check_count(told := len(np.unique(pressed.press)), told, [("the others", white)])
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
     scores = [held_out(fitter, pressed, untouched_samples=resting, ridge=ridge) for fitter, ridge in ways]
     patch_errors = [patch_error(slopes, pressed) for slopes, _ in scores]
@@ -240,31 +244,6 @@ def _measure_background(
             changes, _, valid = change.measure(picture.rgb)
             sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
     return sums.result(evaluate.noise(change.noise))
-
-
-def _contact_in_reference(
-    change: ColourChange, pictures: Sequence[BallPicture], balls: Sequence[Ball | None], mm_per_px: Pair
-) -> Pair | None:
-    """Where (x, y in px) the reference shows a contact: it is in every picture whose ball is elsewhere."""
-    tracker = change.tracker
-    changed, counted = np.zeros((2, *tracker.usable.reshape(tracker.size[::-1]).shape))
-    for picture, ball in zip(pictures, balls, strict=True):
-        if ball is not None:
-            far = far_from(ball, change.reference.shape, mm_per_px=mm_per_px).astype(np.uint8)
-            untouched_blocks = cv2.resize(far, tracker.size, interpolation=cv2.INTER_NEAREST) > 0
-            counted += untouched_blocks
-            changed += untouched_blocks & ~tracker.measure(picture.rgb).untouched
-    contact = (
-        (changed > REFERENCE_CONTACT_SHARE * counted)
-        & (counted >= MIN_BALLS)
-        & tracker.usable.reshape(counted.shape)
-    )
-    contact &= np.pad(np.ones(np.subtract(contact.shape, 2), bool), 1)  # light and gel change at the border first
-    rows, columns = np.nonzero(solid(contact))
-    if len(rows) == 0:
-        return None
-    block = change.reference.shape[1] / tracker.size[0]
-    return float(block * (np.median(columns) + 0.5)), float(block * (np.median(rows) + 0.5))
 
 
 def _observability_warnings(light: Observability) -> list[str]:

@@ -118,6 +118,7 @@ class MethodCard:
     depth_terms_mm: dict[str, Any] | None = None  # of ball presses, by term and depth
     baseline: dict[str, float] | None = None  # misfit, zero_std_mm
     contact_in_reference_px: Pair | None = None  # x, y
+    balls_at_that_contact: float | None = None  # share of those found
 
     # how it is to be read
     fitted_by: str | None = None

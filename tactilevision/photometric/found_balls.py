@@ -74,7 +74,7 @@ def collect_balls(
 ) -> FoundBalls:
     """The balls that `find` finds, or `locate`. Raises InputError for too few, naming what was wrong."""
     balls: list[Ball | None] = []
-    warnings: list[str] = []
+    faults: list[tuple[str, InputError]] = []
     contact: list[Samples] = []
     resting: list[Samples] = []
     marks = change.reference.marks
@@ -92,7 +92,7 @@ def collect_balls(
             else:
                 ball = find(number, changes, valid)
         except InputError as fault:
-            warnings.append(f"{picture.name or f'ball {number + 1}'} left out: {fault.what}")
+            faults.append((picture.name or f"ball {number + 1}", fault))
             ball = None
         balls.append(ball)
         if ball is None:
@@ -101,9 +101,10 @@ def collect_balls(
             parts.append(
                 draw(changes, ball, mm_per_px=mm_per_px, number=number, most=share(most), valid=valid, rng=rng)
             )
-    check_count(len(contact), len(pictures), warnings)
+    check_count(len(contact), len(pictures), faults)
+    warnings = tuple(f"{name} left out: {fault.what}" for name, fault in faults)
     every = with_noise(join(contact), change.noise), with_noise(join(resting), change.noise)
-    return FoundBalls(tuple(balls), tuple(warnings), every)
+    return FoundBalls(tuple(balls), warnings, every)
 
 
 def refine_balls(
@@ -173,14 +174,26 @@ def _left_out_error(seen: FoundBalls) -> float:
     return patch_error(slopes, pressed)
 
 
-def check_count(usable: int, of: int, why: Sequence[str]) -> None:
-    if usable < MIN_BALLS:
-        raise InputError(
-            f"too few ball presses that can be used; {MIN_BALLS} are the least",
-            where="reference/ball",
-            value=": ".join([f"{usable} of {of}", *(["; ".join(why)] if why else [])]),
-            remedy="Press the ball at more places, over the whole picture.",
-        )
+def check_count(usable: int, of: int, faults: Sequence[tuple[str, InputError]]) -> None:
+    """Raise InputError for fewer than MIN_BALLS usable presses; each fault is told once, of its first picture."""
+    if usable >= MIN_BALLS:
+        return
+    alike: dict[str, list[tuple[str, InputError]]] = {}
+    for name, fault in faults:
+        alike.setdefault(fault.remedy, []).append((name, fault))
+    most = sorted(alike.values(), key=len, reverse=True)
+    told = [
+        (f"{len(some)} as " if len(some) > 1 else "")
+        + f"{some[0][0]}: {some[0][1].what}"
+        + (f" ({some[0][1].value})" if some[0][1].value is not None else "")
+        for some in most
+    ]
+    raise InputError(
+        f"too few ball presses that can be used; {MIN_BALLS} are the least",
+        where="reference/ball",
+        value=": ".join([f"{usable} of {of}", *(["; ".join(told)] if told else [])]),
+        remedy=most[0][0][1].remedy if most else "Press the ball at more places, over the whole picture.",
+    )
 
 
 def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:

@@ -11,18 +11,25 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.card import MethodCard
 
 MAX_DIRECTION_DEG = 17.0  # degrees: real sensors 2 to 6, ready networks 6 to 10 on drawn lights, failures 19 to 55
+MAX_SHARE_AT_CONTACT = 0.25  # of the balls at a contact in the reference: the law is learnt from that, upside down
 MIN_RATIO = 0.6  # of the depth: real sensors .91 to .98; failures .4
 MAX_RATIO = 1.6  # of the depth: as far off the other way
 
 
 def unfit(card: MethodCard) -> str:
     """What says that a method fails its own balls, as its `card` has it; empty where nothing does."""
-    faults = []
+    faults, share = [], card.balls_at_that_contact or 0.0
+    if share >= MAX_SHARE_AT_CONTACT:
+        faults.append(f"{100 * share:.0f} % of the balls found are a contact in the reference")
     direction, ratio = card.held_out_direction_error_deg, card.other.get("held_out_depth_ratio")
     if direction is not None and direction > MAX_DIRECTION_DEG:
-        faults.append(f"slopes point {direction:.0f} degrees off (at most {MAX_DIRECTION_DEG:.0f} are fit)")
+        faults.append(
+            f"slopes of balls left out point {direction:.0f} degrees off (at most {MAX_DIRECTION_DEG:.0f} are fit)"
+        )
     if isinstance(ratio, float | int) and not MIN_RATIO < ratio < MAX_RATIO:
-        faults.append(f"depth is {ratio:.2g} of the true one ({MIN_RATIO:g} to {MAX_RATIO:g} are fit)")
+        faults.append(
+            f"depth of balls left out is {ratio:.2g} of the true one ({MIN_RATIO:g} to {MAX_RATIO:g} are fit)"
+        )
     return ", ".join(faults)
 
 
@@ -37,8 +44,8 @@ def unfit_warnings(card: MethodCard) -> tuple[str, ...]:
     if not fault:
         return ()
     return (
-        f"the light's calibration fails its own balls: at balls left out {fault}. Check centres and radii in "
-        "reference/ball.csv, mm_per_px, and that the light has three colours",
+        f"the light's calibration fails its own balls: {fault}. Check that nothing touches the gel in "
+        "reference/flat, centres and radii in reference/ball.csv, mm_per_px, and that the light has three colours",
     )
 
 
@@ -50,5 +57,5 @@ def check_fit(card: MethodCard, *, remedy: str) -> None:
             "the light's calibration fails its own balls",
             where="reference/ball",
             value=fault,
-            remedy=f"Check ball.csv, mm_per_px and the lamps; {remedy} goes on all the same.",
+            remedy=f"Check flat/, ball.csv, mm_per_px and the lamps; {remedy} goes on all the same.",
         )

@@ -10,8 +10,16 @@ from lamp_room import BALL_MM, MM_PER_PX, ball, ball_pictures, flat, picture, pr
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.photometric.ball.consistency import label_warnings, scale_warnings, shared_contact
+from tactilevision.photometric.ball.consistency import (
+    contradicting_radii,
+    label_warnings,
+    scale_warnings,
+    shared_contact,
+)
 from tactilevision.photometric.ball.detection import Ball, find_ball
+from tactilevision.photometric.ball.pressed_reference import contact_in_reference, pressed_reference
+from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.quality.fitness import unfit
 from tactilevision.records import Bytes, Floats
 
 SIDES = (MM_PER_PX, MM_PER_PX)
@@ -30,6 +38,26 @@ def test_radii_that_contradict_each_other_are_named(stated_mm: float) -> None:
     ]
     warnings = calibrated(pictures).warnings
     assert any("radii contradict each other" in warning for warning in warnings)
+
+
+@pytest.mark.parametrize(("implied_mm", "swapped"), [(16 / 6, True), (4.0, False)])
+def test_radii_that_are_swapped_are_named_so(implied_mm: float, swapped: bool) -> None:
+    """Stated 4 and 6; by the law of the others those stated as 6 are of 2.67 where both are the other's."""
+    stated = dict(enumerate([4.0, 6.0] * 4))
+    (warning,) = contradicting_radii(stated, lambda group: dict.fromkeys(group, 6.0 / implied_mm))
+    assert ("4 look swapped" in warning) == swapped
+
+
+def test_balls_that_are_pressed_deeper_and_deeper_at_one_place_are_no_pressed_reference() -> None:
+    rng = np.random.default_rng(9)
+    change = ColourChange(make_reference([flat(rng)]))
+    depths = [picture(*ball((1.0, -0.5), contact, BALL_MM)[1:], rng) for contact in (1.0, 1.4, 1.8, 2.2, 2.6)]
+    sizes = [Ball((132.0, 84.0), 15.0 + 4 * n, BALL_MM) for n in range(5)]
+    assert pressed_reference(change, depths, sizes) == (None, None)
+    pressed = ColourChange(make_reference([depths[2]]))
+    elsewhere = [picture(*ball(at, contact, BALL_MM)[1:], rng) for at, contact in presses(5, rng)]
+    assert contact_in_reference(pressed, elsewhere) is not None
+    assert contact_in_reference(change, elsewhere) is None
 
 
 @pytest.mark.slow
@@ -60,7 +88,10 @@ def test_a_ball_in_the_reference_that_passes_for_all_balls_is_seen() -> None:
     shots = [picture(*ball(at, 0.5 * contact, BALL_MM)[1:], rng) for at, contact in presses(12, rng)]
     found = calibrated([BallPicture(shot, BALL_MM) for shot in shots], reference=pressed)
     assert found.method.card.contact_in_reference_px is not None
-    assert any("contact in the reference" in warning for warning in found.warnings)
+    (warning,) = found.warnings
+    assert "contact in the reference" in warning
+    assert "reference/flat" in warning, "what to do about it"
+    assert "are a contact in the reference" in unfit(found.method.card), "its law is upside down"
 
 
 def test_balls_at_one_place_but_of_all_sizes_are_no_reference() -> None:
@@ -76,6 +107,18 @@ def test_a_contact_as_wide_as_the_ball_is_refused() -> None:
     assert find_ball(shot, SIDES, radius_mm=BALL_MM).contact_radius_px == pytest.approx(2.0 / MM_PER_PX, rel=0.1)
     with pytest.raises(InputError, match="as wide as the whole ball"):
         find_ball(shot, SIDES, radius_mm=1.6)
+
+
+@pytest.mark.parametrize(
+    ("scale", "said"), [(10 * MM_PER_PX, "as wide as the whole ball"), (1 / MM_PER_PX, "px in")]
+)
+def test_a_wrong_scale_is_named_once_with_what_to_do(scale: float, said: str) -> None:
+    shots = ball_pictures(4, np.random.default_rng(8))
+    untouched = make_reference([flat(np.random.default_rng(1))])
+    with pytest.raises(InputError, match=said) as found:
+        calibrate_from_balls(untouched, shots, mm_per_px=(scale, scale), fit=PHOTOMETRIC["polynomial"])
+    assert "Is mm_per_px ten times too large, or pixels in a mm?" in found.value.remedy
+    assert str(found.value).count("ball_radius_mm =") == 1, "not once for each picture"
 
 
 def test_colours_that_no_lamp_makes_of_the_stated_slopes_are_named() -> None:

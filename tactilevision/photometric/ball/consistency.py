@@ -63,9 +63,12 @@ def contradicting_radii(
         scale = np.log(np.maximum(list(gains_without(group).values()), 1e-3))
         log_ratio = float(np.median(scale))
         if abs(log_ratio) > max(MIN_CONTRADICTION, SIGMAS * mad_std(scale) / np.sqrt(scale.size)):
+            others = sorted({*radii_mm.values()} - {radius})
+            swapped = len(others) == 1 and abs(log_ratio - 2 * np.log(radius / others[0])) < abs(log_ratio) / 4
+            wrong = f"The radii {radius:g} and {others[0]:g} look swapped" if swapped else "One radius is wrong"
             return [
                 f"the stated ball radii contradict each other: by the others, balls stated as {radius:g} mm have "
-                f"slopes as of {radius / np.exp(log_ratio):.2g} mm. One radius is wrong, and depth with it: see "
+                f"slopes as of {radius / np.exp(log_ratio):.2g} mm. {wrong}, and depth with it: see "
                 "ball_radius_mm in reference/ball.csv"
             ]
     return []
@@ -103,7 +106,9 @@ def reference_warnings(contact_px: Pair | None) -> list[str]:
         return []
     x, y = contact_px
     return [
-        f"every ball picture differs from the reference near ({x:.0f}, {y:.0f}) px: a contact in the reference"
+        f"the ball pictures differ from the reference near ({x:.0f}, {y:.0f}) px, and alike: a contact in the "
+        "reference. Take a picture of the untouched gel for reference/flat; if all balls were pressed there, "
+        "press them elsewhere as well"
     ]
 
 

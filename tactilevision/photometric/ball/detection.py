@@ -40,6 +40,10 @@ WINDOW_TOL = 0.02  # of the contact radius: a circle that moves by less stays
 # residual: a ball on the brightest side of a contact alone leaves .46 and more, 258 of 259 others .44 at most
 MAX_RESIDUAL = 0.45
 TOP_PERCENTILE = 99.8  # percentile of change that stands for the steepest slopes of a contact
+SCALE_REMEDY = (
+    "Is mm_per_px ten times too large, or pixels in a mm? It is mm in a pixel of the rectified frame. "
+    "ball_radius_mm is in mm."
+)
 MIN_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
 
 
@@ -100,20 +104,11 @@ def find_ball(
 
     def refined(guess: tuple[float, float, float]) -> Ball:
         (x, y), radius = centre_px or guess[:2], contact_radius_px or guess[2]
-        if min(radius, most_px) < MIN_RADIUS_PX:
-            raise InputError(
-                f"a contact of {min(radius, most_px):.2g} px in radius is too small to be read",
-                where="ball press",
-                value=f"ball_radius_mm = {radius_mm:g}",
-                remedy="ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame.",
-            )
-        if radius > MAX_GUESS_SHARE * most_px:
-            raise InputError(
-                "the contact is as wide as the whole ball",
-                where="ball press",
-                value=f"ball_radius_mm = {radius_mm:g}",
-                remedy="State the ball's radius in mm, and mm_per_px as rectified.",
-            )
+        _check_size(
+            radius,
+            radius_mm / mm_per_px[0],
+            stated=f"ball_radius_mm = {radius_mm:g}, mm_per_px = {mm_per_px[0]:.3g}",
+        )
         start = x, y, min(radius, most_px)
         ball = _settled(change, mm_per_px, radius_mm=radius_mm, start=start, most_px=np.inf, usable=usable)
         if ball.contact_radius_px <= most_px:
@@ -130,6 +125,23 @@ def find_ball(
             equalised = refined(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
             ball = min(ball, equalised, key=lambda one: one.residual)
     return ball
+
+
+def _check_size(contact_px: float, ball_px: float, *, stated: str) -> None:
+    """Raise InputError where a contact, its radius in px, is none of a ball of `ball_px`, or cannot be read."""
+    most_px = MAX_RADIUS_SHARE * ball_px
+    remedy = "ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame."
+    if most_px < MIN_RADIUS_PX:
+        what = f"a ball of {ball_px:.2g} px in radius is too small to be read"
+        remedy = SCALE_REMEDY
+    elif contact_px < MIN_RADIUS_PX:
+        what = f"a contact of {contact_px:.2g} px in radius is too small to be read"
+    elif contact_px > MAX_GUESS_SHARE * most_px:
+        what, remedy = "the contact is as wide as the whole ball", SCALE_REMEDY
+        stated = f"{contact_px:.0f} px in radius, the ball {ball_px:.2g} px by {stated}"
+    else:
+        return
+    raise InputError(what, where="ball press", value=stated, remedy=remedy)
 
 
 def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> tuple[float, float, float]:

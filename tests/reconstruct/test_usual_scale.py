@@ -1,0 +1,50 @@
+"""Alike balls whose radius is stated wrong are named by what a usual light of their sensor reads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactilevision.photometric.ball.detection import Ball, ball_slopes
+from tactilevision.reconstruct.usual_scale import usual_scale_warnings
+from tactilevision.records import Bytes, SlopeMap
+
+BALL_MM, CONTACT_PX, SCALE = 3.8, 20.0, (0.06, 0.06)
+CENTRES = [(40.0, 50.0), (70.0, 60.0), (55.0, 35.0)]
+
+
+class Usual:
+    """Reads every picture as a ball of BALL_MM at the place that its first pixels tell; `turn` -1: mirrored."""
+
+    def __init__(self, turn: float) -> None:
+        self.turn = turn
+
+    def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
+        y, x = np.indices(rgb_rectified.shape[:2], dtype=float)
+        x, y = ((a - float(b)) * SCALE[0] for a, b in zip((x, y), rgb_rectified[0, :2, 0], strict=True))
+        p, q = ball_slopes(x, y, contact_mm=CONTACT_PX * SCALE[0], radius_mm=BALL_MM)
+        return SlopeMap(self.turn * p, self.turn * q, np.ones(p.shape, bool))
+
+
+@pytest.mark.parametrize(
+    ("stated_mm", "turn", "said"),
+    [
+        (BALL_MM, 1.0, ""),
+        (1.3 * BALL_MM, 1.0, ""),
+        (2 * BALL_MM, 1.0, "2 times the stated"),
+        (BALL_MM / 2, 1.0, "0.4"),
+        (2 * BALL_MM, -1.0, ""),
+    ],
+)
+def test_a_diameter_for_the_radius_is_named(stated_mm: float, turn: float, said: str) -> None:
+    pictures = []
+    for centre in CENTRES:
+        rgb = np.zeros((100, 110, 3), np.uint8)
+        rgb[0, :2, 0] = centre
+        pictures.append(rgb)
+    balls = [Ball(centre, CONTACT_PX, stated_mm) for centre in CENTRES]
+    warned = usual_scale_warnings(
+        Usual(turn), [*pictures, pictures[0]], balls=[*balls, None], mm_per_px=SCALE, kind="gelslim3"
+    )
+    assert len(warned) == bool(said)
+    assert all(said in one and "ball_radius_mm" in one for one in warned)
