@@ -34,10 +34,12 @@ def usual_scale_warnings(
     None where the network points elsewhere than the balls: then it is no such sensor, or a mirrored picture.
     """
     known = [(rgb, ball) for rgb, ball in zip(pictures, balls, strict=True) if ball is not None]
+    if not known:
+        return ()
     some = np.unique(np.linspace(0, len(known) - 1, min(MAX_PICTURES, len(known))).astype(int))
     read = np.array([_products(network, *known[number], mm_per_px=mm_per_px) for number in some])
     both, found, stated = read.T
-    if len(read) == 0 or np.median(both / np.sqrt(found * stated)) < MIN_ALIKE:
+    if np.median(both / np.sqrt(found * stated)) < MIN_ALIKE:
         return ()
     gain = float(np.median(both / stated))
     if 1.0 / MAX_GAIN < gain < MAX_GAIN:

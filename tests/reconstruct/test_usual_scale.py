@@ -16,6 +16,8 @@ CENTRES = [(40.0, 50.0), (70.0, 60.0), (55.0, 35.0)]
 class Usual:
     """Reads every picture as a ball of BALL_MM at the place that its first pixels tell; `turn` -1: mirrored."""
 
+    name = "usual"
+
     def __init__(self, turn: float) -> None:
         self.turn = turn
 
@@ -48,3 +50,8 @@ def test_a_diameter_for_the_radius_is_named(stated_mm: float, turn: float, said:
     )
     assert len(warned) == bool(said)
     assert all(said in one and "ball_radius_mm" in one for one in warned)
+
+
+def test_pictures_without_a_ball_are_told_nothing() -> None:
+    picture = np.zeros((100, 110, 3), np.uint8)
+    assert usual_scale_warnings(Usual(1.0), [picture], balls=[None], mm_per_px=SCALE, kind="gelslim3") == ()
