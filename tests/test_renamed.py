@@ -19,6 +19,7 @@ OLD = {
     for module, _, names in (line.partition(":") for line in (BEFORE / "modules.txt").read_text().splitlines())
 }
 GONE = {  # the module stands; what it lost was of use to the package alone
+    "calibration.hereditary.Grid",
     "calibration.repeats.pure_error.noise_floor",
     "calibration.effects.bevel_rise.supposed",
     "calibration.pages.drawing.residual_panels",

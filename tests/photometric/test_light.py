@@ -28,7 +28,7 @@ from tactilevision.sensors import get_sensor
 
 RNG = np.random.default_rng(4)
 OWN = flat(RNG)
-TURNED = np.ascontiguousarray(OWN[::-1, ::-1])  # the lamps on the other side
+TURNED = np.dstack([OWN[::-1, ::-1, 0], OWN[..., 1:]])  # one lamp on the other side
 DIMMED = np.clip(np.array([0.8, 0.9, 0.6]) * OWN + RNG.normal(0, 1, OWN.shape), 0, 255).astype(np.uint8)
 
 

@@ -18,7 +18,7 @@ from tactilevision.photometric.ball.consistency import MIN_SHARE, shared_contact
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.illumination.drift import solid
-from tactilevision.records import Bytes, Pair
+from tactilevision.records import Bytes, Floats, Pair
 
 MIN_PICTURES = 3  # that can be read
 CHANGED_SHARE = 0.7  # of the pictures; in the others a ball may press the place itself
@@ -57,13 +57,18 @@ def contact_in_reference(change: ColourChange, pictures: Sequence[Bytes]) -> Pai
     usable = tracker.usable.reshape(touched[0].shape)
     place = solid((np.mean(touched, axis=0) > CHANGED_SHARE) & usable)
     place &= np.pad(np.ones(np.subtract(place.shape, 2), bool), 1)  # light and gel change at the border first
-    if not place.any():
-        return None
-    here = np.array(changes)[:, :, place]
+    patches = cv2.connectedComponents(place.astype(np.uint8))[1]
+    for _, number in sorted((-np.count_nonzero(patches == n), n) for n in range(1, patches.max() + 1)):
+        patch = patches == number
+        if _scatter(np.array(changes)[:, :, patch]) <= MAX_SCATTER:
+            rows, columns = np.nonzero(patch)
+            block = change.reference.shape[1] / tracker.size[0]
+            return float(block * (np.median(columns) + 0.5)), float(block * (np.median(rows) + 0.5))
+    return None
+
+
+def _scatter(here: Floats) -> float:
+    """How far pictures' changes (K, 3, n) at one place differ, over the middle one; the median over the place."""
     middle = np.median(here, axis=0)
-    scatter = np.linalg.norm(np.median(np.abs(here - middle), axis=0), axis=0) / np.linalg.norm(middle, axis=0)
-    if np.median(scatter) > MAX_SCATTER:
-        return None
-    rows, columns = np.nonzero(place)
-    block = change.reference.shape[1] / tracker.size[0]
-    return float(block * (np.median(columns) + 0.5)), float(block * (np.median(rows) + 0.5))
+    off = np.linalg.norm(np.median(np.abs(here - middle), axis=0), axis=0)
+    return float(np.median(off / np.linalg.norm(middle, axis=0)))
