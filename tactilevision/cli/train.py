@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -133,14 +134,18 @@ def _doubt_of_radii(source: Recording, made: Reconstructor) -> tuple[str, ...]:
     sensor, path = source.sensor, find_model(source.sensor.kind.removesuffix("_markers"))
     if path is None or made.calibration is None or made.referenced is None:
         return ()
+    if len(source.balls) != len(made.calibration.balls):
+        return ()
     pictures = (rectify(sensor, read_image(ball.path, white_level=source.white_level)) for ball in source.balls)
-    return usual_scale_warnings(
-        load_network(path, made.referenced.reference),
-        list(pictures),
-        balls=made.calibration.balls,
-        mm_per_px=sensor.mm_per_px,
-        kind=sensor.kind,
-    )
+    with suppress(InputError):  # a doubt, and no more
+        return usual_scale_warnings(
+            load_network(path, made.referenced.reference),
+            list(pictures),
+            balls=made.calibration.balls,
+            mm_per_px=sensor.mm_per_px,
+            kind=sensor.kind,
+        )
+    return ()
 
 
 def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], tuple[Certified, ...]]:

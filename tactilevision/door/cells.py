@@ -1,7 +1,7 @@
 """Cells of CSV tables: text that a spreadsheet would run as a formula is written as text, and read as it was.
 
-An apostrophe goes before a text that begins with = + - or @, as spreadsheets mark text themselves; numbers stay as
-they are. Source: OWASP, CSV Injection.
+An apostrophe goes before a text that begins with = + - @ (wide ones, too), a tab or a return, as spreadsheets
+mark text themselves; numbers stay as they are. Source: OWASP, CSV Injection.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 
-_FORMULA = re.compile(r"'*[=+\-@\t＝＋－＠]")  # after marks of its own; the wide signs run, too
+_FORMULA = re.compile(r"'*[=+\-@\t\r＝＋－＠]")  # after marks of its own; the wide signs run, too
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:

@@ -113,13 +113,10 @@ def calibrate_from_balls(
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     best = _best_fit(fit, pressed, resting)
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
-    light = slope_observability(pressed)
-    cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
+    light, cover = slope_observability(pressed), 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px, at_contact = pressed_reference(change, [picture.rgb for picture in pictures], alone.balls)
     warnings += reference_warnings(contact_px) or [
-        *scale_warnings(pressed.change, pressed.slopes),
-        *coverage_warnings(cover),
-        *_observability_warnings(light),
+        *_light_doubts(pressed, cover, light),
         *_radii_warnings(best, balls, pressed, resting),
         *_odd_ball_warnings(best, balls, pictures, pressed),
     ]
@@ -244,6 +241,12 @@ def _measure_background(
             changes, _, valid = change.measure(picture.rgb)
             sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
     return sums.result(evaluate.noise(change.noise))
+
+
+def _light_doubts(pressed: Samples, cover: Floats, light: Observability) -> list[str]:
+    """Warnings of the stated scale, the share of the picture that balls `cover` (2,), and what `light` tells."""
+    colours = scale_warnings(pressed.change, pressed.slopes)
+    return [*colours, *coverage_warnings(cover), *_observability_warnings(light)]
 
 
 def _observability_warnings(light: Observability) -> list[str]:

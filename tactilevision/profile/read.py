@@ -209,7 +209,11 @@ def _lamps_of(content: Mapping[str, Any], path: Path) -> Lamps:
     if not power > 0:
         raise InputError("a camera's power lies above 0", where=path, value=power)
     refined = content.get("refined")
-    return Lamps((first, second, third), power, misfit, refined and _lamps_of(refined, path))
+    if refined is not None:
+        if not isinstance(refined, Mapping):
+            raise InputError("refined lamps are an object, or null", where=path, value=refined)
+        refined = _lamps_of({**refined, "refined": None}, path)
+    return Lamps((first, second, third), power, misfit, refined)
 
 
 def _lamp(kind: type[Lamp], content: Mapping[str, Any], path: Path) -> Lamp:

@@ -43,7 +43,7 @@ MIN_MISFIT = 0.8  # the least misfit that is usual: one reading's own noise
 MIN_STD_MM = 0.001  # mm: the least deviation of the zero plane that is usual: one reading's own noise
 # as real pictures have against a reference of a single JPEG
 DEFAULT_BASELINE = {"misfit": 7.5, "zero_std_mm": 0.02}
-FRAMES_READ = 9  # frames of a recording: what comes in its last third shows in three
+FRAMES_READ = 9  # frames spread over a recording; of a video the first ones
 
 
 class ReferenceMatch:

@@ -7,10 +7,10 @@ of its own in ln(picture/reference):
     a lamp failed                one channel is darker than the others by a factor, in some frames or all
     gamma changed                it grows with ln(reference), in all channels alike
     automatic exposure           one number for all blocks and channels, another in each frame
-    torn gel, dirt               a mark at one place in some frames or all, in all channels alike
+    torn gel, dirt               a mark at one place in all frames, in all channels alike
 
-The median over frames stands for the untouched gel, so contacts may cover half of them. What came later shows in
-some of them. A drift of the lamps is none of these; `photometric/illumination/drift.py` undoes it.
+The median over frames stands for the untouched gel, so contacts may cover half of them. A drift of the lamps is
+none of these; `photometric/illumination/drift.py` undoes it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,6 @@ EXPOSURE = 0.05  # ln of grey between frames: lamps flicker by less
 ALIKE = 0.25  # of the exposure's change: the most by which channels and places may differ in it
 MIN_FRAMES = 3  # frames from which changes between them are told
 MIN_DARK = 2  # frames with a lamp out: one alone may be a contact that covers it
-SINCE = 1 / 3  # of the frames, at least, that show a mark: fewer may be contacts
 MARK = 0.2  # ln of grey of a mark: dust and grain stay below it
 MARK_SIGMA = 8.0  # deviations of all blocks that a mark stands out
 MARK_BLOCKS = 4  # fine blocks that a mark covers: one may be a dead pixel or a hair
@@ -49,7 +48,7 @@ COLOURS = ("red", "green", "blue")
 
 @dataclass(frozen=True, slots=True)
 class SceneFault:
-    """What happened, in a sentence; `spoils`: depths are false by it; `dims`: for want of a lamp's light."""
+    """What happened, in a sentence; `spoils`: depths are false by it; `dims`: a lamp's light is missing."""
 
     sentence: str
     spoils: bool
@@ -137,9 +136,13 @@ def _failed_lamp(change: Floats) -> str:
 
 
 def _failed_later(change: Floats) -> str:
-    """As `_failed_lamp`, of those frames that show it alone."""
-    dark = np.array([bool(_failed_lamp(one[None])) for one in change])
-    if np.count_nonzero(dark) < MIN_DARK:
+    """As `_failed_lamp`, of those frames that lack one colour; a contact brightens one where another darkens."""
+    grey = np.median(change, axis=(1, 2))
+    lost = np.sort(grey, axis=1)[:, 1] + np.log(FAILED)  # beside the nearer one of the other colours
+    dark = (grey < np.minimum(lost, np.log(FAILED))[:, None]).any(axis=1)
+    which = np.argmin(grey, axis=1)
+    dark &= which == np.argmax(np.bincount(which[dark], minlength=3))
+    if np.count_nonzero(dark) < MIN_DARK or not _failed_lamp(change[dark]):
         return ""
     return f"in {np.count_nonzero(dark)} of {len(change)} frames looked at, {_failed_lamp(change[dark])}"
 
@@ -185,7 +188,7 @@ def _detail(change: Floats) -> Floats:
 
 
 def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> str:
-    """A mark that many frames show at one place, in all channels, and the reference does not.
+    """A mark that all frames and channels show at one place and the reference does not.
 
     A contact makes some channels brighter and others darker; a mark changes all alike.
     """
@@ -195,8 +198,7 @@ def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> str
     change = [_blocks(rgb, FINE_BLOCKS) - before for rgb in pictures]
     detail = np.stack([_detail(one) for one in change])
     darker, brighter = ((sign * detail).min(axis=3) for sign in (-1, 1))  # in all channels, by at least
-    many = max(MIN_FRAMES, round(SINCE * len(pictures)))
-    lasting = np.maximum(*(np.sort(shown, axis=0)[-many] for shown in (darker, brighter)))
+    lasting = np.maximum(darker.min(axis=0), brighter.min(axis=0))
     seen = lasting > max(MARK, MARK_SIGMA * mad_std(np.median(detail, axis=(0, 3))))
     count, patches, _, centres = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
     for number in range(1, count):
@@ -208,7 +210,7 @@ def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> str
                 for at, n, m in zip((column, row), reference.shape[1::-1], FINE_BLOCKS, strict=True)
             )
             return (
-                f"the frames show a mark near ({x:.0f}, {y:.0f}) px that the reference has not: torn gel or dirt? "
+                f"all frames show a mark near ({x:.0f}, {y:.0f}) px that the reference has not: torn gel or dirt? "
                 "Clean it; else take a new reference, or a new gel"
             )
     return ""

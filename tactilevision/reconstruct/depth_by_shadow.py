@@ -30,7 +30,7 @@ from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.tables.profile import A_OVER_H_RANGE, DEEPEST, EDGE_OVER_H, TABULATED
 from tactilevision.photometric.illumination.lamps import SOFT, Lamp, Lamps, light_shares
-from tactilevision.records import Floats, Pair
+from tactilevision.records import Bools, Floats, Pair
 
 Depth = npt.NDArray[np.floating[Any]]
 
@@ -60,6 +60,7 @@ MIN_DARK = 25  # of them in shadow
 DARK = 0.8  # of a lamp's light: less is shadow
 MIN_DEPTH_MM = 0.2  # mm: gentler faces throw shadows of three or four readings
 LAMPS_STD = 0.03  # of the depth: faces of four sensors of the path tracer about the truth
+MIN_WHOLE = 0.9  # of a face that lies in the picture
 FARTHEST = 0.35  # of the map's depth: what differs more is no reading of this face
 
 
@@ -76,6 +77,7 @@ def depth_by_shadow(
     depth_mm: Depth,
     *,
     light: Depth,
+    usable: Bools,
     reflected: Depth,
     lamps: Lamps,
     mm_per_px: Pair,
@@ -83,9 +85,10 @@ def depth_by_shadow(
 ) -> ShadowDepth | None:
     """Depth of the face within `edge` of a map (H, W) in mm; None where its shadows do not tell it.
 
-    `light` (H, W, 3) of the picture over the untouched one's, `reflected` (H, W, 3) what other gel adds to it.
+    `light` (H, W, 3) of the picture over the untouched one's, known where `usable` (H, W), `reflected` (H, W, 3)
+    what other gel adds to it.
     """
-    beside = _Beside.of(edge, depth_mm, lamps=lamps, mm_per_px=mm_per_px, thickness_mm=thickness_mm)
+    beside = _Beside.of(edge, depth_mm, usable, lamps=lamps, mm_per_px=mm_per_px, thickness_mm=thickness_mm)
     if beside is None:
         return None
     from scipy.optimize import least_squares
@@ -94,10 +97,11 @@ def depth_by_shadow(
     task = _Task(beside, light[rows, columns].T.astype(float), reflected[rows, columns].T.astype(float))
     found = least_squares(task.residual, START, jac=task.jacobian, bounds=BOUNDS, x_scale=SPREAD, max_nfev=20)
     size = float(np.exp(found.x[0]))
+    misfit = 2.0 * found.cost / (3 * INDEPENDENT)
     if not 1.0 - FARTHEST < size < 1.0 / (1.0 - FARTHEST) or task.dark(found.x) < MIN_DARK:
         return None
     jacobian = np.asarray(found.jac)
-    own = float(np.linalg.inv(jacobian.T @ jacobian)[0, 0])
+    own = float(np.linalg.inv(jacobian.T @ jacobian)[0, 0]) * max(1.0, misfit)
     w = beside.depth_mm * size
     return ShadowDepth(w, w * float(np.sqrt(own + LAMPS_STD**2)))
 
@@ -141,14 +145,22 @@ class _Beside:
 
     @classmethod
     def of(
-        cls, edge: PunchEdge, depth: Depth, *, lamps: Lamps, mm_per_px: Pair, thickness_mm: float
+        cls,
+        edge: PunchEdge,
+        depth: Depth,
+        usable: Bools,
+        *,
+        lamps: Lamps,
+        mm_per_px: Pair,
+        thickness_mm: float,
     ) -> _Beside | None:
-        """None where too little of the gel beside is in the picture, or the tables do not hold the face."""
+        """None where the picture holds too little of the face or of the gel beside, or no table the face."""
         a, shape = edge.radius_mm, depth.shape
         rows, columns = (axis.ravel() for axis in np.mgrid[: shape[0] : STEP_PX, : shape[1] : STEP_PX])
         x, y = columns * mm_per_px[0] - edge.centre_mm[0], rows * mm_per_px[1] - edge.centre_mm[1]
         r, here = np.hypot(x, y), depth[rows, columns]
-        if np.count_nonzero(face := r < FACE * a) < 3:
+        whole = np.pi * (FACE * a) ** 2 / (STEP_PX**2 * mm_per_px[0] * mm_per_px[1])
+        if np.count_nonzero(face := r < FACE * a) < max(3.0, MIN_WHOLE * whole):
             return None
         terms = np.stack([np.ones(np.count_nonzero(face)), x[face], y[face]], axis=1)
         (w, *tilt), *_ = np.linalg.lstsq(terms, here[face], rcond=None)
@@ -156,7 +168,7 @@ class _Beside:
         if profile is None:
             return None
         beyond, near, far = r - a, BESIDE_MM[0], min(BESIDE_MM[2], REACH * w + BESIDE_MM[1])
-        use = (beyond > near) & (beyond < far)
+        use = (beyond > near) & (beyond < far) & usable[rows, columns]
         law = profile.at(x[use], y[use])
         use[use] = np.abs(here[use] - law.height_mm(w, USUAL_SHARE)) < OTHER * w
         if np.count_nonzero(use) < MIN_PLACES:

@@ -25,6 +25,8 @@ from tactilevision.records.flags import CONTRARY, add
 Depth = npt.NDArray[np.floating[Any]]
 Mapped = tuple[Depth, Bools, Depth | None, tuple[str, ...]]
 
+BRIGHTEST = 250  # grey levels: a brighter picture is overexposed
+DARKEST = 4  # grey levels: a darker reference tells no light over it
 CONTRARY_STD = 2.0  # stated deviations that wall and shadow may differ by
 
 
@@ -46,12 +48,14 @@ def with_shadow_depths(
     if lamps is None or std is None or not edges:
         return mapped
     light = _light(rgb, reference, power=lamps.power)
+    usable = valid & (rgb.max(axis=2) < BRIGHTEST) & (reference.min(axis=2) > DARKEST)
     extra = reflected(field, surface) ** np.float32(field.lamps.power) - 1.0
-    for edge in edges:
+    for edge in (one for one in edges if one.fall_at_reach_mm > 0):
         seen = depth_by_shadow(
             edge,
             surface,
             light=light,
+            usable=usable,
             reflected=extra,
             lamps=lamps,
             mm_per_px=field.mm_per_px,
@@ -79,7 +83,7 @@ def _moved(
     off = abs(seen.depth_mm - read) / float(np.hypot(own, seen.std_mm))
     both = own * seen.std_mm / float(np.hypot(own, seen.std_mm)) * max(1.0, off)
     moved = surface + part * share * (seen.depth_mm - read)
-    told = std + part * (both - std)
+    told = std * (1.0 + part * (both / own - 1.0))
     return moved.astype(surface.dtype), told.astype(std.dtype), off > CONTRARY_STD
 
 

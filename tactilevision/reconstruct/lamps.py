@@ -47,7 +47,7 @@ def find_lamps(recording: Recording, reconstructor: Reconstructor) -> Lamps | No
         return None
     balls, seen = join(parts), method.reference
     lamps = fit_lamps(balls.change, balls.slopes, place=balls.place, reference=seen, mm_per_px=mm_per_px)
-    if lamps is None or lamps.misfit > BEST_MISFIT:
+    if lamps is None or not lamps.misfit < BEST_MISFIT:
         return None
     refined = fit_glossy_lamps(
         balls.change,
@@ -57,7 +57,7 @@ def find_lamps(recording: Recording, reconstructor: Reconstructor) -> Lamps | No
         reference=seen,
         mm_per_px=mm_per_px,
     )
-    return replace(lamps, refined=refined)
+    return replace(lamps, refined=refined if refined and refined.misfit < BEST_MISFIT else None)
 
 
 def _height_mm(ball: Ball, slopes: Floats, mm_per_px: float) -> Floats:

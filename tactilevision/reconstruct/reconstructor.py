@@ -164,7 +164,7 @@ class Reconstructor:
 
     def _flagged(self, rgb: Bytes) -> Mapped:
         """As `_mapped`; a map that is deeper than the gel is thick says so."""
-        gel = self.sensor.gel
+        gel, before = self.sensor.gel, self.referenced.reference if self.referenced else None
         with self.turn.lock:
             law = WallLaw(self.readable, self.lean, taught=self.taught)
             if self.shadows is None:
@@ -178,7 +178,7 @@ class Reconstructor:
                     taught=partial(self._mapped, law=replace(law, strict=False)) if law.taught else None,
                     edges=lambda: self.evidence.edges if self.evidence else (),
                     thickness_mm=gel.thickness_mm if gel else USUAL_THICKNESS_MM,
-                    reference=self.referenced.reference.rgb if self.referenced else None,
+                    reference=before.rgb if gel and before and before.marks is None else None,
                 )
         if gel is not None and surface.max() > gel.thickness_mm:
             flags = add(flags, (DEEPER,))

@@ -39,7 +39,7 @@ from tactilevision.photometric.illumination.interreflection import reflected, wi
 from tactilevision.reconstruct.faces_by_shadow import with_shadow_depths
 from tactilevision.reconstruct.pressed_gel import with_faces
 from tactilevision.records import Bools, Bytes, SlopeMap
-from tactilevision.records.flags import add
+from tactilevision.records.flags import CONTRARY, add
 
 Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None, tuple[str, ...]]
 
@@ -68,9 +68,9 @@ def undo_shadows(
 
     `mapped` gives them for a picture as it is, `again` for one whose shadows are being undone, `taught` for that
     picture with walls as certified faces taught them, None where none did. `edges` are those of the picture that
-    was mapped last, in a gel of `thickness_mm`. Beside the untouched
-    `reference` (H, W, 3) in grey levels shadows tell faces' depths, too. And the part (H, W) mm of the deviation
-    that the shadows bring, None for contacts too gentle to cast any.
+    was mapped last, in a gel of `thickness_mm`. Beside the untouched `reference` (H, W, 3) in grey levels shadows
+    tell faces' depths, too. And the part (H, W) mm of the deviation that the shadows bring, None for contacts too
+    gentle to cast any.
     """
     surface, valid, std, flags = mapped(rgb)
     if surface.max() < MIN_DEPTH_MM:
@@ -96,7 +96,10 @@ def undo_shadows(
         found = with_shadow_depths(found, rgb, reference, field, edges(), thickness_mm=thickness_mm)
     if taught is not None:
         surface, valid, std, flags = _as_taught(taught, undone, kept=found[0], last=last)
-        found = surface, valid, _with(std, given_back), add(flags, found[3])
+        told = _with(std, given_back)
+        if told is not None and found[2] is not None and CONTRARY in found[3]:
+            told = np.maximum(told, found[2])
+        found = surface, valid, told, add(flags, found[3])
     return found, given_back
 
 

@@ -94,7 +94,7 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
                 empty_allowed = name not in columns.numbers
                 numbers[name].extend(_numbers(path, name, cells, chunk_lines, empty_allowed))
             else:
-                texts[name].extend(cell_text(cell.strip()) for cell in cells)
+                texts[name].extend(cell_text(cell.strip()).strip() for cell in cells)
     if not lines:
         raise RecordingError("has no rows under its header", where=path)
     if len(lines) < least_rows:
@@ -125,7 +125,7 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:
     if not cells:
         raise RecordingError("is empty", where=path, remedy=f"Give it a header: {','.join(columns.required)}.")
     check(len(cells), "MAX_COLUMNS", what="its columns", where=f"{path}, line 1")
-    header = [cell_text(cell.strip()) or f"column_{index + 1}" for index, cell in enumerate(cells)]
+    header = [cell_text(cell.strip()).strip() or f"column_{index + 1}" for index, cell in enumerate(cells)]
     for mark, called in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and mark in header[0]:
             raise RecordingError(

@@ -17,7 +17,7 @@ from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.illumination.interreflection import reflected
 from tactilevision.photometric.illumination.lamps import Lamps
 from tactilevision.reconstruct import Reconstructor, build_reconstructor, faces_by_shadow
-from tactilevision.reconstruct.depth_by_shadow import ShadowDepth, depth_by_shadow
+from tactilevision.reconstruct.depth_by_shadow import ShadowDepth, _Beside, depth_by_shadow
 from tactilevision.reconstruct.faces_by_shadow import with_shadow_depths
 from tactilevision.reconstruct.lamps import find_lamps
 from tactilevision.recording import read_frame, read_recording
@@ -55,7 +55,7 @@ def wall(number: int, shape: tuple[int, ...], depth_mm: float) -> PunchEdge:
     return PunchEdge((x, y), step["radius_mm"], 0.4, places, fall, depth_mm, 0.1, 0.02)
 
 
-def told(number: int, *, scale: float, lamps: Lamps) -> ShadowDepth | None:
+def told(number: int, *, scale: float, lamps: Lamps, usable: bool = True) -> ShadowDepth | None:
     """What shadows tell of a face whose map has `scale` times the drawn depth."""
     reader, frame = plain_reader(), read_frame(read_recording(SAMPLE), number)
     assert reader.referenced is not None
@@ -69,6 +69,7 @@ def told(number: int, *, scale: float, lamps: Lamps) -> ShadowDepth | None:
         wall(number, surface.shape, 0.3),
         surface,
         light=(now / np.maximum(before, 1.0)) ** np.float32(lamps.power),
+        usable=np.full(now.shape[:2], usable),
         reflected=reflected(field, surface) ** np.float32(found().power) - 1.0,
         lamps=lamps,
         mm_per_px=MM_PER_PX,
@@ -87,7 +88,7 @@ def test_shadows_tell_a_face_s_depth_whatever_the_map_has(number: int, scale: fl
     assert abs(seen.depth_mm - true_mm) < 2.5 * seen.std_mm < 0.12 * true_mm
 
 
-def test_lamps_half_as_high_again_make_faces_as_much_deeper() -> None:
+def test_lamps_a_fifth_higher_make_faces_as_much_deeper() -> None:
     refined = found().refined
     assert refined is not None
     first, second, third = (replace(lamp, height_mm=1.2 * lamp.height_mm) for lamp in refined.lamps)
@@ -102,11 +103,19 @@ def test_a_gentle_face_and_one_without_a_picture_of_its_gel_tell_nothing() -> No
     refined = found().refined
     assert refined is not None
     assert told(1, scale=1.0, lamps=refined) is None, ".15 mm throws too short a shadow"
+    assert told(4, scale=1.0, lamps=refined, usable=False) is None
     level = np.zeros((120, 160))
     edge = PunchEdge((0.0, 0.0), 2.5, 0.4, np.array([-0.2, 0.4]), np.array([0.0, 0.2]), 0.3, 0.1, 0.02)
     light = np.ones((120, 160, 3))
     seen = depth_by_shadow(
-        edge, level, light=light, reflected=0 * light, lamps=refined, mm_per_px=MM_PER_PX, thickness_mm=3.0
+        edge,
+        level,
+        light=light,
+        usable=np.ones(level.shape, bool),
+        reflected=0 * light,
+        lamps=refined,
+        mm_per_px=MM_PER_PX,
+        thickness_mm=3.0,
     )
     assert seen is None
 
@@ -149,3 +158,15 @@ def test_lamps_of_before_leave_a_map_as_it_is() -> None:
     picture = np.full((80, 80, 3), 90, np.uint8)
     mapped = depth, np.ones((80, 80), np.bool_), np.full((80, 80), 0.02), ()
     assert with_shadow_depths(mapped, picture, picture.astype(float), field, [edge], thickness_mm=3.0) is mapped
+
+
+def test_a_face_half_out_of_the_picture_tells_nothing() -> None:
+    refined = found().refined
+    assert refined is not None
+    y, x = np.indices((120, 160)) * 0.1
+    surface = np.where(np.hypot(x, y - 6.0) < 2.5, 0.4, 0.0)
+    edge = PunchEdge((0.0, 6.0), 2.5, 0.4, np.array([-0.2, 0.4]), np.array([0.0, 0.2]), 0.3, 0.1, 0.02)
+    places = _Beside.of(
+        edge, surface, np.ones(surface.shape, bool), lamps=refined, mm_per_px=(0.1, 0.1), thickness_mm=3.0
+    )
+    assert places is None

@@ -33,7 +33,7 @@ def stated_outside_gels(gel: Gel) -> str:
     if nu is None or nu + 2 * (gel.poisson_ratio_std or 0.0) >= LEAST_POISSON_RATIO:
         return ""
     return (
-        f"E rests on nu = {nu:g}, which [sensor.gel] states and no gel has (rubber: 0.45 to 0.5): at rubber's nu "
+        f"E rests on nu = {nu:g}, which [sensor.gel] states; rubbers and gels have 0.45 to 0.5: at rubber's nu "
         "the same forces give a far smaller E. State the gel's own, or leave poisson_ratio out"
     )
 

@@ -36,6 +36,8 @@ def pressed_reference(
     if contact_px is None:
         return None, None
     known = [ball for ball in balls if ball is not None]
+    if not known:
+        return contact_px, None
     at = [np.hypot(*np.subtract(ball.centre_px, contact_px)) < ball.contact_radius_px for ball in known]
     share = float(np.mean(at))
     if shared is None and share >= MIN_SHARE:
@@ -71,4 +73,4 @@ def _scatter(here: Floats) -> float:
     """How far pictures' changes (K, 3, n) at one place differ, over the middle one; the median over the place."""
     middle = np.median(here, axis=0)
     off = np.linalg.norm(np.median(np.abs(here - middle), axis=0), axis=0)
-    return float(np.median(off / np.linalg.norm(middle, axis=0)))
+    return float(np.median(off / np.maximum(np.linalg.norm(middle, axis=0), 1e-9)))
