@@ -115,11 +115,8 @@ def calibrate_from_balls(
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light, cover = slope_observability(pressed), 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px, at_contact = pressed_reference(change, [picture.rgb for picture in pictures], alone.balls)
-    warnings += reference_warnings(contact_px) or [
-        *_light_doubts(pressed, cover, light),
-        *_radii_warnings(best, balls, pressed, resting),
-        *_odd_ball_warnings(best, balls, pictures, pressed),
-    ]
+    odd = [*_radii_warnings(best, balls, pressed, resting), *_odd_ball_warnings(best, balls, pictures, pressed)]
+    warnings += reference_warnings(contact_px) or [*_light_doubts(pressed, cover, light), *odd]
     card = replace(
         _card(best, pressed, light),
         balls=seen.count,
