@@ -1,4 +1,4 @@
-"""An E that rubbers and gels have is warned of, and left as it was found."""
+"""An E that no gel has is warned of, and left as it was found."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_stated_nu_that_no_gel_has_is_flagged_and_said(nu: float, std: float |
     gel = replace(GEL, poisson_ratio=nu, poisson_ratio_std=std)
     result = calibrate(points_of(DEPTHS, FORCES, gel=gel))
     assert (NU_FLAG in result.flags) is told
-    assert any("which [sensor.gel] states and rubbers and gels have" in line for line in result.warnings) is told
+    assert any("which [sensor.gel] states; rubbers and gels have" in line for line in result.warnings) is told
 
 
 def test_a_diagnosis_says_that_its_modulus_rests_on_such_a_nu() -> None:
