@@ -49,8 +49,8 @@ SHARES = (-0.3, 1.14)  # of beta: nu of .40 to .4999
 BOUNDS = (np.full(15, -np.inf), np.full(15, np.inf))
 BOUNDS[0][1], BOUNDS[1][1] = SHARES
 STD = 0.03  # of light: what a place is off by
-HEAVY = 2.0  # growth of the loss: of an error far beyond it the root counts
-INDEPENDENT = 300  # readings that all places of a face are worth
+HEAVY = 2.0  # of the loss HEAVY (sqrt(1 + |off|) - 1): a large error counts by its root
+INDEPENDENT = 300  # readings: neighbouring places err alike, so that more of them tell no more
 USUAL_SHARE = 0.6  # beta of most gels
 # of ln w over the map's, beta, ln G, ln E and ln of the lamps' colours: usual values and their spread
 START = np.array([0.0, USUAL_SHARE, *[0.0] * 13])

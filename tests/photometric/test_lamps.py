@@ -2,42 +2,21 @@
 
 from __future__ import annotations
 
-import tomllib
-from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from shared_scenes import shared
+from rendered_light import MM_PER_PX, SAMPLE, TRUTH, found_lamps, rendered_reconstructor
 
 from tactilevision.photometric.illumination.cast_shadow import lit, visibility
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps, fit_lamps, shading
 from tactilevision.photometric.reference import make_reference
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
-from tactilevision.reconstruct.lamps import find_lamps
 from tactilevision.recording import read_frame, read_recording
 from tactilevision.records import Bools, Floats
 
-SAMPLE = Path(__file__).parents[2] / "sample_frames" / "rendered_shadows"
-MM_PER_PX = (0.0634, 0.0634)
-TRUTH: dict[str, Any] = tomllib.loads((SAMPLE / "truth.toml").read_text())
-
-
-@shared
-def rendered_reconstructor() -> Reconstructor:
-    return build_reconstructor(read_recording(SAMPLE), "polynomial")
-
-
-@lru_cache
-def found() -> Lamps:
-    lamps = find_lamps(read_recording(SAMPLE), rendered_reconstructor())
-    assert lamps is not None
-    return lamps
-
 
 def nearest(azimuth_rad: float) -> Lamp:
-    return min(found().lamps, key=lambda lamp: abs(np.angle(np.exp(1j * (lamp.azimuth_rad - azimuth_rad)))))
+    return min(found_lamps().lamps, key=lambda lamp: abs(np.angle(np.exp(1j * (lamp.azimuth_rad - azimuth_rad)))))
 
 
 @pytest.mark.parametrize("drawn", TRUTH["rig"]["lamps"], ids=["red", "green", "blue"])
@@ -53,7 +32,7 @@ def test_a_lamp_is_found_where_the_path_tracer_had_it(drawn: dict[str, Any]) -> 
 @pytest.mark.parametrize("drawn", TRUTH["rig"]["lamps"], ids=["red", "green", "blue"])
 def test_gloss_and_raised_gel_tell_how_high_a_lamp_stands(drawn: dict[str, Any]) -> None:
     x, y, z = drawn["centre_mm"]
-    refined = found().refined
+    refined = found_lamps().refined
     assert refined is not None
     lamp = min(refined.lamps, key=lambda one: abs(np.angle(np.exp(1j * (one.azimuth_rad - np.arctan2(y, x))))))
     assert lamp.height_mm / lamp.distance_mm == pytest.approx(z / np.hypot(x, y), rel=0.09)
@@ -77,7 +56,7 @@ def test_slopes_beside_deep_punches_are_right_where_all_lamps_reach_and_only_the
         if step["face_mm"] < 0.25:
             continue
         frame = read_frame(recording, number)
-        reached = lit(found(), reader.height_map(frame).depth_mm, MM_PER_PX)
+        reached = lit(found_lamps(), reader.height_map(frame).depth_mm, MM_PER_PX)
         slopes = reader.slope_map(frame)
         with np.load(SAMPLE / "truth" / f"frame_{number:05d}.npz") as file:
             dz_dy, dz_dx = np.gradient(file["depth_mm"].astype(float), MM_PER_PX[0])

@@ -2,44 +2,25 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
-from functools import lru_cache
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from shared_scenes import shared
+from rendered_light import MM_PER_PX, SAMPLE, TRUTH, found_lamps, rendered_reconstructor
 
 from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.illumination.interreflection import reflected
 from tactilevision.photometric.illumination.lamps import Lamps
-from tactilevision.reconstruct import Reconstructor, build_reconstructor, faces_by_shadow
+from tactilevision.reconstruct import faces_by_shadow
 from tactilevision.reconstruct.depth_by_shadow import ShadowDepth, _Beside, depth_by_shadow
 from tactilevision.reconstruct.faces_by_shadow import with_shadow_depths
-from tactilevision.reconstruct.lamps import find_lamps
 from tactilevision.recording import read_frame, read_recording
 from tactilevision.records import Floats
 from tactilevision.records.flags import CONTRARY
 
-SAMPLE = Path(__file__).parents[2] / "sample_frames" / "rendered_shadows"
-TRUTH = tomllib.loads((SAMPLE / "truth.toml").read_text())
-MM_PER_PX = (0.0634, 0.0634)
 THICKNESS_MM = TRUTH["gel"]["thickness_mm"]
-
-
-@shared
-def plain_reader() -> Reconstructor:
-    return build_reconstructor(read_recording(SAMPLE), "polynomial")
-
-
-@lru_cache
-def found() -> Lamps:
-    lamps = find_lamps(read_recording(SAMPLE), plain_reader())
-    assert lamps is not None
-    return lamps
 
 
 def drawn_mm(number: int) -> Floats:
@@ -57,20 +38,20 @@ def wall(number: int, shape: tuple[int, ...], depth_mm: float) -> PunchEdge:
 
 def told(number: int, *, scale: float, lamps: Lamps, usable: bool = True) -> ShadowDepth | None:
     """What shadows tell of a face whose map has `scale` times the drawn depth."""
-    reader, frame = plain_reader(), read_frame(read_recording(SAMPLE), number)
+    reader, frame = rendered_reconstructor(), read_frame(read_recording(SAMPLE), number)
     assert reader.referenced is not None
     now, before = (
         cv2.GaussianBlur(np.asarray(one, np.float32), (0, 0), 1.0)
         for one in (frame.rgb, reader.referenced.reference.rgb)
     )
     surface = scale * drawn_mm(number)
-    field = LightField.of(found(), surface.shape, MM_PER_PX)
+    field = LightField.of(found_lamps(), surface.shape, MM_PER_PX)
     return depth_by_shadow(
         wall(number, surface.shape, 0.3),
         surface,
         light=(now / np.maximum(before, 1.0)) ** np.float32(lamps.power),
         usable=np.full(now.shape[:2], usable),
-        reflected=reflected(field, surface) ** np.float32(found().power) - 1.0,
+        reflected=reflected(field, surface) ** np.float32(found_lamps().power) - 1.0,
         lamps=lamps,
         mm_per_px=MM_PER_PX,
         thickness_mm=THICKNESS_MM,
@@ -80,7 +61,7 @@ def told(number: int, *, scale: float, lamps: Lamps, usable: bool = True) -> Sha
 @pytest.mark.parametrize("scale", [0.85, 1.2])
 @pytest.mark.parametrize("number", [2, 4])
 def test_shadows_tell_a_face_s_depth_whatever_the_map_has(number: int, scale: float) -> None:
-    refined = found().refined
+    refined = found_lamps().refined
     assert refined is not None
     seen, true_mm = told(number, scale=scale, lamps=refined), TRUTH["step"][number - 1]["face_mm"]
     assert seen is not None
@@ -89,7 +70,7 @@ def test_shadows_tell_a_face_s_depth_whatever_the_map_has(number: int, scale: fl
 
 
 def test_lamps_a_fifth_higher_make_faces_as_much_deeper() -> None:
-    refined = found().refined
+    refined = found_lamps().refined
     assert refined is not None
     first, second, third = (replace(lamp, height_mm=1.2 * lamp.height_mm) for lamp in refined.lamps)
     high = replace(refined, lamps=(first, second, third))
@@ -100,7 +81,7 @@ def test_lamps_a_fifth_higher_make_faces_as_much_deeper() -> None:
 
 
 def test_a_gentle_face_and_one_without_a_picture_of_its_gel_tell_nothing() -> None:
-    refined = found().refined
+    refined = found_lamps().refined
     assert refined is not None
     assert told(1, scale=1.0, lamps=refined) is None, ".15 mm throws too short a shadow"
     assert told(4, scale=1.0, lamps=refined, usable=False) is None
@@ -135,7 +116,7 @@ def test_a_face_takes_the_mean_by_what_both_state(
 ) -> None:
     monkeypatch.setattr(faces_by_shadow, "depth_by_shadow", lambda *_, **__: ShadowDepth(by_shadow_mm, 0.01))
     depth, edge = pressed()
-    field = LightField.of(found(), (80, 80), (0.1, 0.1))
+    field = LightField.of(found_lamps(), (80, 80), (0.1, 0.1))
     picture, std = np.full((80, 80, 3), 90, np.uint8), np.full((80, 80), 0.02)
     mapped = depth, np.ones((80, 80), np.bool_), std, ()
     seen, _, told_std, flags = with_shadow_depths(
@@ -154,14 +135,14 @@ def test_a_face_takes_the_mean_by_what_both_state(
 
 def test_lamps_of_before_leave_a_map_as_it_is() -> None:
     depth, edge = pressed()
-    field = LightField.of(replace(found(), refined=None), (80, 80), (0.1, 0.1))
+    field = LightField.of(replace(found_lamps(), refined=None), (80, 80), (0.1, 0.1))
     picture = np.full((80, 80, 3), 90, np.uint8)
     mapped = depth, np.ones((80, 80), np.bool_), np.full((80, 80), 0.02), ()
     assert with_shadow_depths(mapped, picture, picture.astype(float), field, [edge], thickness_mm=3.0) is mapped
 
 
 def test_a_face_half_out_of_the_picture_tells_nothing() -> None:
-    refined = found().refined
+    refined = found_lamps().refined
     assert refined is not None
     y, x = np.indices((120, 160)) * 0.1
     surface = np.where(np.hypot(x, y - 6.0) < 2.5, 0.4, 0.0)
