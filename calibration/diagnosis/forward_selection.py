@@ -311,11 +311,17 @@ def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | No
 
 
 def explained_share(base: Fit, current: Fit, *, left: ScoreTest) -> float:
-    """How much of a misfit the added effects explain: the squares that they took off, over these and what the most
-    telling covariate still stands above chance by; all white under the last model's noise.
+    """How much of a misfit the added effects explain: what they took off chi^2, over this and what the most telling
+    covariate still stands above chance by; all white under the last model's noise, priors included: what a law
+    with much room takes up against its priors is misfit, too.
     """
-    whitener = Whitener(current.data, current.noise, current.about)
-    before, after = (float(np.sum(whitener.apply(f.residual_N) ** 2)) for f in (base, current))
+    before, after = (_under(current, one) for one in (base, current))
     still = max((c.statistic - c.usual for c in left.covariates[:1]), default=0.0)
     taken = max(before - after, 0.0)
     return taken / (taken + max(still, 0.0)) if taken > 0 else 0.0
+
+
+def _under(current: Fit, one: Fit) -> float:
+    """chi^2 of a fit under the noise of another of the same samples; what its priors cost stays."""
+    whitener = Whitener(current.data, current.noise, current.about)
+    return float(np.sum(whitener.apply(one.residual_N) ** 2) + one.chi2 - np.sum(one.white**2))

@@ -184,7 +184,7 @@ def _determine(
             base, [one.sets for one in both], odd=both[0].odd, left=left, instead=instead, bias=small.bias
         ),
         change_point=change_point(fitted, rng) if force.unknown else None, odd=force.odd, left=left,
-        nearest=nearest(force.searched) if force.unknown else None, would_have_to_be=explained,
+        nearest=next((nearest(one.searched) for one in both if one.unknown), None), would_have_to_be=explained,
         alternative_explanation=force.alternative_explanation, left_over=force.remainder,
         tried=tuple(key for one in both for key in one.tried), sizes={e.key: e.parameters[0] for e in looked},
         plain=force.plain, stopped=any(one.searched.stopped for one in both),
