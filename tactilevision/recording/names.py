@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 
 
 def nearest(name: str, among: Iterable[str]) -> str:
-    """The name that was probably meant: the same but for brackets, a unit or a slip of the pen; "" where none is."""
+    """The name that was probably meant: the same but for brackets, a unit or a slip; "" where none is."""
     plain, folded = _folded(name), {_folded(other): other for other in among}
     for other in folded:
         if other.rpartition("_")[0] == plain or plain.rpartition("_")[0] == other:

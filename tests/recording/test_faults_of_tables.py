@@ -260,6 +260,14 @@ def test_presses_with_two_rows_are_named(folder: Path) -> None:
     assert "points.csv: more than one row each for press 1" in read_recording(folder).warnings
 
 
+def test_pictures_of_an_unknown_kind_are_named(folder: Path) -> None:
+    (folder / "frames.csv").unlink()
+    for picture_path in list((folder / "frames").iterdir()):
+        picture_path.rename(picture_path.with_suffix(".webp"))
+    said = message(folder)
+    assert "frames: none of its 10 files is a picture or a video of a known kind (got 'f0.webp')" in said
+
+
 CURVES = "press,time_s,depth_mm,fx_N,fy_N,fz_N\n1,0.1,0,0,0,0\n1,0.4,0.1,0,0,1\n2,0.5,0,0,0,0\n2,0.9,0.1,0,0,1\n"
 
 
