@@ -260,6 +260,13 @@ def test_presses_with_two_rows_are_named(folder: Path) -> None:
     assert "points.csv: more than one row each for press 1" in read_recording(folder).warnings
 
 
+def test_a_folder_in_place_of_a_table_is_named(folder: Path) -> None:
+    (folder / "forces.csv").unlink()
+    (folder / "forces.csv").mkdir()
+    with pytest.raises(InputError, match="forces.csv: is a folder, not a file. Put a file in its place"):
+        read_recording(folder)
+
+
 def test_pictures_of_an_unknown_kind_are_named(folder: Path) -> None:
     (folder / "frames.csv").unlink()
     for picture_path in list((folder / "frames").iterdir()):
