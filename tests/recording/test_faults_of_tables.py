@@ -263,7 +263,7 @@ def test_presses_with_two_rows_are_named(folder: Path) -> None:
 def test_a_folder_in_place_of_a_table_is_named(folder: Path) -> None:
     (folder / "forces.csv").unlink()
     (folder / "forces.csv").mkdir()
-    with pytest.raises(InputError, match="forces.csv: is a folder, not a file. Put a file in its place"):
+    with pytest.raises(InputError, match=r"forces\.csv: is a folder, not a file\. Put a file in its place"):
         read_recording(folder)
 
 
