@@ -143,7 +143,9 @@ def _deepest(data: Observations) -> Iterator[InputError]:
             "the deepest press is no deeper than a depth's zero is known",
             where=_press(data, k),
             value=float(depth[k]),
-            remedy="Depths are in mm: are these in metres?",
+            remedy="Depth is positive into the gel: check its sign."
+            if depth.min() < -TYPICAL_ZERO_MM
+            else "Depths are in mm: are these in metres?",
         )
 
 

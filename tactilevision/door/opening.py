@@ -37,7 +37,7 @@ def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
             raise IrregularFileError(
                 f"is {_KINDS.get(kind, 'no regular file')}, not a file",
                 where=path,
-                remedy="Copy what it gives into a file.",
+                remedy="Put a file in its place." if kind == stat.S_IFDIR else "Copy what it gives into a file.",
             )
         check(about.st_size / 1e6, limit, what="its size in MB", where=path)
         return os.fdopen(handle, "rb")

@@ -13,12 +13,13 @@ from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
 from tactilevision.recording.names import some
-from tactilevision.records import Floats, Press
+from tactilevision.records import Curve, Floats, Press
 
 MIN_GAP_S = 2.0  # s without readings; presses last some seconds, so less leaves none out of step
 MIN_GAP_STEPS = 20  # usual steps without readings; loggers lose a few
 SAME_PAUSE = 1.5  # times the frames' longest pause; frames come at presses alone, and end some seconds before
 ALIKE = 0.5  # of the longest gap: the middle one of gaps that recur; a stage changes places more and less quickly
+LONGER = 2.0  # times a press's length that its curve may last; free gel before and after adds little
 _SPARE = 0.1  # share of a press that the readings may miss at its end: free gel, where only the zero is read
 
 
@@ -66,17 +67,41 @@ def doubts(recording: Recording) -> Iterator[str]:
     rows = Counter(point.press for point in recording.points)
     twice = [press for press, count in rows.items() if count > 1]
     if twice:
-        yield f"{layout.POINTS}: more than one row each has {some(twice)}"
+        yield f"{layout.POINTS}: more than one row each for press {some(twice)}"
     starts = [curve.time_s[0] for curve in recording.curves]
     if any(after < before for before, after in pairwise(starts)):
         yield f"{layout.CURVES}: time_s starts anew between presses, so rest and order cannot be told"
     else:
         yield from _doubts_of_curve_times(recording)
+    yield from _doubts_of_curve_rows(recording)
+
+
+def _doubts_of_curve_rows(recording: Recording) -> Iterator[str]:
+    copies = sum(_repeated(curve) for curve in recording.curves)
+    if copies:
+        yield f"{layout.CURVES}: {copies} rows are those before them once more: a copy tells nothing new"
+    drawn = {curve.press for curve in recording.curves}
+    without = [press.press for press in recording.presses if press.press not in drawn]
+    if drawn and without:
+        yield f"{layout.CURVES}: no rows of press {some(without)}, which {layout.PRESSES} lists"
+
+
+def _repeated(curve: Curve) -> int:
+    """How many rows of a curve are the rows before them once more."""
+    readings = np.column_stack([curve.time_s, curve.depth_mm, curve.force_N])
+    return int(np.count_nonzero(np.all(np.diff(readings, axis=0) == 0, axis=1)))
 
 
 def _doubts_of_curve_times(recording: Recording) -> Iterator[str]:
     spans = {press.press: (press.start_s, press.end_s) for press in recording.presses}
     known = [curve for curve in recording.curves if curve.press in spans]
+    for curve in known:
+        lasts_s, stated_s = np.ptp(curve.time_s), np.ptp(spans[curve.press])
+        if lasts_s > LONGER * stated_s + MIN_GAP_S:
+            yield (
+                f"{layout.CURVES}: press {curve.press} lasts {lasts_s:.6g} s, but {stated_s:.6g} s in "
+                f"{layout.PRESSES}: did its clock jump?"
+            )
     apart = [c.press for c in known if c.time_s[0] > spans[c.press][1] or c.time_s[-1] < spans[c.press][0]]
     if 2 * len(apart) > len(known):
         yield (

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import datetime
+import json
+import re
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -99,8 +101,15 @@ def check_indenters(table: Table, indenters: Mapping[str, Indenter]) -> None:
             raise table.fault(
                 row,
                 f"indenter {name} is not described in {layout.SETTINGS}",
-                remedy=f"Did you mean {near}?" if near else f"Add a table [indenter.{name}] there. {described}",
+                remedy=f"Did you mean {near}?"
+                if near
+                else f"Add a table [indenter.{_key(name)}] there. {described}",
             )
+
+
+def _key(name: str) -> str:
+    """A name as a key of TOML: in quotes where a dot or a space would part it."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
 def _check_labels(table: Table) -> None:

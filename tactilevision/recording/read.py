@@ -141,6 +141,15 @@ def _check_no_frames_needed(recording: Recording) -> None:
             remedy=f"Put them there, or remove {layout.FRAME_TABLE}.",
         )
     if not _named(root, layout.CURVES, layout.POINTS):
+        folder = root / layout.FRAMES
+        others = sorted(path.name for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
+        if others:
+            raise RecordingError(
+                f"none of its {len(others)} files is a picture or a video of a known kind",
+                where=folder,
+                value=others[0],
+                remedy=f"Save them as one of {', '.join(layout.IMAGE_SUFFIXES)}.",
+            )
         raise RecordingError(
             "the recording holds nothing to work on: neither frames nor curves nor points",
             where=root,

@@ -53,6 +53,12 @@ class _Settings(BaseModel):
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
 
 
+def _halved(table: _Settings) -> str:
+    """What a radius that is missing would be, where the table states a diameter."""
+    stated = (table.model_extra or {}).get("diameter_mm")
+    return f", half of its diameter_mm = {stated}" if isinstance(stated, int | float) else ""
+
+
 class GelSettings(_Settings):
     """[sensor.gel]"""
 
@@ -71,7 +77,7 @@ class GelSettings(_Settings):
     @model_validator(mode="after")
     def _outline(self) -> Self:
         if self.shape == "disc" and self.radius_mm is None:
-            raise ValueError('shape = "disc" needs radius_mm')
+            raise ValueError(f'shape = "disc" needs radius_mm{_halved(self)}')
         if self.shape == "rectangle" and self.size_mm is None:
             raise ValueError('shape = "rectangle" needs size_mm = [x, y]')
         return self
@@ -139,7 +145,7 @@ class IndenterSettings(_Settings):
     @model_validator(mode="after")
     def _size(self) -> Self:
         if self.shape != "cone" and self.radius_mm is None:
-            raise ValueError(f'shape = "{self.shape}" needs radius_mm')
+            raise ValueError(f'shape = "{self.shape}" needs radius_mm{_halved(self)}')
         return self
 
 

@@ -27,7 +27,7 @@ from tactilevision.recording.names import nearest
 from tactilevision.records import Floats
 
 _ROWS_AT_ONCE = 4096  # rows read at once
-_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+\s*")  # a number with a decimal comma
+_MARKED = re.compile(r"[+-]?[0-9]*(?:[,._'’\s][0-9]+)+")  # a number with a decimal comma, or marked thousands
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +134,8 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:
                 value=header[0],
                 remedy="Save it with commas, and with a decimal point.",
             )
+    if any("\0" in name for name in header):
+        raise RecordingError("is not UTF-8 text", where=f"{path}, line 1", remedy="Save it as CSV UTF-8.")
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise RecordingError(f"column {twice[0]} stands twice in the header", where=f"{path}, line 1")
@@ -168,6 +170,8 @@ def _chunks(path: Path, rows: Any, width: int) -> Iterator[tuple[list[int], list
 
 def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empty_allowed: bool) -> Floats:
     try:
+        if "_" in "".join(cells):
+            raise ValueError  # float() passes over it
         values = np.array(
             [float(cell) if cell else math.nan for cell in cells] if empty_allowed else list(map(float, cells))
         )
@@ -181,9 +185,7 @@ def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empt
             f"column {name} holds no finite number",
             where=f"{path}, line {lines[first]}",
             value=cells[first],
-            remedy="Write it with a decimal point, not a comma."
-            if _COMMA.fullmatch(cells[first])
-            else "Correct the cell, or remove the row.",
+            remedy=_remedy(cells[first].strip(), line=lines[first]),
         )
     check_numbers(values, what=f"a number of column {name}", where=f"{path}, lines {lines[0]} to {lines[-1]}")
     return values
@@ -191,9 +193,18 @@ def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empt
 
 def _number(cell: str, empty_allowed: bool) -> float:
     try:
-        return float(cell) if cell.strip() or not empty_allowed else math.nan
+        return math.inf if "_" in cell else float(cell) if cell.strip() or not empty_allowed else math.nan
     except ValueError:
         return math.inf
+
+
+def _remedy(cell: str, *, line: int) -> str:
+    """What to do about a cell that holds no finite number."""
+    if _MARKED.fullmatch(cell):
+        return "Write it with a decimal point, not a comma, and without marks between thousands."
+    if line == 2:
+        return "Correct the cell; or, if the line holds units, remove it: the columns' names hold them."
+    return "Correct the cell, or remove the row."
 
 
 def _guess(cells: list[str]) -> npt.NDArray[Any]:

@@ -216,6 +216,14 @@ def test_curves_whose_depth_has_the_wrong_sign_are_refused() -> None:
         check(turned)
 
 
+def test_negative_depths_with_hardly_any_air_are_asked_about_their_sign() -> None:
+    """The deepest sample is then a breath of air: no reason to ask for metres."""
+    depth = np.concatenate([np.linspace(-0.001, 0.0, 6), np.linspace(0.05, 0.5, 20)])
+    turned = observations([-depth] * 2, [indenter("A")] * 2).with_force(np.tile(np.maximum(3.5 * depth, 0.0), 2))
+    with pytest.raises(InputError, match="check its sign"):
+        check(turned)
+
+
 @pytest.mark.parametrize("zero_N", [-3.0, 0.0, 3.0])
 def test_a_force_that_was_not_tared_is_no_depth_of_the_wrong_sign(zero_N: float) -> None:
     """More samples lie in air than in the gel, and read a zero larger than the largest force."""

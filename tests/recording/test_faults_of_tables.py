@@ -36,6 +36,18 @@ EDITS = [
     ),
     ("forces.csv", "\n0.02,0.1", "\n0,02,0.1", "a decimal comma makes cells too many"),
     ("forces.csv", "0.02,0.1", '0.02,"0,1"', "(got '0,1'). Write it with a decimal point"),
+    (
+        "forces.csv",
+        "0.02,0.1",
+        '0.02,"1,206.5"',
+        "(got '1,206.5'). Write it with a decimal point, not a comma, and without",
+    ),
+    ("forces.csv", "0.02,0.1", "0.02,1'206", "without marks between thousands"),
+    ("forces.csv", "0.02,0.1", "0.02,1_206", "fx_N holds no finite number (got '1_206'). Write it with a decimal"),
+    ("forces.csv", "fz_N\n", "fz_N\ns,N,N,N\n", "line 2: column time_s holds no finite number (got 's'). Correct"),
+    ("forces.csv", "fz_N\n", "fz_N\ns,N,N,N\n", "if the line holds units, remove it"),
+    ("forces.csv", "fz_N", "Fz [N]", "Rename Fz [N] to fz_N"),
+    ("presses.csv", "2,A1", "2,B 7", 'Add a table [indenter."B 7"] there'),
     ("forces.csv", "fz_N", "fz", "column fz_N is missing; there are time_s, fx_N, fy_N, fz"),
     ("forces.csv", "fz_N", "fz", "Rename fz to fz_N"),
     ("forces.csv", "fy_N", "fx_N", "column fx_N stands twice"),
@@ -76,6 +88,7 @@ CONTENTS = [
     ("forces.csv", b"# made by X\n" + HEAD.encode() + b"0,0,0,0\n", "names the columns: take comments out"),
     ("forces.csv", b"time_s\tfx_N\tfy_N\tfz_N\n0\t0\t0\t0\n", "line 1: its columns are separated by tabs"),
     ("forces.csv", HEAD.encode() + b"0,0,0,0\n1,0,0,\xff\n", "forces.csv, line 3: is not UTF-8 text"),
+    ("forces.csv", HEAD.encode("utf-16-le") + b"0\0", "forces.csv, line 1: is not UTF-8 text"),
     ("forces.csv", HEAD.encode() + b'0,0,0,"0\n', "forces.csv, line 2: is not CSV: unexpected end of data"),
     ("stage.csv", b"time_s,z_mm\n1,0\n0,0\n", "stage.csv, line 3: time_s goes backwards, from 1 to 0"),
     (
@@ -244,7 +257,41 @@ def test_forces_that_are_logged_by_press_are_no_jumping_clock(clock: str, folder
 
 def test_presses_with_two_rows_are_named(folder: Path) -> None:
     (folder / "points.csv").write_text(f"{POINTS}\n1,A1,0.1,1\n2,A1,0.2,2\n1,A1,0.1,1\n")
-    assert "points.csv: more than one row each has 1" in read_recording(folder).warnings
+    assert "points.csv: more than one row each for press 1" in read_recording(folder).warnings
+
+
+def test_a_folder_in_place_of_a_table_is_named(folder: Path) -> None:
+    (folder / "forces.csv").unlink()
+    (folder / "forces.csv").mkdir()
+    with pytest.raises(InputError, match=r"forces\.csv: is a folder, not a file\. Put a file in its place"):
+        read_recording(folder)
+
+
+def test_pictures_of_an_unknown_kind_are_named(folder: Path) -> None:
+    (folder / "frames.csv").unlink()
+    for picture_path in list((folder / "frames").iterdir()):
+        picture_path.rename(picture_path.with_suffix(".webp"))
+    said = message(folder)
+    assert "frames: none of its 10 files is a picture or a video of a known kind (got 'f0.webp')" in said
+
+
+CURVES = "press,time_s,depth_mm,fx_N,fy_N,fz_N\n1,0.1,0,0,0,0\n1,0.4,0.1,0,0,1\n2,0.5,0,0,0,0\n2,0.9,0.1,0,0,1\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("1,0.4,0.1,0,0,1\n", "1,0.4,0.1,0,0,1\n" * 3, "2 rows are those before them once more"),
+        ("2,0.5,0,0,0,0\n2,0.9,0.1,0,0,1\n", "", "no rows of press 2, which presses.csv lists"),
+        ("2,0.9", "2,90", "press 2 lasts 89.5 s, but 0.4 s in presses.csv: did its clock jump?"),
+    ],
+)
+def test_curves_that_are_unlikely_are_named(folder: Path, old: str, new: str, said: str) -> None:
+    (folder / "curves.csv").write_text(CURVES)
+    assert read_recording(folder).warnings == ()
+    edit(folder / "curves.csv", old, new)
+    (warning,) = read_recording(folder).warnings
+    assert said in warning
 
 
 @pytest.mark.parametrize(("name", "word"), [("presses.csv", "A1"), ("frames.csv", "f3")])
