@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tactilevision.errors import InputError
 from tactilevision.integration.punch_edge import LEAN
 from tactilevision.photometric.illumination.cast_shadow import LightField, shadow_share
 from tactilevision.photometric.illumination.lamps import Lamps
@@ -56,7 +57,7 @@ def share_seen(
     if method is None or not (recording.balls or getattr(method, "lamps", None)):
         return None
     frames = some_frames(recording, count=FRAMES_READ) if frames is None else frames
-    peaks = [float(reader.rectified_map(rgb).depth_mm.max()) for rgb in frames]
+    peaks = [_peak_mm(reader, rgb) for rgb in frames]
     deepest = [frames[k] for k in np.argsort(peaks)[::-1][:FRAMES_TRIED] if peaks[k] > MIN_DEPTH_MM]
     lamps = find_lamps(recording, reader) if deepest else None
     if lamps is None:
@@ -64,6 +65,14 @@ def share_seen(
     field = undo_by(reader, lamps)
     pictures = [(rgb, reader.rectified_map(rgb).depth_mm) for rgb in deepest]
     return shadow_share(field, pictures, reference=method.reference.rgb)
+
+
+def _peak_mm(reader: Reconstructor, rgb: Bytes) -> float:
+    """How deep a frame (H, W, 3), rectified, is pressed; 0 where it cannot be read (black, say): it shows nothing."""
+    try:
+        return float(reader.rectified_map(rgb).depth_mm.max())
+    except InputError:
+        return 0.0
 
 
 def shows_none(recording: Recording, reader: Reconstructor) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from tactilevision.cli import main
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "sample_frames" / "paper_points"
+SHADOW = ROOT / "sample_frames" / "hidden_shadow"
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -164,3 +166,14 @@ def test_a_method_made_from_balls_comes_with_its_card(tmp_path: Path, monkeypatc
     card = json.loads((tmp_path / "light.json").read_text())
     assert card["method"] == "polynomial"
     assert len(card["sha256"]) == 64
+
+
+def test_the_shadows_of_a_path_tracer_are_named_from_its_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(monkeypatch, "diagnose", SHADOW, "--out", tmp_path / "out") == 0
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert (found["verdict"], found["candidates"]) == ("IDENTIFIED", ["cast_shadow"])
+    low, high = found["material"]["after"]["youngs_modulus_MPa"]["interval95"]
+    truth = tomllib.loads((SHADOW / "truth.toml").read_text())
+    assert low < truth["youngs_modulus_MPa"] < high

@@ -12,7 +12,7 @@ from shared_scenes import shared
 from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, shadow_share
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
-from tactilevision.reconstruct.shadows_seen import with_shadows
+from tactilevision.reconstruct.shadows_seen import share_seen, with_shadows
 from tactilevision.reconstruct.unshadowed import Mapped, undo_shadows
 from tactilevision.recording import read_frame, read_image, read_recording
 from tactilevision.records import Bytes, Floats
@@ -166,3 +166,10 @@ def test_a_flat_gel_dims_nothing_and_a_wall_dims_the_side_away_from_the_lamp() -
     assert factor[60, 55, 1] > 0.95
     assert factor[60, 105, 0] > 0.95
     assert np.all(factor[:, 130:] > 0.97)
+
+
+def test_a_black_frame_shows_no_shadow_and_stops_nothing() -> None:
+    recording = read_recording(SAMPLE)
+    reader, deep = build_reconstructor(recording), read_frame(recording, 8)
+    rgb = [(seen := reader.rectified(deep)), np.zeros_like(seen)]
+    assert share_seen(recording, reader, frames=rgb) == share_seen(recording, reader, frames=rgb[:1])

@@ -34,7 +34,7 @@ class Usual:
         (BALL_MM, 1.0, ""),
         (1.3 * BALL_MM, 1.0, ""),
         (2 * BALL_MM, 1.0, "2 times the stated"),
-        (BALL_MM / 2, 1.0, "0.4"),
+        (BALL_MM / 2, 1.0, ""),
         (2 * BALL_MM, -1.0, ""),
     ],
 )
