@@ -311,7 +311,7 @@ def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | No
 
 
 def explained_share(base: Fit, current: Fit, *, left: ScoreTest) -> float:
-    """How much of a misfit the added effects explain: what they took off chi^2, over this and what the most telling
+    """How much of a misfit the added effects explain: what they took off chi^2, over it and what the most telling
     covariate still stands above chance by; all white under the last model's noise, priors included: what a law
     with much room takes up against its priors is misfit, too.
     """

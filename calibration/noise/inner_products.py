@@ -104,7 +104,7 @@ class Weighing:
 
     def _weighed(self, columns: Floats) -> list[Floats]:
         scaled = columns / self._base[:, None]
-        return [self._alike.decorrelate(part.padded(scaled)) for part in self._parts]
+        return [self._alike.innovations(part, scaled) for part in self._parts]
 
     def _beside(self, tables: Sequence[Floats]) -> Floats:
         """Gain and zero with these columns, (M, 2, k); presses in the order of the rectangles."""

@@ -84,24 +84,23 @@ class Whitener:
         self._alike = Alike.of(noise, data)
         shared = np.column_stack([noise.gain * about.force_N, noise.zero_mm * about.slope_N_per_mm])
         self._shared = [
-            _Shared.of(self._alike.decorrelate(part)) for part in self._padded(shared / self._std[:, None])
+            _Shared.of(self._alike.innovations(part, shared / self._std[:, None])) for part in self._parts
         ]
 
     def apply(self, values: Floats) -> Floats:
         """W values."""
         columns = values.reshape(values.shape[0], -1) / self._std[:, None]
-        pairs = zip(self._padded(columns), self._shared, strict=True)
-        tables = [shared.add(self._alike.decorrelate(table), -shared.shrink) for table, shared in pairs]
+        pairs = zip(self._parts, self._shared, strict=True)
+        tables = [shared.add(self._alike.innovations(part, columns), -shared.shrink) for part, shared in pairs]
         return self._flat(tables).reshape(values.shape)
 
     def colour(self, values: Floats) -> Floats:
         """The inverse of `apply`: white numbers (N, k) become errors in N."""
-        pairs = zip(self._padded(values.reshape(values.shape[0], -1)), self._shared, strict=True)
-        tables = [self._alike.correlate(shared.add(table, 1 / (1 - shared.shrink) - 1)) for table, shared in pairs]
+        columns = values.reshape(values.shape[0], -1)
+        pairs = zip(self._parts, self._shared, strict=True)
+        back = [(part.padded(columns), shared, 1 / (1 - shared.shrink) - 1) for part, shared in pairs]
+        tables = [self._alike.correlate(shared.add(table, share)) for table, shared, share in back]
         return np.asarray((self._flat(tables) * self._std[:, None]).reshape(values.shape))
-
-    def _padded(self, columns: Floats) -> list[Floats]:
-        return [part.padded(columns) for part in self._parts]
 
     def _flat(self, tables: Sequence[Floats]) -> Floats:
         """The samples (N, k) of rectangles (m, t, k)."""
@@ -156,6 +155,11 @@ class Alike:
             expected = noise.correlation**2 * known + (1 - noise.correlation**2) * (1 - noise.white)
         settled = np.pad(variance, (0, steps - len(variance)), mode="edge")
         return cls(np.sqrt(settled + noise.white), settled / (settled + noise.white), noise.correlation)
+
+    def innovations(self, part: Rectangle, columns: Floats) -> Floats:
+        """The innovation (m, t, k) of columns (N, k) by press; 0 where there is no sample."""
+        table = self.decorrelate(part.padded(columns))
+        return table * part.real[:, :, None] if self.correlation else table
 
     def decorrelate(self, table: Floats) -> Floats:
         """The innovation of columns (M, T, k), white where the columns are such noise."""

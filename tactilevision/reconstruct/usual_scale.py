@@ -30,7 +30,7 @@ def usual_scale_warnings(
     mm_per_px: Pair,
     kind: str,
 ) -> tuple[str, ...]:
-    """A warning where `balls` slope far more than their stated radii let expect in the usual light of a `kind`, by its `network`.
+    """A warning where `balls` slope far more than stated, read by the `network` of a `kind` of sensor.
 
     None where the network points elsewhere than the balls: then it is no such sensor, or a mirrored picture.
     """

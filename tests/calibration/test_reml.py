@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_presses import indenter, observations
@@ -14,33 +16,44 @@ from calibration.noise.reml import minus_two_log_likelihood
 from tactilevision.records import Floats
 
 
-def test_the_likelihood_is_that_of_the_whole_covariance_and_finite_beyond_all_sizes() -> None:
-    """By hand, V = s^2 1 + g^2 f f' + z^2 k k' for each press: ln det V + ln det X'V^-1 X + what is left."""
+@pytest.mark.parametrize(
+    ("sizes", "correlation", "white"),
+    [
+        ((6, 6, 6), 0.0, 0.0),
+        ((6, 3, 5), 0.0, 0.0),
+        ((6, 6, 6), 0.6, 0.3),
+        ((6, 3, 5), 0.6, 0.0),
+        ((1, 6, 4), 0.6, 0.3),
+    ],
+)
+def test_the_likelihood_is_that_of_the_whole_covariance_and_finite_beyond_all_sizes(
+    sizes: tuple[int, ...], correlation: float, white: float
+) -> None:
+    """By hand, V = s^2 R + g^2 f f' + z^2 k k' for each press: ln det V + ln det X'V^-1 X + what is left."""
     rng = np.random.default_rng(3)
-    data = observations([np.linspace(0.1, 0.6, 6)] * 3, [indenter()] * 3)
-    force, slope, residual = rng.standard_normal((3, 18))
-    jacobian = rng.standard_normal((18, 2))
-    weighing = Weighing(data, Linear(force, slope, np.ones(18)), Noise(1.0))
+    data = observations([np.linspace(0.1, 0.6, n) for n in sizes], [indenter()] * len(sizes))
+    force, slope, residual = rng.standard_normal((3, data.size))
+    jacobian = rng.standard_normal((data.size, 2))
+    alike, about = Noise(0.7, 0.4, 0.9, correlation, white), Linear(force, slope, np.ones(data.size))
+    weighing = Weighing(data, about, alike)
     taken = weighing.take(np.column_stack([residual, jacobian]))
     product = weighing.product(taken, taken)
-    whole = np.zeros((18, 18))
-    for m in range(3):
-        part = slice(6 * m, 6 * m + 6)
-        whole[part, part] = (
-            0.7**2 * np.eye(6)
-            + 0.4**2 * np.outer(force[part], force[part])
-            + 0.9**2 * np.outer(slope[part], slope[part])
-        )
+    apart = np.abs(np.subtract.outer(np.arange(data.size), np.arange(data.size)))
+    likeness = (1 - white) * correlation**apart + white * (apart == 0)
+    whole = 0.7**2 * likeness + 0.4**2 * np.outer(force, force) + 0.9**2 * np.outer(slope, slope)
+    whole[data.press[:, None] != data.press] = 0.0
     weighed = np.linalg.solve(whole, np.column_stack([residual, jacobian]))
     information = jacobian.T @ weighed[:, 1:]
     left = residual @ weighed[:, 0] - (jacobian.T @ weighed[:, 0]) @ np.linalg.solve(
         information, jacobian.T @ weighed[:, 0]
     )
-    manual_checks = np.linalg.slogdet(whole)[1] + np.linalg.slogdet(information)[1] + left
-    nothing, beyond = np.zeros((2, 2)), Noise(1e-4, 1e5, 1e5)
-    found = minus_two_log_likelihood([Noise(0.7, 0.4, 0.9), beyond], weighing, product=product, precision=nothing)
-    np.testing.assert_allclose(found[0], manual_checks, rtol=1e-9)
+    by_hand = np.linalg.slogdet(whole)[1] + np.linalg.slogdet(information)[1] + left
+    nothing, beyond = np.zeros((2, 2)), replace(alike, scale=1e-4, gain=1e5, zero_mm=1e5)
+    found = minus_two_log_likelihood([alike, beyond], weighing, product=product, precision=nothing)
+    np.testing.assert_allclose(found[0], by_hand, rtol=1e-9)
     assert np.isfinite(found[1])
+    white_residual = Whitener(data, alike, about).apply(residual)
+    np.testing.assert_allclose(np.sum(white_residual**2), residual @ np.linalg.solve(whole, residual), rtol=1e-9)
 
 
 SIZES = (3, 40, 1, 7, 41)  # samples of presses: much of one rectangle would be padding
