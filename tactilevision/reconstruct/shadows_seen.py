@@ -68,7 +68,7 @@ def share_seen(
 
 
 def _peak_mm(reader: Reconstructor, rgb: Bytes) -> float:
-    """How deep a rectified frame (H, W, 3) is pressed, mm; 0 where it cannot be read: a black one shows nothing."""
+    """How deep a rectified frame (H, W, 3) is pressed, mm; 0 where it cannot be read: a black one shows none."""
     try:
         return float(reader.rectified_map(rgb).depth_mm.max())
     except InputError:
