@@ -156,11 +156,13 @@ def stencil(size: int) -> Floats:
 
 
 def newton_move(costs: Floats, size: int) -> Floats:
-    """Newton's step (size,), by at most a factor e, from the costs (k,) on the stencil."""
+    """Newton's step (size,), by at most a factor e, from the costs (k,) on the stencil; shortened as a whole, since
+    each part shortened by itself may lead uphill.
+    """
     ahead, behind = costs[1 : size + 1], costs[size + 1 : 2 * size + 1]
     curvature, axes = _curvature(costs, size)
     move = -axes @ ((axes.T @ (ahead - behind)) / (2 * STEP) / curvature)
-    return np.asarray(np.clip(move, -1, 1))
+    return np.asarray(move / max(1.0, float(np.abs(move).max())))
 
 
 def spread(costs: Floats, size: int) -> Floats:

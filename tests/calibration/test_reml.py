@@ -12,7 +12,7 @@ from calibration.noise import rectangles
 from calibration.noise.heteroscedasticity import Scatter
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Linear, Noise, Whitener
-from calibration.noise.reml import minus_two_log_likelihood
+from calibration.noise.reml import minus_two_log_likelihood, newton_move, stencil
 from tactilevision.records import Floats
 
 
@@ -92,3 +92,15 @@ def test_one_long_press_does_not_pad_all_others() -> None:
     assert sum(part.rows.size for part in parts) <= rectangles.MOST_PADDED * data.size
     samples = np.concatenate([part.rows[part.real] for part in parts])
     assert np.array_equal(np.sort(samples), np.arange(data.size))
+
+
+def test_a_long_newton_step_is_shortened_as_a_whole_and_leads_downhill() -> None:
+    """Along a narrow valley: shortened part by part it would climb the valley's side."""
+    hessian = np.array([[400.0, -390.0, 0.0], [-390.0, 400.0, 0.0], [0.0, 0.0, 2.0]])
+    least = np.array([9.0, 9.3, 0.5])
+    offsets = stencil(3)
+    costs = np.einsum("ki,ij,kj->k", offsets - least, hessian, offsets - least) / 2
+    move = newton_move(costs, 3)
+    np.testing.assert_allclose(move, least / least.max(), rtol=1e-6)
+    after = (move - least) @ hessian @ (move - least) / 2
+    assert after < costs[0]
