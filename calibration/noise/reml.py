@@ -156,8 +156,8 @@ def stencil(size: int) -> Floats:
 
 
 def newton_move(costs: Floats, size: int) -> Floats:
-    """Newton's step (size,), by at most a factor e, from the costs (k,) on the stencil; shortened as a whole, since
-    each part shortened by itself may lead uphill.
+    """Newton's step (size,), by at most a factor e, from the costs (k,) on the stencil; shortened as a whole:
+    shortened part by part it may lead uphill.
     """
     ahead, behind = costs[1 : size + 1], costs[size + 1 : 2 * size + 1]
     curvature, axes = _curvature(costs, size)
