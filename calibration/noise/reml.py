@@ -156,13 +156,13 @@ def stencil(size: int) -> Floats:
 
 
 def newton_move(costs: Floats, size: int) -> Floats:
-    """Newton's step (size,), by at most a factor e, from the costs (k,) on the stencil; shortened as a whole:
-    shortened part by part it may lead uphill.
+    """Newton's step (size,), by at most a factor e along each axis of the curvature, from the costs (k,) on the
+    stencil. Shortened so it always leads downhill, which shortened size by size it may not.
     """
     ahead, behind = costs[1 : size + 1], costs[size + 1 : 2 * size + 1]
     curvature, axes = _curvature(costs, size)
-    move = -axes @ ((axes.T @ (ahead - behind)) / (2 * STEP) / curvature)
-    return np.asarray(move / max(1.0, float(np.abs(move).max())))
+    along = axes.T @ (ahead - behind) / (2 * STEP) / curvature
+    return np.asarray(-axes @ np.clip(along, -1, 1))
 
 
 def spread(costs: Floats, size: int) -> Floats:

@@ -94,13 +94,16 @@ def test_one_long_press_does_not_pad_all_others() -> None:
     assert np.array_equal(np.sort(samples), np.arange(data.size))
 
 
-def test_a_long_newton_step_is_shortened_as_a_whole_and_leads_downhill() -> None:
-    """Along a narrow valley: shortened part by part it would climb the valley's side."""
+def test_a_long_newton_step_leads_downhill_and_keeps_what_is_short_of_it() -> None:
+    """Along a narrow valley: shortened size by size it would climb the valley's side."""
     hessian = np.array([[400.0, -390.0, 0.0], [-390.0, 400.0, 0.0], [0.0, 0.0, 2.0]])
     least = np.array([9.0, 9.3, 0.5])
     offsets = stencil(3)
     costs = np.einsum("ki,ij,kj->k", offsets - least, hessian, offsets - least) / 2
     move = newton_move(costs, 3)
-    np.testing.assert_allclose(move, least / least.max(), rtol=1e-6)
-    after = (move - least) @ hessian @ (move - least) / 2
-    assert after < costs[0]
+    slope = -hessian @ least
+    assert move @ slope < 0
+    assert np.clip(least, -1, 1) @ slope > -150, "size by size: hardly downhill, for all its length"
+    assert (move - least) @ hessian @ (move - least) / 2 < costs[0]
+    assert move[2] == pytest.approx(0.5)
+    assert np.linalg.norm(move) <= np.sqrt(3)
