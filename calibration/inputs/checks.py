@@ -234,6 +234,7 @@ def clear_of_touch(data: Observations, *, zero_mm: float = 0.0, noise_mm: float 
     """Curves without the samples nearer to the first touch than three press zeros.
 
     They are air in one press and contact in the next: a zero moves no force on one side, all of it on the other.
+    A press keeps its deeper half whatever they are.
     Where a gel clings it does so on both sides: the way out stays where its forces lie far below those of air.
     `zero_mm` and `noise_mm`: std of presses' zeros and of a depth's reading, where they are known; depths then
     count as read and as presses go alike.
@@ -242,7 +243,8 @@ def clear_of_touch(data: Observations, *, zero_mm: float = 0.0, noise_mm: float 
         return data
     std = np.hypot(max(TYPICAL_ZERO_MM, zero_mm), np.maximum(np.nan_to_num(data.depth_std_mm), noise_mm))
     depth = np.abs(data.depth_mm)
-    clear = (np.minimum(depth, np.abs(nominal_depth(data))) if zero_mm else depth) > TOUCH * std
+    near = np.minimum(TOUCH * std, np.maximum.reduceat(depth, data.first)[data.press] / 2)
+    clear = (np.minimum(depth, np.abs(nominal_depth(data))) if zero_mm else depth) > near
     clear |= _clinging(data, clear)
     kept = np.bincount(data.press, clear, minlength=data.count) > 0
     return data if clear.all() or not kept.all() else data.samples(clear)

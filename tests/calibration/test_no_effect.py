@@ -90,6 +90,17 @@ def test_samples_at_the_touch_are_left_out() -> None:
     assert clear_of_touch(data) is data
 
 
+def test_a_shallow_press_keeps_its_deeper_half_and_the_others_lose_their_touch() -> None:
+    shallow, deep = np.linspace(0.02, 0.1, 9), np.linspace(0.02, 0.4, 20)
+    true = [shallow, deep, deep]
+    times = [300.0 * k + np.arange(float(one.size)) for k, one in enumerate(true)]
+    data = observations(true, [indenter()] * 3, time_s=times)
+    clear = clear_of_touch(data, zero_mm=0.043)  # three of them: 0.13 mm
+    kept = [clear.depth_mm[clear.press == k] for k in range(3)]
+    assert np.array_equal(kept[0], shallow[shallow > 0.05])
+    assert all(np.array_equal(one, deep[deep > 0.13]) for one in kept[1:])
+
+
 def test_the_touch_stays_on_the_way_out_where_the_gel_pulls() -> None:
     ramp = np.concatenate([np.linspace(-0.03, -0.02, 5), np.linspace(0.03, 0.4, 12)])
     out = np.array([0.2, 0.05, 0.01, 0.004, -0.004, -0.01, -0.02])
