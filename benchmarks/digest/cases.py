@@ -181,6 +181,7 @@ CASES: Mapping[str, Case] = MappingProxyType({
     "diagnose hidden_material": Case(_diagnose(SAMPLES / "hidden_material")),
     "diagnose hidden_rig": Case(_diagnose(RIG)),
     "diagnose hidden_unknown": Case(_diagnose(SAMPLES / "hidden_unknown")),
+    "diagnose hidden_shadow": Case(_diagnose(SAMPLES / "hidden_shadow")),
     "compare hidden_material": Case(_compare),
     "validate paper_points": Case(_validate(SAMPLES / "paper_points")),
     "train polynomial": Case(_train(RIG, "polynomial")),
