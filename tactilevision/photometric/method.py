@@ -206,8 +206,14 @@ class CalibratedMethod:
             self.tiled_evaluator.follow(rgb_rectified, share)
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
-        """The same law against another picture of the untouched gel."""
-        return replace(self, reference=reference)
+        """The same law against another picture of the untouched gel; that of two colours where the third is dark
+        there and was not before.
+        """
+        dark, two = reference.dark_colour, self.two_colours
+        if dark is None or dark == self.reference.dark_colour or two is None:
+            return replace(self, reference=reference)
+        error = float(np.hypot(self.relative_error, two.errors[dark]))
+        return replace(self, reference=reference, law=two.laws[dark], relative_error=error, light_law=None)
 
     def with_card(self, card: MethodCard) -> CalibratedMethod:
         """The same method with another card."""

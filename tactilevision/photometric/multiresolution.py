@@ -75,7 +75,7 @@ class TiledEvaluator:
             np.asarray(places[:end].reshape(-1, px).mean(axis=1))
             for places, end in ((full.x, self.even[1].stop), (full.y, self.even[0].stop))
         )
-        self.maps = ChangeMaps(self._over(full.mean), x, y)
+        self.maps = ChangeMaps(self._over(full.mean), x, y, dark=full.dark)
         noise = self._over(method.change.noise)
         missing = np.sqrt(1.0 - 1.0 / px**2) * np.median(noise, axis=(1, 2)).astype(np.float64)
         self.evaluate = method.law.averaged(missing).evaluator((len(y), len(x)))

@@ -10,11 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.photometric.background import DARK
 from tactilevision.photometric.markers import Marks, find_marks
 from tactilevision.recording import layout
 from tactilevision.records import Bools, Bytes
 from tactilevision.robust import MAD_TO_STD
 
+COLOURS = ("red", "green", "blue")
 SATURATED = 253  # grey level from which a channel no longer counts light (JPEG moves 255 about)
 MIN_SIGNAL = 12.0  # brightness over noise below which a pixel tells nothing of slope
 
@@ -38,6 +40,12 @@ class Reference:
         """Where (3, H, W) a colour of the untouched gel is overexposed; None where none is."""
         over = self.rgb >= SATURATED
         return over.transpose(2, 0, 1).copy() if over.any() else None
+
+    @property
+    def dark_colour(self) -> int | None:
+        """The one colour that is dark on most of the gel: a lamp that is off. None: none is, or several."""
+        dark = np.flatnonzero(np.median(self.rgb, axis=(0, 1)) < DARK)
+        return int(dark[0]) if len(dark) == 1 else None
 
     @property
     def lit_by_two(self) -> Bools:
@@ -76,6 +84,17 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
         )
     marks = find_marks(np.rint(mean).astype(np.uint8)) if may_have_marks else None
     return Reference(mean, noise, usable, marks)
+
+
+def dark_colour_warning(reference: Reference) -> tuple[str, ...]:
+    """What to know where a colour of the untouched gel is dark."""
+    if (dark := reference.dark_colour) is None:
+        return ()
+    level = float(np.median(reference.rgb[..., dark]))
+    return (
+        f"the untouched gel is dark in {COLOURS[dark]} (grey {level:.0f} of 255): is that lamp off? Slopes are "
+        "told by the other two colours alone, worse along one direction",
+    )
 
 
 def _lit_by_two(mean: npt.NDArray[np.float32], noise_grey: tuple[float, float, float]) -> Bools:

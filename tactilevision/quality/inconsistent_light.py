@@ -103,7 +103,7 @@ class LightCheck:
             np.asarray(at[: n * self.px].reshape(n, self.px).mean(axis=1))
             for at, n in ((full.x, width), (full.y, height))
         )
-        self.maps = ChangeMaps(self._cells(full.mean), x, y)
+        self.maps = ChangeMaps(self._cells(full.mean), x, y, dark=full.dark)
         self.evaluate = method.law.averaged(
             np.median(method.change.noise, axis=(1, 2)).astype(np.float64)
         ).evaluator((height, width))

@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.photometric.reference import COLOURS
 from tactilevision.records import Bytes, Floats
 from tactilevision.robust import mad_std
 
@@ -43,7 +44,6 @@ MARK_SIGMA = 8.0  # deviations of all blocks that a mark stands out
 MARK_BLOCKS = 4  # fine blocks that a mark covers: one may be a dead pixel or a hair
 MARK_WIDTH = 8.0  # fine blocks, sigma: wider changes are the light's
 MARK_EDGE = 2  # fine blocks along the border, which do not count
-COLOURS = ("red", "green", "blue")
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,7 @@ from tactilevision.photometric.illumination.light_match import check_view, light
 from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.methods.weights import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
+from tactilevision.photometric.reference import dark_colour_warning
 from tactilevision.quality.inconsistent_light import measured_light
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, baseline, some_frames
 from tactilevision.reconstruct.guessed_reference import with_free_reference
@@ -85,7 +86,7 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
     if method is not None and not isinstance(method, str):
         return with_flats(sensor, method, flats=flats) if flats else Reconstructor(sensor, method)
     fit = PHOTOMETRIC[method or DEFAULT]
-    reference, marked = _reference(sensor, flats)
+    reference, noted = _reference(sensor, flats)
     pictures = [
         BallPicture(
             rectify(sensor, read_image(ball.path, white_level=recording.white_level)),
@@ -98,16 +99,20 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
     ]
     calibration = calibrate_from_balls(reference, pictures, mm_per_px=sensor.mm_per_px, fit=fit)
     found = tuned(sensor, calibration, pictures=pictures, free=free_frames(recording))
-    found.warnings += marked
+    found.warnings += noted
     return found
 
 
 def _reference(sensor: Sensor, flats: Sequence[Bytes]) -> tuple[Reference, tuple[str, ...]]:
-    """The reference of rectified flats; a warning where it shows marks that the sensor was said not to have."""
+    """The reference of rectified flats; a warning where a colour is dark in it, and where it shows marks that the
+    sensor was said not to have.
+    """
     reference = make_reference(flats)
+    noted = dark_colour_warning(reference)
     if reference.marks is None or may_have_marks(sensor):
-        return reference, ()
+        return reference, noted
     return reference, (
+        *noted,
         f"the untouched gel shows a regular pattern of dark marks, and a {sensor.kind} has none: they are filled "
         "as markers are. Name a sensor with markers (gelslim3_markers, or a TOML file with has_markers = true)",
     )
@@ -256,16 +261,16 @@ def _on_own_contacts(
         return None
     found = Reconstructor(sensor, method)
     found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
-    found.warnings += (scale_warning(method, kind=sensor.kind),)
+    found.warnings += (*dark_colour_warning(reference), scale_warning(method, kind=sensor.kind))
     return found
 
 
 def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Reconstructor:
-    reference, marked = _reference(sensor, flats)
+    reference, noted = _reference(sensor, flats)
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
     found = Reconstructor(sensor, method)
-    found.warnings += marked
+    found.warnings += noted
     found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
     if method.card.light is not None:  # else it was made for any light
         found.warnings += found.reference_match.check_light(method.card.light)
@@ -311,10 +316,10 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Byt
     calibrated = as_referenced(method)
     if calibrated is None:
         return Reconstructor(sensor, method)
-    reference, marked = _reference(sensor, flats)
+    reference, noted = _reference(sensor, flats)
     check_view(calibrated.reference.shape, reference.shape)
     found = Reconstructor(sensor, calibrated.with_reference(reference))
-    found.warnings += marked
+    found.warnings += noted
     if found.reference_match is not None:
         found.warnings += found.reference_match.check_light(light_of(calibrated.reference))
     return found

@@ -7,7 +7,8 @@ Dividing by the local brightness makes u nearly the same function of slope all o
 keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
 leans over the picture is small, and applied to first order.
 Marks on the gel are filled from around, in I0 once and in u frame by frame.
-A colour that is overexposed, in the frame or in I0, says nothing at its pixel (`missing_colours.py`).
+A colour that is overexposed, in the frame or in I0, says nothing at its pixel (`missing_colours.py`). One that is
+dark all over the untouched gel says nothing anywhere, and counts as unchanged: u_c = 0.
 """
 
 from __future__ import annotations
@@ -39,8 +40,9 @@ Planes = npt.NDArray[np.float32]
 class ChangeMaps:
     """What makes colour changes of brightness: an untouched picture `mean` (3, h, w), at places x (w,), y (h,)."""
 
-    def __init__(self, mean: Planes, x: Planes, y: Planes) -> None:
-        self.mean, self.x, self.y = mean, x, y
+    def __init__(self, mean: Planes, x: Planes, y: Planes, *, dark: int | None) -> None:
+        """`dark`: the colour that counts as unchanged, None where none does."""
+        self.mean, self.x, self.y, self.dark = mean, x, y, dark
         self.scale: Planes = np.empty_like(mean)
         self.update_scale()
         # a plane over the picture is the product of two thin matrices: gain = down @ across
@@ -50,12 +52,16 @@ class ChangeMaps:
         """To be called when `mean` has changed."""
         np.add(self.mean, np.float32(SOFTENING_GREY), out=self.scale)
         np.reciprocal(self.scale, out=self.scale)
+        if self.dark is not None:
+            self.scale[self.dark] = 1.0 / SOFTENING_GREY
 
     def light(self, gains: Floats) -> None:
         """Count from here on with the `gains` (3, 3) of a drift."""
         share = 1.0 / (1.0 + gains[:, 0, None])
         self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
         self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
+        if self.dark is not None:
+            self.down[self.dark] = 0.0  # of its grey nothing counts: (0 + s) / s - 1 = 0
 
     def changes(self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, *, out: Planes) -> Planes:
         """Changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w), into `out` alike."""
@@ -87,8 +93,8 @@ class ColourChange:
         if reference.marks is not None:
             fill_marks(mean, reference.marks.mask)
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
-        self.maps = ChangeMaps(mean, x, y)
-        self.noise: Planes = self.maps.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
+        self.maps = ChangeMaps(mean, x, y, dark=reference.dark_colour)
+        self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
         self.darkest = int(darkest_grey(reference.noise_grey))  # of whole numbers
         self.rgb: Bytes = np.empty((0, 0, 3), np.uint8)
         self.undo: Floats | None = None
@@ -188,8 +194,12 @@ class ColourChange:
 
     @property
     def scale(self) -> Planes:
-        """Change (3, H, W) of one grey level."""
-        return self.maps.scale
+        """Change (3, H, W) of one grey level; 0 of a colour that counts as unchanged."""
+        scale = self.maps.scale
+        if self.maps.dark is not None:
+            scale = scale.copy()
+            scale[self.maps.dark] = 0.0
+        return scale
 
     def _check(self, rgb: Bytes) -> None:
         if rgb.shape != self.reference.rgb.shape or rgb.dtype != np.uint8:

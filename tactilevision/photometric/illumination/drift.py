@@ -70,7 +70,7 @@ class DriftTracker:
 
     def __init__(self, reference: Reference, response: Response) -> None:
         height, width = reference.shape
-        self.power = response.power
+        self.power, self.dark = response.power, reference.dark_colour
         block = max(4, int(np.sqrt(height * width / BLOCKS)))
         self.size = (max(2, width // block), max(2, height // block))
         self.px = tile_px_of(reference)
@@ -103,6 +103,8 @@ class DriftTracker:
     def measure(self, rgb: Bytes) -> Drift:
         """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
         blocks = self._blocks(means(rgb, self.px, out=self.means))
+        if self.dark is not None:
+            blocks[self.dark] = self.level[self.dark]
         change = blocks - self.level
         self._check(blocks, change)
         gains = np.zeros((3, 3))

@@ -1,0 +1,90 @@
+"""Where one lamp is off on all of the gel, the other two colours tell the slope."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from lamp_room import BALL_MM, SENSOR, ball, ball_pictures, flat, in_px, picture
+
+from tactilevision.photometric import Calibration, calibrate_from_balls, make_reference
+from tactilevision.photometric.background import DARK
+from tactilevision.photometric.ball.detection import Ball
+from tactilevision.photometric.ball.samples import radii_from
+from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.methods.inverse_shading import AutoMethod
+from tactilevision.photometric.reference import Reference, dark_colour_warning
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.records import Bytes
+
+CONTACT_MM = 1.6
+PLACES = ((0.0, 0.0), (3.5, 2.0), (-4.0, -2.5))  # mm from the picture's centre
+
+
+def dark(rgb: Bytes, colour: int, grey: float = 0.0) -> Bytes:
+    """The picture with that channel at a level that tells nothing."""
+    out = rgb.copy()
+    noise = np.random.default_rng(11).normal(0.0, 0.7 if grey else 0.0, out.shape[:2])
+    out[..., colour] = np.clip(np.rint(grey + noise), 0, 255)
+    return out
+
+
+@lru_cache
+def calibrated(colour: int | None, grey: float = 0.0) -> Calibration:
+    rng = np.random.default_rng(1)
+    flats, shots = [flat(rng) for _ in range(3)], ball_pictures(14, rng)
+    if colour is not None:
+        flats = [dark(one, colour, grey) for one in flats]
+        shots = [dataclasses.replace(shot, rgb=dark(shot.rgb, colour, grey)) for shot in shots]
+    return calibrate_from_balls(make_reference(flats), shots, mm_per_px=SENSOR.mm_per_px, fit=AutoMethod())
+
+
+def reference(*, colours: tuple[int, ...], grey: float = 0.0) -> Reference:
+    rng = np.random.default_rng(2)
+    flats = [flat(rng) for _ in range(3)]
+    for colour in colours:
+        flats = [dark(one, colour, grey) for one in flats]
+    return make_reference(flats)
+
+
+def assert_balls_are_deep(reader: Reconstructor, colour: int, grey: float, within: float) -> None:
+    for place in PLACES:
+        depth, p, q = ball(place, CONTACT_MM, BALL_MM)
+        height = reader.rectified_map(dark(picture(p, q, np.random.default_rng(5)), colour, grey))
+        under = radii_from(
+            Ball(in_px(place), CONTACT_MM / SENSOR.mm_per_px[0], BALL_MM), depth.shape, mm_per_px=SENSOR.mm_per_px
+        )
+        assert height.valid[under < 1.0].mean() > 0.98
+        assert height.depth_mm[under < 1.0].max() == pytest.approx(depth.max(), rel=within)
+
+
+@pytest.mark.parametrize(("colour", "grey"), [(0, 0.0), (1, 4.0), (2, 0.0)])
+def test_balls_are_as_deep_by_two_colours(colour: int, grey: float) -> None:
+    found = calibrated(colour, grey)
+    assert all(one is not None for one in found.balls)
+    assert_balls_are_deep(Reconstructor(SENSOR, found.method), colour, grey, within=0.15)
+
+
+def test_a_lamp_that_fails_after_the_calibration_leaves_two_colours() -> None:
+    method = calibrated(None).method.with_reference(reference(colours=(2,)))
+    assert method.relative_error > calibrated(None).method.relative_error
+    assert_balls_are_deep(Reconstructor(SENSOR, method), 2, 0.0, within=0.15)
+
+
+def test_a_dark_colour_changes_nothing_whatever_it_shows() -> None:
+    change = ColourChange(reference(colours=(1,)))
+    rgb = dark(flat(np.random.default_rng(3)), 1, 30.0)
+    assert not change.measure(rgb)[0][1].any()
+    assert not change.noise[1].any()
+    change.follow(rgb, 0.5)
+    assert not change.measure(rgb)[0][1].any()
+
+
+def test_only_one_colour_is_called_dark_and_by_its_name() -> None:
+    assert reference(colours=(0,), grey=DARK - 1.0).dark_colour == 0
+    assert reference(colours=(0,), grey=DARK + 1.0).dark_colour is None
+    assert reference(colours=(0, 1)).dark_colour is None, "one colour alone tells no slope: nothing is left out"
+    assert "dark in blue (grey 0 of 255)" in dark_colour_warning(reference(colours=(2,)))[0]
+    assert dark_colour_warning(reference(colours=())) == ()
