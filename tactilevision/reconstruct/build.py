@@ -256,17 +256,19 @@ def _on_own_contacts(
     """A reconstructor whose light is calibrated on contacts in the frames; None where they do not tell it."""
     sensor = recording.sensor
     reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
+    _check_colours(reference)
     method = calibrated_on_frames(recording, reference, prior=ready.referenced if ready is not None else None)
     if method is None:
         return None
     found = Reconstructor(sensor, method)
     found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
-    found.warnings += (*dark_colour_warning(reference), scale_warning(method, kind=sensor.kind))
+    found.warnings += (scale_warning(method, kind=sensor.kind),)
     return found
 
 
 def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Reconstructor:
     reference, noted = _reference(sensor, flats)
+    _check_colours(reference)
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
     found = Reconstructor(sensor, method)
@@ -275,6 +277,17 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     if method.card.light is not None:  # else it was made for any light
         found.warnings += found.reference_match.check_light(method.card.light)
     return found
+
+
+def _check_colours(reference: Reference) -> None:
+    """Without balls there is no law of two colours."""
+    if dark := dark_colour_warning(reference):
+        raise InputError(
+            "slopes are not told without ball presses where a colour is dark",
+            where="the reference",
+            value=dark[0].partition(":")[0],
+            remedy="Check that lamp; or calibrate on ball presses, by which the other two colours tell slopes.",
+        )
 
 
 def _check_kind(card: MethodCard, sensor: Sensor) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from lamp_room import BALL_MM, SENSOR, ball, ball_pictures, flat, in_px, picture
 
+from tactilevision.errors import InputError
 from tactilevision.photometric import Calibration, calibrate_from_balls, make_reference
 from tactilevision.photometric.background import DARK
 from tactilevision.photometric.ball.detection import Ball
@@ -16,7 +19,8 @@ from tactilevision.photometric.ball.samples import radii_from
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.reference import Reference, dark_colour_warning
-from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.recording import read_folder
 from tactilevision.records import Bytes
 
 CONTACT_MM = 1.6
@@ -88,3 +92,14 @@ def test_only_one_colour_is_called_dark_and_by_its_name() -> None:
     assert reference(colours=(0, 1)).dark_colour is None, "one colour alone tells no slope: nothing is left out"
     assert "dark in blue (grey 0 of 255)" in dark_colour_warning(reference(colours=(2,)))[0]
     assert dark_colour_warning(reference(colours=())) == ()
+
+
+@pytest.mark.parametrize("kind", ["gelslim3", "custom"])
+def test_without_balls_a_dark_colour_is_refused(tmp_path: Path, kind: str) -> None:
+    for number in range(3):
+        rgb = dark(flat(np.random.default_rng(number)), 0)
+        assert cv2.imwrite(str(tmp_path / f"{number}.png"), rgb[..., ::-1])
+    sensor = SENSOR if kind == "custom" else kind
+    with pytest.raises(InputError, match="without ball presses where a colour is dark") as refused:
+        build_reconstructor(read_folder(tmp_path, sensor, reference=tmp_path / "0.png", mm_per_px=0.08))
+    assert "dark in red" in str(refused.value)
