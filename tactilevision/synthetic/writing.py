@@ -29,7 +29,8 @@ def recording_of(folder: Path, scenario: Scenario) -> Recording:
     options = scenario.options
     pictured = options.frames in _SUFFIX
     forces = ForceSeries(*read_forces(scenario), scenario.sensor.noise_N) if pictured else None
-    gauge = options.frames == "points"
+    gauge, drawn = options.frames == "points", curves(scenario) if options.frames == "curves" else ()
+    listed = {curve.press for curve in drawn}
     return Recording(
         path=folder,
         name=options.name,
@@ -41,10 +42,10 @@ def recording_of(folder: Path, scenario: Scenario) -> Recording:
         depth_std_mm=options.indenters.height_std_mm if gauge else DEPTH_STD_MM,
         clock_offset_s=round(scenario.clock_offset_s, 5) if options.rig.state_clock_offset and pictured else None,
         indenters={f"A{i + 1}": _indenter(options, i) for i in range(len(options.indenters.heights_mm))},
-        presses=tuple(_press(p) for p in scenario.presses) if pictured or options.frames == "curves" else (),
+        presses=tuple(_press(p) for p in scenario.presses if pictured or p.label in listed),
         forces=forces,
         points=certified(scenario) if gauge else (),
-        curves=curves(scenario) if options.frames == "curves" else (),
+        curves=drawn,
     )
 
 
