@@ -13,6 +13,7 @@ from tactilevision.records import Floats, Pair
 from tactilevision.records.taught_walls import TaughtWalls
 
 LEAN = 2.1  # 1/tan of 25 degrees: lamps of these sensors stand at 15 to 35
+LEAST_MM = 1e-6  # mm: smaller changes of depth are carried as this one
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,15 +59,31 @@ class PunchEdge:
         """Whether it falls, and by more than the slopes as read: others stay as they are."""
         return self.fall_at_reach_mm > 0 and self.missing_mm > 0
 
+    def carried(self, change_mm: float) -> Floats:
+        """Part (n,) of a change of the face's depth at each of `places_mm`: 1 on it, 0 where slopes are read.
+
+        It lies where the wall is steepest, over the slope T that leaves as much above it,
+
+            |change| = int max(u' - T, 0) ds
+
+        so that no wall overhangs that falls by more. What faces are off by lies there, less than .1 mm from the
+        edge (docs/evidence/rendered.md); from there on the law is held by slopes that are read.
+        """
+        fall = np.interp(np.minimum(self.places_mm, self.reach_mm), self.places_mm, self.fall_mm)
+        steps = np.maximum(np.diff(fall), 0.0)  # u' ds of even places
+        sorted_steps = np.append(np.sort(steps)[::-1], 0.0)
+        above = np.cumsum(sorted_steps) - sorted_steps * np.arange(1, sorted_steps.size + 1)
+        over = np.maximum(steps - np.interp(max(abs(change_mm), LEAST_MM), above, sorted_steps), 0.0)
+        return np.append(1.0, 1.0 - np.cumsum(over) / over.sum())
+
     def taught_by(self, walls: TaughtWalls) -> PunchEdge:
         """The wall with the depth that certified faces have it hide, mm; their deviation, where it is smaller."""
         if not self.teachable:
             return self
-        fall = self.fall_at_reach_mm
         change, std_mm = walls.change_mm(self.missing_mm, self.depth_mm)
         return replace(
             self,
-            fall_mm=self.fall_mm * ((fall + change) / fall),
+            fall_mm=self.fall_mm + change * (1.0 - self.carried(change)),
             depth_mm=self.depth_mm + change,
             missing_mm=self.missing_mm + change,
             std_mm=min(self.std_mm, std_mm),

@@ -2,8 +2,8 @@
 
     w = sum_i w_i/s_i^2 / sum_i 1/s_i^2,    i: the map, the shadow (depth_by_shadow.py), s_i what each states
 
-The face is moved as a whole, and its wall carries the change as it carries the fall; gel beside it stays. Where
-the two differ by more than they state, the deviation of the face grows by as much, and the map is flagged.
+The face is moved as a whole, and the steepest of its wall carries the change; gel beside it stays. Where the two
+differ by more than they state, the deviation of the face grows by as much, and the map is flagged.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.photometric.illumination.cast_shadow import SMOOTH_PX, LightField
 from tactilevision.photometric.illumination.interreflection import reflected
 from tactilevision.reconstruct.depth_by_shadow import FACE, ShadowDepth, depth_by_shadow
-from tactilevision.records import Bools, Bytes, Floats, Pair
+from tactilevision.records import Bools, Bytes, Pair
 from tactilevision.records.flags import CONTRARY, add
 
 Depth = npt.NDArray[np.floating[Any]]
@@ -76,22 +76,16 @@ def _moved(
     surface: Depth, std: Depth, edge: PunchEdge, seen: ShadowDepth, *, mm_per_px: Pair
 ) -> tuple[Depth, Depth, bool]:
     """Surface and deviation (H, W) mm with the face as both readings have it, and whether they are contrary."""
-    part, r = _carried(edge, surface.shape, mm_per_px)
+    y, x = (
+        np.arange(n) * mm - at
+        for n, mm, at in zip(surface.shape, mm_per_px[::-1], edge.centre_mm[::-1], strict=True)
+    )
+    r = np.hypot(x[None, :], y[:, None])
     face = r < FACE * edge.radius_mm
     read, own = float(surface[face].mean()), float(np.sqrt(np.mean(std[face] ** 2)))
-    share = own**2 / (own**2 + seen.std_mm**2)
+    change = own**2 / (own**2 + seen.std_mm**2) * (seen.depth_mm - read)
     off = abs(seen.depth_mm - read) / float(np.hypot(own, seen.std_mm))
     both = own * seen.std_mm / float(np.hypot(own, seen.std_mm)) * max(1.0, off)
-    moved = surface + part * share * (seen.depth_mm - read)
+    part = np.interp(r - edge.radius_mm, edge.places_mm, edge.carried(change))
     told = std * (1.0 + part * (both / own - 1.0))
-    return moved.astype(surface.dtype), told.astype(std.dtype), off > CONTRARY_STD
-
-
-def _carried(edge: PunchEdge, shape: tuple[int, ...], mm_per_px: Pair) -> tuple[Floats, Floats]:
-    """Part (H, W) of a change of the face's depth at each place: 1 on it, along its wall as it falls, 0 beside it;
-    and the distance (H, W) from its middle in mm."""
-    y, x = (np.arange(n) * mm - at for n, mm, at in zip(shape, mm_per_px[::-1], edge.centre_mm[::-1], strict=True))
-    r = np.hypot(x[None, :], y[:, None])
-    beyond = r - edge.radius_mm
-    fallen = np.interp(beyond, edge.places_mm, edge.fall_mm / edge.fall_at_reach_mm)
-    return np.where(beyond < edge.reach_mm, np.clip(1.0 - fallen, 0.0, 1.0), 0.0), r
+    return (surface + part * change).astype(surface.dtype), told.astype(std.dtype), off > CONTRARY_STD

@@ -108,6 +108,20 @@ def test_a_taught_wall_carries_the_depth_that_it_was_taught(share: float) -> Non
     assert after.std_mm == pytest.approx(0.01 * before.depth_mm) != before.std_mm
 
 
+@pytest.mark.parametrize("change_mm", [-0.15, -0.04, -0.005, 0.005, 0.04, 0.15])
+def test_a_change_of_depth_lies_where_the_wall_is_steepest(change_mm: float) -> None:
+    (edge,) = find_punch_edges(photographed(punch(0.6)), (STEP, STEP), law=WallLaw(LIMIT))
+    part, s = edge.carried(change_mm), edge.places_mm
+    steep, new = (np.diff(fall) / (s[1] - s[0]) for fall in (edge.fall_mm, edge.fall_mm + change_mm * (1 - part)))
+    assert part[s < -0.15] == pytest.approx(1.0, abs=0.02 + abs(change_mm))
+    assert part[s >= edge.reach_mm] == pytest.approx(0.0, abs=1e-9)
+    assert new.min() > min(steep.min(), 0.0) - 1e-9, "no wall overhangs"
+    if abs(change_mm) < 0.1:
+        assert np.all(part[s > 0.1] < 0.02)
+        gentle = steep < 0.5 * steep.max()
+        assert new[gentle] == pytest.approx(steep[gentle])
+
+
 def test_a_tilted_face_keeps_its_tilt() -> None:
     depth = punch(0.6, tilt=(0.02, -0.01))
     slopes = photographed(depth)
