@@ -29,11 +29,16 @@ def own_lines(fitted: Fit) -> tuple[Line, ...]:
 
 
 def _line(fitted: Fit, radius: float) -> Line:
+    plain = isinstance(fitted.model.law, FlatPunch) and not fitted.model.effects
+    alone = line_alone(fitted, radius) if plain else None
+    return alone or (radius, stiffness_of(fitted, radius), bend_of(fitted, radius))
+
+
+def line_alone(fitted: Fit, radius: float) -> Line | None:
+    """(radius, c, beta) of the line through this radius' presses; None where they are all or fix none."""
     mine = fitted.data.take(fitted.data.presses.radius_mm == radius)
-    law, whole = fitted.model.law, mine.count == fitted.data.count
-    plain = isinstance(law, FlatPunch) and not fitted.model.effects
-    if whole or not plain or mine.size < LEAST or at_one_depth(mine):
-        return radius, stiffness_of(fitted, radius), bend_of(fitted, radius)
+    if mine.count == fitted.data.count or mine.size < LEAST or at_one_depth(mine):
+        return None
     # a line knows no nu: any one serves
     gel = replace(mine.gel, poisson_ratio=SILICONE_NU[0], poisson_ratio_std=0.0)
     alone = allow_for_indenters(fit(Model(FlatPunch()), replace(mine, gel=gel)))

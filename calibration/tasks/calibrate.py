@@ -14,6 +14,7 @@ import numpy as np
 
 from calibration.fit.least_squares import fit
 from calibration.inputs.checks import at_one_depth, check, of_several_depths, of_shape
+from calibration.inputs.copies import check_times, without_copies
 from calibration.inputs.gather import observe_curves, observe_points
 from calibration.inputs.observations import Measured, Observations, as_sets
 from calibration.inputs.phase import in_phase
@@ -65,7 +66,8 @@ def calibrate(
     NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
     """
     sets = as_sets(measured)
-    seen = observe(sets)
+    seen = without_copies(observe(sets))
+    check_times(seen)
     chosen = _chosen(law, seen)
     stated = _sized(of_shape(seen, shape_of(chosen)))
     if shape_of(chosen) == FLAT:

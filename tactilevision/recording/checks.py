@@ -68,9 +68,12 @@ def doubts(recording: Recording) -> Iterator[str]:
     twice = [press for press, count in rows.items() if count > 1]
     if twice:
         yield f"{layout.POINTS}: more than one row each for press {some(twice)}"
-    starts = [curve.time_s[0] for curve in recording.curves]
-    if any(after < before for before, after in pairwise(starts)):
-        yield f"{layout.CURVES}: time_s starts anew between presses, so rest and order cannot be told"
+    back = [after for before, after in pairwise(recording.curves) if after.time_s[0] < before.time_s[0]]
+    if back:
+        yield (
+            f"{layout.CURVES}: time_s starts anew between presses, at {some([curve.press for curve in back])}, so "
+            "rest and order cannot be told: is a press of another recording, or in the place of another one?"
+        )
     else:
         yield from _doubts_of_curve_times(recording)
     yield from _doubts_of_curve_rows(recording)
@@ -79,7 +82,11 @@ def doubts(recording: Recording) -> Iterator[str]:
 def _doubts_of_curve_rows(recording: Recording) -> Iterator[str]:
     copies = sum(_repeated(curve) for curve in recording.curves)
     if copies:
-        yield f"{layout.CURVES}: {copies} rows are those before them once more: a copy tells nothing new"
+        where = some([curve.press for curve in recording.curves if _repeated(curve)])
+        yield (
+            f"{layout.CURVES}: {copies} rows are those before them once more, in press {where}: copies tell "
+            "nothing new and narrow the intervals. Take them out"
+        )
     drawn = {curve.press for curve in recording.curves}
     without = [press.press for press in recording.presses if press.press not in drawn]
     if drawn and without:
@@ -92,16 +99,27 @@ def _repeated(curve: Curve) -> int:
     return int(np.count_nonzero(np.all(np.diff(readings, axis=0) == 0, axis=1)))
 
 
+def _lasting(curve: Curve) -> float:
+    return float(np.ptp(curve.time_s))
+
+
 def _doubts_of_curve_times(recording: Recording) -> Iterator[str]:
     spans = {press.press: (press.start_s, press.end_s) for press in recording.presses}
     known = [curve for curve in recording.curves if curve.press in spans]
-    for curve in known:
-        lasts_s, stated_s = np.ptp(curve.time_s), np.ptp(spans[curve.press])
-        if lasts_s > LONGER * stated_s + MIN_GAP_S:
-            yield (
-                f"{layout.CURVES}: press {curve.press} lasts {lasts_s:.6g} s, but {stated_s:.6g} s in "
-                f"{layout.PRESSES}: did its clock jump?"
-            )
+    long = [curve for curve in known if _lasting(curve) > LONGER * np.ptp(spans[curve.press]) + MIN_GAP_S]
+    if 2 * len(long) > len(known):
+        first = long[0]
+        yield (
+            f"{layout.CURVES}: {len(long)} of {len(known)} presses last longer than {layout.PRESSES} says, press "
+            f"{first.press} {_lasting(first):.6g} s and not {np.ptp(spans[first.press]):.6g} s. time_s counts "
+            "seconds: is it in milliseconds?"
+        )
+        return
+    for curve in long:
+        yield (
+            f"{layout.CURVES}: press {curve.press} lasts {_lasting(curve):.6g} s, but "
+            f"{np.ptp(spans[curve.press]):.6g} s in {layout.PRESSES}: did its clock jump?"
+        )
     apart = [c.press for c in known if c.time_s[0] > spans[c.press][1] or c.time_s[-1] < spans[c.press][0]]
     if 2 * len(apart) > len(known):
         yield (

@@ -115,7 +115,8 @@ def test_indenters_that_differ_more_than_repeats_widen_the_interval() -> None:
     assert low <= truth.stiffness(2.5) <= high
 
 
-def test_curves_alone_are_enough() -> None:
+def pressed_curves() -> Measured:
+    """Six presses of one punch, c = 3.5 N/mm, force's noise 3 mN, no points."""
     depth = np.linspace(0.01, 0.5, 30)
     force = 3.5 * depth * (1 + 0.9 * depth / 3)
     rng = np.random.default_rng(0)
@@ -132,19 +133,40 @@ def test_curves_alone_are_enough() -> None:
     sensor = Sensor("custom", 10, 10, (0.1, 0.1), Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.002))
     presses = tuple(Press(str(k), "A", 100.0 * k, 100.0 * k + 1) for k in range(6))
     recording = Made(sensor, {"A": Indenter("A", radius_mm=2.5)}, presses, depth_source="vision")
-    result = calibrate(Measured(recording, curves=curves))
+    return Measured(recording, curves=curves)
+
+
+def test_curves_alone_are_enough() -> None:
+    result = calibrate(pressed_curves())
     assert result.c.value == pytest.approx(3.5, rel=0.01)
     assert "the zeros of depth and force are taken as they were recorded" in result.assumptions
     assert result.fitted.noise.scale == pytest.approx(0.003, rel=0.15)
 
 
+def test_a_copied_press_is_left_out_of_a_calibration() -> None:
+    measured = pressed_curves()
+    copy = replace(measured.curves[5], depth_mm=measured.curves[2].depth_mm, force_N=measured.curves[2].force_N)
+    result = calibrate(replace(measured, curves=(*measured.curves[:5], copy)))
+    assert result.presses_accepted == ("0", "1", "2", "3", "4")
+    assert "press 5 has the samples of press 2: left out" in result.warnings
+
+
+def test_a_calibration_refuses_times_in_milliseconds() -> None:
+    measured = pressed_curves()
+    slow = tuple(replace(curve, time_s=1e4 * curve.time_s) for curve in measured.curves)
+    with pytest.raises(InputError, match="are these in ms"):
+        calibrate(replace(measured, curves=slow))
+
+
 def test_presses_out_of_phase_are_left_out() -> None:
     """Ramps of .1 s beside slow ones, the depth read 60 ms late: c is the slow ones', and a warning says so."""
     curves, presses = [], []
+    rng = np.random.default_rng(0)  # of a micronewton: presses that agree in every digit are copies
     for k, speed in enumerate((4.0, 0.4, 0.4, 4.0, 0.4)):
         time = 3 * 0.4 / speed * np.linspace(0, 1, 40)
         depth, late = (np.interp((time - by) * speed / 0.4, [0, 1, 2, 3], [0, 0.4, 0.4, 0]) for by in (0.0, 0.06))
         force = np.column_stack([0 * depth, 0 * depth, 3.5 * depth * (1 + 0.9 * depth / 3)])
+        force = force + 1e-6 * rng.standard_normal(force.shape)
         curves.append(Curve(str(k), 100.0 * k + time, late, force, np.full(40, "")))
         presses.append(Press(str(k), "A", 100.0 * k, 100.0 * k + time[-1], speed_mm_s=speed))
     sensor = Sensor("custom", 10, 10, (0.1, 0.1), Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.002))

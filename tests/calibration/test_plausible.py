@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_recordings import HEIGHTS_MM, points_of
+from made_recordings import HEIGHTS_MM, Truth, draw, points_of
 
+from calibration.inputs.observations import Measured
 from calibration.laws.theory.plausible import FLAG, GEL_MODULUS_MPA, NU_FLAG, outside_gels
 from calibration.report.verdict import verdict_sentence
+from calibration.result.radii_apart import FLAG as APART
 from calibration.tasks.calibrate import calibrate, observe
 from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Estimate, Gel
@@ -83,3 +85,30 @@ def test_a_diagnosis_is_not_adequate_where_the_slope_stands_at_its_end() -> None
     assert found.verdict == "AMBIGUOUS"
     assert "thickness" in found.candidates
     assert "or a unit" in verdict_sentence(found)
+
+
+def of_three_radii(stated: dict[float, float]) -> Measured:
+    """Presses of 1.5, 2.5 and 3.5 mm punches, some of which recording.toml states with another radius."""
+    measured = draw(Truth(radii_mm=(1.5, 2.5, 3.5)), np.random.default_rng(2))
+    indenters = {
+        name: replace(indenter, radius_mm=stated.get(indenter.radius_mm or 0.0, indenter.radius_mm))
+        for name, indenter in measured.recording.indenters.items()
+    }
+    return replace(measured, recording=replace(measured.recording, indenters=indenters))  # type: ignore[type-var]
+
+
+@pytest.mark.parametrize(
+    ("stated", "told"),
+    [
+        ({}, False),
+        ({1.5: 0.75}, True),
+        ({2.5: 1.25}, True),
+        ({3.5: 7.0}, True),
+        ({1.5: 0.75, 2.5: 1.25, 3.5: 1.75}, True),
+        ({1.5: 1.55}, False),
+    ],
+)
+def test_radii_that_no_one_gel_has_are_told(stated: dict[float, float], *, told: bool) -> None:
+    result = calibrate(of_three_radii(stated))
+    assert (APART in result.flags) is told
+    assert any("is one a diameter?" in line for line in result.as_json()["warnings"]) is told

@@ -96,3 +96,11 @@ def test_too_few_samples_tell_no_lamps() -> None:
     reference = make_reference([np.full((32, 43, 3), 90, np.uint8)])
     few = np.zeros((50, 2))
     assert fit_lamps(np.zeros((50, 3)), few, place=few, reference=reference, mm_per_px=MM_PER_PX) is None
+
+
+def test_grey_pictures_tell_no_lamps() -> None:
+    rng = np.random.default_rng(0)
+    place, slopes = rng.uniform(-1, 1, (2, 400, 2))
+    grey = make_reference([np.full((32, 43, 3), 90, np.uint8)])
+    change = np.repeat(slopes[:, :1], 3, axis=1)
+    assert fit_lamps(change, slopes, place=place, reference=grey, mm_per_px=MM_PER_PX) is None

@@ -276,14 +276,16 @@ def test_pictures_of_an_unknown_kind_are_named(folder: Path) -> None:
 
 
 CURVES = "press,time_s,depth_mm,fx_N,fy_N,fz_N\n1,0.1,0,0,0,0\n1,0.4,0.1,0,0,1\n2,0.5,0,0,0,0\n2,0.9,0.1,0,0,1\n"
+CURVES_MS = re.sub(r"0\.([1459]),(0[.1]*,0,0)", r"\g<1>00,\2", CURVES)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("1,0.4,0.1,0,0,1\n", "1,0.4,0.1,0,0,1\n" * 3, "2 rows are those before them once more"),
+        ("1,0.4,0.1,0,0,1\n", "1,0.4,0.1,0,0,1\n" * 3, "2 rows are those before them once more, in press 1: "),
         ("2,0.5,0,0,0,0\n2,0.9,0.1,0,0,1\n", "", "no rows of press 2, which presses.csv lists"),
         ("2,0.9", "2,90", "press 2 lasts 89.5 s, but 0.4 s in presses.csv: did its clock jump?"),
+        (CURVES, CURVES_MS, "2 of 2 presses last longer than presses.csv says, press 1 300 s and not 0.3 s"),
     ],
 )
 def test_curves_that_are_unlikely_are_named(folder: Path, old: str, new: str, said: str) -> None:

@@ -190,7 +190,7 @@ def test_curves_alone_are_a_recording(tmp_path: Path) -> None:
 def test_a_time_that_starts_anew_between_curves_is_a_warning(tmp_path: Path) -> None:
     text = "press,time_s,depth_mm,fx_N,fy_N,fz_N\na,5,0,0,0,0\na,6,0,0,0,0\nb,0,0,0,0,0\n"
     warnings = read_recording(tables_only(tmp_path / "curves", "curves.csv", text)).warnings
-    assert any("starts anew between presses" in warning for warning in warnings)
+    assert any("starts anew between presses, at b, so" in warning for warning in warnings)
 
 
 @pytest.mark.parametrize(("scale", "told"), [(1, False), (1000, True)])

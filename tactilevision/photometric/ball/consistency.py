@@ -95,7 +95,8 @@ def odd_balls(
         times = f"{share:.2g}" if share > MIN_NAMED_SHARE else f"less than {MIN_NAMED_SHARE:g}"
         warnings.append(
             f"{names[number] or f'ball {number + 1}'}: its slopes are {times} times what the other balls make of "
-            f"one of {ball.radius_mm:g} mm: another radius, light unlike any other ball's, or not its contact"
+            f"one of {ball.radius_mm:g} mm: another radius, light unlike any other ball's, or not its contact. "
+            "Correct its ball_radius_mm, or take it out of the balls"
         )
     return warnings
 

@@ -119,10 +119,11 @@ def fit_lamps(
 ) -> Lamps | None:
     """Lamps that explain colour changes (N, 3) and slopes (N, 2) under balls, and the untouched picture in grey.
 
-    `place` (N, 2) runs from -1 to 1 over the picture. None where there are too few samples. No unit of light is
-    known: colours hold among each other alone.
+    `place` (N, 2) runs from -1 to 1 over the picture. None where there are too few samples, or where channels are
+    mixtures of fewer than three, as in grey pictures. No unit of light is known: colours hold among each other
+    alone.
     """
-    if len(place) < MIN_COUNT:
+    if len(place) < MIN_COUNT or np.linalg.matrix_rank(change) < change.shape[1]:
         return None
     some = np.linspace(0, len(place) - 1, min(SAMPLES, len(place))).astype(np.intp)
     return LampTask.of(change[some], slopes[some], place[some], reference, mm_per_px).solved()
