@@ -40,7 +40,7 @@ from calibration.result.poisson_routes import (
     tightest,
 )
 from calibration.result.result import NO_CLOCK, CalibrationResult
-from calibration.tasks.fit_errors import fit_errors, judged, with_errors
+from calibration.tasks.fit_errors import fit_errors, judged, with_errors, with_stated_noise
 from tactilevision.errors import NothingCertified
 from tactilevision.records import Estimate, Pair
 
@@ -81,7 +81,9 @@ def calibrate(
     known = (*of_bulge(bulge), *of_prior(stated.gel, bulge=bulge, bound=bound))
     routes = (*known, *of_radii(fitted)) if isinstance(chosen, FlatPunch) else ()
     fitted = holding_each(fitted, routes)
-    result = with_errors(determine_material(allow_for_indenters(fitted)), fit_errors(judged(fitted)))
+    again = judged(fitted)
+    result = with_errors(determine_material(allow_for_indenters(fitted)), fit_errors(again))
+    result = with_stated_noise(result, again, or_else="; or `diagnose` tells what the model lacks")
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):

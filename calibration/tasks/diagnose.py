@@ -40,12 +40,11 @@ from calibration.inputs.observations import Observations
 from calibration.inputs.phase import in_phase
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
-from calibration.repeats.repeat_noise import beyond_stated
 from calibration.result.material import AT_BOUND, material_by_routes
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import base_fit, base_model, fit_alone
-from calibration.tasks.fit_errors import fit_errors
+from calibration.tasks.fit_errors import fit_errors, with_stated_noise
 from calibration.tasks.interval_reach import bent_or, spanning, tried, unconfirmed, unrisen
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate, Pair
@@ -204,15 +203,7 @@ def concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
     if fitted.data.reconstructed_mm is not None and not fitted.data.is_curves:
         flags, warnings = (*result.flags, POINTS_ALONE), (*result.warnings, WHY_POINTS)
         result = replace(result, flags=flags, warnings=warnings)
-    times = beyond_stated(fitted)
-    if times is None:
-        return result
-    said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise"
-    flag = "stated_noise_too_small"
-    if times < 1:
-        said = "samples scatter less than half as much as was stated of them: small effects may stay unseen"
-        flag = "stated_noise_too_large"
-    return replace(result, flags=(*result.flags, flag), warnings=(*result.warnings, said))
+    return with_stated_noise(result, fitted)
 
 
 def _material(

@@ -14,7 +14,7 @@ from calibration.diagnosis.refit import CANNOT_FIT, held_out_rms
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.checks import clear_of_touch
 from calibration.repeats.pure_error import repeatability_rms
-from calibration.repeats.repeat_noise import refit_with_pure_noise
+from calibration.repeats.repeat_noise import beyond_stated, refit_with_pure_noise
 from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.result import CalibrationResult
 
@@ -58,3 +58,22 @@ def judged(fitted: Fit) -> Fit:
 def with_errors(result: CalibrationResult, errors: FitErrors) -> CalibrationResult:
     """The result with its held-out error and its repeatability."""
     return replace(result, held_out_N=errors.held_out_N, noise_floor_N=errors.repeatability_N)
+
+
+def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = "") -> CalibrationResult:
+    """The result with a word on a stated noise far off what this fit's samples scatter, or else on its cause."""
+    times = beyond_stated(fitted)
+    if times is None:
+        return result
+    said = (
+        f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise. Check "
+        f"std_N of [force] and std_mm of [depth]{or_else}"
+    )
+    flag = "stated_noise_too_small"
+    if times < 1:
+        said = (
+            "samples scatter less than half as much as was stated of them: small effects may stay unseen. Check "
+            "std_N of [force] and std_mm of [depth]"
+        )
+        flag = "stated_noise_too_large"
+    return replace(result, flags=(*result.flags, flag), warnings=(*result.warnings, said))

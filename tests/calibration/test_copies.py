@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +11,15 @@ from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.inputs.checks import usable
 from calibration.inputs.copies import without_copies
-from calibration.inputs.observations import Observations
+from calibration.inputs.observations import Measured, Observations
 from calibration.repeats.repeat_noise import beyond_stated
 from calibration.result.material import determine_material
+from calibration.tasks.calibrate import calibrate
 from calibration.tasks.diagnose import concluded
 from tactilevision.errors import InputError
+from tactilevision.recording import read_recording
 
+SAMPLES = Path(__file__).parents[2] / "sample_frames"
 SAMPLED = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_std_mm", "force_std_N")
 
 
@@ -96,3 +100,16 @@ def test_a_noise_stated_ten_times_off_is_told(wrong: float, least: float, most: 
     assert least <= found < most
     flag = "stated_noise_too_small" if wrong < 1 else "stated_noise_too_large"
     assert flag in concluded(fitted, determine_material(fitted)).flags
+
+
+@pytest.mark.parametrize(
+    ("wrong", "flags"), [(0.1, {"stated_noise_too_small"}), (1.0, set()), (10.0, {"stated_noise_too_large"})]
+)
+def test_calibrate_tells_a_noise_stated_ten_times_off(wrong: float, flags: set[str]) -> None:
+    recording = read_recording(SAMPLES / "hidden_unknown")
+    assert recording.force_std_N is not None
+    x, y, z = recording.force_std_N
+    stated = replace(recording, force_std_N=(wrong * x, wrong * y, wrong * z))
+    found = calibrate(Measured(stated, curves=stated.curves))
+    assert {flag for flag in found.flags if flag.startswith("stated_noise")} == flags
+    assert sum("std_N of [force]" in warning for warning in found.warnings) == len(flags)
