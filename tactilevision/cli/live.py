@@ -152,7 +152,7 @@ def _open(
 
 
 def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
-    from tactilevision.profile.sensor import CalibratedSensor
+    from tactilevision.profile.sensor import sensor_of
     from tactilevision.recording import faults_of_reference, list_references, read_image
 
     if chosen.profile is None:
@@ -161,7 +161,7 @@ def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
             where="live",
             remedy="Make one with `tactilevision calibrate-sensor`, and name it with --sensor FILE.tvs.",
         )
-    sensor = CalibratedSensor(chosen.profile, indenter=indenter, shadows=chosen.shadows)
+    sensor = sensor_of(chosen.profile, indenter=indenter, shadows=chosen.shadows)
     flats = list_references(chosen.reference)
     if not flats:
         return sensor

@@ -51,9 +51,13 @@ def take(paths: Sequence[Path], *, answered: str = "") -> list[Taken]:
 
     `answered`: words of a warning that is not said, since the command answers what it asks.
     """
+    from tactilevision.recording import require
+
     opened = oldest_first(paths)
     for recording in opened:
         console.warn(recording.warnings)
+        if not (recording.curves or recording.points):
+            require(recording, "frames", step="certifying depths")
     return [_certified(one, answered) if one.frame_names else Taken(one, None) for one in opened]
 
 

@@ -99,8 +99,11 @@ class Choice:
         content = digest(path) if path is not None and path.is_file() else name
         return f"{content} {self.mm_per_px} {self.shadows}"
 
-    def open(self, path: Path) -> Recording:
-        """Read a recording, or a bare folder of frames whose sensor is named."""
+    def open(self, path: Path, *, needs_frames: bool = True) -> Recording:
+        """Read a recording, or a bare folder of frames whose sensor is named.
+
+        Not `needs_frames`: one that holds ball presses alone will do.
+        """
         from tactilevision.recording import read_folder, require
 
         if self.profile is not None:
@@ -117,7 +120,8 @@ class Choice:
                 mm_per_px=self.mm_per_px,
                 guess=not self._has_own_reference(),
             )
-        require(recording, "frames", step="making height maps")
+        if needs_frames or not recording.balls:
+            require(recording, "frames", step="making height maps")
         return recording
 
     def open_branch(self, path: Path) -> Recording:
@@ -194,7 +198,7 @@ def open_balls(path: Path, chosen: Choice, ball_radius_mm: float | None) -> Reco
             remedy="Name the kind of sensor, or a TOML file.",
         )
     if (path / layout.SETTINGS).is_file() or not path.exists():
-        return chosen.open(path)
+        return chosen.open(path, needs_frames=False)
     return read_ball_folder(
         path,
         chosen.sensor,

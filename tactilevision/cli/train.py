@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -48,6 +47,7 @@ def train(
     from tactilevision.photometric import PHOTOMETRIC
     from tactilevision.photometric.card import provenance
     from tactilevision.reconstruct import build_reconstructor
+    from tactilevision.reconstruct.lamps import with_lamps
 
     if method not in PHOTOMETRIC:
         raise InputError(
@@ -72,7 +72,9 @@ def train(
     assert made.referenced is not None
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
     known, certified = _certified(source, made)
-    kept = _with_walls(source, made, _with_lamps(source, made, made.referenced), certified)
+    with console.progress_bar("looking for the lamps"):
+        method_with_lamps = with_lamps(source, made, made.referenced)
+    kept = _with_walls(source, made, method_with_lamps, certified)
     if getattr(kept, "walls", None) is not None:
         known["flat_steps_walls"] = "as read before these faces taught the walls' law"
     card = made.referenced.card.extended(known | provenance(data, licence=licence))
@@ -160,16 +162,6 @@ def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], 
     console.warn([doubt] if doubt else [])
     known: Mapping[str, Any] = told("flat_steps", steps) if steps else {"flat_steps": why}
     return ({**known, "doubt_of_scale": doubt} if doubt else dict(known)), certified
-
-
-def _with_lamps(source: Recording, made: Reconstructor, method: ReferencedMethod) -> ReferencedMethod:
-    """The method with the lamps that its balls tell, so that it undoes the shadows which frames show."""
-    from tactilevision.photometric.method import CalibratedMethod
-    from tactilevision.reconstruct.lamps import find_lamps
-
-    with console.progress_bar("looking for the lamps"):
-        lamps = find_lamps(source, made)
-    return replace(cast(CalibratedMethod, method), lamps=lamps)
 
 
 def _with_walls(

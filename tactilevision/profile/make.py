@@ -19,6 +19,7 @@ from tactilevision.photometric.card import provenance
 from tactilevision.profile.model import Followed, Profile
 from tactilevision.quality.reference_match import some_frames
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.lamps import with_lamps
 from tactilevision.reconstruct.shadows_seen import SAID
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes, Gel
@@ -37,8 +38,8 @@ def make_profile(
 ) -> Profile:
     """The profile of a recording's sensor, read by its `reconstructor`.
 
-    `face_laws` are those of maps with cast shadows left (False) and undone (True). The lamps are kept where the
-    reader undoes their shadows, and what faces taught it of walls.
+    `face_laws` are those of maps with cast shadows left (False) and undone (True). The method keeps the lamps that
+    balls tell, and what faces taught of walls; the profile has the lamps where the reader undoes their shadows.
     `calibration` is the content of calibration.json. Without one, E and nu that the recording's gel states serve.
     Where gel, E and nu are known its compliance is worked out: half a minute where free sides are near. Raises
     InputError where the method has no reference, or E and nu are not fixed.
@@ -54,7 +55,7 @@ def make_profile(
     today = datetime.datetime.now(tz=datetime.UTC).date()
     made = Profile(
         sensor,
-        with_walls(method, reconstructor.walls),
+        with_lamps(recording, reconstructor, with_walls(method, reconstructor.walls)),
         picture,
         recording.frame_size_px,
         (recording.date or today).isoformat(),

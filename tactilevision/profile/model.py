@@ -52,6 +52,11 @@ class Profile:
     warnings: tuple[str, ...] = ()
     path: Path = Path("sensor.tvs")
 
+    @property
+    def told_lamps(self) -> Lamps | None:
+        """The lamps, also where only balls told them and no frame showed whether they cast shadows."""
+        return self.lamps or getattr(self.method, "lamps", None)
+
     @cached_property
     def material(self) -> Material | None:
         """E, nu and their covariance; None where they are not known, or the gel is not."""

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import scipy.interpolate  # noqa: F401 -- kappa's table asks for it: now, not with the first contact
 
@@ -32,6 +33,9 @@ from tactilevision.records.flags import add
 from tactilevision.sensors import rectify
 from tactilevision.shear.measure import Untouched, read_untouched
 
+if TYPE_CHECKING:
+    from tactilevision.recording import Recording
+
 NOT_SOLVED = "force not solved"
 
 
@@ -45,7 +49,15 @@ def load_sensor(
     up to a second. Without, deep maps of such a sensor have the flag `shadow`.
     Raises InputError where there is no such profile, where it is of a newer version, and where it was changed.
     """
-    return CalibratedSensor(read_profile(path), indenter=indenter, shadows=shadows)
+    return sensor_of(read_profile(path), indenter=indenter, shadows=shadows)
+
+
+def sensor_of(
+    profile: Profile, *, indenter: Indenter | str | None = None, shadows: bool = False
+) -> CalibratedSensor:
+    """The sensor of a profile, as `load_sensor` has it."""
+    asked = replace(profile, lamps=profile.told_lamps) if shadows else profile
+    return CalibratedSensor(asked, indenter=indenter, shadows=shadows)
 
 
 class CalibratedSensor:
@@ -130,6 +142,15 @@ class CalibratedSensor:
         self.reconstructor.look(pictures)
         self.reconstructor.warnings += self._unlike(pictures)
         return self.reconstructor.warnings[before:]
+
+    def look_for_shadows(self, recording: Recording) -> None:
+        """Undo cast shadows from now on where only balls told the lamps and these frames show shadows."""
+        from tactilevision.reconstruct.shadows_seen import with_shadows
+
+        lamps = self.profile.told_lamps
+        if self.profile.lamps is None and lamps is not None:
+            self.shadows = with_shadows(recording, self.reconstructor).shadows is not None
+            self.profile = replace(self.profile, lamps=lamps) if self.shadows else self.profile
 
     def with_reference(self, flats: Sequence[Bytes]) -> CalibratedSensor:
         """The same sensor against newer raw pictures (H, W, 3) of its untouched gel."""

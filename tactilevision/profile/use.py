@@ -46,7 +46,8 @@ def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = 
 def sensor_for(recording: Recording, profile: Profile, *, shadows: bool = False) -> CalibratedSensor:
     """The calibrated sensor, against the recording's own pictures of the untouched gel where it has any.
 
-    With `shadows`, those that lamps cast are undone where the profile knows its lamps.
+    With `shadows`, those that lamps cast are undone where the profile knows its lamps; where only its balls told
+    them, if the recording's frames show shadows.
     Some frames have been looked at: its reconstructor's warnings say where they are another unit's.
     """
     sensor = CalibratedSensor(profile, shadows=shadows)
@@ -55,6 +56,8 @@ def sensor_for(recording: Recording, profile: Profile, *, shadows: bool = False)
         with faults_of_flats(recording):
             sensor = sensor.with_reference(flats)
     sensor.look(some_frames(recording))
+    if shadows:
+        sensor.look_for_shadows(recording)
     return sensor
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from tactilevision.photometric.ball.samples import ball_samples, join
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.illumination.glossy_lamps import fit_glossy_lamps
 from tactilevision.photometric.illumination.lamps import Lamps, fit_lamps
+from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.recording import Recording, read_image
 from tactilevision.records import Floats
@@ -58,6 +60,12 @@ def find_lamps(recording: Recording, reconstructor: Reconstructor) -> Lamps | No
         mm_per_px=mm_per_px,
     )
     return replace(lamps, refined=refined if refined and refined.misfit < BEST_MISFIT else None)
+
+
+def with_lamps(recording: Recording, reconstructor: Reconstructor, method: ReferencedMethod) -> ReferencedMethod:
+    """The method with the lamps that its balls tell, by which shadows are undone in frames that show them."""
+    lamps = find_lamps(recording, reconstructor)
+    return method if lamps is None else replace(cast(CalibratedMethod, method), lamps=lamps)
 
 
 def _height_mm(ball: Ball, slopes: Floats, mm_per_px: float) -> Floats:

@@ -110,10 +110,14 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
     else:
         names, times, warnings = _unlisted(frames_path)
     white = settings.sensor.white_level
-    size, seen = pictures.first_look(frames_path, names, white_level=white) if frames_path else (None, ())
-    sensor, notes = build_sensor(settings.sensor, toml, frame_size_px=size)
     flats = pictures.find_flats(root)
     balls, ball_notes = pictures.find_balls(root)
+    size, seen = None, names
+    if frames_path is not None:
+        size, seen = pictures.first_look(frames_path, names, white_level=white)
+    elif balls and flats and not _named(root, layout.CURVES, layout.POINTS):
+        size, seen = pictures.first_look(flats[0].parent, [flat.name for flat in flats], white_level=white)
+    sensor, notes = build_sensor(settings.sensor, toml, frame_size_px=size)
     if size is not None:
         pictures.check_references(size, [*flats[:1], *(ball.path for ball in balls[:1])])
     return replace(
@@ -132,7 +136,7 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
 
 
 def _check_no_frames_needed(recording: Recording) -> None:
-    """Without pictures there must be curves or points; a list of pictures must not be there."""
+    """Without pictures there must be curves, points or ball presses; a list of pictures must not be there."""
     root = recording.path
     if _named(root, layout.FRAME_TABLE):
         raise RecordingError(
@@ -140,7 +144,8 @@ def _check_no_frames_needed(recording: Recording) -> None:
             where=root / layout.FRAMES,
             remedy=f"Put them there, or remove {layout.FRAME_TABLE}.",
         )
-    if not _named(root, layout.CURVES, layout.POINTS):
+    light_alone = _named(root, layout.BALL_TABLE) and not _is_calibration(root)
+    if not (light_alone or _named(root, layout.CURVES, layout.POINTS)):
         folder = root / layout.FRAMES
         others = sorted(path.name for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
         if others:
