@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from tactilevision.certificate import Certificate, certify
-from tactilevision.reconstruct import build_reconstructor
+from tactilevision.reconstruct import calibrate_light
 from tactilevision.recording import read_recording
 from tactilevision.synthetic import GelOptions, IndenterOptions, RigOptions, SimulationOptions, simulate
 from tactilevision.synthetic.optics import CameraOptions
@@ -60,7 +60,7 @@ def _run(folder: Path, seed: int, options: SimulationOptions) -> tuple[dict[str,
     simulate(folder, seed=seed, options=options)
     start = time.process_time()
     recording = read_recording(folder)
-    certificate = certify(recording, build_reconstructor(recording))
+    certificate = certify(recording, calibrate_light(recording))
     took = time.process_time() - start
     return tomllib.loads((folder / "truth.toml").read_text()), certificate, took
 

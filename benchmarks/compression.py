@@ -17,9 +17,9 @@ import av
 import cv2
 import numpy as np
 
-from tactilevision import build_reconstructor, read_recording
+from tactilevision import read_recording
 from tactilevision.contact.region import find_contact
-from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct import Reconstructor, calibrate_light
 from tactilevision.recording import iter_frames
 from tactilevision.records import Bools, Bytes, Floats, Frame, HeightMap
 
@@ -123,7 +123,7 @@ def cost(raw: list[tuple[HeightMap, Bools]], again: list[tuple[HeightMap, Bools]
 def print_costs() -> None:
     """One line a way of packing."""
     recording = read_recording(SAMPLE)
-    reconstructor = build_reconstructor(recording)
+    reconstructor = calibrate_light(recording)
     frames = [one.rgb for one in iter_frames(recording) if isinstance(one, Frame)][FIRST : FIRST + COUNT]
     raw = seen(reconstructor, frames)
     touched = sum(bool(contact.any()) for _, contact in raw)

@@ -54,14 +54,14 @@ def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     from calibration.tasks.calibrate import calibrate
     from tactilevision.certificate.certify import certify
     from tactilevision.certificate.poisson_from_rise import with_nu
-    from tactilevision.reconstruct import build_reconstructor
+    from tactilevision.reconstruct import calibrate_light
     from tactilevision.recording import read_recording
 
     with tempfile.TemporaryDirectory() as folder:
         place = simulate(Path(folder) / "made", seed=seed, options=options_of(seed, dwell_s))
         truth = tomllib.loads((place / "truth.toml").read_text())
         recording = read_recording(place)
-        reconstructor = build_reconstructor(recording)
+        reconstructor = calibrate_light(recording)
         certificate, bulge = with_nu(recording, reconstructor, certificate=certify(recording, reconstructor))
         measured = Measured(recording, certificate.points)
         result = calibrate(measured, clock_offset=certificate.clock_offset, bulge=bulge)

@@ -22,7 +22,7 @@ from calibration.tasks.calibrate import calibrate
 from tactilevision.certificate.certify import certify
 from tactilevision.certificate.poisson_from_rise import with_nu
 from tactilevision.errors import ConvergenceError, TactilevisionError
-from tactilevision.reconstruct import build_reconstructor
+from tactilevision.reconstruct import calibrate_light
 from tactilevision.recording import read_recording
 from tactilevision.records import Estimate
 from tactilevision.synthetic import SimulationOptions, simulate
@@ -48,7 +48,7 @@ def run(seed: int) -> tuple[float, float, Estimate, Estimate, str]:
     with tempfile.TemporaryDirectory() as folder:
         place = simulate(Path(folder) / "made", seed=seed, options=options)
         recording = read_recording(place)
-        reconstructor = build_reconstructor(recording)
+        reconstructor = calibrate_light(recording)
         certificate, bulge = with_nu(recording, reconstructor, certificate=certify(recording, reconstructor))
         if bulge is None:
             raise TactilevisionError(f"seed {seed}: no press shows the gel beside it")

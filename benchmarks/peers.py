@@ -34,7 +34,7 @@ from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, Ref
 from tactilevision.photometric.ball.detection import Ball, ball_slopes
 from tactilevision.photometric.ball.samples import INSIDE, far_from
 from tactilevision.photometric.calibrate import direction_error_deg
-from tactilevision.reconstruct import Reconstructor, build_reconstructor, tuned
+from tactilevision.reconstruct import Reconstructor, calibrate_light, tuned
 from tactilevision.records import Bytes, Floats, Frame, Pair
 from tactilevision.sensors import get_sensor, rectify
 from tactilevision.uncertainty.ball_validation import dent_mm
@@ -234,7 +234,7 @@ def speed(peer: Any) -> None:
     from tactilevision.recording import read_frame, read_recording
 
     recording = read_recording(ROOT / "sample_frames" / "gelslim3")
-    reader = build_reconstructor(recording)
+    reader = calibrate_light(recording)
     assert reader.referenced is not None
     free = np.ascontiguousarray(np.rint(reader.referenced.reference.rgb).astype(np.uint8)[..., ::-1])
     made = peer_on(peer, peer.BGRXYMLPNet(), free)

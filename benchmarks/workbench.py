@@ -23,7 +23,7 @@ from calibration.workbench.models import Models
 from calibration.workbench.opened import Opened
 from calibration.workbench.state_view import state_view
 from tactilevision.files import as_json
-from tactilevision.reconstruct import build_reconstructor
+from tactilevision.reconstruct import calibrate_light
 from tactilevision.recording import read_recording
 
 SAMPLES = Path(__file__).parents[1] / "sample_frames"
@@ -63,7 +63,7 @@ def scrubbed() -> None:
     press = replace(recording.presses[0], start_s=0.0, end_s=MANY / 100)
     names = [recording.frame_names[k % len(recording.frame_names)] for k in range(MANY)]
     long = replace(recording, presses=(press,), frame_names=tuple(names), frame_times_s=np.arange(MANY) / 100)
-    frames, numbers = Frames(long, build_reconstructor(recording)), iter(range(0, MANY, 97))
+    frames, numbers = Frames(long, calibrate_light(recording)), iter(range(0, MANY, 97))
     timed(f"what the page is told of a press of {MANY} frames", lambda: as_json(frames.view(press.press)), PATIENT)
     timed("a small picture while the slider moves", lambda: frames.small(next(numbers)), PATIENT)
     timed("a frame with its height map where it rests", lambda: frames.see(next(numbers)), PATIENT)

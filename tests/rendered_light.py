@@ -10,7 +10,7 @@ from typing import Any
 from shared_scenes import shared
 
 from tactilevision.photometric.illumination.lamps import Lamps
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.reconstruct import Reconstructor, calibrate_light
 from tactilevision.reconstruct.lamps import find_lamps
 from tactilevision.recording import read_recording
 
@@ -21,7 +21,7 @@ MM_PER_PX = (0.0634, 0.0634)
 
 @shared
 def rendered_reconstructor() -> Reconstructor:
-    return build_reconstructor(read_recording(SAMPLE), "polynomial")
+    return calibrate_light(read_recording(SAMPLE), "polynomial")
 
 
 @lru_cache

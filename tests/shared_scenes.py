@@ -13,7 +13,7 @@ from filelock import FileLock
 
 from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.storage import save_method
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.reconstruct import Reconstructor, calibrate_light
 from tactilevision.recording import read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
@@ -46,7 +46,7 @@ def shared(make: Callable[P, T]) -> Callable[P, T]:
 @shared
 def sample_reconstructor() -> Reconstructor:
     """The light of the sample gelslim3, calibrated on its own balls."""
-    return build_reconstructor(read_recording(SAMPLE), "polynomial")
+    return calibrate_light(read_recording(SAMPLE), "polynomial")
 
 
 @shared

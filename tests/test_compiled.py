@@ -20,7 +20,7 @@ from tactilevision.photometric.illumination import drift
 from tactilevision.photometric.illumination.colour_change import ColourChange, strips
 from tactilevision.photometric.methods.polynomial import MAX_ORDER, POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.reference import Reference
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.reconstruct import Reconstructor, calibrate_light
 from tactilevision.recording import Recording, read_frame, read_recording
 from tactilevision.records import Frame, SlopeMap
 
@@ -57,7 +57,7 @@ def alike(pair: tuple[Any, Any], *, rtol: float = 1e-9, atol: float = 1e-9) -> N
 @pytest.fixture(scope="module")
 def sample() -> tuple[Recording, Reconstructor]:
     recording = read_recording(ROOT / "sample_frames" / "gelslim3")
-    return recording, build_reconstructor(recording)
+    return recording, calibrate_light(recording)
 
 
 @pytest.mark.parametrize("name", FRAMES)

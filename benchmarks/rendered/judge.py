@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.rendered.sets import TRUTH
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.reconstruct import Reconstructor, calibrate_light
 from tactilevision.reconstruct.shadows_seen import with_shadows
 from tactilevision.recording import Recording, read_frame, read_image, read_recording
 from tactilevision.records import HeightMap, Pair
@@ -52,9 +52,9 @@ def judge(folder: Path, *, plain: bool) -> tuple[list[float], list[Step]]:
     order = np.random.default_rng(0).permutation(len(truth.get("ball", ())))
     for left_out in (order[fold::FOLDS] for fold in range(min(FOLDS, order.size))):
         kept = tuple(ball for number, ball in enumerate(recording.balls) if number not in left_out)
-        reader = build_reconstructor(replace(recording, balls=kept))
+        reader = calibrate_light(replace(recording, balls=kept))
         ratios += [_ball(folder, recording, reader, number, truth["ball"][number]) for number in left_out]
-    reader = build_reconstructor(recording)
+    reader = calibrate_light(recording)
     if not plain:
         frames = [reader.rectified(read_frame(recording, k)) for k in range(len(recording.frame_names))]
         reader = with_shadows(recording, reader, frames=frames)

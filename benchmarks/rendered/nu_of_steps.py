@@ -21,7 +21,7 @@ from tactilevision.certificate.poisson_from_rise import fit_nu
 from tactilevision.certificate.surface_beside_punch import average_slopes, surface_view
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.photometric.illumination.cast_shadow import LightField
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.reconstruct import Reconstructor, calibrate_light
 from tactilevision.reconstruct.lamps import find_lamps
 from tactilevision.reconstruct.lit_slopes import lit_slopes
 from tactilevision.recording import Recording, read_frame, read_recording
@@ -36,7 +36,7 @@ def report(folders: Sequence[Path]) -> None:
     print(7 * "|---" + "|")
     for folder in folders:
         recording, truth = read_recording(folder), tomllib.loads((folder / "truth.toml").read_text())
-        reader = build_reconstructor(recording)
+        reader = calibrate_light(recording)
         views = _views(folder, recording, reader, truth["step"])
         nu, ink = truth["gel"]["poisson_ratio"], truth["rig"]["ink"]["reflectance"]
         for radius in sorted({seen.radius_mm for seen, _ in views}):

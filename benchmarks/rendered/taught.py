@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.rendered.judge import Step, judge_step, true_depth_mm
 from tactilevision.certificate.depth.certified_faces import wall_at
 from tactilevision.integration.taught_walls import WallFace, teach
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.reconstruct import Reconstructor, calibrate_light
 from tactilevision.reconstruct.shadows_seen import with_shadows
 from tactilevision.recording import read_frame, read_recording
 from tactilevision.records.taught_walls import WallLessons
@@ -61,7 +61,7 @@ def _sum_up(name: str, steps: Sequence[Step]) -> None:
 
 def _halves(folder: Path) -> tuple[list[Step], list[Step]]:
     recording, truth = read_recording(folder), tomllib.loads((folder / "truth.toml").read_text())["step"]
-    reader = build_reconstructor(recording)
+    reader = calibrate_light(recording)
     frames = [reader.rectified(read_frame(recording, k)) for k in range(len(recording.frame_names))]
     reader = with_shadows(recording, reader, frames=frames)
 

@@ -92,11 +92,11 @@ def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
 
 def _certified(recording: Recording, answered: str) -> Taken:
     from tactilevision.certificate.certify import certify, require_all
-    from tactilevision.reconstruct import build_reconstructor
+    from tactilevision.reconstruct import calibrate_light
 
     require_all(recording)
     with console.progress_bar("calibrating the light"):
-        reconstructor = build_reconstructor(recording, "polynomial" if recording.balls else None)
+        reconstructor = calibrate_light(recording, "polynomial" if recording.balls else None)
     _warn(reconstructor.warnings, answered)
     with console.progress_bar("certifying presses") as progress:
         certificate = certify(recording, reconstructor, progress=progress)

@@ -152,10 +152,10 @@ class Choice:
         return made
 
     def _built(self, recording: Recording) -> Reconstructor:
-        from tactilevision.reconstruct import build_reconstructor
+        from tactilevision.reconstruct import calibrate_light
         from tactilevision.reconstruct.shadows_seen import with_shadows
 
-        made = build_reconstructor(recording, self.method)
+        made = calibrate_light(recording, self.method)
         return with_shadows(recording, made) if self.shadows else made
 
     def calibrated(self, recording: Recording) -> CalibratedSensor | None:

@@ -46,7 +46,7 @@ def train(
     """
     from tactilevision.photometric import PHOTOMETRIC
     from tactilevision.photometric.card import provenance
-    from tactilevision.reconstruct import build_reconstructor
+    from tactilevision.reconstruct import calibrate_light
     from tactilevision.reconstruct.lamps import with_lamps
 
     if method not in PHOTOMETRIC:
@@ -67,7 +67,7 @@ def train(
             remedy="Press a ball of known radius all over the gel, twenty times.",
         )
     with console.progress_bar("calibrating the light"):
-        made = build_reconstructor(source, method)
+        made = calibrate_light(source, method)
     console.warn([*source.warnings, *made.warnings, *_doubt_of_radii(source, made)])
     assert made.referenced is not None
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"

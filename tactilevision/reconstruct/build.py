@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
-    Calibration,
     Reference,
     calibrate_from_balls,
     load_method,
     load_network,
     make_reference,
 )
-from tactilevision.photometric.ball.detection import Ball
-from tactilevision.photometric.ball.samples import far_from
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.contacts.self_calibration import MIN_CONTACTS
 from tactilevision.photometric.illumination.light_match import check_view, light_of
@@ -31,28 +24,45 @@ from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.methods.weights import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.reference import dark_colour_warning
-from tactilevision.quality.inconsistent_light import measured_light
-from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, baseline, some_frames
+from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, some_frames
 from tactilevision.reconstruct.guessed_reference import with_free_reference
 from tactilevision.reconstruct.own_contacts import calibrated_on_frames, scale_warning
 from tactilevision.reconstruct.reconstructor import Reconstructor
-from tactilevision.reconstruct.untouched_frames import free_frames, subtract_background, tare, untouched_of
+from tactilevision.reconstruct.shadows_seen import leave, with_shadows
+from tactilevision.reconstruct.tuned import tuned
+from tactilevision.reconstruct.untouched_frames import free_frames
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import may_have_marks, rectify
-from tactilevision.uncertainty.ball_validation import held_out_depth, seen_gain_std
-from tactilevision.uncertainty.depth import contributions_mm
-from tactilevision.uncertainty.leakage import leakage_share
-from tactilevision.uncertainty.untouched_gel import untouched_std_mm
 
 if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
+KEPT = (
+    "the frames show cast shadows, and they stay: deep maps have the flag shadow. build_reconstructor(..., "
+    "shadows=True) undoes them; a deep frame then takes up to a second"
+)
 DEFAULT = "auto"  # balls left out choose the fit: never one that they tell worse than the plain polynomial
-MAX_WAVES = 8  # pictures with balls that are looked at, at most
 
 
-def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
-    """A reconstructor calibrated on the recording's own flats and ball presses.
+def build_reconstructor(
+    recording: Recording, method: str | PhotometricMethod | None = None, *, shadows: bool = False
+) -> Reconstructor:
+    """A reconstructor calibrated on the recording's own flats and ball presses, as `calibrate_light` has it.
+
+    With `shadows`, those that lamps cast are undone where frames show them; a deep frame takes up to a second.
+    Without, a warning says so, and deep maps have the flag `shadow`. To look takes some seconds; balls or a saved
+    method have to tell the lamps.
+    """
+    found = with_shadows(recording, calibrate_light(recording, method))
+    if found.shadows is not None and not shadows:
+        leave(found)
+        found.keeps_shadows = True
+        found.warnings += (KEPT,)
+    return found
+
+
+def calibrate_light(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
+    """A reconstructor that leaves cast shadows as they are, without a look for them.
 
     It warns where the recording's frames lie beside the reference, or show a contact in it. `method` is a name in
     PHOTOMETRIC, the path of a saved method, or a ready one; a ready one is used against the recording's flats
@@ -116,67 +126,6 @@ def _reference(sensor: Sensor, flats: Sequence[Bytes]) -> tuple[Reference, tuple
         f"the untouched gel shows a regular pattern of dark marks, and a {sensor.kind} has none: they are filled "
         "as markers are. Name a sensor with markers (gelslim3_markers, or a TOML file with has_markers = true)",
     )
-
-
-def tuned(
-    sensor: Sensor, calibration: Calibration, *, pictures: Sequence[BallPicture], free: Sequence[Bytes]
-) -> Reconstructor:
-    """The reconstructor of a calibration, made to fit rectified frames of the free gel, its errors measured.
-
-    How far untouched gel is from flat is told, place by place, by the `free` frames where there are enough of
-    them, else by the ball pictures.
-    """
-    gain = seen_gain_std(calibration.method, pictures, balls=calibration.balls, mm_per_px=sensor.mm_per_px)
-    card = dataclasses.replace(calibration.method.card, sensor=sensor.kind, seen_gain_std=gain)
-    card = card.extended(held_out_depth(calibration, pictures, mm_per_px=sensor.mm_per_px, seen_gain=gain))
-    factor = float(card.other.get("depth_coverage_factor", 1.0))
-    place_gain = np.round(factor * np.array(card.place_gain_std), 5).tolist()
-    card = dataclasses.replace(card, seen_gain_std=factor * gain, place_gain_std=place_gain)
-    card = dataclasses.replace(card, leakage_std=_spread(sensor, calibration, pictures))
-    method = dataclasses.replace(calibration.method, card=card)
-    settled = subtract_background(dataclasses.replace(method, reference=tare(method, free)), free)
-    if settled.background is method.background:
-        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, balls=calibration.balls)
-        settled = settled.with_card(dataclasses.replace(card, untouched_depth_rms_mm=waves_mm))
-    else:
-        reader = Reconstructor(sensor, settled)
-        flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
-        std_mm = np.round(untouched_std_mm(flat), 6).tolist()
-        settled = settled.with_card(dataclasses.replace(settled.card, untouched_std_mm=std_mm))
-    light = measured_light(
-        settled, pictures, balls=calibration.balls, free=untouched_of(settled, free), mm_per_px=sensor.mm_per_px
-    )
-    settled = dataclasses.replace(settled, light_law=light)
-    reader = Reconstructor(sensor, settled)
-    usual = baseline(reader.match_residuals, [*(picture.rgb for picture in pictures), *free])
-    terms = depth_terms_mm(Reconstructor(sensor, settled), pictures, balls=calibration.balls)
-    settled = settled.with_card(dataclasses.replace(settled.card, baseline=usual, depth_terms_mm=terms))
-    return Reconstructor(sensor, settled, calibration=calibration)
-
-
-def depth_terms_mm(
-    reader: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
-) -> dict[str, float]:
-    """What each term adds to the deviation of depth under a ball: rms in mm, the median over ball pictures."""
-    found = []
-    for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
-        if ball is not None:
-            height = reader.rectified_map(picture.rgb)
-            found.append(contributions_mm(height, reader.depth_terms(height)))
-    return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
-
-
-def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPicture]) -> float:
-    """How far errors of slope reach beside a contact, by laws that never saw a third of the balls."""
-    method = calibration.method
-    others = [dataclasses.replace(method, law=law) for law in calibration.other_laws]
-    maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
-    gain = np.array(method.card.place_gain_std) / method.card.coverage_factor
-    return leakage_share(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
-
-
-def _depth(reader: Reconstructor, rgb: Bytes) -> npt.NDArray[Any]:
-    return reader.rectified_map(rgb).depth_mm
 
 
 def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
@@ -305,20 +254,6 @@ def _check_kind(card: MethodCard, sensor: Sensor) -> None:
 def _family(kind: str) -> str:
     """Sensors that differ in their marks alone share their light."""
     return kind.removesuffix("_markers")
-
-
-def untouched_rms_mm(
-    reconstructor: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
-) -> float:
-    """How far from flat untouched gel comes out: the median over ball pictures, away from the ball, mm."""
-    found = []
-    for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
-        if ball is not None:
-            height = reconstructor.rectified_map(picture.rgb)
-            away = far_from(ball, height.depth_mm.shape, mm_per_px=reconstructor.sensor.mm_per_px) & height.valid
-            if away.any():
-                found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
-    return float(np.median(found)) if found else 0.0
 
 
 def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Bytes]) -> Reconstructor:

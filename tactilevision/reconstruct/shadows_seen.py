@@ -85,7 +85,7 @@ def shows_none(recording: Recording, reader: Reconstructor) -> bool:
 def undo_by(reader: Reconstructor, lamps: Lamps) -> LightField:
     """Let the reader undo the shadows that these lamps cast from now on; their light over its picture."""
     field = LightField.of(lamps, (reader.sensor.height_px, reader.sensor.width_px), reader.sensor.mm_per_px)
-    reader.shadows, reader.lean = field, UNDONE_LEAN
+    reader.shadows, reader.lean, reader.keeps_shadows = field, UNDONE_LEAN, False
     return field
 
 

@@ -13,7 +13,7 @@ from shared_scenes import sample_reconstructor
 from tactilevision.certificate import certify
 from tactilevision.certificate.certificate import Certificate
 from tactilevision.certificate.depth.depth_scale import scale_warning
-from tactilevision.reconstruct import build_reconstructor
+from tactilevision.reconstruct import calibrate_light
 from tactilevision.recording import read_recording
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
@@ -51,7 +51,7 @@ def certified(factor: float) -> Certificate:
     sample = read_recording(SAMPLE)
     balls = [dataclasses.replace(ball, ball_radius_mm=factor * ball.ball_radius_mm) for ball in sample.balls]
     stated = dataclasses.replace(sample, balls=tuple(balls), presses=sample.presses[::2])
-    return certify(stated, sample_reconstructor() if factor == 1.0 else build_reconstructor(stated))
+    return certify(stated, sample_reconstructor() if factor == 1.0 else calibrate_light(stated))
 
 
 @pytest.mark.parametrize(("factor", "off"), [pytest.param(1.0, 0, marks=pytest.mark.slow), (1.1, -10)])

@@ -63,7 +63,7 @@ def test_a_stream_and_the_command_line_refuse_it_unless_told_so(monkeypatch: pyt
     def built(recording: Recording, method: object = None) -> Reconstructor:
         return reader
 
-    monkeypatch.setattr("tactilevision.reconstruct.build_reconstructor", built)
+    monkeypatch.setattr("tactilevision.reconstruct.calibrate_light", built)
     recording = read_recording(SAMPLE)
     with pytest.raises(InputError, match="--even-so"):
         source.Choice(shadows=False, even_so=False).light(recording)

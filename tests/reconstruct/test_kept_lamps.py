@@ -15,7 +15,7 @@ from tactilevision.photometric.illumination.kept_lamps import lamp_arrays, lamps
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.storage import digest
-from tactilevision.reconstruct import build_reconstructor
+from tactilevision.reconstruct import calibrate_light
 from tactilevision.reconstruct.lamps import find_lamps
 from tactilevision.reconstruct.shadows_seen import with_shadows
 from tactilevision.recording import read_frame, read_recording
@@ -35,17 +35,17 @@ LAMPS = Lamps(
 @pytest.mark.slow
 def test_a_saved_method_undoes_shadows_as_the_balls_do(tmp_path: Path) -> None:
     recording = read_recording(SAMPLE)
-    made = build_reconstructor(recording, "polynomial")
+    made = calibrate_light(recording, "polynomial")
     assert isinstance(made.referenced, CalibratedMethod)
     path = save_method(dataclasses.replace(made.referenced, lamps=find_lamps(recording, made)), tmp_path / "m")
     bare = dataclasses.replace(recording, balls=())
-    kept = with_shadows(bare, build_reconstructor(bare, str(path)))
+    kept = with_shadows(bare, calibrate_light(bare, str(path)))
     assert kept.shadows is not None
     by_balls = with_shadows(recording, made)
     frame = read_frame(recording, 6)
     assert np.abs(kept.height_map(frame).depth_mm - by_balls.height_map(frame).depth_mm).max() < 0.005
     without = save_method(dataclasses.replace(made.referenced, lamps=None), tmp_path / "older")
-    assert with_shadows(bare, build_reconstructor(bare, str(without))).shadows is None
+    assert with_shadows(bare, calibrate_light(bare, str(without))).shadows is None
 
 
 def test_lamps_come_back_as_they_went() -> None:

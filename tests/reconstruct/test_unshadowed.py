@@ -11,8 +11,8 @@ from shared_scenes import shared
 
 from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, shadow_share
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
-from tactilevision.reconstruct.shadows_seen import share_seen, with_shadows
+from tactilevision.reconstruct import Reconstructor, build_reconstructor, calibrate_light
+from tactilevision.reconstruct.shadows_seen import share_seen
 from tactilevision.reconstruct.unshadowed import Mapped, undo_shadows
 from tactilevision.recording import read_frame, read_image, read_recording
 from tactilevision.records import Bytes, Floats
@@ -25,8 +25,7 @@ PRESSED = (1, 2, 5, 6)  # frames of faces .15 and .30 mm deep, of two radii
 
 @shared
 def unshadowed_reader() -> Reconstructor:
-    recording = read_recording(SAMPLE)
-    return with_shadows(recording, build_reconstructor(recording))
+    return build_reconstructor(read_recording(SAMPLE), shadows=True)
 
 
 def beyond_mm(number: int, shape: tuple[int, ...]) -> Floats:
@@ -55,9 +54,20 @@ def test_faces_and_the_gel_beside_them_are_right_without_a_certificate(number: i
     assert np.mean(off[face | beside] < 2) > 0.92
 
 
+def test_shadows_that_stay_are_told_in_the_warnings_and_in_deep_maps() -> None:
+    reader, recording = build_reconstructor(read_recording(SAMPLE)), read_recording(SAMPLE)
+    assert reader.shadows is None
+    assert sum("they stay" in one for one in reader.warnings) == 1
+    assert "shadow" in reader.height_map(read_frame(recording, 8)).flags
+    assert "shadow" not in reader.height_map(read_frame(recording, 0)).flags
+    undone = unshadowed_reader()
+    assert not any("they stay" in one for one in undone.warnings)
+    assert "shadow" not in undone.height_map(read_frame(recording, 8)).flags
+
+
 @pytest.mark.slow
 def test_what_is_given_back_is_part_of_the_deviation_and_of_its_terms(monkeypatch: pytest.MonkeyPatch) -> None:
-    reader, plain = unshadowed_reader(), build_reconstructor(read_recording(SAMPLE))
+    reader, plain = unshadowed_reader(), calibrate_light(read_recording(SAMPLE))
     assert reader.shadows is not None
     monkeypatch.setattr(reader, "shadows", reader.shadows.unrefined)
     frame = read_frame(read_recording(SAMPLE), 6)
@@ -170,6 +180,6 @@ def test_a_flat_gel_dims_nothing_and_a_wall_dims_the_side_away_from_the_lamp() -
 
 def test_a_black_frame_shows_no_shadow_and_stops_nothing() -> None:
     recording = read_recording(SAMPLE)
-    reader, deep = build_reconstructor(recording), read_frame(recording, 8)
+    reader, deep = calibrate_light(recording), read_frame(recording, 8)
     rgb = [(seen := reader.rectified(deep)), np.zeros_like(seen)]
     assert share_seen(recording, reader, frames=rgb) == share_seen(recording, reader, frames=rgb[:1])
