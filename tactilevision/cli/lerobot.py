@@ -17,6 +17,12 @@ def lerobot(
     sensor: Annotated[Path, typer.Option(help="The sensor's profile (.tvs).")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the new data set; made if missing.")],
     shrink: Annotated[int, typer.Option(min=1, help="Depth as means of so many pixels squared.")] = 4,
+    shadows: Annotated[
+        bool,
+        typer.Option(
+            "--shadows", help="Undo what lamps cast, as `depth` does; a deep frame takes up to a second."
+        ),
+    ] = False,
     json: console.JsonOption = None,
 ) -> None:
     """Write a data set that also has depth, contact and force; frames are kept as they are."""
@@ -24,9 +30,13 @@ def lerobot(
     from tactilevision.logs.lerobot.dataset import read_dataset
     from tactilevision.profile.sensor import load_sensor
 
-    source = read_dataset(dataset, camera)
+    source, reader = read_dataset(dataset, camera), load_sensor(sensor, shadows=shadows)
+    if reader.reconstructor.keeps_shadows:
+        console.warn(
+            ["this sensor's lamps cast shadows beside deep contacts, and they stay: --shadows undoes them"]
+        )
     with console.progress_bar("frames") as progress:
-        found = annotate(source, load_sensor(sensor), out, shrink=shrink, tell=progress)
+        found = annotate(source, reader, out, shrink=shrink, tell=progress)
     console.say(f"{found.frames} frames of {found.episodes} episodes, {found.in_contact} in contact: {out}")
     console.say("new features: " + ", ".join(found.features))
     unread = [f"{found.not_read} frames were not read: their flags say why"] if found.not_read else []
