@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.fit.least_squares import Fit
-from calibration.noise.inner_products import Weighing
+from calibration.noise.inner_products import Product, Weighing
 from calibration.noise.model import Noise, Whitener
+from calibration.noise.reml import prior_cost
 from calibration.repeats.draws import draw_errors
 from calibration.repeats.repeat_noise import drawn_noise
 from tactilevision.records import Floats
 
 SEEN = 0.02  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
+LESS_GAIN = (1.0, 0.125, 0.25, 0.5, 2.0, 4.0)  # of the presses' gain, that are tried: from 4 % to what is usual
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """Residuals (N, b) as the fit and as the directions see them, their squares, and priors (k, b)."""
+
+    own: Product
+    looked: Product
+    squares: Product
+    priors: Floats
 
 
 class Cast:
@@ -71,19 +84,47 @@ class Cast:
 
         `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
         """
+        seen = self._seen(residual_N, priors)
+        return [self._split(self._weighed(seen, k, noise)[0]) for k, noise in enumerate(noises)]
+
+    def ratios(self, noises: Sequence[Noise], residual_N: Floats, priors: Floats) -> list[list[Floats]]:
+        """Signed roots of likelihood ratios in place of scores: with a direction the presses may scatter less.
+
+        What changes from press to press passes for their gains; few presses then hide it, however large it is.
+        A direction d takes t^2 off -2 ln L at any noise; both with it and without the likeliest gain counts.
+        """
+        seen, found = self._seen(residual_N, priors), []
+        for k, noise in enumerate(noises):
+            each = [self._weighed(seen, k, replace(noise, gain=noise.gain * share)) for share in LESS_GAIN]
+            scores, costs = np.array([one for one, _ in each]), np.array([cost for _, cost in each])
+            with_it = np.min(costs[:, None] - scores**2, axis=0)
+            found.append(self._split(np.sign(scores[0]) * np.sqrt(costs.min() - with_it)))
+        return found
+
+    def _split(self, scores: Floats) -> list[Floats]:
+        return list(np.split(scores, self.ends[:-1]))
+
+    def _seen(self, residual_N: Floats, priors: Floats) -> _Seen:
         errors = self._weighing.take(residual_N)
         own, looked = (self._weighing.product(one, errors) for one in (self._own, self._looked))
-        found = []
-        for k, noise in enumerate(noises):
-            within = self._within.under(noise) + self._priors.T @ self._priors
-            between = self._between.under(noise) + self._priors.T @ self._beside
-            taken = np.linalg.solve(within, between)
-            length = self._lengths.under(noise) + np.sum(self._beside**2, axis=0) - np.sum(between * taken, axis=0)
-            own_k = own.of(k).under(noise)[:, 0] + self._priors.T @ priors[:, k]
-            along = looked.of(k).under(noise)[:, 0] + self._beside.T @ priors[:, k] - taken.T @ own_k
-            unit = np.sqrt(np.where(self._visible, np.maximum(length, 1e-12), np.inf))
-            found.append(list(np.split(along / unit, self.ends[:-1])))
-        return found
+        return _Seen(own, looked, self._weighing.squares(errors), priors)
+
+    def _weighed(self, seen: _Seen, k: int, noise: Noise) -> tuple[Floats, float]:
+        """Scores of all directions for the k-th residual under a noise, and -2 ln L of that noise."""
+        within = self._within.under(noise) + self._priors.T @ self._priors
+        between = self._between.under(noise) + self._priors.T @ self._beside
+        taken = np.linalg.solve(within, between)
+        length = self._lengths.under(noise) + np.sum(self._beside**2, axis=0) - np.sum(between * taken, axis=0)
+        own = seen.own.of(k).under(noise)[:, 0] + self._priors.T @ seen.priors[:, k]
+        along = seen.looked.of(k).under(noise)[:, 0] + self._beside.T @ seen.priors[:, k] - taken.T @ own
+        unit = np.sqrt(np.where(self._visible, np.maximum(length, 1e-12), np.inf))
+        return along / unit, self._cost(noise, within, seen.squares.under(noise)[k] - own @ np.linalg.solve(within, own))
+
+    def _cost(self, noise: Noise, within: Floats, squares: float) -> float:
+        """-2 ln L of a noise that leaves so many squares; a constant is left out."""
+        volume = self._weighing.log_volume(noise) + np.linalg.slogdet(within)[1]
+        sizes = np.log([noise.scale, max(noise.gain, 1e-6), max(noise.zero_mm, 1e-7)])
+        return float(squares + volume + prior_cost(sizes, trust=noise.trust))
 
     def white(self, noise: Noise, residual_N: Floats, *, priors: Floats) -> Floats:
         """What the fit leaves of a residual (N,), white."""

@@ -54,6 +54,8 @@ FORM = (
 HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
 
+FEW_PRESSES = 12  # fewer hide what changes from press to press in their scatter: it is asked for both at once
+
 _Rows = tuple[Floats, Floats, Floats]  # scores (b, k), scatter while loading (b, M'), what presses say (b, q)
 
 
@@ -195,10 +197,12 @@ class _Looks:
     def _part(self, errors: Floats, priors: Floats, noises: Sequence[Noise]) -> _Rows:
         """Scores (b, k), how much more each press scatters while loading (b, M'), and what presses say (b, q)."""
         count, most = len(noises), self._searched
+        few = self._fitted.data.count < FEW_PRESSES
+        looked = (self._cast.ratios if few else self._cast.scores)(noises, errors, priors)
         scores = np.array(
             [
                 [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
-                for row in self._cast.scores(noises, errors, priors)
+                for row in looked
             ]
         ).reshape(count, -1)
         loading, presses = np.zeros((count, 0)), np.zeros((count, 0))
