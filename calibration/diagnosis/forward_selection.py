@@ -296,8 +296,9 @@ def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: fl
         noise = adopt(current, refit_with(current, by_key[best.key])).noise
         if noise.gain < current.noise.gain:
             model, data, values = current.model, current.data, current.values
-            return replace(fit(model, data, noise=noise, starts=values[None], tolerances=False),
-                           warnings=current.warnings)
+            return replace(
+                fit(model, data, noise=noise, starts=values[None], tolerances=False), warnings=current.warnings
+            )
     return current
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.diagnosis.projection import Cast
+from calibration.diagnosis.smallest_visible import smallest_visible
 from calibration.diagnosis.tail_probability import Tail
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
@@ -56,6 +57,7 @@ OTHER_BINS = 6  # steps of every other covariate
 
 FEW_PRESSES = 12  # fewer hide what changes from press to press in their scatter: it is asked for both at once
 
+
 _Rows = tuple[Floats, Floats, Floats]  # scores (b, k), scatter while loading (b, M'), what presses say (b, q)
 
 
@@ -82,8 +84,8 @@ class ScoreTest:
     """The scores of effects and of covariates, the most telling first, and why others were not looked at.
 
     `others` are plain errors of the rig and what is odd among presses.
-    `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data
-    (3.6 std); inf where the base model absorbs it.
+    `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data; inf
+    where the base model absorbs it.
     """
 
     effects: tuple[Scored, ...]
@@ -125,6 +127,7 @@ def score_test(
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
     looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
+    few = fitted.data.count < FEW_PRESSES
     keys = [*tables, *plain, *steps, *looks.names]
     rows = [looks.own(), *looks.drawn(rng, min(FIRST_DRAWS, draws), each)]
     table = looks.table(rows)
@@ -141,7 +144,9 @@ def score_test(
         effects=named,
         covariates=tuple(s for s in rest if s.key in of_residual),
         not_testable=missing,
-        visible=_visible(fitted, effects, tables, cast),
+        visible=smallest_visible(
+            cast, effects, list(tables), level=SHARE * LEVEL, drawn=table[1:, : len(tables)] if few else None
+        ),
         others=tuple(s for s in rest if s.key not in of_residual),
     )
 
@@ -330,17 +335,3 @@ def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], shar
         adjusted = max(family(-np.log(p)) / share, p)
         scored.append(Scored(keys[k], float(real[k]), p, min(adjusted, 1.0), float(np.mean(null[:, k]))))
     return tuple(sorted(scored, key=lambda s: (s.p, -s.statistic)))
-
-
-def _visible(fitted: Fit, effects: Sequence[Effect], tables: Mapping[str, Floats], cast: Cast) -> dict[str, float]:
-    """Amplitude of each effect that such data would show, from its most visible start."""
-    found = {}
-    ends = np.concatenate([[0], cast.ends])
-    for k, key in enumerate(tables):
-        effect = next(e for e in effects if e.key == key)
-        sizes = cast.sizes[ends[k] : ends[k + 1]]
-        first = np.array([abs(s[0] - effect.parameters[0].default) for s in effect.starts(fitted.data)])
-        best = int(np.argmax(sizes))
-        seen = sizes[best] > 1e-9 and cast.left[k][best]
-        found[key] = float(3.6 * first[best] / sizes[best]) if seen and first[best] > 0 else float("inf")
-    return found
