@@ -5,7 +5,8 @@ starts), or a step function of a covariate. Whitened and freed of what the fit c
 t = d.z/|d|. Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is
 searched; of a covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from
 its like and how presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses
-are drawn with the tails that they have and the error model is estimated anew. What an effect in the fit leaves
+are drawn with the tails that they have and the error model is estimated anew. Of few presses, whose scatter what is looked for may have
+made, likelihood ratios over that scatter stand in place of scores (`Cast.ratios`). What an effect in the fit leaves
 where a gel follows another form of it (`form_errors`) is in the fit, and no finding. The level is shared: effects
 have `SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
 """
@@ -24,6 +25,7 @@ from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.inputs.deadline import Each, in_turn
+from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect, Stage
 from calibration.noise.heteroscedasticity import Scatter
 from calibration.noise.model import Noise
@@ -55,8 +57,7 @@ FORM = (
 HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
 
-FEW_PRESSES = 12  # fewer hide what changes from press to press in their scatter: it is asked for both at once
-
+FEW_PRESSES = 12  # fewer hardly tell how they scatter: six or seven gains beside the law
 
 _Rows = tuple[Floats, Floats, Floats]  # scores (b, k), scatter while loading (b, M'), what presses say (b, q)
 
@@ -127,7 +128,7 @@ def score_test(
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
     looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
-    few = fitted.data.count < FEW_PRESSES
+    few = few_presses(fitted.data)
     keys = [*tables, *plain, *steps, *looks.names]
     rows = [looks.own(), *looks.drawn(rng, min(FIRST_DRAWS, draws), each)]
     table = looks.table(rows)
@@ -149,6 +150,11 @@ def score_test(
         ),
         others=tuple(s for s in rest if s.key not in of_residual),
     )
+
+
+def few_presses(data: Observations) -> bool:
+    """Whether these are curves of so few presses that what changes from one to the next passes for scatter."""
+    return data.is_curves and data.count < FEW_PRESSES
 
 
 def _family(
@@ -202,12 +208,11 @@ class _Looks:
     def _part(self, errors: Floats, priors: Floats, noises: Sequence[Noise]) -> _Rows:
         """Scores (b, k), how much more each press scatters while loading (b, M'), and what presses say (b, q)."""
         count, most = len(noises), self._searched
-        few = self._fitted.data.count < FEW_PRESSES
-        looked = (self._cast.ratios if few else self._cast.scores)(noises, errors, priors)
+        look = self._cast.ratios if few_presses(self._fitted.data) else self._cast.scores
         scores = np.array(
             [
                 [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
-                for row in looked
+                for row in look(noises, errors, priors)
             ]
         ).reshape(count, -1)
         loading, presses = np.zeros((count, 0)), np.zeros((count, 0))

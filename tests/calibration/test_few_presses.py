@@ -12,6 +12,7 @@ from calibration.diagnosis import score_test as page
 from calibration.diagnosis.forward_selection import forward_selection
 from calibration.diagnosis.score_test import ScoreTest, score_test
 from calibration.effects import EFFECTS
+from calibration.fit.absorbed import Absorbed
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
@@ -69,25 +70,53 @@ def test_effects_are_told_apart_under_the_scatter_that_is_left_beside_the_best()
     assert found.current.noise.gain < 0.01 < found.base.noise.gain
 
 
-def test_the_smallest_size_that_few_presses_show_is_seen_and_half_of_it_is_not() -> None:
-    p = {share: [] for share in (0.5, 1.0)}
+@pytest.mark.slow
+def test_the_smallest_size_that_few_presses_show_is_seen_and_a_third_of_it_is_not() -> None:
+    p: dict[float, list[float]] = {1 / 3: [], 1.0: []}
     for seed in range(10):
         size = seen(warmed(0.0, seed)).visible["temperature"]
         for share, found in p.items():
             found.append(p_of(warmed(share * size, seed)))
-    assert np.sum(np.array(p[1.0]) < 0.05) >= 6
-    assert np.sum(np.array(p[0.5]) < 0.05) <= 4
+    assert np.sum(np.array(p[1.0]) < 0.05) >= 7
+    assert np.sum(np.array(p[1 / 3]) < 0.05) <= 3
+
+
+def test_few_presses_show_no_size_that_their_scatter_may_be_as_large_as(monkeypatch: pytest.MonkeyPatch) -> None:
+    """3.6 std of what is known of the scatter would be too little: it is hardly known."""
+    fitted = warmed(0.0, 1)
+    of_few = seen(fitted).visible
+    monkeypatch.setattr(page, "FEW_PRESSES", 0)
+    of_many = seen(fitted).visible
+    assert of_few["temperature"] > 1.5 * of_many["temperature"]
+    assert of_few["depth_zero"] < 1.5 * of_many["depth_zero"], "it shows within each press"
+
+
+def test_a_wedge_shows_from_the_size_of_one_slope_on() -> None:
+    """Of two slopes at once each may be smaller."""
+    depth = np.linspace(0.03, 0.6, 17)
+    places = [(6.0, 1.0), (-6.0, 2.0), (5.0, -6.0), (-4.0, -1.0), (0.0, 5.0), (3.0, -3.0), (-2.0, 6.0), (6.0, 6.0)]
+    data = observations([depth] * 16, [indenter()] * 16, place_mm=places * 2)
+    noisy = data.with_force(
+        MODEL.predict(TRUTH, data) + 0.004 * np.random.default_rng(0).standard_normal(data.size)
+    )
+    fitted, wedge = refit_with_pure_noise(fit(MODEL, noisy)), EFFECTS["thickness_wedge"]
+    visible = score_test(fitted, [wedge], rng=np.random.default_rng(0), draws=49).visible["thickness_wedge"]
+    change = (MODEL + wedge).predict(np.array([*fitted.values, visible, 0.0]), data) - fitted.force_N
+    absorbed = Absorbed(fitted, fitted.free)
+    rest = absorbed.white(change)
+    rest -= absorbed.rows[: data.size] @ np.linalg.lstsq(absorbed.rows[: data.size], rest)[0]
+    assert np.linalg.norm(rest) == pytest.approx(3.6, rel=0.1)
 
 
 def test_a_force_noise_is_told_from_the_air_that_presses_begin_in() -> None:
-    """On two stiff punches, with no slope between them and air, the depth's share is else anything above .3."""
+    """A depth's share, 1 mm/N here, came out at 8.2 from the slopes of two punches alone (seed 7)."""
     depth = np.concatenate([[-0.02], np.linspace(0.05, 0.6, 24)])
-    punches = [indenter(name, radius) for name, radius in (("small", 2.0), ("large", 2.5)) for _ in range(3)]
+    punches = [indenter(name, radius) for name, radius in (("small", 1.5), ("large", 3.0)) for _ in range(3)]
     data, found = observations([depth] * 6, punches), []
     force = MODEL.predict(np.array([0.2, 0.48, 0.85, 0.85]), data)
     for seed in range(8):
         rng = np.random.default_rng(seed)
-        noisy = data.with_force(force + 0.008 * rng.standard_normal(data.size))
-        noisy = replace(noisy, depth_mm=data.depth_mm + 0.002 * rng.standard_normal(data.size))
+        noisy = data.with_force(force + 0.004 * rng.standard_normal(data.size))
+        noisy = replace(noisy, depth_mm=data.depth_mm + 0.004 * rng.standard_normal(data.size))
         found.append(depth_over_force(refit_with_pure_noise(fit(MODEL, noisy))))
-    print(found)
+    assert 0.5 < min(found) < max(found) < 2.5
