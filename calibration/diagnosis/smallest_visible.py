@@ -27,7 +27,8 @@ def smallest_visible(
     where the model takes all of it.
 
     It is that of the most visible start; of those where nothing but the first parameter is off, if there are any.
-    `drawn` (n, k): their statistics where nothing is there, of few presses; None of many. `level` of all of them.
+    `drawn` (n, k), dimensionless: their statistics where nothing is there, of few presses; None of many.
+    `level` of all of them.
     """
     by_key, found = {e.key: e for e in effects}, {}
     ends, std = np.concatenate([[0], cast.ends]), np.full(cast.sizes.size, KNOWN)
