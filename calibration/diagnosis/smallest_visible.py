@@ -26,7 +26,7 @@ def smallest_visible(
     """Amplitude of the first parameter of each effect of these `keys`, whose tables are the first of `cast`; inf
     where the model takes all of it.
 
-    It is that of the most visible start; of those where nothing but the first parameter is off, if there are any.
+    It is that of the most visible start; of those where no other size (of the same unit) is off, if there are any.
     `drawn` (n, k), dimensionless: their statistics where nothing is there, of few presses; None of many.
     `level` of all of them.
     """
@@ -37,12 +37,13 @@ def smallest_visible(
         each = np.repeat(ratio, np.diff(ends[: len(keys) + 1]))
         std = cast.shown(np.pad(each, (0, std.size - each.size)))
     for k, key in enumerate(keys):
-        mine, starts = slice(ends[k], ends[k + 1]), by_key[key].starts(cast.fitted.data)
-        off = np.abs(starts - np.array([p.default for p in by_key[key].parameters]))
-        alone = (off[:, 1:] == 0).all(axis=1) & (off[:, 0] > 0)
+        mine, table = slice(ends[k], ends[k + 1]), by_key[key].parameters
+        off = np.abs(by_key[key].starts(cast.fitted.data) - np.array([p.default for p in table]))
+        others = [q for q in range(1, len(table)) if table[q].unit == table[0].unit]
+        alone = (off[:, others] == 0).all(axis=1) & (off[:, 0] > 0)
         may = cast.left[k] & (cast.sizes[mine] > 1e-9) & (off[:, 0] > 0) & (alone | ~alone.any())
-        size = off[:, 0] * std[mine] / np.where(may, cast.sizes[mine], 1.0)
-        found[key] = float(np.min(size[may], initial=np.inf))
+        best = int(np.argmax(np.where(may, cast.sizes[mine], 0.0)))
+        found[key] = float(off[best, 0] * std[mine][best] / cast.sizes[mine][best]) if may[best] else float("inf")
     return found
 
 
