@@ -30,7 +30,7 @@ from calibration.diagnosis.confirmation import (
     weighed_again,
 )
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, refit_with
-from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
+from calibration.diagnosis.score_test import Scored, ScoreTest, few_presses, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.deadline import UNWATCHED, Each, Watch
@@ -51,11 +51,12 @@ FEW = 49  # draws where the statistic alone is asked for
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """One turn of the search: the screen, and the candidates refitted on its best."""
+    """One turn of the search: the screen, and the candidates refitted on its best, beside the fit `about`."""
 
     score_test: ScoreTest
     candidates: tuple[Candidate, ...]
     scored: Mapping[str, Scored]
+    about: Fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +135,7 @@ def forward_selection(
         rounds.append(turn)
         if watch.over:
             break
-        room, as_good = _roomier(current, turn, now)
+        room, as_good = _roomier(turn, now)
         if room is not None and _takes(current, room, turn, rng):
             current = room
             bend_or = bend_or or {c.effect.key: float(c.values[0] / room.values[0]) for c in as_good}
@@ -145,7 +146,7 @@ def forward_selection(
                 start = room
             continue
         watch.tell("weighing the best against the others")
-        step = _confirmed(current, turn, now, watch.each)
+        step = _confirmed(turn, now, watch.each)
         if step is None:
             break
         steps.append(step)
@@ -164,12 +165,13 @@ def cured_anew(step: Step) -> bool:
     return bool(getattr(step.best.effect, "treatment", ""))
 
 
-def _roomier(current: Fit, turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ...]]:
+def _roomier(turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ...]]:
     """The fit with what its parts may do besides, where something stands out and no effect explains it better: the
     bend that theory allows, another term of a relaxation; and the effects that explain it as well.
     """
     if turn.score_test.family_p > level:
         return None, ()
+    current = turn.about
     rivals = [c for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and inside(c)]
     enough = min(current.chi2, min((c.cost for c in rivals), default=np.inf) + AS_GOOD)
     best = min(
@@ -272,23 +274,41 @@ def _look(
     chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
     chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
     candidates = []
-    refits = watch.each(partial(refit_with, current), [by_key[key] for key in chosen])
+    about = _quieter(current, seen.effects[0], by_key, level) if seen.effects else current
+    refits = watch.each(partial(refit_with, about), [by_key[key] for key in chosen])
     for key, refit in zip(chosen, refits, strict=True):
         if watch.over:
             break
         watch.tell(f"fitting {key.replace('_', ' ')}")
         with suppress(*CANNOT_FIT):  # it screened well but does not fit: no candidate
             candidates.append(refit())
-    candidates = [c for c in candidates if not rests_on_one_reading(current, c)]
-    return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored)
+    candidates = [c for c in candidates if not rests_on_one_reading(about, c)]
+    return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored, about)
 
 
-def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | None:
+def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: float) -> Fit:
+    """The fit under the noise that is left with the best effect in it, where there are few presses: what changes
+    from one to the next has passed for their scatter, under which no two effects are told apart.
+    """
+    if not few_presses(current.data) or best.p_adjusted > level:
+        return current
+    with suppress(*CANNOT_FIT):
+        noise = adopt(current, refit_with(current, by_key[best.key])).noise
+        if noise.gain < current.noise.gain:
+            model, data, values = current.model, current.data, current.values
+            return replace(
+                fit(model, data, noise=noise, starts=values[None], tolerances=False), warnings=current.warnings
+            )
+    return current
+
+
+def _confirmed(turn: Round, level: float, each: Each) -> Step | None:
     """The best candidate, if its improvement is beyond chance for having looked at all, and carries over.
 
     Without any one reading it has to be better than nothing as well. One that is beyond doubt may be predicted
     worse by as much as so many presses leave to chance.
     """
+    current = turn.about
     may = [
         c
         for c in turn.candidates

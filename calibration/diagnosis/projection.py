@@ -3,17 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.fit.least_squares import Fit
-from calibration.noise.inner_products import Weighing
+from calibration.noise.inner_products import Product, Weighing
 from calibration.noise.model import Noise, Whitener
+from calibration.noise.reml import log_sizes, prior_cost
 from calibration.repeats.draws import draw_errors
 from calibration.repeats.repeat_noise import drawn_noise
 from tactilevision.records import Floats
 
 SEEN = 0.02  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
+GAINS = (
+    1.0,
+    0.125,
+    0.25,
+    0.5,
+    2.0,
+    4.0,
+)  # over the presses' estimated gain, that are tried: 4 % may be .5 % and 1 % 4 %
+LARGER = np.geomspace(1.0, 64.0, 13)  # over the presses' gain, that stand for what changes from press to press
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """Residuals (N, b) as the fit and as the directions see them, their squares, and priors (k, b)."""
+
+    own: Product
+    looked: Product
+    squares: Product
+    priors: Floats
+
+    def of(self, k: int) -> _Seen:
+        """The k-th of them."""
+        return _Seen(self.own.of(k), self.looked.of(k), self.squares.of(k), self.priors[:, k : k + 1])
+
+
+@dataclass(frozen=True, slots=True)
+class _Weighed:
+    """Of n noises scores and squared lengths (n, D), and products of the fit's columns, also with the residual."""
+
+    scores: Floats
+    lengths: Floats
+    within: Floats
+    own: Floats
 
 
 class Cast:
@@ -71,19 +106,63 @@ class Cast:
 
         `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
         """
+        seen = self._seen(residual_N, priors)
+        return [self._split(self._weighed(seen.of(k), [noise]).scores[0]) for k, noise in enumerate(noises)]
+
+    def ratios(self, noises: Sequence[Noise], residual_N: Floats, priors: Floats) -> list[list[Floats]]:
+        """Signed roots of likelihood ratios in place of scores: with a direction the presses may scatter less.
+
+        What changes from press to press passes for their gains; few presses then hide it, however large it is.
+        A direction takes t^2 off -2 ln L at any noise; with it and without it the likeliest gain counts.
+        """
+        seen, found = self._seen(residual_N, priors), []
+        for k, noise in enumerate(noises):
+            each = [replace(noise, gain=share * noise.gain) for share in GAINS]
+            weighed = self._weighed(seen.of(k), each)
+            costs = self._costs(seen.of(k), each, weighed)
+            with_it = np.min(costs[:, None] - weighed.scores**2, axis=0)
+            found.append(self._split(np.sign(weighed.scores[0]) * np.sqrt(costs.min() - with_it)))
+        return found
+
+    def shown(self, ratio: Floats) -> Floats:
+        """Std of each direction (D,) that it takes for such a likelihood `ratio` (D,).
+
+        A larger gain of the presses may stand for part of x std: -2 ln L then rises by the least of
+        rise + x^2 length over the gains.
+        """
+        seen = self._seen(self.fitted.residual_N[:, None], self.own_priors[:, None]).of(0)
+        each = [replace(self.fitted.noise, gain=share * self.fitted.noise.gain) for share in LARGER]
+        weighed = self._weighed(seen, each)
+        costs = self._costs(seen, each, weighed)
+        rise = (costs - costs.min())[:, None]
+        return np.asarray(np.sqrt(np.max((ratio - rise) / np.maximum(weighed.lengths, 1e-12), axis=0)))
+
+    def _split(self, scores: Floats) -> list[Floats]:
+        return list(np.split(scores, self.ends[:-1]))
+
+    def _seen(self, residual_N: Floats, priors: Floats) -> _Seen:
         errors = self._weighing.take(residual_N)
         own, looked = (self._weighing.product(one, errors) for one in (self._own, self._looked))
-        found = []
-        for k, noise in enumerate(noises):
-            within = self._within.under(noise) + self._priors.T @ self._priors
-            between = self._between.under(noise) + self._priors.T @ self._beside
-            taken = np.linalg.solve(within, between)
-            length = self._lengths.under(noise) + np.sum(self._beside**2, axis=0) - np.sum(between * taken, axis=0)
-            own_k = own.of(k).under(noise)[:, 0] + self._priors.T @ priors[:, k]
-            along = looked.of(k).under(noise)[:, 0] + self._beside.T @ priors[:, k] - taken.T @ own_k
-            unit = np.sqrt(np.where(self._visible, np.maximum(length, 1e-12), np.inf))
-            found.append(list(np.split(along / unit, self.ends[:-1])))
-        return found
+        return _Seen(own, looked, self._weighing.squares(errors), priors)
+
+    def _weighed(self, seen: _Seen, noises: Sequence[Noise]) -> _Weighed:
+        """One residual under each of these noises."""
+        known, beside = self._priors, self._beside
+        within = self._within.under_each(noises) + known.T @ known
+        between = self._between.under_each(noises) + known.T @ beside
+        taken = np.linalg.solve(within, between)
+        lengths = self._lengths.under_each(noises) + np.sum(beside**2, axis=0) - np.sum(between * taken, axis=1)
+        own = seen.own.under_each(noises) + known.T @ seen.priors
+        along = seen.looked.under_each(noises) + beside.T @ seen.priors - taken.transpose(0, 2, 1) @ own
+        unit = np.sqrt(np.where(self._visible, np.maximum(lengths, 1e-12), np.inf))
+        return _Weighed(along[:, :, 0] / unit, lengths, within, own)
+
+    def _costs(self, seen: _Seen, noises: Sequence[Noise], weighed: _Weighed) -> Floats:
+        """-2 ln L (n,) of each noise; a constant is left out."""
+        taken = np.sum(weighed.own * np.linalg.solve(weighed.within, weighed.own), axis=(1, 2))
+        left = seen.squares.under_each(noises)[:, 0] - taken
+        volume = self._weighing.log_volumes(noises) + np.linalg.slogdet(weighed.within)[1]
+        return np.asarray(left + volume + [prior_cost(log_sizes(noise), trust=noise.trust) for noise in noises])
 
     def white(self, noise: Noise, residual_N: Floats, *, priors: Floats) -> Floats:
         """What the fit leaves of a residual (N,), white."""

@@ -4,10 +4,12 @@ A direction is the change of the force that an effect or a plain error of the ri
 starts), or a step function of a covariate. Whitened and freed of what the fit can absorb, its score is
 t = d.z/|d|. Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is
 searched; of a covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from
-its like and how presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses
-are drawn with the tails that they have and the error model is estimated anew. What an effect in the fit leaves
-where a gel follows another form of it (`form_errors`) is in the fit, and no finding. The level is shared: effects
-have `SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
+its like and how presses' zeros wander. All are held against one parametric bootstrap, in which samples and
+presses are drawn with the tails that they have and the error model is estimated anew. Of few presses, whose
+scatter may be what is looked for, likelihood ratios stand in place of scores (`Cast.ratios`). What an effect in
+the fit leaves where a gel follows another form of it (`form_errors`) is in the fit, and no finding. The level
+is shared: effects have `SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for
+having looked at all.
 """
 
 from __future__ import annotations
@@ -18,11 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.diagnosis.projection import Cast
+from calibration.diagnosis.smallest_visible import smallest_visible
 from calibration.diagnosis.tail_probability import Tail
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.inputs.deadline import Each, in_turn
+from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect, Stage
 from calibration.noise.heteroscedasticity import Scatter
 from calibration.noise.model import Noise
@@ -54,6 +58,8 @@ FORM = (
 HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
 
+FEW_PRESSES = 12  # fewer hardly tell how they scatter: six or seven gains beside the law
+
 _Rows = tuple[Floats, Floats, Floats]  # scores (b, k), scatter while loading (b, M'), what presses say (b, q)
 
 
@@ -80,8 +86,8 @@ class ScoreTest:
     """The scores of effects and of covariates, the most telling first, and why others were not looked at.
 
     `others` are plain errors of the rig and what is odd among presses.
-    `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data
-    (3.6 std); inf where the base model absorbs it.
+    `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data; inf
+    where the base model absorbs it.
     """
 
     effects: tuple[Scored, ...]
@@ -123,6 +129,7 @@ def score_test(
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
     looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
+    few = few_presses(fitted.data)
     keys = [*tables, *plain, *steps, *looks.names]
     rows = [looks.own(), *looks.drawn(rng, min(FIRST_DRAWS, draws), each)]
     table = looks.table(rows)
@@ -139,9 +146,16 @@ def score_test(
         effects=named,
         covariates=tuple(s for s in rest if s.key in of_residual),
         not_testable=missing,
-        visible=_visible(fitted, effects, tables, cast),
+        visible=smallest_visible(
+            cast, effects, list(tables), level=SHARE * LEVEL, drawn=table[1:, : len(tables)] if few else None
+        ),
         others=tuple(s for s in rest if s.key not in of_residual),
     )
+
+
+def few_presses(data: Observations) -> bool:
+    """Whether these are curves of so few presses that what changes from one to the next passes for scatter."""
+    return data.is_curves and data.count < FEW_PRESSES
 
 
 def _family(
@@ -195,10 +209,11 @@ class _Looks:
     def _part(self, errors: Floats, priors: Floats, noises: Sequence[Noise]) -> _Rows:
         """Scores (b, k), how much more each press scatters while loading (b, M'), and what presses say (b, q)."""
         count, most = len(noises), self._searched
+        look = self._cast.ratios if few_presses(self._fitted.data) else self._cast.scores
         scores = np.array(
             [
                 [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
-                for row in self._cast.scores(noises, errors, priors)
+                for row in look(noises, errors, priors)
             ]
         ).reshape(count, -1)
         loading, presses = np.zeros((count, 0)), np.zeros((count, 0))
@@ -326,17 +341,3 @@ def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], shar
         adjusted = max(family(-np.log(p)) / share, p)
         scored.append(Scored(keys[k], float(real[k]), p, min(adjusted, 1.0), float(np.mean(null[:, k]))))
     return tuple(sorted(scored, key=lambda s: (s.p, -s.statistic)))
-
-
-def _visible(fitted: Fit, effects: Sequence[Effect], tables: Mapping[str, Floats], cast: Cast) -> dict[str, float]:
-    """Amplitude of each effect that such data would show, from its most visible start."""
-    found = {}
-    ends = np.concatenate([[0], cast.ends])
-    for k, key in enumerate(tables):
-        effect = next(e for e in effects if e.key == key)
-        sizes = cast.sizes[ends[k] : ends[k + 1]]
-        first = np.array([abs(s[0] - effect.parameters[0].default) for s in effect.starts(fitted.data)])
-        best = int(np.argmax(sizes))
-        seen = sizes[best] > 1e-9 and cast.left[k][best]
-        found[key] = float(3.6 * first[best] / sizes[best]) if seen and first[best] > 0 else float("inf")
-    return found

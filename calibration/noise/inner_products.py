@@ -64,8 +64,9 @@ class Product:
         return np.asarray((self.rest - lost) / scale**2)
 
     def of(self, k: int) -> Product:
-        """With the k-th column of B alone."""
-        return Product(self.rest[:, k : k + 1], self.left, self.right[:, :, k : k + 1], self.common)
+        """With the k-th column of B alone; of a diagonal its k-th number."""
+        left = self.left if self.rest.ndim > 1 else self.left[:, :, k : k + 1]
+        return Product(self.rest[..., k : k + 1], left, self.right[:, :, k : k + 1], self.common)
 
 
 class Weighing:

@@ -140,6 +140,11 @@ def prior_cost(logs: Floats, *, trust: float) -> float:
     return cost + trust * float(2 * logs[0] + np.exp(-2 * logs[0])) if trust else cost
 
 
+def log_sizes(noise: Noise) -> Floats:
+    """ln scale, ln gain, ln zero in mm, (3,)."""
+    return np.log([noise.scale, max(noise.gain, 1e-6), max(noise.zero_mm, 1e-7)])
+
+
 def sized(noise: Noise, logs: Floats) -> Noise:
     """The noise with logs (1,) or (3,) = ln scale, ln gain, ln zero in mm."""
     sizes = [float(size) for size in np.exp(logs)]

@@ -19,6 +19,7 @@ from calibration.noise.reml import (
     BEYOND_CHANCE,
     estimate_noise,
     far_less,
+    log_sizes,
     newton_move,
     own_scale,
     prior_cost,
@@ -95,7 +96,7 @@ def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
     """
     if not (fitted.data.is_curves or fitted.noise.gain):
         return [replace(fitted.noise, scale=fitted.noise.scale * s) for s in _point_scales(fitted, errors_N)]
-    centre, costs = _centre(fitted), _on_stencil(fitted, errors_N)
+    centre, costs = log_sizes(fitted.noise), _on_stencil(fitted, errors_N)
     return [sized(fitted.noise, centre + newton_move(column, centre.size)) for column in costs.T]
 
 
@@ -103,18 +104,14 @@ def drawn_noise(fitted: Fit, rng: np.random.Generator, draws: int) -> list[Noise
     """Sizes of the noise as likely as the data leave them; of points, as estimated."""
     if not (fitted.data.is_curves or fitted.noise.gain):
         return [fitted.noise] * draws
-    centre, costs = _centre(fitted), _on_stencil(fitted, fitted.residual_N[:, None])
+    centre, costs = log_sizes(fitted.noise), _on_stencil(fitted, fitted.residual_N[:, None])
     moves = rng.standard_normal((draws, centre.size)) @ spread(costs[:, 0], centre.size).T
     return [sized(fitted.noise, centre + np.clip(move, -1, 1)) for move in moves]
 
 
-def _centre(fitted: Fit) -> Floats:
-    return np.log([fitted.noise.scale, max(fitted.noise.gain, 1e-6), max(fitted.noise.zero_mm, 1e-7)])
-
-
 def _on_stencil(fitted: Fit, errors_N: Floats) -> Floats:
     """-2 ln L and the priors' cost (k, b) of errors (N, b) about the fit's own sizes."""
-    centre, cost = _centre(fitted), _costs(fitted, errors_N)
+    centre, cost = log_sizes(fitted.noise), _costs(fitted, errors_N)
     places = centre + stencil(centre.size)
     return np.array(
         [cost(sized(fitted.noise, logs)) + prior_cost(logs, trust=fitted.noise.trust) for logs in places]

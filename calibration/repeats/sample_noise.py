@@ -2,9 +2,11 @@
 
     q_i = (r_{i-1} - 2 r_i + r_{i+1})^2 / 6,    E q_i = v (1 + (t s_i)^2),    s = df/dw
 
-r the residual, neighbours of one press and one way. A force's noise is as large on a soft punch as on a stiff one,
-a depth's is carried over by the slope. t (mm/N), a depth's std over a force's, is the likeliest on a grid, and 0
-unless it brings what a number costs. Linear in the noise; a law that bends over three samples would add to q.
+r the residual, neighbours of one press and one way; and (r - r')^2 / 2 of the first samples of presses that follow
+each other, where they begin in air: from few presses' slopes in the gel alone a force's noise is an extrapolation.
+A force's noise is as large on a soft punch as on a stiff one, a depth's is carried over by the slope. t (mm/N), a
+depth's std over a force's, is the likeliest on a grid, and 0 unless it brings what a number costs. Linear in the
+noise; a law that bends over three samples would add to q.
 Source: von Neumann, Ann. Math. Stat. 12 (1941) 367; Schwarz, Ann. Stat. 6 (1978) 461.
 """
 
@@ -66,4 +68,12 @@ def _differences(fitted: Fit) -> tuple[Floats, Floats]:
     alike = (kind[:-2] == kind[1:-1]) & (kind[2:] == kind[1:-1])
     squares = (residual[:-2] - 2 * residual[1:-1] + residual[2:]) ** 2 / 6
     slope = np.abs(fitted.about.slope_N_per_mm[1:-1])
-    return squares[alike], slope[alike]
+    in_air = np.diff(_begun_in_air(fitted)) ** 2 / 2
+    return np.concatenate([squares[alike], in_air]), np.concatenate([slope[alike], np.zeros(in_air.size)])
+
+
+def _begun_in_air(fitted: Fit) -> Floats:
+    """Residual of the first sample of each press that begins clear of the gel, in the order of time."""
+    data, first = fitted.data, fitted.data.first
+    clear = first[(fitted.about.slope_N_per_mm[first] == 0) & (data.depth_mm[first] < 0)]
+    return np.asarray(fitted.residual_N[clear[np.argsort(data.time_s[clear])]])

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.score_test import few_presses
 from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.laws.theory.plausible import stated_outside_gels
 from calibration.model.parameters import Parameter
@@ -14,7 +15,6 @@ from calibration.report import wording
 
 NEAR = 0.1  # of a misfit: an effect that explains less is not near it
 SHOWN = 0.05  # adjusted p of an effect that stands out
-FEW_PRESSES = 12  # with 6 to 10 presses 6 of 15 effects that change from press to press were named (others_curves)
 WIDER = 0.1  # of an interval: less need not be said
 OTHER_WORDS = {"youngs_modulus": "Young's modulus", "beta": "the slope β"}
 SHARES = ("relative", "gain")  # parameters that are said in per cent
@@ -116,7 +116,7 @@ def reading_sentence(found: Diagnosis) -> list[str]:
 def few_sentence(found: Diagnosis) -> str:
     """What few curves cannot tell from how presses scatter; empty of points, and where there are enough."""
     data = found.base.data
-    if not data.is_curves or data.count >= FEW_PRESSES:
+    if not few_presses(data):
         return ""
     return (
         f" {data.count} presses hardly tell what changes from one to the next (a day, a temperature, a place) "

@@ -29,12 +29,12 @@ def test_a_bend_has_to_take_what_its_one_parameter_costs_off_a_covariate(
 ) -> None:
     straight, bent = _fits()
     monkeypatch.setattr(module, "score_test", lambda *_, **__: _screen(after, 0.02))
-    turn = module.Round(_screen(32.0, 0.02), (), {})
+    turn = module.Round(_screen(32.0, 0.02), (), {}, straight)
     assert module._takes(straight, bent, turn, np.random.default_rng(0)) is taken
 
 
 def test_a_bend_that_was_held_against_an_effect_needs_no_covariate(monkeypatch: pytest.MonkeyPatch) -> None:
     straight, bent = _fits()
     monkeypatch.setattr(module, "score_test", lambda *_, **__: _screen(32.0, 0.02))
-    turn = module.Round(_screen(32.0, 0.02), (), {"tilt": Scored("tilt", 20.0, 1e-4, 1e-3)})
+    turn = module.Round(_screen(32.0, 0.02), (), {"tilt": Scored("tilt", 20.0, 1e-4, 1e-3)}, straight)
     assert module._takes(straight, bent, turn, np.random.default_rng(0))

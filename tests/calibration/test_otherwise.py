@@ -46,7 +46,7 @@ def named(
         best = refit_with(current, EFFECTS[key])
         current = adopt(current, best)
         steps.append(Step(best, Scored(key, 1.0, 0.0, 0.0), 0.5, current, (best,)))
-    first = Round(replace(NOTHING, others=tuple(standing)), (), {})
+    first = Round(replace(NOTHING, others=tuple(standing)), (), {}, base)
     return Searched(base, base, (first,), tuple(steps), NOTHING)
 
 
