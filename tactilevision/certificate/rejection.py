@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.certificate.force.event_force import EventForce
-from tactilevision.certificate.force.phases import find_phases
+from tactilevision.certificate.force.phases import Phases, find_phases
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
 from tactilevision.certificate.touch.contact_event import ContactEvent
@@ -30,6 +30,7 @@ RADIUS_SHARE = 0.06  # of the radius, thrice what the footprint itself may be of
 UNEVEN_SHARE = 0.05
 FORCE_SHARE = 0.005  # of the force, what a gap between frames may leave open
 _MAX_GAP = 2.5  # of the median interval at the event: one lost frame and jitter are no gap; benchmarks.certificate
+_MAX_PACE = 3.0  # times the pace of all but the fastest tenth of the ramp, that a face moves at between two frames
 _MIN_REST = 0.5  # of the median rest, that a press must have had
 
 
@@ -195,13 +196,26 @@ def _force_stopped(evidence: PressEvidence, force: ForceWindow) -> Finding | Non
     after, until = (int(k) for k in np.searchsorted(evidence.track.time_s, (still_s, falls_s)))
     if until <= after:
         return None
-    steady = _of_three(depth)
-    there, deepest = float(steady[after]), float(np.nanmax(steady[after:until]))
-    if deepest - there > max(5 * seen.noise, 0.15 * deepest):
+    deepest = float(np.nanmax(_of_three(depth)[after:until]))
+    if _moved_mm(evidence.track, after, until=until, phases=seen) > max(5 * seen.noise, 0.15 * deepest):
         return Finding(
             "saturated", f"the force stays at {force.smooth_N.max():.2f} N while the face still goes deeper"
         )
     return None
+
+
+def _moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> float:
+    """The most that the face went deeper from frame `after` to `until`.
+
+    A face moves at its rig's pace: what jumps is a wall that is read now one way, now the other.
+    """
+    steady = _of_three(track.depth_mm)
+    steps, seconds = np.diff(steady), np.diff(track.time_s)
+    ramp = slice(phases.onset, phases.hold)
+    pace = float(np.nanquantile(np.abs(steps[ramp]) / seconds[ramp], 0.9))
+    jumps = np.abs(steps) > _MAX_PACE * pace * seconds + 5 * phases.noise
+    moves = np.where(jumps | ~np.isfinite(steps), 0.0, steps)[after : until - 1]
+    return float(np.cumsum(moves).max(initial=0.0))
 
 
 def _of_three(depth_mm: Floats) -> Floats:

@@ -191,3 +191,20 @@ def test_a_wall_read_wrongly_on_the_way_out_is_no_force_that_has_stopped(
     seen = depth_mm(frames) + wrong + 0.002 * rng.standard_normal(frames.size)
     evidence: Any = SimpleNamespace(track=SimpleNamespace(time_s=frames, depth_mm=seen), offset_s=0.0)
     assert (_force_stopped(evidence, force) is not None) is stopped
+
+
+@pytest.mark.parametrize("rail_N", [9.0, 0.7])
+def test_a_wall_read_now_one_way_now_the_other_is_no_face_that_goes_deeper(rail_N: float) -> None:
+    """In a hold, four of ten frames read the wall 45 % deeper, as beside shadows."""
+    rng = np.random.default_rng(5)
+
+    def depth_mm(time_s: Floats) -> Floats:
+        return np.asarray(np.interp(time_s, [1.0, 2.3, 2.8, 4.1], [0.0, 0.33, 0.33, 0.0]))
+
+    clock, frames = np.arange(0.0, 5.0, 0.005), np.arange(0.0, 5.0, 1 / 30)
+    normal = np.minimum(4.1 * depth_mm(clock), rail_N) + 0.01 * rng.standard_normal(clock.size)
+    force: Any = SimpleNamespace(time_s=clock, smooth_N=normal, phases=find_phases(normal))
+    deeper = np.where((frames > 2.3) & (rng.random(frames.size) < 0.4), 0.45, 0.0)
+    seen = depth_mm(frames) * (1 + deeper) + 0.002 * rng.standard_normal(frames.size)
+    evidence: Any = SimpleNamespace(track=SimpleNamespace(time_s=frames, depth_mm=seen), offset_s=0.0)
+    assert (_force_stopped(evidence, force) is not None) is (rail_N < 2)
