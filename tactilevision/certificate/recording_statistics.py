@@ -9,7 +9,7 @@ import numpy as np
 from tactilevision.certificate.rejection import PressEvidence, RecordingStatistics, interval_at
 from tactilevision.certificate.touch.press_track import face_tilt
 from tactilevision.contact.bevel import SIDES
-from tactilevision.contact.footprint import relief_mm, unevenness_mm
+from tactilevision.contact.footprint import relief_mm, ring_beside, shared_ring, unevenness_mm
 from tactilevision.records import Floats
 from tactilevision.robust import mad_std
 
@@ -34,7 +34,13 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
     ]
     finite = [gap for gap in intervals if np.isfinite(gap)]
     faces = [(evidence.track, face) for evidence in seen if (face := evidence.track.footprint) is not None]
-    uneven = [unevenness_mm(track.face_map, face, away_from=SIDES[track.side]) for track, face in faces]
+    rings = [
+        (track.indenter.name, ring_beside(track.face_map, face, away_from=SIDES[track.side]))
+        for track, face in faces
+    ]
+    names = {name for name, _ in rings}
+    light = {name: shared_ring([ring for other, ring in rings if other != name]) for name in names}
+    uneven = [unevenness_mm(ring, light[name]) for name, ring in rings]
     flatness = [relief_mm(track.face_map, face) for track, face in faces]
     rest = [evidence.rest_s for evidence in presses.values() if np.isfinite(evidence.rest_s)]
     return RecordingStatistics(
@@ -45,6 +51,7 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
         rest_s=float(np.median(rest)) if rest else 0.0,
         equal=_equal(presses),
         uneven_mm=_median(uneven),
+        light=light,
         relief_mm=_median(flatness),
     )
 

@@ -19,7 +19,7 @@ from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
 from tactilevision.certificate.touch.contact_event import ContactEvent
 from tactilevision.certificate.touch.press_track import PressTrack, face_tilt
 from tactilevision.contact.bevel import SIDES
-from tactilevision.contact.footprint import relief_mm, unevenness_mm
+from tactilevision.contact.footprint import relief_mm, ring_beside, unevenness_mm
 from tactilevision.records import Bools, Floats, ForceSeries, Press
 
 TANGENTIAL = 0.1  # of the normal force: a share of 1/10 turns the resultant by six degrees
@@ -63,7 +63,8 @@ class PressEvidence:
 class RecordingStatistics:
     """Medians and scatter of this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
     interval of frames at the event, the rest, the chance that two readings of the free gel are equal, how
-    uneven the gel is beside the face, and how far the face is from flat."""
+    uneven the gel is beside the face, how far the face is from flat, and, by indenter, what the gel beside the
+    other ones has in common round them (180,)."""
 
     radius: dict[str, float]
     tilt: Floats
@@ -73,6 +74,7 @@ class RecordingStatistics:
     equal: float
     uneven_mm: float
     relief_mm: float
+    light: dict[str, Floats]
 
 
 def rejection_reasons(
@@ -114,7 +116,8 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
         return Finding("footprint", "no round face is to be seen")
     if face.residual_mm > RADIUS_SHARE * face.radius_mm:
         return Finding("footprint", f"the face is not round: its edge is {face.residual_mm:.2f} mm off a circle")
-    uneven = unevenness_mm(evidence.track.face_map, face, away_from=SIDES[evidence.track.side])
+    ring = ring_beside(evidence.track.face_map, face, away_from=SIDES[evidence.track.side])
+    uneven = unevenness_mm(ring, statistics.light[evidence.track.indenter.name])
     if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.uneven_mm):
         return Finding(
             "footprint", f"beside the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
