@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from tactilevision.certificate.rejection import PressEvidence, RecordingStatistics, interval_at
+from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
 from tactilevision.certificate.touch.press_track import face_tilt
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, ring_beside, shared_ring, unevenness_mm
@@ -52,8 +53,21 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
         equal=_equal(presses),
         uneven_mm=_median(uneven),
         light=light,
+        touch_share=_touch_share(presses.values()),
         relief_mm=_median(flatness),
     )
+
+
+def _touch_share(presses: Iterable[PressEvidence]) -> float:
+    """Median over the presses that touched; NaN, which finds none elsewhere, where fewer than three did."""
+    shares = [
+        evidence.touch.onset.at / evidence.track.indenter.height_mm
+        for evidence in presses
+        if evidence.touch is not None
+        and evidence.track.indenter.height_mm
+        and evidence.touch.onset.gain > DETECTION_CHI2
+    ]
+    return float(np.median(shares)) if len(shares) >= 3 else float("nan")
 
 
 def _median(values: Sequence[float]) -> float:

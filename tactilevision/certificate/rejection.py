@@ -19,6 +19,7 @@ from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
 from tactilevision.certificate.touch.contact_event import ContactEvent
 from tactilevision.certificate.touch.press_track import PressTrack, face_tilt
 from tactilevision.contact.bevel import SIDES
+from tactilevision.contact.bevel_onset import Onset
 from tactilevision.contact.footprint import relief_mm, ring_beside, unevenness_mm
 from tactilevision.records import Bools, Floats, ForceSeries, Press
 
@@ -29,6 +30,8 @@ RADIUS_SHARE = 0.06  # of the radius, thrice what the footprint itself may be of
 # of the depth, on the face or beside it: the gel there dips and rises by a third of it, alike all round
 UNEVEN_SHARE = 0.05
 FORCE_SHARE = 0.005  # of the force, what a gap between frames may leave open
+FAINT_CHI2 = 4 * DETECTION_CHI2  # ten sigma, below which light that drifts may pass for a touch
+ELSEWHERE_SHARE = 0.05  # of the depth of touch: more than heights and gels differ by from press to press
 _MAX_GAP = 2.5  # of the median interval at the event: one lost frame and jitter are no gap; benchmarks.certificate
 _MAX_PACE = 3.0  # times the pace of all but the fastest tenth of the ramp, that a face moves at between two frames
 _MIN_REST = 0.5  # of the median rest, that a press must have had
@@ -64,7 +67,8 @@ class RecordingStatistics:
     """Medians and scatter of this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
     interval of frames at the event, the rest, the chance that two readings of the free gel are equal, how
     uneven the gel is beside the face, how far the face is from flat, and, by indenter, what the gel beside the
-    other ones has in common round them (180,)."""
+    other ones has in common round them (180,). `touch_share`: depth of touch, by the force, over the height.
+    """
 
     radius: dict[str, float]
     tilt: Floats
@@ -75,6 +79,7 @@ class RecordingStatistics:
     uneven_mm: float
     relief_mm: float
     light: dict[str, Floats]
+    touch_share: float
 
 
 def rejection_reasons(
@@ -118,7 +123,8 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
         return Finding("footprint", f"the face is not round: its edge is {face.residual_mm:.2f} mm off a circle")
     ring = ring_beside(evidence.track.face_map, face, away_from=SIDES[evidence.track.side])
     uneven = unevenness_mm(ring, statistics.light[evidence.track.indenter.name])
-    if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.uneven_mm):
+    dragged = _tangential(evidence, statistics, forces) is not None  # gel that is drawn sideways is uneven, too
+    if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.uneven_mm) and not dragged:
         return Finding(
             "footprint", f"beside the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
         )
@@ -283,7 +289,20 @@ def _not_touched(evidence: PressEvidence, statistics: RecordingStatistics, force
         return Finding(
             "bevel_not_touched", f"a touch of the bevel would stand only {sigma:.1f} sigma out of the noise"
         )
-    return None
+    return _elsewhere(evidence.touch.onset, indenter.height_mm, usual=statistics.touch_share)
+
+
+def _elsewhere(onset: Onset, height_mm: float, *, usual: float) -> Finding | None:
+    """A faint touch far from where the other presses touch is light that changes beside the punch."""
+    away = onset.at / height_mm / usual - 1
+    apart = max(ELSEWHERE_SHARE, 5 * onset.std / height_mm / usual)
+    if onset.gain > FAINT_CHI2 or not abs(away) > apart:
+        return None
+    return Finding(
+        "bevel_not_touched",
+        f"what stands {np.sqrt(onset.gain):.1f} sigma out of the noise comes {100 * away:+.0f} % off the depth at "
+        "which the other presses touch",
+    )
 
 
 def _short_rest(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:

@@ -61,7 +61,7 @@ def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | 
 def ring_beside(height: HeightMap, face: Footprint, *, away_from: Pair) -> Floats:
     """Depth (180,) in mm just outside the face, round it from azimuth 0 towards y, beside a mean and a slope.
 
-    `away_from` (x, y) points to the bevel, whose quarter is NaN; so is all of it where less than a third of the way
+    `away_from` (x, y) points to the bevel, whose quarter is NaN. All of it is where less than a third of the way
     round is in view.
     """
     angle = 2 * np.pi * np.arange(_ROUND) / _ROUND

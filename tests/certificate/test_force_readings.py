@@ -12,7 +12,7 @@ from tactilevision.certificate.force.event_force import force_in_dwell, force_on
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.tare import find_tare
 from tactilevision.certificate.force.window import force_window
-from tactilevision.certificate.rejection import _force_stopped
+from tactilevision.certificate.rejection import _elsewhere, _force_stopped
 from tactilevision.certificate.touch.force_crossing import event_force, force_crossing
 from tactilevision.records import Floats, ForceSeries, Press
 
@@ -208,3 +208,14 @@ def test_a_wall_read_now_one_way_now_the_other_is_no_face_that_goes_deeper(rail_
     seen = depth_mm(frames) * (1 + deeper) + 0.002 * rng.standard_normal(frames.size)
     evidence: Any = SimpleNamespace(track=SimpleNamespace(time_s=frames, depth_mm=seen), offset_s=0.0)
     assert (_force_stopped(evidence, force) is not None) is (rail_N < 2)
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "at_mm", "named"), [(6.0, 0.38, True), (6.0, 0.45, False), (14.0, 0.38, False), (9.0, 0.53, True)]
+)
+def test_a_faint_touch_far_from_where_the_others_touch_is_none(sigmas: float, at_mm: float, named: bool) -> None:
+    onset: Any = SimpleNamespace(at=at_mm, std=0.004, gain=sigmas**2)
+    finding = _elsewhere(onset, 0.5, usual=0.917)
+    assert (finding is not None) is named
+    assert finding is None or (finding.reason == "bevel_not_touched" and f"{sigmas:.1f} sigma" in finding.text)
+    assert _elsewhere(onset, 0.5, usual=float("nan")) is None
