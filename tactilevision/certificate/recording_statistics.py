@@ -81,7 +81,7 @@ def _radius_ratios(seen: list[PressEvidence]) -> dict[str, float]:
     by_name: dict[str, list[float]] = {}
     for evidence in seen:
         face, indenter = evidence.track.footprint, evidence.track.indenter
-        if face is not None and np.isfinite(indenter.radius_mm):
+        if face is not None and np.isfinite(indenter.radius_mm) and indenter.shape == "flat_cylinder":
             by_name.setdefault(indenter.name, []).append(face.radius_mm / indenter.radius_mm)
     everything = [ratio for ratios in by_name.values() for ratio in ratios]
     common = float(np.median(everything)) if len(everything) >= 3 else 1.0

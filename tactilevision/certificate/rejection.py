@@ -135,7 +135,7 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
         return Finding(
             "footprint", f"the face is not flat: {1e3 * flatness:.0f} µm rms beside a plane; is it chipped?"
         )
-    if not np.isfinite(nominal):
+    if not np.isfinite(nominal) or evidence.track.indenter.shape != "flat_cylinder":  # a ball touches with less
         return None
     ratio = face.radius_mm / nominal / statistics.radius.get(evidence.track.indenter.name, 1.0)
     limit = max(

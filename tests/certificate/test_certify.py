@@ -244,8 +244,15 @@ def test_presses_at_another_clock_say_so_and_not_that_the_force_is_saturated(tmp
     assert "another offset of the clocks" in first.details.findings
 
 
-def test_a_cone_has_no_bevel_and_its_presses_are_rejected_for_that(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "shape",
+    [Indenter("", "cone", half_angle_deg=70.0), Indenter("", "sphere", radius_mm=6.0)],
+    ids=["cone", "ball"],
+)
+def test_a_cone_or_a_ball_has_no_bevel_and_its_presses_are_rejected_for_that(
+    tmp_path: Path, shape: Indenter
+) -> None:
     given, reconstruct = recording(tmp_path, line_up([Made(0.3), Made(0.4)]), seed=4)
-    cones = {name: Indenter(name, "cone", half_angle_deg=70.0) for name in given.indenters}
-    points = certify(replace(given, indenters=cones), reconstruct).points
+    others = {name: replace(shape, name=name) for name in given.indenters}
+    points = certify(replace(given, indenters=others), reconstruct).points
     assert [point.reason for point in points] == ["bevel_not_touched"] * 2
