@@ -32,6 +32,7 @@ UNEVEN_SHARE = 0.05
 FORCE_SHARE = 0.005  # of the force, what a gap between frames may leave open
 FAINT_CHI2 = 4 * DETECTION_CHI2  # ten sigma, below which light that drifts may pass for a touch
 ELSEWHERE_SHARE = 0.05  # of the depth of touch: more than heights and gels differ by from press to press
+FAR_SHARE = 0.2  # of it: more than a gel softens by, over several presses, or a height is ground off
 _MAX_GAP = 2.5  # of the median interval at the event: one lost frame and jitter are no gap; benchmarks.certificate
 _MAX_PACE = 3.0  # times the pace of all but the fastest tenth of the ramp, that a face moves at between two frames
 _MIN_REST = 0.5  # of the median rest, that a press must have had
@@ -121,9 +122,10 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
         return Finding("footprint", "no round face is to be seen")
     if face.residual_mm > RADIUS_SHARE * face.radius_mm:
         return Finding("footprint", f"the face is not round: its edge is {face.residual_mm:.2f} mm off a circle")
+    # a face that slides on leaves the circle of its shallow frames, and draws gel along
+    dragged = _tangential(evidence, statistics, forces) is not None
     ring = ring_beside(evidence.track.face_map, face, away_from=SIDES[evidence.track.side])
     uneven = unevenness_mm(ring, statistics.light[evidence.track.indenter.name])
-    dragged = _tangential(evidence, statistics, forces) is not None  # gel that is drawn sideways is uneven, too
     if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.uneven_mm) and not dragged:
         return Finding(
             "footprint", f"beside the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
@@ -131,7 +133,7 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
     flatness = (
         relief_mm(evidence.track.face_map, face) if evidence.track.indenter.shape == "flat_cylinder" else 0.0
     )
-    if flatness > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.relief_mm):
+    if flatness > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.relief_mm) and not dragged:
         return Finding(
             "footprint", f"the face is not flat: {1e3 * flatness:.0f} µm rms beside a plane; is it chipped?"
         )
@@ -293,15 +295,15 @@ def _not_touched(evidence: PressEvidence, statistics: RecordingStatistics, force
 
 
 def _elsewhere(onset: Onset, height_mm: float, *, usual: float) -> Finding | None:
-    """A faint touch far from where the other presses touch is light that changes beside the punch."""
+    """A touch far from where the other presses touch is light that changes there; a faint one sooner."""
     away = onset.at / height_mm / usual - 1
-    apart = max(ELSEWHERE_SHARE, 5 * onset.std / height_mm / usual)
-    if onset.gain > FAINT_CHI2 or not abs(away) > apart:
+    share = ELSEWHERE_SHARE if onset.gain <= FAINT_CHI2 else FAR_SHARE
+    if not abs(away) > max(share, 5 * onset.std / height_mm / usual):
         return None
     return Finding(
         "bevel_not_touched",
         f"what stands {np.sqrt(onset.gain):.1f} sigma out of the noise comes {100 * away:+.0f} % off the depth at "
-        "which the other presses touch",
+        "which the other presses touch: light that changes there, or another height than stated",
     )
 
 

@@ -211,9 +211,10 @@ def test_a_wall_read_now_one_way_now_the_other_is_no_face_that_goes_deeper(rail_
 
 
 @pytest.mark.parametrize(
-    ("sigmas", "at_mm", "named"), [(6.0, 0.38, True), (6.0, 0.45, False), (14.0, 0.38, False), (9.0, 0.53, True)]
+    ("sigmas", "at_mm", "named"),
+    [(6.0, 0.38, True), (6.0, 0.45, False), (14.0, 0.38, False), (9.0, 0.53, True), (30.0, 0.31, True)],
 )
-def test_a_faint_touch_far_from_where_the_others_touch_is_none(sigmas: float, at_mm: float, named: bool) -> None:
+def test_a_touch_far_from_where_the_others_touch_is_none(sigmas: float, at_mm: float, named: bool) -> None:
     onset: Any = SimpleNamespace(at=at_mm, std=0.004, gain=sigmas**2)
     finding = _elsewhere(onset, 0.5, usual=0.917)
     assert (finding is not None) is named
