@@ -80,9 +80,10 @@ def ring_beside(height: HeightMap, face: Footprint, *, away_from: Pair) -> Float
 
 
 def shared_ring(rings: Sequence[Floats]) -> Floats:
-    """What rings (180,) have most in common, of any size and sign: their first singular vector, 0 where unknown.
+    """What rings (180,) in mm have most in common, of any size and sign: their first singular vector.
 
-    Shadows of fixed lamps fall to the same sides of every punch. Zero where fewer than three are known.
+    Shadows of fixed lamps fall to the same sides of every punch. Zero where unknown, or all
+    of it where fewer than three are known.
     """
     known = [np.nan_to_num(ring) for ring in rings if np.isfinite(ring).any()]
     if len(known) < _MIN_RINGS:
