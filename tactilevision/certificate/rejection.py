@@ -222,8 +222,9 @@ def _moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> f
     """
     steady = _of_three(track.depth_mm)
     steps, seconds = np.diff(steady), np.diff(track.time_s)
-    ramp = slice(phases.onset, phases.hold)
-    pace = float(np.nanquantile(np.abs(steps[ramp]) / seconds[ramp], 0.9))
+    paces = (np.abs(steps) / seconds)[phases.onset : phases.hold]
+    paces = paces[np.isfinite(paces)]
+    pace = float(np.quantile(paces, 0.9)) if paces.size else np.inf  # no ramp in view tells none
     jumps = np.abs(steps) > _MAX_PACE * pace * seconds + 5 * phases.noise
     moves = np.where(jumps | ~np.isfinite(steps), 0.0, steps)[after : until - 1]
     return float(np.cumsum(moves).max(initial=0.0))

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from tactilevision.certificate.force.event_force import force_in_dwell, force_on_ramp
-from tactilevision.certificate.force.phases import find_phases
+from tactilevision.certificate.force.phases import Phases, find_phases
 from tactilevision.certificate.force.tare import find_tare
 from tactilevision.certificate.force.window import force_window
-from tactilevision.certificate.rejection import _elsewhere, _force_stopped
+from tactilevision.certificate.rejection import _elsewhere, _force_stopped, _moved_mm
 from tactilevision.certificate.touch.force_crossing import event_force, force_crossing
 from tactilevision.records import Floats, ForceSeries, Press
 
@@ -220,3 +220,11 @@ def test_a_touch_far_from_where_the_others_touch_is_none(sigmas: float, at_mm: f
     assert (finding is not None) is named
     assert finding is None or (finding.reason == "bevel_not_touched" and f"{sigmas:.1f} sigma" in finding.text)
     assert _elsewhere(onset, 0.5, usual=float("nan")) is None
+
+
+def test_a_ramp_between_two_frames_tells_no_pace() -> None:
+    """The frames jump from the free gel to the hold: what grows then may be the face."""
+    frames = np.array([0.0, 0.1, 0.2, 0.3, 2.0, 2.1, 2.2, 2.3, 2.4, 2.5, 2.6])
+    depth = np.array([0.0, 0.0, 0.0, 0.0, 0.30, 0.32, 0.34, 0.36, 0.38, 0.40, 0.40])
+    track: Any = SimpleNamespace(time_s=frames, depth_mm=depth)
+    assert _moved_mm(track, 4, until=10, phases=Phases(4, 4, 10, 11, 0.001)) == pytest.approx(0.08, abs=0.021)
