@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from tactilevision.certificate.rejection import PressEvidence, RecordingStatistics, interval_at
+from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
 from tactilevision.certificate.touch.press_track import face_tilt
 from tactilevision.contact.bevel import SIDES
-from tactilevision.contact.footprint import relief_mm, unevenness_mm
+from tactilevision.contact.footprint import relief_mm, ring_beside, shared_ring, unevenness_mm
 from tactilevision.records import Floats
 from tactilevision.robust import mad_std
 
@@ -34,7 +35,13 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
     ]
     finite = [gap for gap in intervals if np.isfinite(gap)]
     faces = [(evidence.track, face) for evidence in seen if (face := evidence.track.footprint) is not None]
-    uneven = [unevenness_mm(track.face_map, face, away_from=SIDES[track.side]) for track, face in faces]
+    rings = [
+        (track.indenter.name, ring_beside(track.face_map, face, away_from=SIDES[track.side]))
+        for track, face in faces
+    ]
+    names = {name for name, _ in rings}
+    light = {name: shared_ring([ring for other, ring in rings if other != name]) for name in names}
+    uneven = [unevenness_mm(ring, light[name]) for name, ring in rings]
     flatness = [relief_mm(track.face_map, face) for track, face in faces]
     rest = [evidence.rest_s for evidence in presses.values() if np.isfinite(evidence.rest_s)]
     return RecordingStatistics(
@@ -45,8 +52,22 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
         rest_s=float(np.median(rest)) if rest else 0.0,
         equal=_equal(presses),
         uneven_mm=_median(uneven),
+        light=light,
+        touch_share=_touch_share(presses.values()),
         relief_mm=_median(flatness),
     )
+
+
+def _touch_share(presses: Iterable[PressEvidence]) -> float:
+    """Median over the presses that touched; NaN, which finds none elsewhere, where fewer than three did."""
+    shares = [
+        evidence.touch.onset.at / evidence.track.indenter.height_mm
+        for evidence in presses
+        if evidence.touch is not None
+        and evidence.track.indenter.height_mm
+        and evidence.touch.onset.gain > DETECTION_CHI2
+    ]
+    return float(np.median(shares)) if len(shares) >= 3 else float("nan")
 
 
 def _median(values: Sequence[float]) -> float:
@@ -60,7 +81,7 @@ def _radius_ratios(seen: list[PressEvidence]) -> dict[str, float]:
     by_name: dict[str, list[float]] = {}
     for evidence in seen:
         face, indenter = evidence.track.footprint, evidence.track.indenter
-        if face is not None and np.isfinite(indenter.radius_mm):
+        if face is not None and np.isfinite(indenter.radius_mm) and indenter.shape == "flat_cylinder":
             by_name.setdefault(indenter.name, []).append(face.radius_mm / indenter.radius_mm)
     everything = [ratio for ratios in by_name.values() for ratio in ratios]
     common = float(np.median(everything)) if len(everything) >= 3 else 1.0

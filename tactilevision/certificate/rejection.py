@@ -13,13 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.certificate.force.event_force import EventForce
-from tactilevision.certificate.force.phases import find_phases
+from tactilevision.certificate.force.phases import Phases, find_phases
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
 from tactilevision.certificate.touch.contact_event import ContactEvent
 from tactilevision.certificate.touch.press_track import PressTrack, face_tilt
 from tactilevision.contact.bevel import SIDES
-from tactilevision.contact.footprint import relief_mm, unevenness_mm
+from tactilevision.contact.bevel_onset import Onset
+from tactilevision.contact.footprint import relief_mm, ring_beside, unevenness_mm
 from tactilevision.records import Bools, Floats, ForceSeries, Press
 
 TANGENTIAL = 0.1  # of the normal force: a share of 1/10 turns the resultant by six degrees
@@ -29,7 +30,11 @@ RADIUS_SHARE = 0.06  # of the radius, thrice what the footprint itself may be of
 # of the depth, on the face or beside it: the gel there dips and rises by a third of it, alike all round
 UNEVEN_SHARE = 0.05
 FORCE_SHARE = 0.005  # of the force, what a gap between frames may leave open
+FAINT_CHI2 = 4 * DETECTION_CHI2  # ten sigma, below which light that drifts may pass for a touch
+ELSEWHERE_SHARE = 0.05  # of the depth of touch: more than heights and gels differ by from press to press
+FAR_SHARE = 0.2  # of it: more than a gel softens by, over several presses, or a height is ground off
 _MAX_GAP = 2.5  # of the median interval at the event: one lost frame and jitter are no gap; benchmarks.certificate
+_MAX_PACE = 3.0  # times the pace of all but the fastest tenth of the ramp, that a face moves at between two frames
 _MIN_REST = 0.5  # of the median rest, that a press must have had
 
 
@@ -62,7 +67,9 @@ class PressEvidence:
 class RecordingStatistics:
     """Medians and scatter of this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
     interval of frames at the event, the rest, the chance that two readings of the free gel are equal, how
-    uneven the gel is beside the face, and how far the face is from flat."""
+    uneven the gel is beside the face, how far the face is from flat, and, by indenter, what the gel beside the
+    other ones has in common round them (180,). `touch_share`: depth of touch, by the force, over the height.
+    """
 
     radius: dict[str, float]
     tilt: Floats
@@ -72,6 +79,8 @@ class RecordingStatistics:
     equal: float
     uneven_mm: float
     relief_mm: float
+    light: dict[str, Floats]
+    touch_share: float
 
 
 def rejection_reasons(
@@ -113,19 +122,22 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
         return Finding("footprint", "no round face is to be seen")
     if face.residual_mm > RADIUS_SHARE * face.radius_mm:
         return Finding("footprint", f"the face is not round: its edge is {face.residual_mm:.2f} mm off a circle")
-    uneven = unevenness_mm(evidence.track.face_map, face, away_from=SIDES[evidence.track.side])
-    if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.uneven_mm):
+    # a face that slides on leaves the circle of its shallow frames, and draws gel along
+    dragged = _tangential(evidence, statistics, forces) is not None
+    ring = ring_beside(evidence.track.face_map, face, away_from=SIDES[evidence.track.side])
+    uneven = unevenness_mm(ring, statistics.light[evidence.track.indenter.name])
+    if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.uneven_mm) and not dragged:
         return Finding(
             "footprint", f"beside the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
         )
     flatness = (
         relief_mm(evidence.track.face_map, face) if evidence.track.indenter.shape == "flat_cylinder" else 0.0
     )
-    if flatness > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.relief_mm):
+    if flatness > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.relief_mm) and not dragged:
         return Finding(
             "footprint", f"the face is not flat: {1e3 * flatness:.0f} µm rms beside a plane; is it chipped?"
         )
-    if not np.isfinite(nominal):
+    if not np.isfinite(nominal) or evidence.track.indenter.shape != "flat_cylinder":  # a ball touches with less
         return None
     ratio = face.radius_mm / nominal / statistics.radius.get(evidence.track.indenter.name, 1.0)
     limit = max(
@@ -195,13 +207,27 @@ def _force_stopped(evidence: PressEvidence, force: ForceWindow) -> Finding | Non
     after, until = (int(k) for k in np.searchsorted(evidence.track.time_s, (still_s, falls_s)))
     if until <= after:
         return None
-    steady = _of_three(depth)
-    there, deepest = float(steady[after]), float(np.nanmax(steady[after:until]))
-    if deepest - there > max(5 * seen.noise, 0.15 * deepest):
+    deepest = float(np.nanmax(_of_three(depth)[after:until]))
+    if _moved_mm(evidence.track, after, until=until, phases=seen) > max(5 * seen.noise, 0.15 * deepest):
         return Finding(
             "saturated", f"the force stays at {force.smooth_N.max():.2f} N while the face still goes deeper"
         )
     return None
+
+
+def _moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> float:
+    """The most that the face went deeper from frame `after` to `until`.
+
+    A face moves at its rig's pace: what jumps is a wall that is read now one way, now the other.
+    """
+    steady = _of_three(track.depth_mm)
+    steps, seconds = np.diff(steady), np.diff(track.time_s)
+    paces = (np.abs(steps) / seconds)[phases.onset : phases.hold]
+    paces = paces[np.isfinite(paces)]
+    pace = float(np.quantile(paces, 0.9)) if paces.size else np.inf  # no ramp in view tells none
+    jumps = np.abs(steps) > _MAX_PACE * pace * seconds + 5 * phases.noise
+    moves = np.where(jumps | ~np.isfinite(steps), 0.0, steps)[after : until - 1]
+    return float(np.cumsum(moves).max(initial=0.0))
 
 
 def _of_three(depth_mm: Floats) -> Floats:
@@ -266,7 +292,20 @@ def _not_touched(evidence: PressEvidence, statistics: RecordingStatistics, force
         return Finding(
             "bevel_not_touched", f"a touch of the bevel would stand only {sigma:.1f} sigma out of the noise"
         )
-    return None
+    return _elsewhere(evidence.touch.onset, indenter.height_mm, usual=statistics.touch_share)
+
+
+def _elsewhere(onset: Onset, height_mm: float, *, usual: float) -> Finding | None:
+    """A touch far from where the other presses touch is light that changes there; a faint one sooner."""
+    away = onset.at / height_mm / usual - 1
+    share = ELSEWHERE_SHARE if onset.gain <= FAINT_CHI2 else FAR_SHARE
+    if not abs(away) > max(share, 5 * onset.std / height_mm / usual):
+        return None
+    return Finding(
+        "bevel_not_touched",
+        f"what stands {np.sqrt(onset.gain):.1f} sigma out of the noise comes {100 * away:+.0f} % off the depth at "
+        "which the other presses touch: light that changes there, or another height than stated",
+    )
 
 
 def _short_rest(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:

@@ -67,7 +67,7 @@ def force(
     content = {"frames": len(rows), "read": len(read), "material": _material(material)}
     content |= {"faces_certified": anchor.depth_scale is not None}
     content |= {"warnings": list(reconstructor.warnings)}
-    content |= {"shear": _shear(read), "measured": _beside(rows)}
+    content |= {"shear": _shear(read), "measured": _beside(rows, zero_left=not recording.presses)}
     beside = write_comparison(recording, rows, folder=out / "beside")
     if beside is not None:
         console.say(f"  `tactilevision diagnose {beside}` finds what separates depth and force")
@@ -174,13 +174,15 @@ def _shear(read: list[FrameForce]) -> dict[str, Any]:
     return {"touched": len(touched), "known": len(known), "why": reason if len(known) < len(touched) else ""}
 
 
-def _beside(rows: tuple[FrameForce, ...]) -> dict[str, Any] | None:
+def _beside(rows: tuple[FrameForce, ...], *, zero_left: bool) -> dict[str, Any] | None:
     from tactilevision.force.compare import summary
 
     found = _left(rows)
     if found is None:
         return None
     said = summary(found)
+    if zero_left:
+        console.say("  the force sensor's zero is in its readings: no presses.csv says when the gel was free")
     for axis, numbers in said.items():
         if numbers["frames"]:
             console.say(

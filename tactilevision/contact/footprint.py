@@ -11,6 +11,8 @@ tilt and depth are then those of the plane nearest to its tip. Depth is taken fr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -23,6 +25,7 @@ _GRID_MM = 0.2  # mm: grid of the rough search, fine against any face
 _RING = (1.2, 1.5)  # of the radius: near enough that a tilted zero plane cancels
 _BESIDE = (1.2, 1.5)  # of the radius: beyond the steep edge
 _ROUND = 180  # directions round the face
+_MIN_RINGS = 3  # of which one may be uneven by itself
 _INNER = 0.8  # of the radius: the face without its wall
 # share of the edge's correction that is doubtful: blurs differ from a Gaussian by about that
 _CORRECTION_STD = 0.25
@@ -55,12 +58,11 @@ def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | 
     return None if circle is None else _describe(height, circle, _CORRECTION_STD * drawn)
 
 
-def unevenness_mm(height: HeightMap, face: Footprint, *, away_from: Pair) -> float:
-    """How much the depth just outside the face differs round it, rms in mm beside a mean and a slope.
+def ring_beside(height: HeightMap, face: Footprint, *, away_from: Pair) -> Floats:
+    """Depth (180,) in mm just outside the face, round it from azimuth 0 towards y, beside a mean and a slope.
 
-    Beside a disc the gel falls away alike all round; a slot, a burr or a crumb shows there even where the wall is
-    as steep as a disc's. `away_from` (x, y) points to the bevel, whose quarter is left out. NaN where less than a
-    third of the way round is in view.
+    `away_from` (x, y) points to the bevel, whose quarter is NaN. All of it is where less than a third of the way
+    round is in view.
     """
     angle = 2 * np.pi * np.arange(_ROUND) / _ROUND
     towards = np.c_[np.cos(angle), np.sin(angle)]
@@ -69,11 +71,39 @@ def unevenness_mm(height: HeightMap, face: Footprint, *, away_from: Pair) -> flo
     depth = np.where(height.valid, height.depth_mm, np.nan)
     beside = sample(depth, place_px(height, places)).mean(axis=1)
     use = np.isfinite(beside) & (towards @ np.asarray(away_from) < np.cos(np.pi / 4))
-    if use.sum() < _ROUND / 3:
+    ring = np.full(_ROUND, np.nan)
+    if use.sum() >= _ROUND / 3:
+        basis = np.c_[np.ones(_ROUND), towards][use]
+        answer, *_ = np.linalg.lstsq(basis, beside[use], rcond=None)
+        ring[use] = beside[use] - basis @ answer
+    return ring
+
+
+def shared_ring(rings: Sequence[Floats]) -> Floats:
+    """What rings (180,) in mm have most in common, of any size and sign: their first singular vector.
+
+    Shadows of fixed lamps fall to the same sides of every punch. Zero where unknown, or all
+    of it where fewer than three are known.
+    """
+    known = [np.nan_to_num(ring) for ring in rings if np.isfinite(ring).any()]
+    if len(known) < _MIN_RINGS:
+        return np.zeros(_ROUND)
+    return np.asarray(np.linalg.svd(np.array(known), full_matrices=False)[2][0])
+
+
+def unevenness_mm(ring: Floats, light: Floats) -> float:
+    """How much the depth just outside a face differs round it, rms in mm of a ring (180,) beside `light`'s share.
+
+    Beside a disc the gel falls away alike all round; a slot, a burr or a crumb shows there even where the wall is
+    as steep as a disc's. `light` (180,) is what punches other than this one show, too. NaN for an unknown ring.
+    """
+    known = np.isfinite(ring)
+    if not known.any():
         return float("nan")
-    basis = np.c_[np.ones(_ROUND), towards][use]
-    answer, *_ = np.linalg.lstsq(basis, beside[use], rcond=None)
-    return float(np.sqrt(np.mean((beside[use] - basis @ answer) ** 2)))
+    own, shared = ring[known], light[known]
+    if shared.any():
+        own = own - shared * (shared @ own) / (shared @ shared)
+    return float(np.sqrt(np.mean(own**2)))
 
 
 def relief_mm(height: HeightMap, face: Footprint) -> float:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from tactilevision.certificate.force.event_force import force_in_dwell, force_on_ramp
-from tactilevision.certificate.force.phases import find_phases
+from tactilevision.certificate.force.phases import Phases, find_phases
 from tactilevision.certificate.force.tare import find_tare
 from tactilevision.certificate.force.window import force_window
-from tactilevision.certificate.rejection import _force_stopped
+from tactilevision.certificate.rejection import _elsewhere, _force_stopped, _moved_mm
 from tactilevision.certificate.touch.force_crossing import event_force, force_crossing
 from tactilevision.records import Floats, ForceSeries, Press
 
@@ -191,3 +191,40 @@ def test_a_wall_read_wrongly_on_the_way_out_is_no_force_that_has_stopped(
     seen = depth_mm(frames) + wrong + 0.002 * rng.standard_normal(frames.size)
     evidence: Any = SimpleNamespace(track=SimpleNamespace(time_s=frames, depth_mm=seen), offset_s=0.0)
     assert (_force_stopped(evidence, force) is not None) is stopped
+
+
+@pytest.mark.parametrize("rail_N", [9.0, 0.7])
+def test_a_wall_read_now_one_way_now_the_other_is_no_face_that_goes_deeper(rail_N: float) -> None:
+    """In a hold, four of ten frames read the wall 45 % deeper, as beside shadows."""
+    rng = np.random.default_rng(5)
+
+    def depth_mm(time_s: Floats) -> Floats:
+        return np.asarray(np.interp(time_s, [1.0, 2.3, 2.8, 4.1], [0.0, 0.33, 0.33, 0.0]))
+
+    clock, frames = np.arange(0.0, 5.0, 0.005), np.arange(0.0, 5.0, 1 / 30)
+    normal = np.minimum(4.1 * depth_mm(clock), rail_N) + 0.01 * rng.standard_normal(clock.size)
+    force: Any = SimpleNamespace(time_s=clock, smooth_N=normal, phases=find_phases(normal))
+    deeper = np.where((frames > 2.3) & (rng.random(frames.size) < 0.4), 0.45, 0.0)
+    seen = depth_mm(frames) * (1 + deeper) + 0.002 * rng.standard_normal(frames.size)
+    evidence: Any = SimpleNamespace(track=SimpleNamespace(time_s=frames, depth_mm=seen), offset_s=0.0)
+    assert (_force_stopped(evidence, force) is not None) is (rail_N < 2)
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "at_mm", "named"),
+    [(6.0, 0.38, True), (6.0, 0.45, False), (14.0, 0.38, False), (9.0, 0.53, True), (30.0, 0.31, True)],
+)
+def test_a_touch_far_from_where_the_others_touch_is_none(sigmas: float, at_mm: float, named: bool) -> None:
+    onset: Any = SimpleNamespace(at=at_mm, std=0.004, gain=sigmas**2)
+    finding = _elsewhere(onset, 0.5, usual=0.917)
+    assert (finding is not None) is named
+    assert finding is None or (finding.reason == "bevel_not_touched" and f"{sigmas:.1f} sigma" in finding.text)
+    assert _elsewhere(onset, 0.5, usual=float("nan")) is None
+
+
+def test_a_ramp_between_two_frames_tells_no_pace() -> None:
+    """The frames jump from the free gel to the hold: what grows then may be the face."""
+    frames = np.array([0.0, 0.1, 0.2, 0.3, 2.0, 2.1, 2.2, 2.3, 2.4, 2.5, 2.6])
+    depth = np.array([0.0, 0.0, 0.0, 0.0, 0.30, 0.32, 0.34, 0.36, 0.38, 0.40, 0.40])
+    track: Any = SimpleNamespace(time_s=frames, depth_mm=depth)
+    assert _moved_mm(track, 4, until=10, phases=Phases(4, 4, 10, 11, 0.001)) == pytest.approx(0.08, abs=0.021)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tactilevision.cli import force as command
 from tactilevision.cli import main
 from tactilevision.recording import read_recording
 
@@ -109,3 +110,17 @@ def test_a_gel_that_the_force_sensor_finds_stiffer_is_warned_of(
     softer = CALIBRATION | {"youngs_modulus_MPa": 0.05}
     assert force(monkeypatch, recording, softer, "--pictures", 0)[0] == 0
     assert "another sensor" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("left", [True, False])
+def test_a_zero_that_cannot_be_taken_off_is_told(
+    left: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without presses.csv nothing says when the gel was free."""
+    said = {"z": {"rms_N": 0.4, "frames": 3, "inside_interval95": 0.0, "ratio": 1.0}}
+    monkeypatch.setattr(command, "_left", lambda rows: rows)
+    monkeypatch.setattr("tactilevision.force.compare.summary", lambda found: said)
+    assert command._beside((), zero_left=left) == said
+    out = capsys.readouterr().out
+    assert "rms 0.400 N" in out
+    assert ("no presses.csv" in out) is left

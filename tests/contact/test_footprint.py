@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from contact_scenes import Scene, height_map
 
-from tactilevision.contact.footprint import find_footprint, relief_mm
+from tactilevision.contact.footprint import find_footprint, relief_mm, shared_ring, unevenness_mm
 from tactilevision.integration.circle import fit_circle
 from tactilevision.records import HeightMap
 
@@ -140,3 +140,22 @@ def test_a_chip_is_no_tilt(turn: float) -> None:
     found = find_footprint(chipped, tilted.indenter())
     assert found is not None
     assert relief_mm(chipped, found) > 0.05 * found.depth_mm
+
+
+def test_what_other_punches_show_on_the_same_sides_is_light_and_a_crumb_is_not() -> None:
+    """Three shadows at fixed azimuths, deeper presses darker; one press has a crumb of 30 um on one side."""
+    azimuth = 2 * np.pi * np.arange(180) / 180
+    rng = np.random.default_rng(1)
+    shadows = sum(np.exp(-((np.angle(np.exp(1j * (azimuth - at))) / 0.5) ** 2)) for at in (0.4, 2.9, 4.6))
+    shadows = shadows - shadows.mean()
+    others = [size * shadows + 0.001 * rng.standard_normal(180) for size in (-0.004, 0.008, 0.02, 0.022, 0.03)]
+    light = shared_ring(others)
+    plain = 0.04 * shadows + 0.001 * rng.standard_normal(180)
+    crumb = plain + 0.03 * (np.abs(azimuth - 1.6) < 0.4)
+    assert unevenness_mm(plain, np.zeros(180)) > 0.012
+    assert unevenness_mm(plain, light) < 0.003
+    assert unevenness_mm(crumb, light) > 0.008
+    hidden = np.where(np.abs(azimuth - 3) < 0.7, np.nan, plain)
+    assert unevenness_mm(hidden, light) < 0.004
+    assert np.isnan(unevenness_mm(np.full(180, np.nan), light))
+    assert not shared_ring(others[:2]).any()
