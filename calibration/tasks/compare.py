@@ -243,7 +243,7 @@ def _read_anew(seen: Fit, data: Observations | None) -> Fit:
     if data is None:
         raise InputError(
             "its cure is to read the frames anew, and they show none of it or were not read anew",
-            remedy="It needs reference pictures of balls, which tell the lamps.",
+            remedy="It needs ball presses that three near lamps explain, and frames of deep presses.",
         )
     begin = fit_vision_depth(data)
     assert begin is not None

@@ -41,7 +41,7 @@ from calibration.inputs.phase import in_phase
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
 from calibration.result.material import AT_BOUND, material_by_routes
-from calibration.result.poisson_routes import informed
+from calibration.result.poisson_routes import informed, of_bulge, of_prior, tightest
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import base_fit, base_model, fit_alone
 from calibration.tasks.fit_errors import fit_errors, with_stated_noise
@@ -102,7 +102,8 @@ def _diagnosed(
     watch: Watch,
 ) -> Diagnosis:
     """These presses, all of them."""
-    seen, data = fit_vision_depth(data), informed(data, bulge, bound=bound)
+    seen, source = fit_vision_depth(data), _source_of_nu(data, bulge, bound)
+    data = informed(data, bulge, bound=bound)
     model = base_model(data)
     for effect in known:
         of_picture = None if seen is None else _of_picture(effect, seen, data)
@@ -123,7 +124,19 @@ def _diagnosed(
         others = [one for one in in_picture(seen.data) if one.key not in known_there]
         sight = outcome(forward_selection(seen, others, rng=rng, level=level, watch=watch), level)
     watch.tell("what it does to the material")
-    return _determine(force, sight, catalogue, rng)
+    found = _determine(force, sight, catalogue, rng)
+    return replace(found, before=_sourced(found.before, source), after=_sourced(found.after, source))
+
+
+def _source_of_nu(data: Observations, bulge: Estimate | None, bound: Pair | None) -> str:
+    """Which route told most of what was known of nu before any force was fitted."""
+    return tightest((*of_bulge(bulge), *of_prior(data.gel, bulge=bulge, bound=bound)))
+
+
+def _sourced(result: CalibrationResult, source: str) -> CalibrationResult:
+    """The result, which takes what was known of nu for stated, with where it came from."""
+    known = result.poisson_ratio_source == "prior" and result.poisson_ratio.value is not None
+    return replace(result, poisson_ratio_source=source) if known else result
 
 
 def _of_picture(effect: Effect, seen: Fit, data: Observations) -> Fit | None:

@@ -47,7 +47,6 @@ def train(
     from tactilevision.photometric import PHOTOMETRIC
     from tactilevision.photometric.card import provenance
     from tactilevision.reconstruct import calibrate_light
-    from tactilevision.reconstruct.lamps import with_lamps
 
     if method not in PHOTOMETRIC:
         raise InputError(
@@ -72,9 +71,7 @@ def train(
     assert made.referenced is not None
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
     known, certified = _certified(source, made)
-    with console.progress_bar("looking for the lamps"):
-        method_with_lamps = with_lamps(source, made, made.referenced)
-    kept = _with_walls(source, made, method_with_lamps, certified)
+    kept = _with_walls(source, made, _with_lamps(source, made, made.referenced), certified)
     if getattr(kept, "walls", None) is not None:
         known["flat_steps_walls"] = "as read before these faces taught the walls' law"
     card = made.referenced.card.extended(known | provenance(data, licence=licence))
@@ -162,6 +159,13 @@ def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], 
     console.warn([doubt] if doubt else [])
     known: Mapping[str, Any] = told("flat_steps", steps) if steps else {"flat_steps": why}
     return ({**known, "doubt_of_scale": doubt} if doubt else dict(known)), certified
+
+
+def _with_lamps(source: Recording, made: Reconstructor, method: ReferencedMethod) -> ReferencedMethod:
+    from tactilevision.reconstruct.lamps import with_lamps
+
+    with console.progress_bar("looking for the lamps"):
+        return with_lamps(source, made, method)
 
 
 def _with_walls(

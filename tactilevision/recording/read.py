@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout, pictures
 from tactilevision.recording.checks import check_forces_cover, doubts
-from tactilevision.recording.model import Recording
+from tactilevision.recording.model import BallPress, Recording
 from tactilevision.recording.protocol import read_curves, read_points, read_presses
 from tactilevision.recording.sensor import build_sensor
 from tactilevision.recording.series import as_three, read_forces, read_stage, rotation
@@ -112,11 +112,8 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
     white = settings.sensor.white_level
     flats = pictures.find_flats(root)
     balls, ball_notes = pictures.find_balls(root)
-    size, seen = None, names
-    if frames_path is not None:
-        size, seen = pictures.first_look(frames_path, names, white_level=white)
-    elif balls and flats and not _named(root, layout.CURVES, layout.POINTS):
-        size, seen = pictures.first_look(flats[0].parent, [flat.name for flat in flats], white_level=white)
+    looked = (frames_path, names) if frames_path else _light_alone(root, flats, balls)
+    size, seen = pictures.first_look(*looked, white_level=white) if looked else (None, ())
     sensor, notes = build_sensor(settings.sensor, toml, frame_size_px=size)
     if size is not None:
         pictures.check_references(size, [*flats[:1], *(ball.path for ball in balls[:1])])
@@ -133,6 +130,13 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
         extra=extra,
         warnings=recording.warnings + warnings + seen + notes + ball_notes,
     )
+
+
+def _light_alone(root: Path, flats: Sequence[Path], balls: Sequence[BallPress]) -> tuple[Path, list[str]] | None:
+    """Folder and names of the pictures that tell the size of a recording of ball presses and nothing else."""
+    if not (flats and balls) or _named(root, layout.CURVES, layout.POINTS):
+        return None
+    return flats[0].parent, [flat.name for flat in flats]
 
 
 def _check_no_frames_needed(recording: Recording) -> None:

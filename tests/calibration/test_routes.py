@@ -15,6 +15,7 @@ from calibration.result.joint_region import joint_picture
 from calibration.result.poisson_routes import informed, of_beta
 from calibration.tasks.calibrate import calibrate, observe
 from calibration.tasks.compare import plain_law, prepare
+from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Estimate, Material
@@ -55,6 +56,14 @@ def test_the_source_is_the_tightest_route(std: float, source: str) -> None:
         "beta": False,
     }
     assert content["routes_apart_sigma"] < 3
+
+
+def test_a_diagnosis_names_the_source_as_calibrate_does() -> None:
+    measured, rng = drawn(OPEN), np.random.default_rng(0)
+    found = diagnose(observe([measured]), rng, bulge=bulge(0.478, 0.003))
+    assert (found.before.poisson_ratio_source, found.after.poisson_ratio_source) == ("bulge", "bulge")
+    stated = diagnose(observe([drawn(STATED)]), rng)
+    assert stated.after.poisson_ratio_source == "prior"
 
 
 def test_routes_that_contradict_each_other_widen_the_interval_and_say_so() -> None:
