@@ -53,21 +53,24 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
         equal=_equal(presses),
         uneven_mm=_median(uneven),
         light=light,
-        touch_share=_touch_share(presses.values()),
+        touch_share=_touch_shares(presses.values()),
         relief_mm=_median(flatness),
     )
 
 
-def _touch_share(presses: Iterable[PressEvidence]) -> float:
-    """Median over the presses that touched; NaN, which finds none elsewhere, where fewer than three did."""
-    shares = [
-        evidence.touch.onset.at / evidence.track.indenter.height_mm
-        for evidence in presses
-        if evidence.touch is not None
-        and evidence.track.indenter.height_mm
-        and evidence.touch.onset.gain > DETECTION_CHI2
-    ]
-    return float(np.median(shares)) if len(shares) >= 3 else float("nan")
+def _touch_shares(presses: Iterable[PressEvidence]) -> dict[float, float]:
+    """Median over the presses of a radius that touched; of all radii where fewer than three did; else NaN.
+
+    How far the gel rises at the bevel depends on the radius.
+    """
+    shares: dict[float, list[float]] = {}
+    for evidence in presses:
+        indenter, touch = evidence.track.indenter, evidence.touch
+        if touch is not None and indenter.height_mm and touch.onset.gain > DETECTION_CHI2:
+            shares.setdefault(indenter.radius_mm, []).append(touch.onset.at / indenter.height_mm)
+    everything = [share for found in shares.values() for share in found]
+    common = float(np.median(everything)) if len(everything) >= 3 else float("nan")
+    return {radius: float(np.median(found)) if len(found) >= 3 else common for radius, found in shares.items()}
 
 
 def _median(values: Sequence[float]) -> float:

@@ -33,6 +33,7 @@ FORCE_SHARE = 0.005  # of the force, what a gap between frames may leave open
 FAINT_CHI2 = 4 * DETECTION_CHI2  # ten sigma, below which light that drifts may pass for a touch
 ELSEWHERE_SHARE = 0.05  # of the depth of touch: more than heights and gels differ by from press to press
 FAR_SHARE = 0.2  # of it: more than a gel softens by, over several presses, or a height is ground off
+ZERO_MM = 0.015  # that the zeros of presses' depths may lie apart by
 _MAX_GAP = 2.5  # of the median interval at the event: one lost frame and jitter are no gap; benchmarks.certificate
 _MAX_PACE = 3.0  # times the pace of all but the fastest tenth of the ramp, that a face moves at between two frames
 _MIN_REST = 0.5  # of the median rest, that a press must have had
@@ -68,7 +69,8 @@ class RecordingStatistics:
     """Medians and scatter of this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
     interval of frames at the event, the rest, the chance that two readings of the free gel are equal, how
     uneven the gel is beside the face, how far the face is from flat, and, by indenter, what the gel beside the
-    other ones has in common round them (180,). `touch_share`: depth of touch, by the force, over the height.
+    other ones has in common round them (180,). `touch_share`, by radius in mm: depth of touch, by the force, over
+    the height, NaN where it is not known.
     """
 
     radius: dict[str, float]
@@ -80,7 +82,7 @@ class RecordingStatistics:
     uneven_mm: float
     relief_mm: float
     light: dict[str, Floats]
-    touch_share: float
+    touch_share: dict[float, float]
 
 
 def rejection_reasons(
@@ -292,14 +294,15 @@ def _not_touched(evidence: PressEvidence, statistics: RecordingStatistics, force
         return Finding(
             "bevel_not_touched", f"a touch of the bevel would stand only {sigma:.1f} sigma out of the noise"
         )
-    return _elsewhere(evidence.touch.onset, indenter.height_mm, usual=statistics.touch_share)
+    usual = statistics.touch_share.get(indenter.radius_mm, float("nan"))
+    return _elsewhere(evidence.touch.onset, indenter.height_mm, usual=usual)
 
 
 def _elsewhere(onset: Onset, height_mm: float, *, usual: float) -> Finding | None:
     """A touch far from where the other presses touch is light that changes there; a faint one sooner."""
     away = onset.at / height_mm / usual - 1
     share = ELSEWHERE_SHARE if onset.gain <= FAINT_CHI2 else FAR_SHARE
-    if not abs(away) > max(share, 5 * onset.std / height_mm / usual):
+    if not abs(away) > max(share, 5 * onset.std / height_mm / usual, ZERO_MM / height_mm):
         return None
     return Finding(
         "bevel_not_touched",

@@ -12,6 +12,7 @@ from tactilevision.certificate.force.event_force import force_in_dwell, force_on
 from tactilevision.certificate.force.phases import Phases, find_phases
 from tactilevision.certificate.force.tare import find_tare
 from tactilevision.certificate.force.window import force_window
+from tactilevision.certificate.recording_statistics import _touch_shares
 from tactilevision.certificate.rejection import _elsewhere, _force_stopped, _moved_mm
 from tactilevision.certificate.touch.force_crossing import event_force, force_crossing
 from tactilevision.records import Floats, ForceSeries, Press
@@ -220,6 +221,23 @@ def test_a_touch_far_from_where_the_others_touch_is_none(sigmas: float, at_mm: f
     assert (finding is not None) is named
     assert finding is None or (finding.reason == "bevel_not_touched" and f"{sigmas:.1f} sigma" in finding.text)
     assert _elsewhere(onset, 0.5, usual=float("nan")) is None
+
+
+def test_zeros_of_gentle_presses_may_lie_apart_and_radii_touch_each_at_their_own_depth() -> None:
+    gentle: Any = SimpleNamespace(at=0.127, std=0.0005, gain=36.0)
+    assert _elsewhere(gentle, 0.15, usual=0.917) is None, "11 um off"
+    deep: Any = SimpleNamespace(at=0.505, std=0.0005, gain=36.0)
+    assert _elsewhere(deep, 0.6, usual=0.917) is not None, "as large a part of a deep one is 45 um"
+
+    def press(radius_mm: float, share: float, gain: float = 400.0) -> Any:
+        indenter = SimpleNamespace(radius_mm=radius_mm, height_mm=0.4)
+        onset = SimpleNamespace(at=0.4 * share, gain=gain)
+        return SimpleNamespace(track=SimpleNamespace(indenter=indenter), touch=SimpleNamespace(onset=onset))
+
+    made = [press(2.5, share) for share in (0.90, 0.91, 0.92, 0.93)] + [press(4.0, 0.80), press(4.0, 0.82)]
+    assert _touch_shares(made) == pytest.approx({2.5: 0.915, 4.0: 0.905}), "two do not tell their own"
+    assert _touch_shares([*made, press(4.0, 0.81)])[4.0] == pytest.approx(0.81)
+    assert np.isnan(_touch_shares([press(2.5, 0.9), press(2.5, 0.9, gain=0.0)])[2.5])
 
 
 def test_a_ramp_between_two_frames_tells_no_pace() -> None:
