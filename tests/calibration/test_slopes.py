@@ -109,7 +109,7 @@ def test_shadows_are_cured_by_reading_frames_anew_or_left_out_with_the_reason() 
     assert cured.pictured[1].parameters == ()
     left = compare(dark, ["cast_shadow"], rng=np.random.default_rng(0))
     assert left.left_out[0][0] == "cast_shadow"
-    assert "balls" in left.left_out[0][1]
+    assert "ball presses" in left.left_out[0][1]
 
 
 def _dark(depth_mm: float, fall: EdgeDrop) -> float:
