@@ -16,14 +16,8 @@ from calibration.repeats.repeat_noise import drawn_noise
 from tactilevision.records import Floats
 
 SEEN = 0.02  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
-GAINS = (
-    1.0,
-    0.125,
-    0.25,
-    0.5,
-    2.0,
-    4.0,
-)  # over the presses' estimated gain, that are tried: 4 % may be .5 % and 1 % 4 %
+# over the presses' estimated gain, that are tried: 4 % may be .5 % and 1 % 4 %
+GAINS = (1.0, 0.125, 0.25, 0.5, 2.0, 4.0)
 LARGER = np.geomspace(1.0, 64.0, 13)  # over the presses' gain, that stand for what changes from press to press
 
 
