@@ -78,12 +78,15 @@ def calibration_page(
     notes: Sequence[str] = (),
     why: str = "none of them can be trusted",
 ) -> str:
-    """The page for one recording; `result` is None where its presses fix no material, and `why` says so."""
+    """The page for one recording; `result` is None where its presses fix no material, and `why` says so.
+
+    `notes`: what was said before that, which a result holds in its warnings.
+    """
     if result is None:
         head = page.paragraph("The presses of this recording fix no material: " + why, kind="lead bad")
         details = page.section("Notes", page.listing(notes))
     else:
-        head, details = _lead(result) + _head(result), _details(result, notes)
+        head, details = _lead(result) + _head(result), _details(result)
     return page.page(
         title,
         head,
@@ -148,10 +151,10 @@ def _routes(result: CalibrationResult) -> str:
     return page.table(("route to ν", "value and 95 % interval", ""), rows)
 
 
-def _details(result: CalibrationResult, notes: Sequence[str]) -> str:
+def _details(result: CalibrationResult) -> str:
     return (
         page.section("Poisson's ratio by route", _routes(result))
-        + page.section("Warnings", page.listing([*result.warnings, *notes]))
+        + page.section("Warnings", page.listing(result.warnings))
         + page.section("What this rests on", page.listing(result.assumptions))
         + page.section("Computed with", page.paragraph(_versions(result), kind="soft"))
     )

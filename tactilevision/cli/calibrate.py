@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tactilevision.cli import console
-from tactilevision.cli.measure import Taken, beside_the_punch, oldest_first, take
+from tactilevision.cli.measure import Taken, beside_the_punch, oldest_first, take, with_what_was_read
 
 if TYPE_CHECKING:
     from calibration.result.result import CalibrationResult
@@ -129,8 +129,7 @@ def calibrate_one(taken: Taken, law: str, *, prior: bool = True) -> Outcome:
         if isinstance(fault, InputError) and not looked_at and all(point.accepted for point in taken.points):
             raise
         return Outcome(taken, _unfixed(taken, law, str(fault)), fault=fault)
-    if taken.certificate is not None and taken.certificate.flags:
-        result = replace(result, flags=(*result.flags, *taken.certificate.flags))
+    result = with_what_was_read(result, [taken])
     return Outcome(taken, result.as_json(), result)
 
 
@@ -138,10 +137,8 @@ def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
     """calibration.json of a recording whose presses fix no material."""
     from calibration.result.undetermined import unfixed_as_json
 
-    gel, certificate = taken.recording.sensor.gel, taken.certificate
-    clock, notes = (certificate.clock_offset, certificate.warnings) if certificate else (None, ())
-    warnings = (*taken.recording.warnings, *notes)
-    return unfixed_as_json(gel, taken.points, why=why, law=law, clock_offset=clock, warnings=warnings)
+    gel, clock = taken.recording.sensor.gel, taken.certificate.clock_offset if taken.certificate else None
+    return unfixed_as_json(gel, taken.points, why=why, law=law, clock_offset=clock, warnings=taken.warnings)
 
 
 def _write(outcome: Outcome, folder: Path, form: str) -> None:
@@ -163,7 +160,7 @@ def _write(outcome: Outcome, folder: Path, form: str) -> None:
         presses = (
             pictures.of_presses(recording, certificate, folder=figures, progress=progress) if certificate else []
         )
-    notes = [*recording.warnings, *(certificate.warnings if certificate else ())]
+    notes = taken.warnings if result is None else ()
     title, why = f"Calibration of {recording.name}", str(outcome.fault)
     write_text(
         folder / "report.html",
@@ -220,7 +217,7 @@ def _tell(outcome: Outcome, out: Path) -> None:
     from calibration.result.undetermined import in_words
 
     if outcome.result is not None:
-        console.warn(outcome.result.warnings)
+        console.warn([line for line in outcome.result.warnings if line not in outcome.taken.warnings])
         console.say(*summary(outcome.result))
     else:
         console.say(*in_words(outcome.taken.points))

@@ -14,6 +14,7 @@ import typer
 
 from tactilevision.cli import console
 from tactilevision.cli.analysis import (
+    ANSWERED,
     Private,
     Recordings,
     Seed,
@@ -26,6 +27,7 @@ from tactilevision.cli.analysis import (
     observed,
     taken_with_nu,
 )
+from tactilevision.cli.measure import with_what_was_read
 from tactilevision.cli.steps import forget_found, keep_calibration
 
 if TYPE_CHECKING:
@@ -74,6 +76,9 @@ def diagnose(
         watch, data = Watch(progress, deadline, each), observed(taken)
         asked = partial(method.diagnose, data, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
         found = _asked_of_frames(asked, taken, seed)
+    own_warnings = found.after.warnings
+    before, after = (with_what_was_read(one, taken, answered=ANSWERED) for one in (found.before, found.after))
+    found = replace(found, before=before, after=after)
     files = sure_files | own_files
     steps = [*(Step(effect.key, files.get(effect.key, "")) for effect in sure), *steps_of(found, files)]
     commands = commands_of(recordings, found, files, prior=prior)
@@ -89,7 +94,7 @@ def diagnose(
         figures = FigureFolder(stage, form)
         write_diagnosis(found, figures, title=title, private=own, reliefs=surfaces, commands=commands)
     forget_found(out)
-    console.warn(found.after.warnings)
+    console.warn(own_warnings)
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content, json)

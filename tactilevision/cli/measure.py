@@ -11,6 +11,7 @@ from tactilevision.cli import console
 
 if TYPE_CHECKING:
     from calibration.inputs.observations import Measured
+    from calibration.result.result import CalibrationResult
     from tactilevision.certificate.certificate import Certificate
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
@@ -37,6 +38,11 @@ class Taken:
 
         curves = self.recording.curves if self.certificate is None else ()
         return Measured(self.recording, self.points, curves)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Of the recording, of its light and of the certificate: what was said while they were read."""
+        return (*self.recording.warnings, *(self.certificate.warnings if self.certificate else ()))
 
 
 def oldest_first(paths: Sequence[Path]) -> list[Recording]:
@@ -90,6 +96,19 @@ def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
     return replace(taken, certificate=certificate), found
 
 
+def with_what_was_read(
+    result: CalibrationResult, taken: Sequence[Taken], *, answered: str = ""
+) -> CalibrationResult:
+    """The result with the warnings and flags of what it was fitted to, before its own."""
+    said = tuple(line for one in taken for line in _unanswered(one.warnings, answered))
+    flags = tuple(flag for one in taken if one.certificate for flag in one.certificate.flags)
+    return replace(
+        result,
+        warnings=tuple(dict.fromkeys((*said, *result.warnings))),
+        flags=tuple(dict.fromkeys((*result.flags, *flags))),
+    )
+
+
 def _certified(recording: Recording, answered: str) -> Taken:
     from tactilevision.certificate.certify import certify, require_all
     from tactilevision.reconstruct import calibrate_light
@@ -97,13 +116,14 @@ def _certified(recording: Recording, answered: str) -> Taken:
     require_all(recording)
     with console.progress_bar("calibrating the light"):
         reconstructor = calibrate_light(recording, "polynomial" if recording.balls else None)
-    _warn(reconstructor.warnings, answered)
+    console.warn(_unanswered(reconstructor.warnings, answered))
     with console.progress_bar("certifying presses") as progress:
         certificate = certify(recording, reconstructor, progress=progress)
-    _warn(certificate.warnings, answered)
+    console.warn(_unanswered(certificate.warnings, answered))
     told = (*reconstructor.warnings, *certificate.warnings)
     return Taken(recording, replace(certificate, warnings=told), reconstructor)
 
 
-def _warn(lines: Sequence[str], answered: str) -> None:
-    console.warn([line for line in lines if not answered or answered not in line])
+def _unanswered(lines: Sequence[str], answered: str) -> list[str]:
+    """The lines that do not ask what the command itself answers."""
+    return [line for line in lines if not answered or answered not in line]

@@ -9,13 +9,18 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.main import get_command
 
+from calibration.result.result import NO_CLOCK
+from tactilevision.certificate.certificate import Certificate
 from tactilevision.cli import console, main
 from tactilevision.cli.app import app
+from tactilevision.cli.calibrate import calibrate_one
+from tactilevision.cli.measure import Taken
 from tactilevision.recording import read_recording
 
 ROOT = Path(__file__).parents[2]
@@ -46,6 +51,21 @@ def test_the_papers_points_give_the_papers_figures(
     assert "reproduction" in out.out
     assert "outside of what contact laws allow" in out.err
     assert "<img" in (tmp_path / "report.html").read_text()
+
+
+def test_what_was_said_while_frames_were_read_stands_in_the_result() -> None:
+    recording = replace(read_recording(PAPER), warnings=("no rectification",))
+    certificate = Certificate(
+        points=recording.points,
+        curves=(),
+        clock_offset=NO_CLOCK,
+        evidence={},
+        warnings=("lamps cast shadows",),
+        flags=("cast_shadow",),
+    )
+    content = calibrate_one(Taken(recording, certificate), "default").content
+    assert content["warnings"][:2] == ["no rectification", "lamps cast shadows"]
+    assert "cast_shadow" in content["flags"]
 
 
 def test_one_punch_does_not_fix_nu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -174,6 +174,9 @@ def test_the_shadows_of_a_path_tracer_are_named_from_its_pictures(
     assert run(monkeypatch, "diagnose", SHADOW, "--out", tmp_path / "out") == 0
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert (found["verdict"], found["candidates"]) == ("IDENTIFIED", ["cast_shadow"])
-    low, high = found["material"]["after"]["youngs_modulus_MPa"]["interval95"]
+    after = found["material"]["after"]
+    assert "cast_shadow" in after["flags"]
+    assert any("lamps cast shadows" in line for line in after["warnings"])
+    low, high = after["youngs_modulus_MPa"]["interval95"]
     truth = tomllib.loads((SHADOW / "truth.toml").read_text())
     assert low < truth["youngs_modulus_MPa"] < high
