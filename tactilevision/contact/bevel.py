@@ -23,6 +23,9 @@ STEP_MM = 0.1  # mm between the places of a strip, about a pixel
 HALF_WIDTH_MM = 1.5  # along a straight edge at twice the radius the gel rises alike within that
 EDGE_MM = 0.15  # to both sides of the bevel's edge: the dent is some pixels wide while it is shallow
 FLANK_MM = (0.6, 1.2)  # from the edge: near enough to share its long-waved noise, far enough to be off the dent
+_CLEAR = 2.0  # stds before a first onset, up to where the picture is taken to be untouched
+_LATE = 0.3  # of the growth seen, from which the picture's change is the template
+_MIN_FRAMES = 3  # before the onset, from which a straight course is taken
 _WALL_MM = 0.4  # beyond the punch's edge, where its wall is still steep
 
 
@@ -86,22 +89,27 @@ def picture_signal(
 ) -> Floats | None:
     """Change of the colours (N, S, 3) beside the bevel's edge, along the change that follows a first onset.
 
-    Each colour and place is freed of its smooth course in depth; what it does after the onset is the template,
-    weighed by its own noise. In units of the template: it grows with the depth beyond the touch. None
-    where the touch does not show in the colours.
+    Of each colour and place the course before the onset, straight in depth, is taken away; what is left long after
+    it is the template. So a first onset some deviations off leaves the template as it is. Colours weigh by their
+    noise; places do not, since those where a late onset fits best would weigh most. In units of the template: it
+    grows with the depth beyond the touch. None where the touch does not show in the colours.
     """
     near = np.asarray(np.abs(s - distance_mm) <= FLANK_MM[1])
-    traces = colours[:, near].reshape(len(colours), -1)
-    traces = traces[:, np.isfinite(traces).all(axis=0)]
-    after = onset.growth(depth_mm - onset.at)
-    basis = np.c_[np.ones_like(depth_mm), depth_mm, depth_mm**2, after]
-    if traces.shape[1] == 0 or (after > 0).sum() < 3 or np.linalg.matrix_rank(basis) < 4:
+    traces = colours[:, near].reshape(len(colours), -1).astype(np.float64)
+    seen = np.isfinite(traces).all(axis=0)
+    grown = onset.growth(depth_mm - onset.at)
+    before, late = depth_mm < onset.at - _CLEAR * onset.std, grown > _LATE * grown.max()
+    if before.sum() < _MIN_FRAMES:
+        before = depth_mm < onset.at
+    if not seen.any() or before.sum() < _MIN_FRAMES or not grown.any():
         return None
-    coefficients, *_ = np.linalg.lstsq(basis, traces, rcond=None)
-    noise = (traces - basis @ coefficients).std(axis=0) + 1e-9
-    template = coefficients[3]
-    strength = (template / noise) ** 2
-    if not strength.sum() > 0:
-        return None
-    free = traces - basis[:, :3] @ coefficients[:3]
-    return np.asarray((free * template / noise**2).sum(axis=1) / strength.sum(), dtype=np.float64)
+    course = np.c_[np.ones_like(depth_mm), depth_mm]
+    coefficients, *_ = np.linalg.lstsq(course[before], traces[np.ix_(before, seen)], rcond=None)
+    change = np.zeros_like(traces)
+    change[:, seen] = traces[:, seen] - course @ coefficients
+    template = grown[late] @ change[late] / (grown[late] @ grown[late])
+    scatter = change[before].reshape(int(before.sum()), -1, colours.shape[-1])
+    noise = np.sqrt((scatter**2).mean(axis=(0, 1))) + 1e-9
+    weights = template / np.resize(noise, template.size) ** 2
+    strength = float(weights @ template)
+    return np.asarray(change @ weights / strength, dtype=np.float64) if strength > 0 else None
