@@ -63,18 +63,24 @@ class ZeroPlane:
 
 
 def find_zero_plane(
-    depth: Depth, untouched: Bools, *, mm_per_px: Pair, thickness_mm: float | None = None
+    depth: Depth,
+    untouched: Bools,
+    *,
+    mm_per_px: Pair,
+    thickness_mm: float | None = None,
+    trusted: Bools | None = None,
 ) -> ZeroPlane:
     """The zero plane of `depth` (H, W), in mm.
 
-    `untouched` (h, w) are blocks of it, a coarser picture of the same view.
+    `untouched` (h, w) are blocks of it, a coarser picture of the same view. The plane is fitted to `trusted` ones,
+    all where None; the others, too dark to be read, are no contact that gel would rise beside.
 
     With too little untouched gel to fix a tilt the offset alone is taken, and with none at all the median, its
     uncertainty then the spread of the whole map.
     """
     blocks = _means(np.asarray(depth), untouched.shape)
-    gel = _outer_gel(untouched, blocks)
-    flat = gel.ravel()
+    gel = _outer_gel(untouched if trusted is None else untouched | ~trusted, blocks)
+    flat = (gel if trusted is None else gel & trusted).ravel()
     count = np.count_nonzero(flat)
     if count < MIN_BLOCKS:
         return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(flat.mean()))
@@ -82,7 +88,7 @@ def find_zero_plane(
     tilts = [1, 2]
     if 3 * count < 2 * len(flat):  # two thirds of them never lie within half of the picture
         tilts = [k for k in tilts if np.ptp(terms[k, flat]) > 1.0]
-    used = [0, *tilts, *((3, 4) if count < len(flat) else ())]
+    used = [0, *tilts, *(() if gel.all() else (3, 4))]
     decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
     solution, std, inverse = _reweighted_fit(
         terms if len(used) == len(terms) else terms[used], blocks, flat, rises=4 in used, decay_std=decay_std

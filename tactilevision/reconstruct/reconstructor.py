@@ -221,7 +221,7 @@ class Reconstructor:
                 tiles.fine, tiles.windows, valid=tiles.valid, mm_per_px=self.sensor.mm_per_px, law=law
             )
         coarse = grids.coarse(tiles.coarse, tiles.windows, fine=tiles.fine)
-        self.zero = self._zero_plane(coarse, tiles.drift.untouched & method.trusted_blocks, grids.coarse_mm)
+        self.zero = self._zero_plane(coarse, tiles.drift.untouched, grids.coarse_mm)
         level(coarse, self.zero)
         tilt = slope_of(self.zero, coarse.shape, mm_per_px=grids.coarse_mm)
         surface = grids.whole(coarse, tiles.windows, fine=tiles.fine, tilt=tilt)
@@ -303,10 +303,9 @@ class Reconstructor:
         return walls
 
     def _zero_plane(self, depth: npt.NDArray[Any], untouched: Bools, mm_per_px: Pair) -> ZeroPlane:
-        gel = self.sensor.gel
-        return find_zero_plane(
-            depth, untouched, mm_per_px=mm_per_px, thickness_mm=gel.thickness_mm if gel else None
-        )
+        gel, trusted = self.sensor.gel, self.referenced.trusted_blocks if self.referenced else None
+        thickness = gel.thickness_mm if gel else None
+        return find_zero_plane(depth, untouched, mm_per_px=mm_per_px, thickness_mm=thickness, trusted=trusted)
 
     def slope_map(self, frame: Frame | Bytes) -> SlopeMap:
         """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
@@ -340,5 +339,5 @@ class Reconstructor:
             slopes = self.method.slopes(rgb)
             return slopes, flat_blocks(slopes), None, np.inf, None, None
         reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.referenced.read(rgb), None)
-        untouched = reading.drift.untouched & self.referenced.trusted_blocks
-        return reading.slopes, untouched, reading.drift, reading.steepest, surface, reading.lost_share
+        drift = reading.drift
+        return reading.slopes, drift.untouched, drift, reading.steepest, surface, reading.lost_share

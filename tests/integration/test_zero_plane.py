@@ -42,6 +42,19 @@ def test_the_rise_beside_a_contact_is_not_taken_for_zero(thickness_mm: float | N
     assert abs(zero.offset_mm) < 0.4 * abs(plain)
 
 
+@pytest.mark.parametrize("radius_mm", [7.0, 9.0])
+def test_gel_too_dark_to_be_read_is_no_contact(radius_mm: float) -> None:
+    """Dark all round: at 7 mm what can be read reaches no border of the picture, at 9 mm two of them."""
+    depth, untouched = scene()
+    x, y = (np.arange(5, count, 10) * STEP for count in SHAPE[::-1])
+    trusted = np.hypot(x[None, :] - 12.0, y[:, None] - 8.0) < radius_mm
+    depth += np.where(np.kron(trusted, np.ones((10, 10))) > 0, 0.0, 0.03)
+    zero = find_zero_plane(depth, untouched, mm_per_px=(STEP, STEP), thickness_mm=3.0, trusted=trusted)
+    assert abs(zero.offset_mm) < 2.5e-3
+    taken_for_contact = find_zero_plane(depth, untouched & trusted, mm_per_px=(STEP, STEP), thickness_mm=3.0)
+    assert abs(taken_for_contact.offset_mm) > 3 * abs(zero.offset_mm)
+
+
 def test_without_contact_it_is_the_plane() -> None:
     x = np.arange(SHAPE[1])[None, :] * STEP
     depth = np.repeat(0.1 - 0.01 * x, SHAPE[0], axis=0)
