@@ -168,7 +168,7 @@ def _seen(
     """
     found = {}
     for name, seen in tracks.items():
-        if seen is None or seen.footprint is None or not np.nanmax(seen.depth_mm) > 0:
+        if seen is None or seen.footprint is None:
             continue
         if np.isnan(seen.indenter.radius_mm):  # a cone has no face
             continue
@@ -182,7 +182,7 @@ def _seen(
         if gel is not None:
             stiffness *= float(fast_kappa(_SILICONE, np.clip(radius / gel.thickness_mm, *A_OVER_H_RANGE)))
         found[name] = PressDepths(seen.time_s, seen.depth_mm, radius, level, stiffness)
-    return found
+    return {name: depths for name, depths in found.items() if depths.goes_in}
 
 
 def _windows(

@@ -70,6 +70,20 @@ def test_offset_within_three_milliseconds(rate_Hz: float, offset_s: float) -> No
     assert found.std < 0.003
 
 
+def test_noise_that_was_taken_for_a_face_moves_no_clock() -> None:
+    rng = np.random.default_rng(5)
+    seen, forces = presses(0.12, rng, rate_Hz=15.0)
+    assert all(press.goes_in for press in seen)
+    for k in (3, 4):
+        seen[k] = replace(seen[k], depth_mm=0.3 * rng.standard_normal(seen[k].time_s.size))
+    kept = [press for press in seen if press.goes_in]
+    assert len(kept) == 3
+    assert correlation_offset(seen, forces)[1] < 0.9
+    start, sure = correlation_offset(kept, forces)
+    assert sure > 0.9
+    assert start == pytest.approx(0.12, abs=0.1)
+
+
 def test_thinned_frames_and_a_relaxing_gel() -> None:
     for seed, relaxing in ((1, 0.0), (2, 0.0), (3, 0.15)):
         seen, forces = presses(0.12, np.random.default_rng(seed), rate_Hz=60, frames=60, relaxing=relaxing)

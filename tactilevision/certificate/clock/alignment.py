@@ -26,6 +26,7 @@ _COVERED = 0.3  # share of the frames that must have force readings; benchmarks.
 _SMOOTH_S = 0.045  # s, mean of the force: rounds corners only where no frame would tell; benchmarks.certificate
 _MIN_GAIN = 10.0  # of log likelihood, for a relaxing gel beyond the criterion of Schwarz; benchmarks.certificate
 _AGREEMENT_SIGMA = 2.0  # stds of that gain by what presses say of it one by one; benchmarks.certificate
+_INWARD = 2.0  # times the depth read out of the gel; of noise the two are alike; test_clock_alignment
 _CLEAR = 0.75  # of the deepest: below it the bevel has hardly touched, where that is not known
 
 
@@ -43,6 +44,11 @@ class PressDepths:
     kind: float = 0.0
     touch_N: float = float("nan")
     stiffness: float = 1.0
+
+    @property
+    def goes_in(self) -> bool:
+        """Whether something went into the gel, and not out of it as far: then noise was taken for a face."""
+        return bool(np.nanmax(self.depth_mm) > _INWARD * max(-np.nanmin(self.depth_mm), 0.0))
 
     def clear(self) -> PressDepths:
         """Where the touch is not known: the frames that hardly feel the bevel."""
