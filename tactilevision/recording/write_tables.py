@@ -1,6 +1,6 @@
 """Writing the tables of a recording; each function takes the folder and knows the file's name.
 
-Numbers are written to 12 digits, NaN as an empty cell; optional columns that hold nothing are left out.
+Numbers are written to 12 digits, large ones (times in s since 1970) to all, NaN as an empty cell; optional columns that hold nothing are left out.
 Every file is whole or not there at all.
 """
 
@@ -26,6 +26,7 @@ from tactilevision.records import CertifiedPoint, Curve, Floats, ForceSeries, Pr
 
 _Columns = Mapping[str, Sequence[Any] | npt.NDArray[Any]]
 _NOTHING: _Columns = MappingProxyType({})
+LARGE = 1e6  # beyond it 12 digits leave less than a microsecond of a time in s
 _JOINED = ("details", "edge_profile", "extra")  # fields that are written as columns of their own
 
 
@@ -128,9 +129,9 @@ def _joined(parts: Iterable[Any]) -> list[Any]:
 
 
 def _cell(value: Any) -> str:
-    """One cell: 12 digits, "" for what is not known, true or false."""
+    """One cell: 12 digits, all of them where large, "" for what is not known, true or false."""
     if isinstance(value, bool | np.bool_):
         return "true" if value else "false"
     if isinstance(value, float | np.floating):
-        return "" if math.isnan(value) else f"{value:.12g}"
+        return "" if math.isnan(value) else f"{value:.12g}" if abs(value) < LARGE else repr(float(value))
     return "" if value is None else str(value)
