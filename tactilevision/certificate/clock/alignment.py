@@ -174,7 +174,9 @@ def estimate_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, star
     return Estimate(best.offset_s, std, (best.offset_s - 1.96 * std, best.offset_s + 1.96 * std), "s")
 
 
-def stated_offset_warnings(stated_s: float, presses: Sequence[PressDepths], forces: ForceSeries) -> tuple[str, ...]:
+def stated_offset_warnings(
+    stated_s: float, presses: Sequence[PressDepths], forces: ForceSeries
+) -> tuple[str, ...]:
     """A warning where depth and force of the presses go together at another offset than the one stated (s)."""
     if not presses:
         return ()
@@ -184,9 +186,9 @@ def stated_offset_warnings(stated_s: float, presses: Sequence[PressDepths], forc
     if abs(found.value - stated_s) < max(_CONTRADICTION_S, _CONTRADICTION_SIGMA * found.std):
         return ()
     return (
-        f"recording.toml: [clock] offset_s = {stated_s:.10g} is taken as stated, but depth and force of the presses "
-        f"go together at {found.value:.3f} s (std {found.std:.3f} s). Correct it, or leave it out: it is estimated "
-        "then.",
+        f"recording.toml: [clock] offset_s = {stated_s:.10g} is taken as stated, but depth and force of the "
+        f"presses go together at {found.value:.3f} s (std {found.std:.3f} s). Correct it, or leave it out: then "
+        "it is estimated.",
     )
 
 
