@@ -21,6 +21,7 @@ from tactilevision.errors import OutputError, Terminated
 
 _UNFINISHED = ".unfinished-"  # what is being written: then the number of the process that writes it
 _PAUSE_S = 0.05  # s between two looks at a process that is ending
+_STREAMS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # links to what a process reads and writes
 _LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
 
 
@@ -61,9 +62,11 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path beside `path`; on success it is renamed to `path`, else removed.
 
     The temporary name keeps the suffix of `path`, since many writers choose the format by it. Missing
-    folders are made. Raises OutputError where the file system refuses (disk full, no permission).
+    folders are made. Raises OutputError where the file system refuses (disk full, no permission), and for a
+    device or a pipe, whose place the file would take.
     """
     target = Path(path)
+    _check_replaceable(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=unfinished(), suffix=target.suffix, dir=target.parent)
@@ -80,6 +83,15 @@ def replacing(path: Path | str) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _check_replaceable(target: Path) -> None:
+    """Raise for /dev/stdout, a device, a pipe or a folder: a file is renamed to its name."""
+    with told_as_output(target):
+        there = os.path.lexists(target)
+        plain = not target.exists() or target.is_file()
+    if there and (not plain or target.absolute().parent in _STREAMS):
+        raise OutputError("is no file that could be replaced", where=target, remedy="Name a file.")
 
 
 @contextmanager

@@ -24,6 +24,17 @@ def test_an_interrupted_write_leaves_the_old_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_no_file_takes_the_place_of_a_pipe_a_device_or_a_stream(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    (tmp_path / "link").symlink_to("/dev/null")
+    for path in (pipe, tmp_path / "link", Path("/dev/stdout"), Path("/dev/fd/1"), tmp_path):
+        before = path.lstat()
+        with pytest.raises(OutputError, match="no file that could be replaced"):
+            write_text(path, "x")
+        assert os.path.samestat(path.lstat(), before)
+
+
 def test_an_interrupted_stage_leaves_the_old_results(tmp_path: Path) -> None:
     with staged(tmp_path) as stage:
         write_text(stage / "a.txt", "old a")

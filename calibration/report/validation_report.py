@@ -18,8 +18,7 @@ NOT_PROVEN = "Agreement at equal force, or at equal depth, does not prove Poisso
 def as_json(found: Validation) -> dict[str, Any]:
     """The content of validation.json; a value that the elements did not reach is null, with its `why`."""
     return {
-        "youngs_modulus_MPa": found.material.youngs_modulus_MPa,
-        "poisson_ratio": found.material.poisson_ratio,
+        **found.material.as_json(),
         "models": [_model(found, one) for one in found.comparisons],
         "rivals": [_rival(rival) for rival in found.rivals],
         "statements": list(statements(found)),

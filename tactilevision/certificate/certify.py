@@ -18,6 +18,7 @@ from tactilevision.certificate.clock.alignment import (
     correlation_offset,
     estimate_offset,
     parabola_offset,
+    stated_offset_warnings,
 )
 from tactilevision.certificate.clock.repeated_frames import allow_for_repeats, note_repeats, repeated_share
 from tactilevision.certificate.force.tare import subtract_tares
@@ -56,16 +57,21 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     offset = _first_offset(recording, forces, tracks)
     windows = _windows(recording, forces, tracks, offset.value or 0.0)
     bevel_contacts = search_bevel_contacts(tracks, windows, offset_s=offset.value or 0.0)
-    if recording.clock_offset_s is None and offset.value is not None:
+    doubts: tuple[str, ...] = ()
+    if offset.value is not None:
         # again, now that the frames that feel the bevel are known
         level = subtract_tares(forces, (window.tare for window in windows.values() if window is not None))
-        seen = _seen(tracks, windows, bevel_contacts, recording.sensor.gel)
-        offset = estimate_offset(list(seen.values()), level, start_s=offset.value)
-        windows = _windows(recording, forces, tracks, offset.value or 0.0)
-        bevel_contacts = search_bevel_contacts(
-            tracks, windows, offset_s=offset.value or 0.0, before=bevel_contacts
-        )
+        seen = list(_seen(tracks, windows, bevel_contacts, recording.sensor.gel).values())
+        if recording.clock_offset_s is not None:
+            doubts = stated_offset_warnings(recording.clock_offset_s, seen, level)
+        else:
+            offset = estimate_offset(seen, level, start_s=offset.value)
+            windows = _windows(recording, forces, tracks, offset.value or 0.0)
+            bevel_contacts = search_bevel_contacts(
+                tracks, windows, offset_s=offset.value or 0.0, before=bevel_contacts
+            )
     offset, notes = allow_for_repeats(offset, repeated_share(repeats), times_s=recording.frame_times_s)
+    notes += doubts
     clock_outliers = {}
     if offset.value is not None:
         clock_outliers = clock_jumps(
@@ -168,7 +174,7 @@ def _seen(
     """
     found = {}
     for name, seen in tracks.items():
-        if seen is None or seen.footprint is None or not np.nanmax(seen.depth_mm) > 0:
+        if seen is None or seen.footprint is None:
             continue
         if np.isnan(seen.indenter.radius_mm):  # a cone has no face
             continue
@@ -182,7 +188,7 @@ def _seen(
         if gel is not None:
             stiffness *= float(fast_kappa(_SILICONE, np.clip(radius / gel.thickness_mm, *A_OVER_H_RANGE)))
         found[name] = PressDepths(seen.time_s, seen.depth_mm, radius, level, stiffness)
-    return found
+    return {name: depths for name, depths in found.items() if depths.goes_in}
 
 
 def _windows(

@@ -164,8 +164,13 @@ def warn(lines: tuple[str, ...] | list[str]) -> None:
 
 def hand_over(result: Any, path: Path | None) -> None:
     """Write the result for a program, where one was asked for."""
-    if path is not None:
+    if path is None:
+        return
+    try:
         write_json(path, result)
+    except OutputError as fault:
+        remedy = "The results themselves are written; name another file with --json."
+        raise OutputError(fault.what, where=fault.where, value=fault.value, remedy=remedy) from fault
 
 
 def report_failure(fault: BaseException) -> int:

@@ -64,7 +64,7 @@ def force(
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")
-    content = {"frames": len(rows), "read": len(read), "material": _material(material)}
+    content = {"frames": len(rows), "read": len(read), "material": material.as_json()}
     content |= {"faces_certified": anchor.depth_scale is not None}
     content |= {"warnings": list(reconstructor.warnings)}
     content |= {"shear": _shear(read), "measured": _beside(rows, zero_left=not recording.presses)}
@@ -143,20 +143,6 @@ def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, 
     )
     anchor = source.open_face_correction(recording, reconstructor, calibration=known.path)
     return replace(job, anchor=anchor)
-
-
-def _material(material: Material) -> dict[str, Any]:
-    from tactilevision.records import Estimate
-
-    found = {}
-    values = (material.youngs_modulus_MPa, material.poisson_ratio)
-    for k, (name, unit, value) in enumerate(
-        zip(("youngs_modulus_MPa", "poisson_ratio"), ("MPa", "1"), values, strict=True)
-    ):
-        std = None if material.covariance is None else float(np.sqrt(material.covariance[k, k]))
-        interval = None if std is None else (value - 1.96 * std, value + 1.96 * std)
-        found[name] = Estimate(value, std, interval, unit).as_json()
-    return found
 
 
 def _shear(read: list[FrameForce]) -> dict[str, Any]:

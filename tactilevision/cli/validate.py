@@ -90,15 +90,21 @@ def _material(taken: Taken, calibration: Path | None, bulge: Estimate | None) ->
 
 
 def _middle(interval: Pair | None, modulus_of_nu: Sequence[Pair]) -> Material:
-    """Where the data leave nu open: the middle of its interval, and E at the fitted stiffness there."""
+    """Where the data leave nu open: the middle of its interval, and E at the fitted stiffness there.
+
+    The two vary together along E(nu), by the interval's width.
+    """
     import numpy as np
 
     from tactilevision.records import Material
 
     nus, moduli = np.array(modulus_of_nu).T
-    nu = float(np.mean(interval if interval is not None else (nus[0], nus[-1])))
+    low, high = interval if interval is not None else (nus[0], nus[-1])
+    nu = (low + high) / 2
     console.warn([f"the data do not fix nu: the middle of its interval, {nu:.3f}, is taken, and E that fits it"])
-    return Material(float(np.interp(nu, nus, moduli)), min(nu, 0.4999))
+    ends = np.array([np.interp((low, high), nus, moduli), (low, high)])
+    std = np.diff(ends)[:, 0] / 3.92
+    return Material(float(np.interp(nu, nus, moduli)), min(nu, 0.4999), np.outer(std, std))
 
 
 def _draw(found: Validation, folder: Path, form: str) -> None:

@@ -101,7 +101,7 @@ def material_sensitivity(
     by_ratio = np.array([at(value) for value in ratios])
     return (
         Sensitivity("youngs_modulus", "MPa", (moduli[0], moduli[1]), by_modulus),
-        Sensitivity("poisson_ratio", "", (ratios[0], ratios[1]), by_ratio),
+        Sensitivity("poisson_ratio", "1", (ratios[0], ratios[1]), by_ratio),
         _both(np.stack([by_modulus, by_ratio]), np.array([moduli, ratios]), material.covariance),
     )
 

@@ -25,6 +25,7 @@ from tactilevision.force.store import Form, TractionStore
 from tactilevision.force.wrench import triple
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, is_bare, read_flats
+from tactilevision.recording.write_tables import table_cell
 from tactilevision.records import Bytes, Material
 from tactilevision.runs import output_lock
 from tactilevision.sensors import rectify
@@ -153,7 +154,7 @@ def table(rows: Sequence[FrameForce]) -> str:
 def _cells(row: FrameForce) -> tuple[str, ...]:
     numbers = (*row.resultant_N, *row.resultant_std_N, *row.moment_Nmm, row.depth_mm, *row.place_mm)
     about = (row.why or row.flags, row.press)
-    return (row.frame, _cell(row.time_s), *map(_cell, numbers), *about, *map(_cell, row.measured_N))
+    return (row.frame, table_cell(row.time_s), *map(_cell, numbers), *about, *map(_cell, row.measured_N))
 
 
 def _untouched(recording: Recording) -> Untouched | None:

@@ -55,7 +55,7 @@ def fit_circle(
     jacobian, residual = _linearised(points_mm, centre, radius)
     rms = float(np.sqrt(np.average(residual**2, weights=weights)))
     information = (jacobian * weights[:, None]).T @ jacobian * min(independent / len(points_mm), 1.0)
-    variance = np.diag(np.linalg.pinv(information)) * max(rms, 0.1 * scale_mm) ** 2
+    variance = _inverse_diagonal(information) * max(rms, 0.1 * scale_mm) ** 2
     return Circle(
         (float(centre[0]), float(centre[1])),
         radius,
@@ -109,6 +109,12 @@ def _linearised(points: Floats, centre: Floats, radius: float) -> tuple[Floats, 
     offset = points - centre
     distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)
     return np.c_[-offset / distance[:, None], -np.ones(len(points))], distance - radius
+
+
+def _inverse_diagonal(information: Floats) -> Floats:
+    """Of a matrix (k, k) >= 0. A short arc leaves centre and radius open together: very large, never below 0."""
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray(vectors**2 @ (1 / np.maximum(values, np.finfo(float).eps * values[-1])))
 
 
 def _tukey(residual: Floats, scale_mm: float) -> Floats:

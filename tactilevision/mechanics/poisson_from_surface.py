@@ -340,5 +340,5 @@ def _estimate(value: float, std: float, shown: float, systematic: float) -> Esti
     half = float(np.hypot(max(1.96 * std, shown), 1.96 * systematic))
     low, high = max(value - half, 0.0), min(value + half, 0.5)
     if high - low > NO_ANSWER_WIDTH:
-        return Estimate(None, None, (low, high), "", "the rise beside the punch is lost in the noise of the maps")
-    return Estimate(float(value), half / 1.96, (low, high), "")
+        return Estimate(None, None, (low, high), "1", "the rise beside the punch is lost in the noise of the maps")
+    return Estimate(float(value), half / 1.96, (low, high), "1")

@@ -69,7 +69,8 @@ def draw_sensitivity(found: TractionMap, ranges: Sequence[Sensitivity]) -> Figur
         axes.barh(row, high - low, left=low, color=style.CYCLE[row], height=0.5)
         words = f"{low:+.1f} to {high:+.1f} %"
         if np.isfinite(entry.values).all():
-            words += f"   ({entry.values[0]:.4g} to {entry.values[1]:.4g} {entry.unit}".rstrip() + ")"
+            unit = "" if entry.unit == "1" else f" {entry.unit}"
+            words += f"   ({entry.values[0]:.4g} to {entry.values[1]:.4g}{unit})"
         place = (max(high, 0.0), row)
         axes.annotate(words, place, xytext=(6, 0), textcoords="offset points", va="center")
     axes.barh(len(ranges), 2 * half, left=-half, color=style.GREY, height=0.5)

@@ -50,19 +50,20 @@ def faults_of_flats(recording: Recording) -> Iterator[None]:
     """A fault of pictures of the untouched gel names where they are; of a bare folder, the option for others."""
     folder = recording.path / layout.FLATS
     own = {flat.parent for flat in recording.flats} <= {folder} and not is_bare(recording)
-    with faults_of_reference(None if own else place_of_flats(recording)):
+    with faults_of_reference(folder if own else place_of_flats(recording), option=not own):
         yield
 
 
 @contextmanager
-def faults_of_reference(where: Path | None) -> Iterator[None]:
-    """A fault of the pictures of the untouched gel names `where` they are, and --reference; None: as it is."""
+def faults_of_reference(where: Path | None, *, option: bool = True) -> Iterator[None]:
+    """A fault of the pictures of the untouched gel names `where` they are (None: as it is), and --reference."""
     try:
         yield
     except InputError as fault:
         if where is None or fault.where != layout.FLATS:
             raise
-        remedy = f"{fault.remedy} Name a picture of the untouched gel with --reference.".lstrip()
+        other = " Name a picture of the untouched gel with --reference." if option else ""
+        remedy = f"{fault.remedy}{other}".lstrip()
         raise InputError(fault.what, where=where, value=fault.value, remedy=remedy) from None
 
 

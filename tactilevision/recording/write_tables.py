@@ -1,6 +1,7 @@
 """Writing the tables of a recording; each function takes the folder and knows the file's name.
 
-Numbers are written to 12 digits, NaN as an empty cell; optional columns that hold nothing are left out.
+Numbers are written to 12 digits, large ones (times in s since 1970) to all, NaN as an empty cell; optional columns
+that hold nothing are left out.
 Every file is whole or not there at all.
 """
 
@@ -26,12 +27,13 @@ from tactilevision.records import CertifiedPoint, Curve, Floats, ForceSeries, Pr
 
 _Columns = Mapping[str, Sequence[Any] | npt.NDArray[Any]]
 _NOTHING: _Columns = MappingProxyType({})
+LARGE = 1e6  # beyond it 12 digits leave less than a microsecond of a time in s
 _JOINED = ("details", "edge_profile", "extra")  # fields that are written as columns of their own
 
 
 def write_table(path: Path | str, columns: _Columns) -> None:
     """Write any table: columns of equal length, in the order given."""
-    rows = zip(*(map(_cell, column) for column in columns.values()), strict=True)
+    rows = zip(*(map(table_cell, column) for column in columns.values()), strict=True)
     write_text(path, csv_text(chain([tuple(columns)], rows)))
 
 
@@ -120,17 +122,18 @@ def _record_columns(
 
 
 def _without_empty(columns: Mapping[str, Any], always: Sequence[str]) -> _Columns:
-    return {name: column for name, column in columns.items() if name in always or any(map(_cell, column))}
+    return {name: column for name, column in columns.items() if name in always or any(map(table_cell, column))}
 
 
 def _joined(parts: Iterable[Any]) -> list[Any]:
     return [value for part in parts for value in (part.tolist() if isinstance(part, np.ndarray) else part)]
 
 
-def _cell(value: Any) -> str:
-    """One cell: 12 digits, "" for what is not known, true or false."""
+def table_cell(value: Any) -> str:
+    """One cell: 12 digits, all of them where large, "" for what is not known, true or false."""
     if isinstance(value, bool | np.bool_):
         return "true" if value else "false"
     if isinstance(value, float | np.floating):
-        return "" if math.isnan(value) else f"{value:.12g}"
+        number = float(value)
+        return "" if math.isnan(number) else f"{number:.12g}" if abs(number) < LARGE else repr(number)
     return "" if value is None else str(value)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.records.numbers import Floats
+from tactilevision.records.numbers import Estimate, Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +73,16 @@ class Material:
                 value=self.poisson_ratio,
                 remedy="For an incompressible gel take 0.4999.",
             )
+
+    def as_json(self) -> dict[str, Any]:
+        """E and nu in the form of every result file, value +- 1.96 std; null where no covariance is known."""
+        found = {}
+        values = {"youngs_modulus_MPa": self.youngs_modulus_MPa, "poisson_ratio": self.poisson_ratio}
+        for k, ((name, value), unit) in enumerate(zip(values.items(), ("MPa", "1"), strict=True)):
+            std = None if self.covariance is None else float(np.sqrt(self.covariance[k, k]))
+            interval = None if std is None else (value - 1.96 * std, value + 1.96 * std)
+            found[name] = Estimate(value, std, interval, unit).as_json()
+        return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,10 +38,10 @@ def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
     whole, parts, (right, bottom) = _fixed_point(sensor.rectification)
     if right > rgb.shape[1] or bottom > rgb.shape[0]:
         raise InputError(
-            "the rectification reaches outside the frame",
-            where="frame",
+            f"the rectification reaches outside the frame, to x = {right}, y = {bottom} px",
+            where="[sensor] rectification",
             value=f"{rgb.shape[1]} by {rgb.shape[0]} px",
-            remedy="Use the maps made for this stream.",
+            remedy="Use the maps made for this stream; are map_x and map_y exchanged?",
         )
     return np.asarray(cv2.remap(rgb, whole, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from tactilevision.errors import InputError
-from tactilevision.records import REASONS, Pair
+from tactilevision.records import REASONS, Material, Pair
 from tactilevision.synthetic.optics import CameraOptions
 from tactilevision.synthetic.profile import EDGE_RADIUS_MM, FRICTION, PAD_RADIUS_MM
 from tactilevision.synthetic.rig import Protocol
@@ -30,6 +30,9 @@ class GelOptions:
     prior: float | None = None
     prior_std: float | None = 0.002
     relaxing: Pair = (0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        Material(self.youngs_modulus_MPa, self.poisson_ratio)  # raises InputError for what no gel has
 
 
 @dataclass(frozen=True, slots=True)

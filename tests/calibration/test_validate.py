@@ -20,6 +20,7 @@ from calibration.tasks import validate as method
 from calibration.tasks.calibrate import observe
 from calibration.tasks.validate import Validation, representative, validate
 from tactilevision.cli import main
+from tactilevision.cli.validate import _middle
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.punch_curve import PunchCurve
@@ -213,13 +214,28 @@ def test_what_calibrate_wrote_can_be_validated(
     assert run(monkeypatch, "validate", *arguments) == 0
     content = json.loads((tmp_path / "val" / "validation.json").read_text())
     assert json.loads((tmp_path / "v.json").read_text()) == content
-    assert content["poisson_ratio"] == pytest.approx(0.4797, abs=1e-4)
-    assert content["youngs_modulus_MPa"] == pytest.approx(0.1988, abs=1e-4)
+    nu, modulus = content["poisson_ratio"], content["youngs_modulus_MPa"]
+    calibrated = json.loads((tmp_path / "cal" / "calibration.json").read_text())
+    for found, name, value, unit in (
+        (nu, "poisson_ratio", 0.4797, "1"),
+        (modulus, "youngs_modulus_MPa", 0.1988, "MPa"),
+    ):
+        assert found["value"] == pytest.approx(value, abs=1e-4)
+        assert found["std"] == pytest.approx(calibrated[name]["std"], rel=1e-6)
+        assert found["interval95"][0] < found["value"] < found["interval95"][1]
+        assert found["unit"] == unit
     assert [model["law"] for model in content["models"]] == ["neo-hooke"] * 5 + ["hencky"] * 5
     assert [model["friction"] for model in content["models"][:5]] == [0.0, 0.15, 0.3, 0.6, "no slip"]
     for figure in ("depth_at_equal_force.png", "force_at_equal_depth.png"):
         assert (tmp_path / "val" / figure).stat().st_size > 10_000
     assert "grows with depth" in capsys.readouterr().out
+
+
+def test_where_nu_stays_open_its_interval_is_that_of_the_material() -> None:
+    taken = _middle((0.45, 0.49), [(0.45, 0.25), (0.47, 0.22), (0.49, 0.19)]).as_json()
+    assert taken["poisson_ratio"]["value"] == pytest.approx(0.47)
+    assert taken["poisson_ratio"]["interval95"] == pytest.approx([0.45, 0.49])
+    assert taken["youngs_modulus_MPa"]["interval95"] == pytest.approx([0.19, 0.25])
 
 
 def test_calibrating_into_a_recording_leaves_its_description_alone(

@@ -14,6 +14,7 @@ from tactilevision.certificate.clock.alignment import (
     correlation_offset,
     estimate_offset,
     parabola_offset,
+    stated_offset_warnings,
 )
 from tactilevision.certificate.force.tare import Tare, find_tare, subtract_tares
 from tactilevision.records import Floats, ForceSeries
@@ -68,6 +69,30 @@ def test_offset_within_three_milliseconds(rate_Hz: float, offset_s: float) -> No
     assert found.value == pytest.approx(offset_s, abs=0.003)
     assert found.std is not None
     assert found.std < 0.003
+
+
+def test_noise_that_was_taken_for_a_face_moves_no_clock() -> None:
+    rng = np.random.default_rng(5)
+    seen, forces = presses(0.12, rng, rate_Hz=15.0)
+    assert all(press.goes_in for press in seen)
+    for k in (3, 4):
+        seen[k] = replace(seen[k], depth_mm=0.3 * rng.standard_normal(seen[k].time_s.size))
+    kept = [press for press in seen if press.goes_in]
+    assert len(kept) == 3
+    assert correlation_offset(seen, forces)[1] < 0.9
+    start, sure = correlation_offset(kept, forces)
+    assert sure > 0.9
+    assert start == pytest.approx(0.12, abs=0.1)
+
+
+@pytest.mark.parametrize(("stated_s", "warned"), [(0.12, False), (0.125, False), (0.17, True), (0.05, True)])
+def test_a_stated_offset_that_the_presses_contradict_is_told(stated_s: float, warned: bool) -> None:
+    seen, forces = presses(0.12, np.random.default_rng(6))
+    said = stated_offset_warnings(stated_s, seen, forces)
+    assert bool(said) is warned
+    if warned:
+        assert f"offset_s = {stated_s}" in said[0]
+        assert "0.12" in said[0].partition("go together at")[2]
 
 
 def test_thinned_frames_and_a_relaxing_gel() -> None:

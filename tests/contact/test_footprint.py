@@ -111,6 +111,16 @@ def test_circle_fit_is_exact_on_a_circle_and_deaf_to_a_third_of_strangers() -> N
     assert fit_circle(points[:5], start=((0.8, -1.7), 2.2), scale_mm=0.03, independent=5) is None
 
 
+@pytest.mark.parametrize("arc_rad", [1e-4, 5e-4, 2e-3, 0.2])
+def test_a_short_arc_leaves_centre_and_radius_open(arc_rad: float) -> None:
+    for seed in range(20):
+        angle = np.random.default_rng(seed).uniform(0, arc_rad, 38)
+        points = 2.5 * np.c_[np.cos(angle), np.sin(angle)]
+        found = fit_circle(points, start=((0.1, 0.0), 2.4), scale_mm=0.02, independent=30)
+        assert found is not None
+        assert min(found.centre_std_mm, found.radius_std_mm) > min(0.004 / arc_rad**2, 1000.0)
+
+
 def test_circle_std_covers_what_noise_does() -> None:
     angle = np.linspace(0, 1.2 * np.pi, 80)
     errors = []

@@ -12,6 +12,7 @@ from planted_forces import GEL, MATERIAL, SCALE, hertz, measured
 from tactilevision.force.calibrated import Sensitivity
 from tactilevision.force.compare import residuals, summary
 from tactilevision.force.field import ForceField
+from tactilevision.force.folder import table
 from tactilevision.force.frame import NOTHING, FrameForce
 from tactilevision.plots.force import draw_force, draw_sensitivity
 from tactilevision.plots.resultants import draw_residuals, draw_resultants
@@ -89,3 +90,8 @@ def test_a_bar_reaches_as_far_as_the_force_moves() -> None:
     place = bar.get_path().get_extents(bar.get_patch_transform())
     assert (place.x0, place.x1) == pytest.approx((-10, 10))
     assert whole.get_path().get_extents(whole.get_patch_transform()).width > 0
+
+
+def test_a_time_since_1970_is_whole_in_the_table() -> None:
+    row = FrameForce("0", 1.7e9 + 3.0892, (0.0, 0.0, 1.0), (0.1,) * 3)
+    assert float(table([row]).splitlines()[1].split(",")[1]) == row.time_s

@@ -25,6 +25,7 @@ def test_exact_surfaces_give_their_own_poisson_ratio() -> None:
         made = views(nu, np.random.default_rng(1), depths_mm=(0.3, 0.5), noise_mm=0.0)
         fit = fit_poisson_ratio(made, thickness_mm=THICKNESS_MM, model=EXACT)
         assert fit.poisson_ratio.value == pytest.approx(nu, abs=2e-4)
+        assert fit.poisson_ratio.unit == "1"
 
 
 def test_planted_poisson_ratio_is_found_within_its_interval() -> None:

@@ -10,8 +10,16 @@ import numpy as np
 import pytest
 from small_recording import edit, picture, write_small
 
-from tactilevision.errors import RecordingError
-from tactilevision.recording import iter_frames, read_folder, read_recording, require, write_image, write_points
+from tactilevision.errors import InputError, RecordingError
+from tactilevision.recording import (
+    faults_of_flats,
+    iter_frames,
+    read_folder,
+    read_recording,
+    require,
+    write_image,
+    write_points,
+)
 from tactilevision.records import EdgeDrop, EdgeProfile
 
 POINTS_ONLY = """\
@@ -250,6 +258,14 @@ def test_a_missing_gel_and_missing_references_are_named(folder: Path) -> None:
         require(recording, "flats", step="depth")
     with pytest.raises(RecordingError, match=r"reference/ball.csv: depth needs ball presses"):
         require(recording, "balls", step="depth")
+
+
+def test_a_fault_of_its_own_reference_names_the_recording(folder: Path) -> None:
+    recording = read_recording(folder)
+    with pytest.raises(InputError) as told, faults_of_flats(recording):
+        raise InputError("most of the reference is black", where="reference/flat", remedy="Check the lights.")
+    assert told.value.where == str(folder / "reference" / "flat")
+    assert told.value.remedy == "Check the lights."
 
 
 def test_names_are_counted_as_a_person_does(tmp_path: Path) -> None:

@@ -260,6 +260,14 @@ def test_a_failed_write_leaves_the_old_table(tmp_path: Path) -> None:
         write_table(tmp_path / "t.csv" / "u.csv", {"a": [1.0]})
 
 
+def test_times_since_1970_keep_their_fractions(tmp_path: Path) -> None:
+    times = 1.7e9 + np.array([0.0, 0.0123, 3.0892])
+    curve = Curve("1", times, np.zeros(3), np.zeros((3, 3)), np.full(3, ""))
+    write_curves(tmp_path, [curve])
+    rows = (tmp_path / "curves.csv").read_text().splitlines()[1:]
+    assert [float(row.split(",")[1]) for row in rows] == times.tolist()
+
+
 def test_a_sensor_without_maps_has_none_to_write(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="the sensor has no rectification"):
         write_maps(tmp_path, Sensor("custom", 4, 4, (1.0, 1.0)))

@@ -26,6 +26,9 @@ _COVERED = 0.3  # share of the frames that must have force readings; benchmarks.
 _SMOOTH_S = 0.045  # s, mean of the force: rounds corners only where no frame would tell; benchmarks.certificate
 _MIN_GAIN = 10.0  # of log likelihood, for a relaxing gel beyond the criterion of Schwarz; benchmarks.certificate
 _AGREEMENT_SIGMA = 2.0  # stds of that gain by what presses say of it one by one; benchmarks.certificate
+_CONTRADICTION_S = 0.02  # s off what is stated of the clocks, below which nothing is said; test_clock_alignment
+_CONTRADICTION_SIGMA = 4.0  # and in stds of what the presses say; test_clock_alignment
+_INWARD = 2.0  # times the depth read out of the gel; of noise the two are alike; test_clock_alignment
 _CLEAR = 0.75  # of the deepest: below it the bevel has hardly touched, where that is not known
 
 
@@ -43,6 +46,11 @@ class PressDepths:
     kind: float = 0.0
     touch_N: float = float("nan")
     stiffness: float = 1.0
+
+    @property
+    def goes_in(self) -> bool:
+        """Whether something went into the gel, and not out of it as far: then noise was taken for a face."""
+        return bool(np.nanmax(self.depth_mm) > _INWARD * max(-np.nanmin(self.depth_mm), 0.0))
 
     def clear(self) -> PressDepths:
         """Where the touch is not known: the frames that hardly feel the bevel."""
@@ -164,6 +172,24 @@ def estimate_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, star
     best = fading if gain.sum() - _AGREEMENT_SIGMA * scatter > needed else plain
     std = max(best.std_s, 1e-4)
     return Estimate(best.offset_s, std, (best.offset_s - 1.96 * std, best.offset_s + 1.96 * std), "s")
+
+
+def stated_offset_warnings(
+    stated_s: float, presses: Sequence[PressDepths], forces: ForceSeries
+) -> tuple[str, ...]:
+    """A warning where depth and force of the presses go together at another offset than the one stated (s)."""
+    if not presses:
+        return ()
+    found = estimate_offset(presses, forces, start_s=parabola_offset(presses, forces, start_s=stated_s))
+    if found.value is None or found.std is None:
+        return ()
+    if abs(found.value - stated_s) < max(_CONTRADICTION_S, _CONTRADICTION_SIGMA * found.std):
+        return ()
+    return (
+        f"recording.toml: [clock] offset_s = {stated_s:.10g} is taken as stated, but depth and force of the "
+        f"presses go together at {found.value:.3f} s (std {found.std:.3f} s). Correct it, or leave it out: then "
+        "it is estimated.",
+    )
 
 
 def _problem(presses: Sequence[PressDepths], forces: ForceSeries, memories: Sequence[float]) -> ClockProblem:
