@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from calibration.inputs.copies import check_times, without_copies
 from calibration.inputs.denoised_depth import BRANCHES, branches, drawn_off, nominal_depth
 from calibration.inputs.observations import Observations
-from calibration.inputs.phase import in_phase
+from calibration.inputs.phase import in_phase, with_one_clock
 from calibration.inputs.press_noise import TYPICAL_FORCE_N, TYPICAL_ZERO_MM
 from tactilevision.errors import InputError
 from tactilevision.records import Bools, Floats, Indenter
@@ -28,10 +29,18 @@ SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
 def check(data: Observations, *, shape: str = "flat_cylinder", one_depth: bool = False) -> None:
     """Raise InputError for the first fault found; return nothing where there is none.
 
-    `one_depth`: a single depth is no fault, since the law takes its curvature from elsewhere.
+    Clocks that lie far apart are no fault: they make a force fall, or come where the depth is none, whatever its
+    sign. `one_depth`: a single depth is no fault, since the law takes its curvature from elsewhere.
     """
-    for fault in faults(data, shape=shape, one_depth=one_depth):
+    first = partial(_first_fault, shape=shape, one_depth=one_depth)
+    if (fault := first(data)) is None:
+        return
+    if not any(view is not data and first(view) is None for view in (in_phase(data), with_one_clock(data))):
         raise fault
+
+
+def _first_fault(data: Observations, *, shape: str, one_depth: bool) -> InputError | None:
+    return next(faults(data, shape=shape, one_depth=one_depth), None)
 
 
 def faults(data: Observations, *, shape: str, one_depth: bool = False) -> Iterator[InputError]:
@@ -171,16 +180,14 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
             value=float(np.median(pressed)),
             remedy="Depth is positive into the gel: check its sign and its zero, or tare the force.",
         )
-    if not one_depth and any(_falling(data)):
-        left = in_phase(data)  # clocks far apart make a force fall: such presses are left out
-        for radius, fallen in _falling(left):
-            if np.ptp(fallen) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
-                yield _of_one_depth(radius, fallen)
-            yield InputError(
-                "the force falls as the depth grows",
-                where=f"radius {radius:g} mm",
-                remedy="Check the sign of fz_N, and that depth and force match.",
-            )
+    for radius, fallen in () if one_depth else _falling(data):
+        if np.ptp(fallen) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
+            yield _of_one_depth(radius, fallen)
+        yield InputError(
+            "the force falls as the depth grows",
+            where=f"radius {radius:g} mm",
+            remedy="Check the sign of fz_N, and that depth and force match.",
+        )
 
 
 def _falling(data: Observations) -> Iterator[tuple[float, Floats]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.inputs.checks import usable
@@ -87,6 +88,14 @@ def test_slow_presses_are_not_refused() -> None:
     presses_slow = replace(data.presses, speed_mm_s=data.presses.speed_mm_s / 20)
     slow = replace(data, time_s=20 * data.time_s, presses=presses_slow)
     assert usable(slow).count == data.count
+
+
+def test_a_hold_is_no_slow_way_in() -> None:
+    """Fast presses that are held for long, and noise that makes the deepest sample one of the hold's last."""
+    time, depth = np.array([0.0, 0.02, 0.04, 0.06, 4.0, 8.0]), np.array([0.0, 0.1, 0.2, 0.299, 0.3, 0.301])
+    data = observations([depth] * 3, [indenter()] * 3, time_s=[100 * k + time for k in range(3)])
+    data = data.with_force(np.tile(depth, 3) + 1e-3 * np.arange(data.size))
+    assert usable(replace(data, presses=replace(data.presses, speed_mm_s=np.full(3, 5.0)))).count == 3
 
 
 @pytest.mark.parametrize(("wrong", "least", "most"), [(0.1, 8.0, 12.0), (10.0, 0.08, 0.12)])
