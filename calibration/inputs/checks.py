@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy.special import ndtr
 
 from calibration.inputs.copies import check_times, without_copies
 from calibration.inputs.denoised_depth import BRANCHES, branches, drawn_off, nominal_depth
@@ -18,6 +19,7 @@ from tactilevision.records import Bools, Floats, Indenter
 from tactilevision.robust import mad_std
 
 TOUCH = 3.0  # std of a press zero
+HIDDEN = 1 / 3  # of a force's noise: what adds less to it adds a twentieth
 MIN_AIR = 5  # samples of air on the way in: fewer do not tell how forces scatter there
 PULL_SIGMA = 4.0  # std of them: a force that lies farther below is none of air
 MIN_PULLING_SHARE = 0.1  # of the samples near the touch on the way out: so many pull only where a gel clings
@@ -237,24 +239,37 @@ def of_several_depths(data: Observations) -> Observations:
     return replace(kept, warnings=(*kept.warnings, warning))
 
 
-def clear_of_touch(data: Observations, *, zero_mm: float = 0.0, noise_mm: float = 0.0) -> Observations:
+def clear_of_touch(
+    data: Observations, *, zero_mm: float = 0.0, noise_mm: float = 0.0, force_noise_mm: Floats | None = None
+) -> Observations:
     """Curves without the samples nearer to the first touch than three press zeros.
 
     They are air in one press and contact in the next: a zero moves no force on one side, all of it on the other.
     A press keeps its deeper half whatever they are.
     Where a gel clings it does so on both sides: the way out stays where its forces lie far below those of air.
     `zero_mm` and `noise_mm`: std of presses' zeros and of a depth's reading, where they are known; depths then
-    count as read and as presses go alike.
+    count as read and as presses go alike. `force_noise_mm` (N,): std of a force, over its press's slope: in air a
+    sample stays, too, where that hides what zeros move of its force, k max(z - d, 0).
     """
     if not data.is_curves:
         return data
     std = np.hypot(max(TYPICAL_ZERO_MM, zero_mm), np.maximum(np.nan_to_num(data.depth_std_mm), noise_mm))
     depth = np.abs(data.depth_mm)
     near = np.minimum(TOUCH * std, np.maximum.reduceat(depth, data.first)[data.press] / 2)
-    clear = (np.minimum(depth, np.abs(nominal_depth(data))) if zero_mm else depth) > near
+    depth = np.minimum(depth, np.abs(nominal_depth(data))) if zero_mm else depth
+    clear = depth > near
+    if force_noise_mm is not None:
+        clear |= (data.depth_mm < 0) & (_moved_mm(depth, std) < HIDDEN * force_noise_mm)
     clear |= _clinging(data, clear)
     kept = np.bincount(data.press, clear, minlength=data.count) > 0
     return data if clear.all() or not kept.all() else data.samples(clear)
+
+
+def _moved_mm(distance_mm: Floats, zero_mm: Floats) -> Floats:
+    """Rms (N,) of max(z - d, 0), z normal zeros of this std: how deep samples so far off may be in the gel."""
+    t = distance_mm / zero_mm
+    square = (1 + t**2) * ndtr(-t) - t * np.exp(-(t**2) / 2) / np.sqrt(2 * np.pi)
+    return np.asarray(zero_mm * np.sqrt(np.maximum(square, 0.0)))
 
 
 def _clinging(data: Observations, clear: Bools) -> Bools:

@@ -43,10 +43,15 @@ def clear_of_own_touch(fitted: Fit, data: Observations) -> Observations:
 
     A depth's own noise is that of the fit at its middle slope, shared as in `data`.
     """
-    ratio = data.depth_over_force_noise
-    slope = float(np.median(np.abs(fitted.about.slope_N_per_mm)))
-    own = ratio * fitted.noise.scale / np.hypot(1.0, ratio * slope)
-    return clear_of_touch(data, zero_mm=fitted.noise.zero_mm, noise_mm=float(own))
+    ratio, slopes = data.depth_over_force_noise, np.abs(fitted.about.slope_N_per_mm)
+    share = fitted.noise.scale / np.hypot(1.0, ratio * float(np.median(slopes)))
+    steepest = np.maximum.reduceat(slopes, fitted.data.first)[fitted.data.press]
+    return clear_of_touch(
+        data,
+        zero_mm=fitted.noise.zero_mm,
+        noise_mm=float(ratio * share),
+        force_noise_mm=share * np.min(fitted.about.base_N) / np.maximum(steepest, 1e-12),
+    )
 
 
 def depth_over_force(fitted: Fit) -> float:
