@@ -217,3 +217,6 @@ def test_one_distance_from_the_edge_holds_the_length_of_its_effect() -> None:
     assert LateralBoundary().parameters_on(placed)[1].fixed
     spread = replace(data, presses=replace(data.presses, x_mm=np.array([0.0, 2, 4, 5]), y_mm=np.zeros(4)))
     assert not LateralBoundary().parameters_on(spread)[1].fixed
+    names = [indenter("narrow", 1.0), indenter("wide", 2.0)] * 3
+    two = observations([np.linspace(0.1, 0.4, 5)] * 6, names, place_mm=[(0, 0)] * 2 + [(5, 0)] * 4)
+    assert not LateralBoundary().parameters_on(two)[1].fixed, "their rims lie at four distances from the edge"
