@@ -3,8 +3,9 @@
 Up to the largest tenth of the draws p is their own share; beyond it the slower of two tails: an exponential of
 that tenth's mean excess, and the scaled chi-squared with the mean and variance of all draws. A chi-squared of few
 degrees of freedom falls off more and more slowly, so that an exponential read at its tenth understates p far out;
-where the noise is hardly known draws fall off more slowly than a chi-squared.
-Source: Pickands, Ann. Stat. 3 (1975) 119, shape 0.
+where the noise is hardly known draws fall off more slowly than a chi-squared. One wild draw makes both tails too
+slow: p is never more than the share of all, the measured one among them, that lie as far out.
+Sources: Pickands, Ann. Stat. 3 (1975) 119, shape 0; Barnard, J. R. Stat. Soc. B 25 (1963) 294.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ class Tail:
         if statistic <= self._from:
             return max(float(np.mean(self._draws > statistic)), TAIL)
         means = [np.mean(one) if one.size else 0.0 for one in (self._draws, self._draws**2, self._excess)]
-        return float(self._far(np.array(statistic), *(np.array(mean) for mean in means)))
+        counted = (1 + np.count_nonzero(self._draws >= statistic)) / (1 + self._draws.size)
+        return min(float(self._far(np.array(statistic), *(np.array(mean) for mean in means))), float(counted))
 
     def of_each(self) -> Floats:
         """Of each draw (n,) by the others.
@@ -44,7 +46,8 @@ class Tail:
         if own.size > 1:
             mean, square = ((np.sum(self._draws**n) - own**n) / rest for n in (1, 2))
             excess = (np.sum(self._excess) - self._excess) / (own.size - 1)
-            p[self._beyond] = self._far(own, mean, square, excess)
+            counted = (self._draws.size - rank[self._beyond]) / self._draws.size
+            p[self._beyond] = np.minimum(self._far(own, mean, square, excess), counted)
         return np.asarray(p)
 
     def _far(self, statistic: Floats, mean: Floats, square: Floats, excess: Floats) -> Floats:

@@ -18,7 +18,7 @@ from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
-SAME_MM = 0.5  # distances from the edge nearer than this are one
+SAME_MM = 0.5  # distances from rim to edge nearer than this are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class LateralBoundary(EffectBase):
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
         """The same; the length is the gel's thickness where fewer than three distances cannot tell it."""
         strength, length = self.parameters
-        if np.unique(np.round(edge_distance(data) / SAME_MM)).size >= 3:
+        if np.unique(np.round(_gap(data) / SAME_MM)).size >= 3:
             return strength, length
         held = float(np.clip(data.gel.thickness_mm, *length.bounds))
         return strength, replace(length, default=held, bounds=(held, held))
@@ -67,9 +67,13 @@ class LateralBoundary(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Scale the stiffness by place."""
-        gap = np.maximum(edge_distance(data) - data.presses.radius_mm, 0)
-        factor = 1 + values[0] * np.exp(-gap / values[1])
+        factor = 1 + values[0] * np.exp(-_gap(data) / values[1])
         return replace(state, factor=state.factor * factor[data.press])
+
+
+def _gap(data: Observations) -> Floats:
+    """From the rim of each press's punch (M,) to the gel's nearest edge, mm; 0 where it reaches beyond."""
+    return np.asarray(np.maximum(edge_distance(data) - data.presses.radius_mm, 0))
 
 
 def edge_distance(data: Observations) -> Floats:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+from scipy.special import ndtr
 
 from calibration.inputs.copies import check_times, without_copies
 from calibration.inputs.denoised_depth import BRANCHES, branches, drawn_off, nominal_depth
 from calibration.inputs.observations import Observations
-from calibration.inputs.phase import in_phase
+from calibration.inputs.phase import in_phase, with_one_clock
 from calibration.inputs.press_noise import TYPICAL_FORCE_N, TYPICAL_ZERO_MM
 from tactilevision.errors import InputError
 from tactilevision.records import Bools, Floats, Indenter
 from tactilevision.robust import mad_std
 
 TOUCH = 3.0  # std of a press zero
+HIDDEN = 1 / 3  # of a force's noise: what adds less to it adds a twentieth
 MIN_AIR = 5  # samples of air on the way in: fewer do not tell how forces scatter there
 PULL_SIGMA = 4.0  # std of them: a force that lies farther below is none of air
 MIN_PULLING_SHARE = 0.1  # of the samples near the touch on the way out: so many pull only where a gel clings
@@ -28,10 +31,18 @@ SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
 def check(data: Observations, *, shape: str = "flat_cylinder", one_depth: bool = False) -> None:
     """Raise InputError for the first fault found; return nothing where there is none.
 
-    `one_depth`: a single depth is no fault, since the law takes its curvature from elsewhere.
+    Clocks that lie far apart are no fault: they make a force fall, or come where the depth is none, whatever its
+    sign. `one_depth`: a single depth is no fault, since the law takes its curvature from elsewhere.
     """
-    for fault in faults(data, shape=shape, one_depth=one_depth):
+    first = partial(_first_fault, shape=shape, one_depth=one_depth)
+    if (fault := first(data)) is None:
+        return
+    if not any(view is not data and first(view) is None for view in (in_phase(data), with_one_clock(data))):
         raise fault
+
+
+def _first_fault(data: Observations, *, shape: str, one_depth: bool) -> InputError | None:
+    return next(faults(data, shape=shape, one_depth=one_depth), None)
 
 
 def faults(data: Observations, *, shape: str, one_depth: bool = False) -> Iterator[InputError]:
@@ -171,16 +182,14 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
             value=float(np.median(pressed)),
             remedy="Depth is positive into the gel: check its sign and its zero, or tare the force.",
         )
-    if not one_depth and any(_falling(data)):
-        left = in_phase(data)  # clocks far apart make a force fall: such presses are left out
-        for radius, fallen in _falling(left):
-            if np.ptp(fallen) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
-                yield _of_one_depth(radius, fallen)
-            yield InputError(
-                "the force falls as the depth grows",
-                where=f"radius {radius:g} mm",
-                remedy="Check the sign of fz_N, and that depth and force match.",
-            )
+    for radius, fallen in () if one_depth else _falling(data):
+        if np.ptp(fallen) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
+            yield _of_one_depth(radius, fallen)
+        yield InputError(
+            "the force falls as the depth grows",
+            where=f"radius {radius:g} mm",
+            remedy="Check the sign of fz_N, and that depth and force match.",
+        )
 
 
 def _falling(data: Observations) -> Iterator[tuple[float, Floats]]:
@@ -230,24 +239,37 @@ def of_several_depths(data: Observations) -> Observations:
     return replace(kept, warnings=(*kept.warnings, warning))
 
 
-def clear_of_touch(data: Observations, *, zero_mm: float = 0.0, noise_mm: float = 0.0) -> Observations:
+def clear_of_touch(
+    data: Observations, *, zero_mm: float = 0.0, noise_mm: float = 0.0, force_noise_mm: Floats | None = None
+) -> Observations:
     """Curves without the samples nearer to the first touch than three press zeros.
 
     They are air in one press and contact in the next: a zero moves no force on one side, all of it on the other.
     A press keeps its deeper half whatever they are.
     Where a gel clings it does so on both sides: the way out stays where its forces lie far below those of air.
     `zero_mm` and `noise_mm`: std of presses' zeros and of a depth's reading, where they are known; depths then
-    count as read and as presses go alike.
+    count as read and as presses go alike. `force_noise_mm` (N,): std of a force, over its press's slope: in air a
+    sample stays, too, where that hides what zeros move of its force, k max(z - d, 0).
     """
     if not data.is_curves:
         return data
     std = np.hypot(max(TYPICAL_ZERO_MM, zero_mm), np.maximum(np.nan_to_num(data.depth_std_mm), noise_mm))
     depth = np.abs(data.depth_mm)
     near = np.minimum(TOUCH * std, np.maximum.reduceat(depth, data.first)[data.press] / 2)
-    clear = (np.minimum(depth, np.abs(nominal_depth(data))) if zero_mm else depth) > near
+    depth = np.minimum(depth, np.abs(nominal_depth(data))) if zero_mm else depth
+    clear = depth > near
+    if force_noise_mm is not None:
+        clear |= (data.depth_mm < 0) & (_moved_mm(depth, std) < HIDDEN * force_noise_mm)
     clear |= _clinging(data, clear)
     kept = np.bincount(data.press, clear, minlength=data.count) > 0
     return data if clear.all() or not kept.all() else data.samples(clear)
+
+
+def _moved_mm(distance_mm: Floats, zero_mm: Floats) -> Floats:
+    """Rms (N,) of max(z - d, 0), z normal zeros of this std: how deep samples so far off may be in the gel."""
+    t = distance_mm / zero_mm
+    square = (1 + t**2) * ndtr(-t) - t * np.exp(-(t**2) / 2) / np.sqrt(2 * np.pi)
+    return np.asarray(zero_mm * np.sqrt(np.maximum(square, 0.0)))
 
 
 def _clinging(data: Observations, clear: Bools) -> Bools:

@@ -18,6 +18,8 @@ from tactilevision.records import Floats
 
 MIN_SAMPLES = 5  # of a press: fewer may be equal by rounding
 SLOWEST_MM_S = 5e-4  # mm/s: motion stages press a hundred times as fast, and motors stick below
+NEARLY_IN = 0.9  # of the largest depth: the rest may be a hold, which noise makes deeper at its end
+WHOLE_WAY = 0.5  # of the largest depth: presses begin in air, so that the way in is longer
 OFF = (100.0, 10000.0)  # times: a stated speed over the one that depths show, where times are in ms
 
 
@@ -61,7 +63,7 @@ def check_times(data: Observations) -> None:
     """Raise InputError where depths grow so slowly that times are in ms: beside the stated speed, or by far."""
     if not data.is_curves:
         return
-    seen, stated = (_median(np.array(column)) for column in zip(*_speeds(data), strict=True))
+    seen, stated = (_median(column) for column in np.reshape(list(_speeds(data)), (-1, 2)).T)
     if OFF[0] < stated / seen < OFF[1] or seen < SLOWEST_MM_S:
         raise InputError(
             "presses go deeper too slowly for times in seconds",
@@ -72,11 +74,16 @@ def check_times(data: Observations) -> None:
 
 
 def _speeds(data: Observations) -> Iterator[tuple[float, float]]:
-    """Of each press how fast its depth grows on its way to the deepest sample, and the speed that is stated."""
+    """Of each press how fast its depth grows until it is nearly in, and the speed that is stated.
+
+    A press that is caught deeper than half way in has no such speed: a clock may have cut the way short.
+    """
     for k, (start, end) in enumerate(_spans(data)):
-        top = start + int(np.argmax(data.depth_mm[start:end]))
-        time, way = data.time_s[top] - data.time_s[start], data.depth_mm[top] - data.depth_mm[start]
-        yield (float(way / time) if time > 0 and way > 0 else np.nan), float(data.presses.speed_mm_s[k])
+        depth, deepest = data.depth_mm[start:end], float(np.max(data.depth_mm[start:end]))
+        top = int(np.argmax(depth >= NEARLY_IN * deepest))
+        time, way = data.time_s[start + top] - data.time_s[start], depth[top] - depth[0]
+        if time > 0 and way > WHOLE_WAY * max(deepest, 0.0):
+            yield float(way / time), float(data.presses.speed_mm_s[k])
 
 
 def _median(values: Floats) -> float:

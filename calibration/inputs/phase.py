@@ -39,6 +39,14 @@ def in_phase(data: Observations) -> Observations:
     return replace(data, warnings=(*data.warnings, f"{said}. Set the clocks right"))
 
 
+def with_one_clock(data: Observations) -> Observations:
+    """With the depths of the moments of the forces, by the offset that their phase tells; no law takes them."""
+    if not data.is_curves or not np.isfinite(data.time_s).all() or not (offset := offset_by_phase(data)):
+        return data
+    steady = replace(data, depth_mm=denoised_depth(data))
+    return replace(data, depth_mm=data.depth_mm + depth_at(steady, -offset) - steady.depth_mm)
+
+
 def offset_by_phase(data: Observations) -> float:
     """The offset (s), of a grid, at which depths and forces come into phase; 0 unless they are far out of it.
 
@@ -53,8 +61,10 @@ def offset_by_phase(data: Observations) -> float:
     tell = (np.bincount(which) >= MIN_SAMPLES) & (none > np.maximum(MIN_GAIN * share.min(axis=0), MISSED))
     if not tell.any():
         return 0.0
-    best = int(np.argmin(share[:, tell].sum(axis=1)))  # by shares: a wide punch's force would hide a narrow one's
-    return float(GRID_S[best]) if left[best].sum() <= left[GRID_S.size // 2].sum() else 0.0
+    # told by shares: a wide punch's force would hide a narrow one's
+    no_more = left.sum(axis=1) <= left[GRID_S.size // 2].sum()
+    told = np.where(no_more, share[:, tell].sum(axis=1), np.inf)
+    return float(GRID_S[int(np.argmin(told))])
 
 
 def _left_of_force(data: Observations, depth_mm: Floats) -> Floats:

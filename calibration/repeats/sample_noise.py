@@ -23,6 +23,8 @@ from calibration.inputs.observations import Observations
 from tactilevision.records import Floats
 
 RATIOS = np.geomspace(0.1, 30.0, 30)  # times 1 over the median slope: which of the two is the larger
+TIMES = np.geomspace(1.0, 100.0, 40)  # a stated depth's std, that are tried
+FAR_MORE = 2.0  # times it: below, neighbours that are alike and heavy tails do as much
 MIN_SAMPLES = 60  # differences; fewer cannot tell the two
 
 
@@ -43,10 +45,15 @@ def clear_of_own_touch(fitted: Fit, data: Observations) -> Observations:
 
     A depth's own noise is that of the fit at its middle slope, shared as in `data`.
     """
-    ratio = data.depth_over_force_noise
-    slope = float(np.median(np.abs(fitted.about.slope_N_per_mm)))
-    own = ratio * fitted.noise.scale / np.hypot(1.0, ratio * slope)
-    return clear_of_touch(data, zero_mm=fitted.noise.zero_mm, noise_mm=float(own))
+    ratio, slopes = data.depth_over_force_noise, np.abs(fitted.about.slope_N_per_mm)
+    share = fitted.noise.scale / np.hypot(1.0, ratio * float(np.median(slopes)))
+    steepest = np.maximum.reduceat(slopes, fitted.data.first)[fitted.data.press]
+    return clear_of_touch(
+        data,
+        zero_mm=fitted.noise.zero_mm,
+        noise_mm=float(ratio * share),
+        force_noise_mm=share * np.min(fitted.about.base_N) / np.maximum(steepest, 1e-12),
+    )
 
 
 def depth_over_force(fitted: Fit) -> float:
@@ -59,6 +66,28 @@ def depth_over_force(fitted: Fit) -> float:
     costs = squares.size * np.log(np.mean(squares / shapes, axis=1)) + np.sum(np.log(shapes), axis=1)
     best = int(np.argmin(costs))
     return float(ratios[best]) if costs[0] - costs[best] > 2 * np.log(squares.size) else 0.0
+
+
+def depth_beyond_stated(fitted: Fit) -> float | None:
+    """How many times as much depths scatter as was stated of them, from the same differences; None below twice,
+    and where slopes that are alike, or few samples, leave it open.
+
+    -2 ln L = sum [ln(v + (d s_i)^2) + q_i/(v + (d s_i)^2)], the force's variance v free, of depths' std d.
+    """
+    data = fitted.data
+    if not (data.is_curves and np.isfinite(data.depth_std_mm).all() and (data.depth_std_mm > 0).all()):
+        return None
+    squares, slope = _differences(fitted)
+    if squares.size < MIN_SAMPLES:
+        return None
+    variances = np.mean(squares) * np.geomspace(1e-3, 2.0, 40)[:, None]
+
+    def cost(times: float) -> float:
+        expected = variances + (times * float(np.median(data.depth_std_mm)) * slope) ** 2
+        return float(np.min(np.sum(np.log(expected) + squares / expected, axis=1)))
+
+    best = min(TIMES, key=cost)
+    return float(best) if best > FAR_MORE and cost(1.0) - cost(best) > 2 * np.log(squares.size) else None
 
 
 def _differences(fitted: Fit) -> tuple[Floats, Floats]:

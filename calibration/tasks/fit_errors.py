@@ -15,8 +15,10 @@ from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.checks import clear_of_touch
 from calibration.repeats.pure_error import repeatability_rms
 from calibration.repeats.repeat_noise import beyond_stated, refit_with_pure_noise
-from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
+from calibration.repeats.sample_noise import clear_of_own_touch, depth_beyond_stated, with_sample_noise
 from calibration.result.result import CalibrationResult
+
+TOO_SMALL = "stated_noise_too_small"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +65,16 @@ def with_errors(result: CalibrationResult, errors: FitErrors) -> CalibrationResu
 def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = "") -> CalibrationResult:
     """The result with a word on a stated noise far off what this fit's samples scatter, or else on its cause."""
     times = beyond_stated(fitted)
+    if times is None and (deeper := depth_beyond_stated(fitted)) is not None:
+        said = f"depths scatter {deeper:.1f} times as much as was stated of them. Check std_mm of [depth]{or_else}"
+        return replace(result, flags=(*result.flags, TOO_SMALL), warnings=(*result.warnings, said))
     if times is None:
         return result
     said = (
         f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise. Check "
         f"std_N of [force] and std_mm of [depth]{or_else}"
     )
-    flag = "stated_noise_too_small"
+    flag = TOO_SMALL
     if times < 1:
         said = (
             "samples scatter less than half as much as was stated of them: small effects may stay unseen. Check "

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.inputs.checks import usable
 from calibration.inputs.copies import without_copies
 from calibration.inputs.observations import Measured, Observations
 from calibration.repeats.repeat_noise import beyond_stated
+from calibration.repeats.sample_noise import depth_beyond_stated
 from calibration.result.material import determine_material
 from calibration.tasks.calibrate import calibrate
 from calibration.tasks.diagnose import concluded
@@ -89,6 +91,14 @@ def test_slow_presses_are_not_refused() -> None:
     assert usable(slow).count == data.count
 
 
+def test_a_hold_is_no_slow_way_in() -> None:
+    """Fast presses that are held for long, and noise that makes the deepest sample one of the hold's last."""
+    time, depth = np.array([0.0, 0.02, 0.04, 0.06, 4.0, 8.0]), np.array([0.0, 0.1, 0.2, 0.299, 0.3, 0.301])
+    data = observations([depth] * 3, [indenter()] * 3, time_s=[100 * k + time for k in range(3)])
+    data = data.with_force(np.tile(depth, 3) + 1e-3 * np.arange(data.size))
+    assert usable(replace(data, presses=replace(data.presses, speed_mm_s=np.full(3, 5.0)))).count == 3
+
+
 @pytest.mark.parametrize(("wrong", "least", "most"), [(0.1, 8.0, 12.0), (10.0, 0.08, 0.12)])
 def test_a_noise_stated_ten_times_off_is_told(wrong: float, least: float, most: float) -> None:
     data = made(20)
@@ -113,3 +123,21 @@ def test_calibrate_tells_a_noise_stated_ten_times_off(wrong: float, flags: set[s
     found = calibrate(Measured(stated, curves=stated.curves))
     assert {flag for flag in found.flags if flag.startswith("stated_noise")} == flags
     assert sum("std_N of [force]" in warning for warning in found.warnings) == len(flags)
+
+
+@pytest.mark.parametrize(("stated_mm", "told"), [(0.0004, True), (0.004, False)])
+def test_a_depths_noise_stated_ten_times_too_small_is_told_where_no_force_is_stated(
+    *, stated_mm: float, told: bool
+) -> None:
+    """Presses begin in air, where no depth's noise is seen: what is stated of it alone is none of the samples."""
+    data, (in_air, off) = made(20), 0.004 * np.random.default_rng(3).standard_normal((2, 340))
+    first = np.arange(data.size) % 17 == 0
+    data = data.shifted(np.where(first, -0.05 - data.depth_mm, off))
+    data = data.with_force(np.where(first, in_air, data.normal_N))
+    fitted = pure(replace(data, depth_std_mm=np.full(data.size, stated_mm)))
+    assert beyond_stated(fitted) is None
+    times = depth_beyond_stated(fitted)
+    assert times == pytest.approx(10.0, rel=0.2) if told else times is None
+    result = concluded(fitted, determine_material(fitted))
+    assert ("stated_noise_too_small" in result.flags) is told
+    assert any("depths scatter" in said for said in result.warnings) is told

@@ -12,10 +12,11 @@ from calibration.effects import EFFECTS
 from calibration.effects.force_crosstalk import ForceCrosstalk
 from calibration.effects.recovery import carried
 from calibration.effects.thickness_wedge import ThicknessWedge
+from calibration.inputs import phase
 from calibration.inputs.checks import check, usable
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
-from calibration.inputs.phase import in_phase, offset_by_phase
+from calibration.inputs.phase import GRID_S, in_phase, offset_by_phase
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.stiffness import punch_stiffness
 from calibration.model.composition import Model
@@ -106,30 +107,57 @@ def test_presses_too_fast_for_clocks_that_far_apart_are_left_out() -> None:
     assert in_phase(missed) is missed, "a press that misses the gel tells nothing of clocks"
 
 
-def test_a_force_that_falls_is_looked_for_once_presses_out_of_phase_are_left_out() -> None:
-    """Two fast presses of a narrow punch, the force read 160 ms late, beside slow ones of a wide punch."""
-    along, speeds = np.linspace(0, 1, 25), np.array([4.0, 4.0, 0.4, 0.4, 0.4])
-    tops = (0.4, 0.39, 0.4, 0.39, 0.38)  # mm
-    kinds = [indenter("narrow", 1.0)] * 2 + [indenter("wide", 3.0)] * 3
+def read_late(speeds: np.ndarray, tops: tuple[float, ...], narrow: int, late_s: float) -> Observations:
+    """Presses of these speeds (mm/s) and depths (mm), first of a narrow punch and then of a wide one."""
+    along = np.linspace(0, 1, 25)
+    kinds = [indenter("narrow", 1.0)] * narrow + [indenter("wide", 3.0)] * (len(tops) - narrow)
     time = [100.0 * k + 3 * 0.4 / speed * along for k, speed in enumerate(speeds)]
     read, then = (
         [
             top * np.interp((t - t[0] - by) * v / 0.4, [0, 1, 2, 3], [0, 1, 1, 0])
             for v, t, top in zip(speeds, time, tops, strict=True)
         ]
-        for by in (0.0, 0.16)
+        for by in (0.0, late_s)
     )
     law = np.array([0.2, 0.48, 0.5, 0.5])
     force = Model(FlatPunch()).predict(law, observations(then, kinds, time_s=time))
     data = observations(read, kinds, time_s=time).with_force(force)
-    data = replace(data, presses=replace(data.presses, speed_mm_s=speeds))
+    return replace(data, presses=replace(data.presses, speed_mm_s=speeds))
+
+
+def test_a_force_that_falls_is_looked_for_once_presses_out_of_phase_are_left_out() -> None:
+    """Two fast presses of a narrow punch, the force read 160 ms late, beside slow ones of a wide punch."""
+    data = read_late(np.array([4.0, 4.0, 0.4, 0.4, 0.4]), (0.4, 0.39, 0.4, 0.39, 0.38), 2, 0.16)
     narrow = data.radius_mm == 1.0
     assert np.corrcoef(data.depth_mm[narrow], data.normal_N[narrow])[0, 1] < 0
     kept = in_phase(usable(data))
     assert kept.presses.label == tuple(np.array(data.presses.label)[2:])
     check(kept)
     with pytest.raises(InputError, match="falls as the depth grows"):
-        usable(data.with_force(-force))
+        usable(data.with_force(-data.normal_N))
+
+
+def test_a_force_that_falls_is_looked_for_with_one_clock_where_most_presses_are_out_of_phase() -> None:
+    """The force read 160 ms late again: too few slow presses to leave the fast ones out."""
+    data = read_late(np.array([4.0, 4.0, 4.0, 0.4, 0.4]), (0.4, 0.39, 0.41, 0.39, 0.38), 3, 0.16)
+    narrow = data.radius_mm == 1.0
+    assert np.corrcoef(data.depth_mm[narrow], data.normal_N[narrow])[0, 1] < 0
+    assert in_phase(usable(data)).count == data.count
+    with pytest.raises(InputError, match="falls as the depth grows"):
+        usable(data.with_force(-data.normal_N))
+
+
+def test_an_offset_that_leaves_more_of_all_forces_hides_none_that_leaves_less(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At -150 ms least is left of the narrow punch, and much of the wide one; at 30 ms little of both."""
+    data = read_late(np.array([4.0, 0.4, 0.4]), (0.4, 0.39, 0.38), 1, 0.0)
+    squares = [np.sum(data.normal_N[data.radius_mm == radius] ** 2) for radius in (1.0, 3.0)]
+    left = np.full((GRID_S.size, 2), [0.5, 0.02])
+    left[np.isclose(GRID_S, -0.15)], left[np.isclose(GRID_S, 0.03)] = [0.01, 0.1], [0.02, 0.01]
+    shares = iter(left * squares)
+    monkeypatch.setattr(phase, "_left_of_force", lambda *_: next(shares))
+    assert offset_by_phase(data) == pytest.approx(0.03)
 
 
 def wide_presses_and_a_weak_one(late_s: float, *, samples: int, peak_N: float, seed: int) -> Observations:

@@ -14,7 +14,7 @@ from test_screen import MODEL, TRUTH, measured, presses
 from calibration.diagnosis.score_test import score_test
 from calibration.effects.lateral_boundary import LateralBoundary
 from calibration.fit.least_squares import fit
-from calibration.inputs.checks import clear_of_touch
+from calibration.inputs.checks import HIDDEN, clear_of_touch
 from calibration.inputs.denoised_depth import denoised_depth
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import CHORD, FlatPunch
@@ -99,6 +99,19 @@ def test_a_shallow_press_keeps_its_deeper_half_and_the_others_lose_their_touch()
     kept = [clear.depth_mm[clear.press == k] for k in range(3)]
     assert np.array_equal(kept[0], shallow[shallow > 0.05])
     assert all(np.array_equal(one, deep[deep > 0.13]) for one in kept[1:])
+
+
+def test_air_near_the_touch_stays_where_the_noise_of_forces_hides_what_zeros_move() -> None:
+    """Zeros of 10 um move a force 20 um off the gel by .76 um times the slope (rms, drawn), 15 um off by 1.7."""
+    depth = np.array([-0.02, -0.015, 0.02, 0.1, 0.2, 0.3])
+    data = observations([depth] * 3, [indenter()] * 3, time_s=[300.0 * k + np.arange(6.0) for k in range(3)])
+    zeros = 0.01 * np.random.default_rng(1).standard_normal(400_000)
+    moved = [float(np.sqrt(np.mean(np.maximum(zeros - off, 0) ** 2))) for off in (0.02, 0.015)]
+    for hidden, kept in ((0.9 * moved[0], 0), (1.1 * moved[0], 1), (0.9 * moved[1], 1), (1.1 * moved[1], 2)):
+        noise = np.full(data.size, hidden / HIDDEN)
+        clear = clear_of_touch(data, zero_mm=0.01, force_noise_mm=noise)
+        assert np.count_nonzero(clear.depth_mm < 0) == 3 * kept
+        assert np.count_nonzero(clear.depth_mm == 0.02) == 0, "in the gel near the touch none stay"
 
 
 def test_the_touch_stays_on_the_way_out_where_the_gel_pulls() -> None:
@@ -204,3 +217,6 @@ def test_one_distance_from_the_edge_holds_the_length_of_its_effect() -> None:
     assert LateralBoundary().parameters_on(placed)[1].fixed
     spread = replace(data, presses=replace(data.presses, x_mm=np.array([0.0, 2, 4, 5]), y_mm=np.zeros(4)))
     assert not LateralBoundary().parameters_on(spread)[1].fixed
+    names = [indenter("narrow", 1.0), indenter("wide", 2.0)] * 3
+    two = observations([np.linspace(0.1, 0.4, 5)] * 6, names, place_mm=[(0, 0)] * 2 + [(5, 0)] * 4)
+    assert not LateralBoundary().parameters_on(two)[1].fixed, "their rims lie at four distances from the edge"

@@ -232,6 +232,15 @@ def test_a_draw_is_judged_by_the_others_as_a_measurement_is() -> None:
     assert (each < [Tail(draws)(draws[k]) for k in far]).all()
 
 
+def test_one_wild_draw_hides_nothing_that_all_others_lie_below() -> None:
+    """A draw at 1,500 among 1,999 had made p of 30 more than .05, by a tail that followed it."""
+    draws = np.append(np.random.default_rng(2).chisquare(1, 1998), 1500.0)
+    assert Tail(draws)(30.0) == pytest.approx(2 / 2000)
+    assert Tail(draws)(2000.0) <= 1 / 2000
+    others = np.delete(draws, np.argmax(draws[:-1]))
+    assert Tail(draws).of_each()[np.argmax(draws[:-1])] == pytest.approx(Tail(others)(np.max(draws[:-1])), rel=0.1)
+
+
 def test_a_draw_beyond_what_a_number_can_say_leaves_p_a_number() -> None:
     """One draw so far out that its p is 0 had made the family's tail infinite, and every p with it NaN."""
     draws = np.append(np.random.default_rng(2).chisquare(1, 398), 1e4)
