@@ -75,11 +75,8 @@ def diagnose(
     with step_pool(workers, cluster) as each, console.progress_bar("diagnosing:") as progress:
         watch, data = Watch(progress, deadline, each), observed(taken)
         asked = partial(method.diagnose, data, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
-        found = _asked_of_frames(asked, taken, seed)
-    own_warnings = found.after.warnings
-    before, after = (with_what_was_read(one, taken, answered=ANSWERED) for one in (found.before, found.after))
-    found = replace(found, before=before, after=after)
-    files = sure_files | own_files
+        alone = _asked_of_frames(asked, taken, seed)
+    found, files = _with_what_was_read(alone, taken), sure_files | own_files
     steps = [*(Step(effect.key, files.get(effect.key, "")) for effect in sure), *steps_of(found, files)]
     commands = commands_of(recordings, found, files, prior=prior)
     surfaces = reliefs(taken)
@@ -94,7 +91,7 @@ def diagnose(
         figures = FigureFolder(stage, form)
         write_diagnosis(found, figures, title=title, private=own, reliefs=surfaces, commands=commands)
     forget_found(out)
-    console.warn(own_warnings)
+    console.warn(alone.after.warnings)
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content, json)
@@ -110,6 +107,11 @@ def _asked_of_frames(asked: Callable[..., Diagnosis], taken: Sequence[Taken], se
         return found
     again = asked(np.random.default_rng(seed), ruled_out=absent)
     return replace(again, not_testable={**again.not_testable, **dict.fromkeys(absent, ABSENT)})
+
+
+def _with_what_was_read(found: Diagnosis, taken: Sequence[Taken]) -> Diagnosis:
+    before, after = (with_what_was_read(one, taken, answered=ANSWERED) for one in (found.before, found.after))
+    return replace(found, before=before, after=after)
 
 
 def steps_of(found: Diagnosis, files: Mapping[str, str]) -> list[Step]:

@@ -133,6 +133,21 @@ class ForceField:
         seen = observe(self.compliance.grid, height, shear=None, noise=self._noise, inside=self.compliance.inside)
         return len(candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, known=seen.known)) > 0
 
+    def none(self, height: HeightMap) -> TractionMap:
+        """The tractions of a map in which nothing touches: zero, to within what would not show."""
+        if self.compliance is None:
+            self.compliance = self._set_up(height.depth_mm.shape)
+        grid = self.compliance.grid
+        seen = observe(grid, height, shear=None, noise=self._noise, inside=self.compliance.inside)
+        return _nothing(grid, height, (*seen.flags, NO_CONTACT), self._unseen_N(grid, seen))
+
+    def _unseen_N(self, grid: NodeGrid, seen: Observation) -> float:
+        """Force of the least contact that would show."""
+        reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
+        deepest = -float(seen.displacement_mm[-1].min())
+        least = max(CONTACT.patch_sigma * float(np.median(seen.depth_std_mm)), deepest)
+        return 2 * grid.spacing_mm * reduced * least
+
     def _fits(self, made: GelCompliance, view_px: tuple[int, int] | None) -> bool:
         """Whether a compliance that was made before is one for these settings and this view."""
         seen = view_px is None or view_px == made.grid.view_px
@@ -157,12 +172,7 @@ class ForceField:
             more = self._overlooked(compliance, seen, cells, found)
             found = self._solve(compliance, seen, np.union1d(cells, more)) if len(more) else found
         if found is None or len(found.cells) == 0:
-            reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
-            least = max(
-                CONTACT.patch_sigma * float(np.median(seen.depth_std_mm)), -float(seen.displacement_mm[-1].min())
-            )
-            unseen = 2 * grid.spacing_mm * reduced * least
-            return _nothing(grid, height, (*flags, NO_CONTACT), unseen)
+            return _nothing(grid, height, (*flags, NO_CONTACT), self._unseen_N(grid, seen))
         flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
         if is_cut(grid, found, seen):
             flags.append(CUT)

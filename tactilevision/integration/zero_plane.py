@@ -41,6 +41,7 @@ CORRELATED = 50.0  # blocks, a tenth of the picture, over which errors of integr
 BLOCKS = 600  # over the picture, about: small against contacts, large against noise
 MIN_BLOCKS = 12  # untouched blocks; fewer do not fix a tilt
 MAX_DROP = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
+DENTED = 5.0  # of the untouched blocks' scatter, beyond which the deepest of the others is a dent
 MAX_ITERATIONS = 4  # rounds of reweighting, at most: a frame has little time
 CONVERGENCE_TOL = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
 STIFFENING = 1.0 + 1e-9 * np.eye(5)  # factor on normal equations: terms that are alike leave them singular
@@ -51,8 +52,8 @@ SAMPLED = 8  # places along each side of a block that stand for it
 class ZeroPlane:
     """`offset_mm`, `tilt` (per X, Y from -1 to 1, mm).
 
-    `std_mm` of the plane at the picture's centre; `share` untouched. `takes` (3, blocks): what offset and tilt
-    take of each block's depth, None where the plane is no fit.
+    `std_mm` of the plane at the picture's centre, `tilt_std_mm` of its tilt; `share` untouched. `takes`
+    (3, blocks): what offset and tilt take of each block's depth, None where the plane is no fit.
     """
 
     offset_mm: float
@@ -60,6 +61,7 @@ class ZeroPlane:
     std_mm: float
     share: float
     takes: npt.NDArray[np.float32] | None = None
+    tilt_std_mm: Pair = (0.0, 0.0)
 
 
 def find_zero_plane(
@@ -88,14 +90,16 @@ def find_zero_plane(
     tilts = [1, 2]
     if 3 * count < 2 * len(flat):  # two thirds of them never lie within half of the picture
         tilts = [k for k in tilts if np.ptp(terms[k, flat]) > 1.0]
-    used = [0, *tilts, *(() if gel.all() else (3, 4))]
+    used = [0, *tilts, *((3, 4) if _dented(blocks, gel.ravel(), flat, terms[:3]) else ())]
     decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
-    solution, std, inverse = _reweighted_fit(
+    solution, stds, inverse = _reweighted_fit(
         terms if len(used) == len(terms) else terms[used], blocks, flat, rises=4 in used, decay_std=decay_std
     )
-    full, takes = np.zeros(5), np.zeros((3, len(flat)), np.float32)
-    full[used], takes[[0, *tilts]] = solution, inverse[: 1 + len(tilts)]
-    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, count / len(flat), takes)
+    full, std, takes = np.zeros(5), np.zeros(5), np.zeros((3, len(flat)), np.float32)
+    full[used], std[used], takes[[0, *tilts]] = solution, stds, inverse[: 1 + len(tilts)]
+    offset, *tilt = full[:3].tolist()
+    std_mm, *tilt_std = std[:3].tolist()
+    return ZeroPlane(offset, (tilt[0], tilt[1]), std_mm, count / len(flat), takes, (tilt_std[0], tilt_std[1]))
 
 
 def level(depth: Depth, zero: ZeroPlane) -> None:
@@ -173,6 +177,18 @@ def _outer_gel(untouched: Bools, depth: Floats) -> Bools:
     return np.asarray(labels == chosen)
 
 
+def _dented(depth: Floats, gel: Bools, flat: Bools, plane: Floats) -> bool:
+    """Whether a block of the `depth` (n,) outside the `gel` lies deeper under a `plane` (3, n) than what is `flat`
+    scatters about it: blocks that merely stand out in colour are no contact that gel would rise beside.
+    """
+    if gel.all():
+        return False
+    normal = (plane * flat) @ plane.T
+    off = depth - np.linalg.solve(normal * STIFFENING[:3, :3], plane @ (flat * depth)) @ plane
+    scatter = MAD_TO_STD * float(np.median(np.abs(off[flat])))
+    return bool(off[~gel].max() > DENTED * scatter)
+
+
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
     """Terms 1, X, Y, exp(-d / L), d / L exp(-d / L) (5, blocks); the last two 0 where nothing is touched."""
     rows, columns = untouched.shape
@@ -189,9 +205,9 @@ def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_
 
 def _reweighted_fit(
     terms: Floats, depth: Floats, untouched: Bools, *, rises: bool, decay_std: float
-) -> tuple[Floats, float, Floats]:
-    """Reweighted least squares of terms (k, n) where `untouched` (n,): coefficients, deviation of the plane at
-    the centre, and what each coefficient takes (k, n) of the depths.
+) -> tuple[Floats, Floats, Floats]:
+    """Reweighted least squares of terms (k, n) where `untouched` (n,): coefficients, their deviations (k,), and
+    what each coefficient takes (k, n) of the depths.
 
     Where it `rises`, the last coefficient is expected to be a part `decay_std` of the one before.
     """
@@ -203,8 +219,7 @@ def _reweighted_fit(
         limits = correlated, prior_weight, STIFFENING[0, 0] - 1.0, MIN_RISE, MAX_ITERATIONS, CONVERGENCE_TOL
         found, scale, normal, weights = reweighted(terms, depth, untouched, rises, decay_std, *limits)
         inverse = cv2.invert(normal)[1]
-        std = float(scale * np.sqrt(correlated * inverse[0, 0]))
-        return found, std, np.asarray(inverse @ (terms * weights))
+        return found, scale * np.sqrt(correlated * inverse.diagonal()), np.asarray(inverse @ (terms * weights))
     rows, weighted = np.concatenate([terms, depth[None]]), terms * untouched
     solution: Floats = np.zeros(len(terms))
     for _ in range(MAX_ITERATIONS):
@@ -227,5 +242,4 @@ def _reweighted_fit(
         geman_mcclure_inverse(square, (3.0 * scale) ** 2)
         weighted = terms / square
     inverse = cv2.invert(normal)[1]
-    std = float(scale * np.sqrt(correlated * inverse[0, 0]))
-    return solution, std, np.asarray(inverse @ weighted)
+    return solution, scale * np.sqrt(correlated * inverse.diagonal()), np.asarray(inverse @ weighted)

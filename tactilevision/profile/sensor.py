@@ -179,12 +179,17 @@ class CalibratedSensor:
 
         return with_face(height, face, depth_scale=law)
 
-    def tractions(self, height: HeightMap, rgb_rectified: Bytes) -> TractionMap | None:
-        """Tractions (MPa) behind a map (H, W) and its rectified picture; None where they cannot be known."""
+    def tractions(self, height: HeightMap, rgb_rectified: Bytes, *, touched: bool = True) -> TractionMap | None:
+        """Tractions (MPa) behind a map (H, W) and its rectified picture; None where they cannot be known.
+
+        Where the map shows no contact they are none, whatever single cells of it say.
+        """
         field = self.field
         if field is None:
             return None
         try:
+            if not touched:
+                return field.none(height)
             if self.untouched is None or not field.touched(height):
                 return field(height)
             return field(height, self.untouched.shear(rgb_rectified))
@@ -199,7 +204,7 @@ class CalibratedSensor:
         face = find_footprint(height, self.indenter) if touched and self.indenter is not None else None
         height = self.held(height, face)
         height = replace(height, flags=add(height.flags, contact_flags(contact, self.reconstructor.error)))
-        found = self.tractions(height, rgb)
+        found = self.tractions(height, rgb, touched=touched)
         unsolved = (NOT_SOLVED,) if found is None and self.field is not None else ()
         return Seen(height, contact, face, found, (*height.flags, *(found.flags if found else ()), *unsolved))
 

@@ -27,7 +27,7 @@ from tactilevision.records import CertifiedPoint, Curve, Floats, ForceSeries, Pr
 
 _Columns = Mapping[str, Sequence[Any] | npt.NDArray[Any]]
 _NOTHING: _Columns = MappingProxyType({})
-LARGE = 1e6  # beyond it 12 digits leave less than a microsecond of a time in s
+LARGE = 1e7  # beyond it 12 digits tell less than 10 microseconds of a time in s
 _JOINED = ("details", "edge_profile", "extra")  # fields that are written as columns of their own
 
 

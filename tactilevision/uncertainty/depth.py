@@ -105,7 +105,8 @@ class DepthError:
         total = np.asarray(cv2.max(self._leaked(scale), scale, dst=scale))
         if lost is not None:
             total += lost
-        cv2.addWeighted(total, 1.0, self.free_mm2, 1.0, zero_variance(evidence.zero), dst=total)
+        total += self.free_mm2
+        total += zero_variance(evidence.zero, total.shape)
         light = self._light(evidence, total.shape)
         if light is not None:
             total += light
@@ -141,7 +142,7 @@ class DepthError:
             np.zeros_like(few) if lost is None else lost,
             self.noise_mm2,
             self.free_mm2 - self.noise_mm2,
-            np.full_like(few, zero_variance(evidence.zero)),
+            zero_variance(evidence.zero, few.shape),
             np.zeros_like(few) if light is None else light,
             edges,
             steep,
