@@ -55,6 +55,18 @@ def test_gel_too_dark_to_be_read_is_no_contact(radius_mm: float) -> None:
     assert abs(taken_for_contact.offset_mm) > 3 * abs(zero.offset_mm)
 
 
+def test_a_speck_that_is_no_dent_moves_nothing() -> None:
+    """Waves of untouched gel, and a block that stands out in colour alone: no gel rises beside it."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] * STEP
+    waves = 0.02 * np.sin(x / 2.0) * np.cos(y / 1.5)
+    untouched = np.ones((16, 24), np.bool_)
+    plain = find_zero_plane(waves, untouched, mm_per_px=(STEP, STEP), thickness_mm=3.0)
+    untouched[7, 9] = False
+    speck = find_zero_plane(waves, untouched, mm_per_px=(STEP, STEP), thickness_mm=3.0)
+    assert speck.offset_mm == pytest.approx(plain.offset_mm, abs=2e-4)
+    assert speck.std_mm == pytest.approx(plain.std_mm, rel=0.05)
+
+
 def test_without_contact_it_is_the_plane() -> None:
     x = np.arange(SHAPE[1])[None, :] * STEP
     depth = np.repeat(0.1 - 0.01 * x, SHAPE[0], axis=0)
