@@ -23,7 +23,9 @@ STEP_MM = 0.1  # mm between the places of a strip, about a pixel
 HALF_WIDTH_MM = 1.5  # along a straight edge at twice the radius the gel rises alike within that
 EDGE_MM = 0.15  # to both sides of the bevel's edge: the dent is some pixels wide while it is shallow
 FLANK_MM = (0.6, 1.2)  # from the edge: near enough to share its long-waved noise, far enough to be off the dent
-_CLEAR = 2.0  # stds before a first onset, up to where the picture is taken to be untouched
+_CLEAR = (
+    2.0  # stds before a first onset, up to where the picture is taken to be untouched; tests/contact/test_onset
+)
 _LATE = 0.3  # of the growth seen, from which the picture's change is the template
 _MIN_FRAMES = 3  # before the onset, from which a straight course is taken
 _WALL_MM = 0.4  # beyond the punch's edge, where its wall is still steep

@@ -133,7 +133,7 @@ class ForceField:
         seen = observe(self.compliance.grid, height, shear=None, noise=self._noise, inside=self.compliance.inside)
         return len(candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, known=seen.known)) > 0
 
-    def none(self, height: HeightMap) -> TractionMap:
+    def without_contact(self, height: HeightMap) -> TractionMap:
         """The tractions of a map in which nothing touches: zero, to within what would not show."""
         if self.compliance is None:
             self.compliance = self._set_up(height.depth_mm.shape)

@@ -189,7 +189,7 @@ class CalibratedSensor:
             return None
         try:
             if not touched:
-                return field.none(height)
+                return field.without_contact(height)
             if self.untouched is None or not field.touched(height):
                 return field(height)
             return field(height, self.untouched.shear(rgb_rectified))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -173,6 +174,27 @@ def test_a_press_that_is_recorded_from_its_ramp_on_is_tared_on_the_free_gel_afte
     assert window.force_N[held, 2].mean() == pytest.approx(1.0, abs=0.004)
 
 
+def _stopped(
+    way: tuple[list[float], list[float]],
+    wrong_mm: Callable[[Floats, Floats], Floats],
+    *,
+    rail_N: float,
+    slope_N_per_mm: float,
+    rate_Hz: float,
+) -> bool:
+    """Whether a press along a `way` (times in s, depths in mm) has a force that stops; its face is read off by
+    `wrong_mm` of frames' times and depths.
+    """
+    rng, end = np.random.default_rng(4), way[0][-1] + 1.0
+    clock, frames = np.arange(0.0, end, 0.005), np.arange(0.0, end, 1 / rate_Hz)
+    normal = np.minimum(slope_N_per_mm * np.interp(clock, *way), rail_N) + 0.01 * rng.standard_normal(clock.size)
+    force: Any = SimpleNamespace(time_s=clock, smooth_N=normal, phases=find_phases(normal))
+    depth = np.interp(frames, *way)
+    seen = depth + wrong_mm(frames, depth) + 0.002 * rng.standard_normal(frames.size)
+    evidence: Any = SimpleNamespace(track=SimpleNamespace(time_s=frames, depth_mm=seen), offset_s=0.0)
+    return _force_stopped(evidence, force) is not None
+
+
 @pytest.mark.parametrize(
     ("rail_N", "wrong_out_mm", "stopped"), [(9.0, 0.0, False), (9.0, 0.3, False), (1.4, 0.0, True)]
 )
@@ -180,35 +202,23 @@ def test_a_wall_read_wrongly_on_the_way_out_is_no_force_that_has_stopped(
     rail_N: float, wrong_out_mm: float, stopped: bool
 ) -> None:
     """A face of .5 mm under 2 N, in and out at .25 mm/s; beside shadows its wall may be read 60 % too deep."""
-    rng = np.random.default_rng(4)
+    way = ([1.0, 3.0, 3.5, 5.5], [0.0, 0.5, 0.5, 0.0])
 
-    def depth_mm(time_s: Floats) -> Floats:
-        return np.asarray(np.interp(time_s, [1.0, 3.0, 3.5, 5.5], [0.0, 0.5, 0.5, 0.0]))
+    def wrong_mm(time_s: Floats, _: Floats) -> Floats:
+        return wrong_out_mm * ((time_s > 3.55) & (time_s < 3.9))
 
-    clock, frames = np.arange(0.0, 6.5, 0.005), np.arange(0.0, 6.5, 1 / 15)
-    normal = np.minimum(4.0 * depth_mm(clock), rail_N) + 0.01 * rng.standard_normal(clock.size)
-    force: Any = SimpleNamespace(time_s=clock, smooth_N=normal, phases=find_phases(normal))
-    wrong = wrong_out_mm * ((frames > 3.55) & (frames < 3.9))
-    seen = depth_mm(frames) + wrong + 0.002 * rng.standard_normal(frames.size)
-    evidence: Any = SimpleNamespace(track=SimpleNamespace(time_s=frames, depth_mm=seen), offset_s=0.0)
-    assert (_force_stopped(evidence, force) is not None) is stopped
+    assert _stopped(way, wrong_mm, rail_N=rail_N, slope_N_per_mm=4.0, rate_Hz=15.0) is stopped
 
 
 @pytest.mark.parametrize("rail_N", [9.0, 0.7])
 def test_a_wall_read_now_one_way_now_the_other_is_no_face_that_goes_deeper(rail_N: float) -> None:
     """In a hold, four of ten frames read the wall 45 % deeper, as beside shadows."""
-    rng = np.random.default_rng(5)
+    way, rng = ([1.0, 2.3, 2.8, 4.1], [0.0, 0.33, 0.33, 0.0]), np.random.default_rng(6)
 
-    def depth_mm(time_s: Floats) -> Floats:
-        return np.asarray(np.interp(time_s, [1.0, 2.3, 2.8, 4.1], [0.0, 0.33, 0.33, 0.0]))
+    def wrong_mm(time_s: Floats, depth: Floats) -> Floats:
+        return depth * np.where((time_s > 2.3) & (rng.random(time_s.size) < 0.4), 0.45, 0.0)
 
-    clock, frames = np.arange(0.0, 5.0, 0.005), np.arange(0.0, 5.0, 1 / 30)
-    normal = np.minimum(4.1 * depth_mm(clock), rail_N) + 0.01 * rng.standard_normal(clock.size)
-    force: Any = SimpleNamespace(time_s=clock, smooth_N=normal, phases=find_phases(normal))
-    deeper = np.where((frames > 2.3) & (rng.random(frames.size) < 0.4), 0.45, 0.0)
-    seen = depth_mm(frames) * (1 + deeper) + 0.002 * rng.standard_normal(frames.size)
-    evidence: Any = SimpleNamespace(track=SimpleNamespace(time_s=frames, depth_mm=seen), offset_s=0.0)
-    assert (_force_stopped(evidence, force) is not None) is (rail_N < 2)
+    assert _stopped(way, wrong_mm, rail_N=rail_N, slope_N_per_mm=4.1, rate_Hz=30.0) is (rail_N < 2)
 
 
 @pytest.mark.parametrize(
