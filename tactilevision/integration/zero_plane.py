@@ -28,7 +28,7 @@ from tactilevision.compiled import compiled
 from tactilevision.distance import distance_px
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 from tactilevision.records.contact_thresholds import slope_limit
-from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse
+from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse, mad_std
 
 Depth = npt.NDArray[np.floating[Any]]
 DECAY_PER_THICKNESS = 0.9  # of the thickness over which the rise dies out: punches .75, balls 1
@@ -185,8 +185,7 @@ def _dented(depth: Floats, gel: Bools, flat: Bools, plane: Floats) -> bool:
         return False
     normal = (plane * flat) @ plane.T
     off = depth - np.linalg.solve(normal * STIFFENING[:3, :3], plane @ (flat * depth)) @ plane
-    scatter = MAD_TO_STD * float(np.median(np.abs(off[flat])))
-    return bool(off[~gel].max() > DENTED * scatter)
+    return bool(off[~gel].max() > DENTED * mad_std(off[flat], centre=0.0))
 
 
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:

@@ -205,7 +205,7 @@ def test_a_wall_read_wrongly_on_the_way_out_is_no_force_that_has_stopped(
     way = ([1.0, 3.0, 3.5, 5.5], [0.0, 0.5, 0.5, 0.0])
 
     def wrong_mm(time_s: Floats, _: Floats) -> Floats:
-        return wrong_out_mm * ((time_s > 3.55) & (time_s < 3.9))
+        return np.asarray(wrong_out_mm * ((time_s > 3.55) & (time_s < 3.9)), dtype=np.float64)
 
     assert _stopped(way, wrong_mm, rail_N=rail_N, slope_N_per_mm=4.0, rate_Hz=15.0) is stopped
 
@@ -216,7 +216,7 @@ def test_a_wall_read_now_one_way_now_the_other_is_no_face_that_goes_deeper(rail_
     way, rng = ([1.0, 2.3, 2.8, 4.1], [0.0, 0.33, 0.33, 0.0]), np.random.default_rng(6)
 
     def wrong_mm(time_s: Floats, depth: Floats) -> Floats:
-        return depth * np.where((time_s > 2.3) & (rng.random(time_s.size) < 0.4), 0.45, 0.0)
+        return np.asarray(depth * np.where((time_s > 2.3) & (rng.random(time_s.size) < 0.4), 0.45, 0.0))
 
     assert _stopped(way, wrong_mm, rail_N=rail_N, slope_N_per_mm=4.1, rate_Hz=30.0) is (rail_N < 2)
 
