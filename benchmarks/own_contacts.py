@@ -140,4 +140,4 @@ def told(slopes: Sequence[np.ndarray], samples: Sequence[Samples]) -> str:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2]), *sys.argv[2:])
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 0, *sys.argv[2:3])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from benchmarks.others_curves.law import Array
 
@@ -92,7 +93,7 @@ def draw(rng: np.random.Generator, *, rich: bool, count: int = 0, sparse: bool =
 
 def _days_and_places(
     rng: np.random.Generator, count: int, *, rich: bool, sparse: bool
-) -> tuple[Array, Array, Array]:
+) -> tuple[npt.NDArray[np.signedinteger], Array, Array]:
     """Days of presses (count,) since the first, places to choose from (k, 2), mm; each day's temperature (30,)."""
     days = np.sort(rng.integers(0, 30, count)) if rich else np.zeros(count, dtype=int)
     if sparse:

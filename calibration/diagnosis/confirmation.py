@@ -12,11 +12,10 @@ from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, separation
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, log_volume, press_folds, separation
 from calibration.fit.least_squares import Fit
 from calibration.inputs.deadline import Each, in_turn
 from calibration.model.stages import Effect
-from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Whitener
 from tactilevision.records import Floats
 
@@ -39,17 +38,11 @@ def weighed_again(
     for one, adopted in zip(near, each(partial(adopt, current), near), strict=True):
         with suppress(*CANNOT_FIT):
             fitted = adopted()
-            cost = fitted.chi2 + _log_volume(fitted)
+            cost = fitted.chi2 + log_volume(fitted)
             own[one.effect.key] = replace(one, values=fitted.values, chi2=cost, force_N=fitted.force_N)
     least = min((one.cost for one in own.values()), default=0.0)
     moved = [own.get(c.effect.key, replace(c, chi2=c.chi2 - first.cost + least)) for c in candidates]
     return sorted(moved, key=lambda c: c.cost)
-
-
-def _log_volume(fitted: Fit) -> float:
-    """ln det V of a fit's own noise."""
-    of_presses = Weighing(fitted.data, fitted.about, fitted.noise).log_volume(fitted.noise)
-    return of_presses + 2 * float(np.sum(np.log(fitted.about.base_N)))
 
 
 def inside(candidate: Candidate) -> bool:

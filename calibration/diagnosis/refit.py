@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,11 +14,13 @@ from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
 from calibration.model.parameters import Parameter
 from calibration.model.stages import NOT_READ, Effect, EffectBase
+from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Whitener
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Bools, Floats
 
 FLAT = 3.84  # of chi^2: a size that costs no more beside the best one is inside its 95 % interval
+SAME = 0.1  # of chi^2: what differs by less is the same
 HALVINGS = 6  # of a size at the end of its range, to the smallest that is as good
 STARTS = 2  # that promise most by their score; the others are not fitted
 FOLDS = 5  # of presses: each fifth is predicted from the other four
@@ -60,15 +63,16 @@ def refit_with(base: Fit, effect: Effect, *, target_N: Floats | None = None, mos
 
 def _smallest_as_good(problem: Problem, values: Floats, effect: Effect) -> Floats:
     """The values (p,), the effect's size halved from the end of its range as long as that costs nothing: what is
-    known to be no smaller is not at its end.
+    known to be no smaller is not at its end. A threshold beyond which nothing changes is halved from anywhere.
     """
     if not effect.parameters:
         return values
     at = problem.model.slices(problem.data)[effect.key].start
     first, now = problem.parameters[at], values
-    if abs(values[at] - first.default) < (1 - 1e-4) * max(abs(b - first.default) for b in first.bounds):
+    at_end = abs(values[at] - first.default) >= (1 - 1e-4) * max(abs(b - first.default) for b in first.bounds)
+    if not (at_end or getattr(effect, "threshold", False)):
         return values
-    most = float(np.sum(problem.residual(values[problem.free]) ** 2)) + FLAT
+    most = float(np.sum(problem.residual(values[problem.free]) ** 2)) + (FLAT if at_end else SAME)
     for _ in range(HALVINGS):
         less = float(now[at] + first.default) / 2
         table = list(problem.parameters)
@@ -200,8 +204,39 @@ def press_folds(data: Observations, count: int = FOLDS) -> Ints:
 
 
 def adopt(base: Fit, candidate: Candidate) -> Fit:
-    """The candidate as a fit of its own, with the noise estimated anew from what it leaves."""
+    """The candidate as a fit of its own, with the noise estimated anew from what it leaves.
+
+    A threshold moves the noise, too: which samples a press's zero moves. What is best under another noise may be a
+    wrong minimum, so it is looked for from all its starts; the likelihood of each one's own noise decides.
+    """
+    places = [candidate.values]
+    if getattr(candidate.effect, "threshold", False):
+        own = candidate.model.slices(base.data)[candidate.effect.key]
+        places += [_with(candidate.values, own, start) for start in candidate.effect.starts(base.data)]
+    fits = []
+    for place in places:
+        with suppress(*CANNOT_FIT):
+            fits.append(_settled(base, candidate.model, place))
+    if not fits:
+        raise ConvergenceError(f"{candidate.effect.key} does not fit from any of its starts")
+    costs = [one.chi2 + log_volume(one) for one in fits]
+    return next(one for one, cost in zip(fits, costs, strict=True) if cost < min(costs) + SAME)
+
+
+def log_volume(fitted: Fit) -> float:
+    """ln det V of a fit's own noise: with chi^2, -2 ln of its likelihood."""
+    of_presses = Weighing(fitted.data, fitted.about, fitted.noise).log_volume(fitted.noise)
+    return of_presses + 2 * float(np.sum(np.log(fitted.about.base_N)))
+
+
+def _settled(base: Fit, model: Model, values: Floats) -> Fit:
     from calibration.repeats.repeat_noise import refit_with_pure_noise
 
-    fitted = fit(candidate.model, base.data, noise=base.noise, starts=candidate.values[None], tolerances=False)
+    fitted = fit(model, base.data, noise=base.noise, starts=values[None], tolerances=False)
     return replace(refit_with_pure_noise(fitted), warnings=base.warnings)
+
+
+def _with(values: Floats, own: slice, start: Floats) -> Floats:
+    placed = values.copy()
+    placed[own] = start
+    return placed

@@ -6,8 +6,9 @@ W work of adhesion in N/mm (1 J/m^2 = .001 N/mm): the face lets go where the ene
 releases pays for it. dK0/da is the bonded layer's, which for a/h near 1 is far above the half-space's 2 E*; there
 w_c gives Kendall's pull-off sqrt(8 pi a^3 E* W). A flat punch's contact does not shrink before, so loading shows
 nothing. The depth at which one press lets go is known to a tenth of w_c (std), no better than the zero. Over a
-wide range about w_c (OPEN) the reading itself says whether the face still held: more than half of K0 w. A small
-share (LAW) keeps W in the middle of what was read. So faces that let go by another law of the radius are followed,
+wide range about w_c (OPEN) the reading itself says whether the face still held: it pulls as no air does, or, where
+no air was read, by more than half of K0 w. It had let go where it does not and K0 w would show. A share (LAW)
+keeps W in the middle of what was read. So faces that let go by another law of the radius are followed,
 too. Vanishes at W = 0.
 Sources: Kendall, J. Phys. D 4 (1971) 1186; Johnson, Kendall, Roberts, Proc. R. Soc. A 324 (1971) 301.
 """
@@ -20,14 +21,16 @@ import numpy as np
 
 from calibration.inputs.denoised_depth import drawn_off
 from calibration.inputs.observations import Observations
+from calibration.inputs.pull import pull_level_N
 from calibration.laws.theory.stiffness import punch_stiffness
 from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 SPREAD = 0.1  # std of the depth at which the face lets go, over w_c
-OPEN = 8.0  # of these std about w_c, where the reading itself decides whether the face holds (others_curves)
+OPEN = 16.0  # of these std about w_c, in ln w, where the reading itself decides whether the face holds
 LAW = 0.05  # share of the tension that follows the law alone
+LEAST_MM = 1e-6  # mm of being drawn off: no face lets go before
 STEP = 0.01  # of the radius, for the slope of the stiffness
 
 
@@ -71,11 +74,18 @@ class Adhesion(EffectBase):
         growth = np.maximum(_growth(state, data), 1e-12)  # a search may pass where the gel has no stiffness left
         limit = np.sqrt(4 * np.pi * state.radius_mm * values[0] / growth)
         tension = state.stiffness_N_per_mm * np.minimum(state.depth_mm, 0)
-        read = data.normal_N
-        held = np.where(read < tension / 2, 1.0, np.where(read == 0, 0.0, -1.0))  # 0 N sharp: nothing was read
-        over = (-state.depth_mm / limit - 1) / SPREAD
+        held = _held(tension, data)
+        over = np.log(np.maximum(-state.depth_mm, LEAST_MM) / limit) / SPREAD
         clings = (1 - LAW) * _holds(over - OPEN * held) + LAW * _holds(over)
         return replace(state, force_N=state.force_N + pulled * clings * tension)
+
+
+def _held(tension_N: Floats, data: Observations) -> Floats:
+    """1 where a reading (N,) says that the face holds, -1 where it says that it has let go, else 0."""
+    read, level = data.normal_N, pull_level_N(data)
+    pulls = np.full(data.size, level) if np.isfinite(level) else tension_N / 2
+    told = [read == 0, read < pulls, tension_N <= 2 * pulls]  # 0 N sharp: nothing was read
+    return np.select(told, [0.0, 1.0, -1.0], default=0.0)
 
 
 def _holds(over: Floats) -> Floats:

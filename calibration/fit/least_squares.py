@@ -107,7 +107,8 @@ class Fit:
         if not np.isfinite(whole):
             return quantile95(self.noise.dof)
         precision = np.array([0.0 if p.prior is None else p.prior.std**-2 for p in self.parameters])
-        stated = float(np.sum(precision * (self.covariance @ gradient) ** 2))
+        known = precision > 0  # what has no prior may be as good as unknown
+        stated = float(np.sum(precision[known] * (self.covariance @ gradient)[known] ** 2))
         share = (whole - stated) / whole if whole > 0 else 1.0
         return quantile95(self.noise.dof / max(share, 1e-6) ** 2)
 

@@ -13,15 +13,13 @@ from calibration.inputs.copies import check_times, without_copies
 from calibration.inputs.denoised_depth import BRANCHES, branches, drawn_off, nominal_depth
 from calibration.inputs.observations import Observations
 from calibration.inputs.phase import in_phase, with_one_clock
-from calibration.inputs.press_noise import TYPICAL_FORCE_N, TYPICAL_ZERO_MM
+from calibration.inputs.press_noise import TYPICAL_ZERO_MM
+from calibration.inputs.pull import pull_level_N
 from tactilevision.errors import InputError
 from tactilevision.records import Bools, Floats, Indenter
-from tactilevision.robust import mad_std
 
 TOUCH = 3.0  # std of a press zero
 HIDDEN = 1 / 3  # of a force's noise: what adds less to it adds a twentieth
-MIN_AIR = 5  # samples of air on the way in: fewer do not tell how forces scatter there
-PULL_SIGMA = 4.0  # std of them: a force that lies farther below is none of air
 MIN_PULLING_SHARE = 0.1  # of the samples near the touch on the way out: so many pull only where a gel clings
 LOADED = 0.5  # of the largest force above that of air, either way: from it on the punch stands in the gel
 NEAR_TOUCH = 0.1  # of the samples, the nearest to depth 0: their force is about air's, whatever the depth's sign
@@ -274,12 +272,9 @@ def _moved_mm(distance_mm: Floats, zero_mm: Floats) -> Floats:
 
 def _clinging(data: Observations, clear: Bools) -> Bools:
     """The samples (N,) near the touch on the way out; none unless many pull, which no zero of a depth does."""
-    out = drawn_off(data)
-    near, air = out & ~clear, data.normal_N[~out & (data.depth_mm < 0)]
-    if air.size < MIN_AIR or not near.any():
-        return np.zeros(data.size, dtype=bool)
-    pulls = data.normal_N[near] < np.median(air) - PULL_SIGMA * max(mad_std(air), TYPICAL_FORCE_N)
-    return near & bool(np.mean(pulls) > MIN_PULLING_SHARE)
+    near = drawn_off(data) & ~clear
+    pulls = data.normal_N[near] < pull_level_N(data)
+    return near & bool(pulls.size and np.mean(pulls) > MIN_PULLING_SHARE)
 
 
 def lacks(data: Observations) -> Iterator[str]:

@@ -13,6 +13,9 @@ from benchmarks.others_curves.judge import _held, exact
 from benchmarks.others_curves.law import kappa, kappa_between, rounded
 from benchmarks.others_curves.recording import KINDS, make
 from benchmarks.others_curves.strength import SEEN
+from calibration.inputs.gather import observe_curves
+from calibration.inputs.observations import Measured
+from calibration.tasks.diagnose import diagnose
 from tactilevision.recording import read_recording
 
 
@@ -66,6 +69,14 @@ def test_what_hides_beside_another_effect_is_weaker_than_alone(tmp_path: Path) -
     assert set(made.each) == set(made.sizes)
     assert min(made.each.values()) > 8
     assert max(made.each.values()) < made.strength
+
+
+def test_faces_that_never_let_go_show_adhesion_and_nothing_beside(tmp_path: Path) -> None:
+    """The work that was found first, under a noise that knew of no clinging face, was far too small: UNKNOWN."""
+    make(tmp_path, "single", 761239, rich=True)
+    recording = read_recording(tmp_path)
+    found = diagnose(observe_curves(Measured(recording, curves=recording.curves)), np.random.default_rng(7))
+    assert (found.verdict, [effect.key for effect in found.effects]) == ("IDENTIFIED", ["adhesion"])
 
 
 def test_the_interval_of_a_share_is_exact() -> None:

@@ -10,7 +10,7 @@ from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.diagnosis import confirmation
-from calibration.diagnosis.refit import adopt, hold_out, refit_with
+from calibration.diagnosis.refit import adopt, hold_out, log_volume, refit_with
 from calibration.effects import EFFECTS
 from calibration.inputs.observations import Observations
 from calibration.tasks.diagnose import diagnose
@@ -41,7 +41,7 @@ def test_the_likelihood_is_that_of_the_whole_covariance() -> None:
         + noise.zero_mm**2 * np.outer(about.slope_N_per_mm, about.slope_N_per_mm)
     )
     covariance += np.diag((noise.scale * about.base_N) ** 2)
-    assert confirmation._log_volume(fitted) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
+    assert log_volume(fitted) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
 
 
 def drawn_off(count: int) -> Observations:
