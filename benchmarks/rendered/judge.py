@@ -52,17 +52,23 @@ def judge(folder: Path, *, plain: bool) -> tuple[list[float], list[Step]]:
     order = np.random.default_rng(0).permutation(len(truth.get("ball", ())))
     for left_out in (order[fold::FOLDS] for fold in range(min(FOLDS, order.size))):
         kept = tuple(ball for number, ball in enumerate(recording.balls) if number not in left_out)
-        reader = calibrate_light(replace(recording, balls=kept))
+        reader = _reader(replace(recording, balls=kept), plain=plain)
         ratios += [_ball(folder, recording, reader, number, truth["ball"][number]) for number in left_out]
-    reader = calibrate_light(recording)
-    if not plain:
-        frames = [reader.rectified(read_frame(recording, k)) for k in range(len(recording.frame_names))]
-        reader = with_shadows(recording, reader, frames=frames)
+    reader = _reader(recording, plain=plain)
     steps = []
     for number, step in enumerate(truth["step"], start=1):
         seen = reader.height_map(read_frame(recording, number))
         steps.append(judge_step(seen, true_depth_mm(folder, f"frame_{number:05d}"), step))
     return ratios, steps
+
+
+def _reader(recording: Recording, *, plain: bool) -> Reconstructor:
+    """A reader of the recording's balls, which undoes the shadows that its frames show; `plain` leaves them."""
+    reader = calibrate_light(recording)
+    if plain:
+        return reader
+    frames = [reader.rectified(read_frame(recording, k)) for k in range(len(recording.frame_names))]
+    return with_shadows(recording, reader, frames=frames)
 
 
 def true_depth_mm(folder: Path, name: str) -> Array:
