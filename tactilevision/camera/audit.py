@@ -15,10 +15,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.camera.sources import Shot
 from tactilevision.errors import InputError
+from tactilevision.quality.compression import blocks_grey
 from tactilevision.records import Bytes
 
 FRAMES = 60  # frames of an audit: a second or two
@@ -26,7 +26,6 @@ LOST = 1.5  # usual steps of time after which a frame is missing
 MAX_LOST = 0.02  # share of lost or repeated frames that is told of; a few are no matter
 MAX_BRIGHTNESS = 0.02  # relative change of brightness; lamps that are warm keep within a third of it
 MAX_BLOCKS_GREY = 0.2  # grey levels: raw pictures have below .05, JPEG of any quality .3 to .7, video 1.3
-BLOCK = 8  # px of a block of JPEG and of most video codes
 STEP = 4  # px apart that brightness is looked at
 
 
@@ -103,15 +102,3 @@ def brightness_change(frames: Sequence[Bytes]) -> float:
         return 0.0
     shares = [float(np.median(level[lit] / levels[0][lit])) for level in levels]
     return max(shares) - min(shares)
-
-
-def blocks_grey(rgb: Bytes) -> float:
-    """Grey levels by which neighbours differ more across blocks of a picture (H, W, 3) than within; 0 at least."""
-    picture = rgb.astype(np.float32)
-    return max(0.0, _across(picture), _across(picture.transpose(1, 0, 2)))
-
-
-def _across(picture: npt.NDArray[np.float32]) -> float:
-    steps = np.abs(np.diff(picture, axis=1)).mean(axis=(0, 2))
-    border = np.arange(1, len(steps) + 1) % BLOCK == 0
-    return float(np.median(steps[border]) - np.median(steps[~border])) if border.any() else 0.0

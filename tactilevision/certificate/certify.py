@@ -6,6 +6,7 @@ track each press -> align the clocks -> tare -> find all contact events together
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from tactilevision.certificate.force.window import ForceWindow, force_window
 from tactilevision.certificate.rejection import rests
 from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
 from tactilevision.certificate.touch.bevel_search import BevelContact, search_bevel_contacts
+from tactilevision.certificate.touch.compressed_frames import compression_warnings, late_std_mm, note_blocks
 from tactilevision.certificate.touch.contact_times import RecordingMeasurements
 from tactilevision.certificate.touch.press_track import PressTrack, Reconstructs, track
 from tactilevision.contact.footprint import find_footprint
@@ -51,12 +53,14 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     """
     require_all(recording)
     repeats: list[float] = []
-    tracks = _track_all(recording, reconstructor, progress or (lambda done, of: None), repeats)
+    blocks: list[float] = []
+    tracks = _track_all(recording, reconstructor, progress or (lambda done, of: None), repeats, blocks)
     forces = recording.forces
     assert forces is not None
     offset = _first_offset(recording, forces, tracks)
     windows = _windows(recording, forces, tracks, offset.value or 0.0)
-    bevel_contacts = search_bevel_contacts(tracks, windows, offset_s=offset.value or 0.0)
+    search = partial(search_bevel_contacts, tracks, unseen_mm=late_std_mm(blocks))
+    bevel_contacts = search(windows, offset_s=offset.value or 0.0)
     doubts: tuple[str, ...] = ()
     if offset.value is not None:
         # again, now that the frames that feel the bevel are known
@@ -67,11 +71,9 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
         else:
             offset = estimate_offset(seen, level, start_s=offset.value)
             windows = _windows(recording, forces, tracks, offset.value or 0.0)
-            bevel_contacts = search_bevel_contacts(
-                tracks, windows, offset_s=offset.value or 0.0, before=bevel_contacts
-            )
+            bevel_contacts = search(windows, offset_s=offset.value or 0.0, before=bevel_contacts)
     offset, notes = allow_for_repeats(offset, repeated_share(repeats), times_s=recording.frame_times_s)
-    notes += doubts
+    notes += doubts + compression_warnings(blocks)
     clock_outliers = {}
     if offset.value is not None:
         clock_outliers = clock_jumps(
@@ -92,9 +94,15 @@ def require_all(recording: Recording) -> None:
 
 
 def _track_all(
-    recording: Recording, reconstructor: Reconstructs, progress: Progress, repeats: list[float]
+    recording: Recording,
+    reconstructor: Reconstructs,
+    progress: Progress,
+    repeats: list[float],
+    blocks: list[float],
 ) -> dict[str, PressTrack | None]:
-    """Every press as the camera saw it; of a video, `alike` takes what its frames have in common."""
+    """Every press as the camera saw it; `blocks` takes the steps between blocks of one frame of each, `repeats`
+    of a video what its frames have in common.
+    """
     found: dict[str, PressTrack | None] = {}
     labels = [press.press for press in recording.presses]
     for label in labels:
@@ -117,7 +125,7 @@ def _track_all(
         first, last = free_span(recording.presses, k)
         first, last = max(first, press.start_s - _MARGIN_S), min(last, press.end_s + _MARGIN_S)
         near = _look_ahead(recording, reconstructor, (first, last), indenter)
-        frames = iter_frames(recording, first, end_s=last)
+        frames = note_blocks(iter_frames(recording, first, end_s=last), blocks)
         if recording.frames_path is not None and recording.frames_path.is_file():
             frames = note_repeats(frames, repeats)
         found[press.press] = track(frames, reconstructor, press=press, indenter=indenter, near=near)

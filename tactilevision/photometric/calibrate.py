@@ -58,6 +58,7 @@ from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes, Floats, Pair
 
 MAX_SLOPE_NOISE = 0.03  # slope of a pixel's noise, worst direction: real .001 to .006, a tenth as coloured .047
+MAX_EVEN_NOISE = 0.04  # where it is alike in all directions: pure colours, noisy, .033; a fifth as coloured .042
 MAX_NOISE_RATIO = 4.0  # worst over best, beyond which that counts: real 1.8 to 2.7, a tenth as coloured 4.6
 MAX_GAP_DEG = 200.0  # degrees between colours' sides: five real sensors leave 131 to 184, two lamps 250
 RIDGES = (1e-4, 1e-3, 1e-2)  # penalties to choose from, in parts of the terms' power; balls held out choose
@@ -248,13 +249,25 @@ def _light_doubts(pressed: Samples, cover: Floats, light: Observability) -> list
 
 def _observability_warnings(light: Observability) -> list[str]:
     """A direction in which even a gentle slope drowns in a pixel's noise is not told by these lights."""
-    if light.worst < (MAX_SLOPE_NOISE if light.worst > MAX_NOISE_RATIO * light.best else SLOPE_SOFTENING):
+    uneven = light.worst > MAX_NOISE_RATIO * light.best
+    if light.worst < (MAX_SLOPE_NOISE if uneven else MAX_EVEN_NOISE):
         return _dark_side_warnings(light)
+    if not uneven and light.worst < SLOPE_SOFTENING:
+        return [_faint_colours(light)]
     return [
         f"these lights hardly tell slopes along {light.worst_deg:.0f} degrees (from x, right, to y, down): one of "
         f"{light.worst:.2g} changes the colours by a pixel's noise, across it {light.best:.2g} does. Do lamps of "
         "one colour face each other, or are all of one colour? Light each side in a colour of its own"
     ]
+
+
+def _faint_colours(light: Observability) -> str:
+    """What to mind where colours tell every direction, and all of them faintly."""
+    return (
+        f"these lights tell slopes faintly: one of {light.worst:.2g} along {light.worst_deg:.0f} degrees (from x, "
+        f"right, to y, down), of {light.best:.2g} across it, changes the colours by a pixel's noise. Depth comes "
+        "out too shallow. Are the lamps' colours nearly alike? Light each side in a pure colour"
+    )
 
 
 def _dark_side_warnings(light: Observability) -> list[str]:

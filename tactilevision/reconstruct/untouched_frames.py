@@ -31,12 +31,16 @@ def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
     """The method's reference renewed out of rectified `frames`, as far as they show the gel untouched.
 
     Reference pictures are often means of several frames, or older than the recording; in the dark, noise that is
-    cut off at black then makes the two differ. Fewer than MIN_FREE untouched frames leave it as it was.
+    cut off at black then makes the two differ. Fewer than MIN_FREE untouched frames leave it as it was, and so do
+    frames that disagree, as strongly compressed ones may.
     """
     free = untouched_of(method, frames)
     if len(free) < MIN_FREE:
         return method.reference
-    renewed = make_reference(free, may_have_marks=method.reference.marks is not None)
+    try:
+        renewed = make_reference(free, may_have_marks=method.reference.marks is not None)
+    except InputError:
+        return method.reference
     return dataclasses.replace(renewed, usable=renewed.usable & method.reference.usable)
 
 

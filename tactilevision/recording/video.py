@@ -81,6 +81,7 @@ def _open(path: Path) -> cv2.VideoCapture:
             where=path,
             remedy="FFV1 in .mkv or .avi is read everywhere and loses nothing.",
         )
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # as the sensor has it, whatever way a phone was held
     pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
     check(pixels, "MAX_PIXELS", what="the pixels of its pictures", where=path)
     return capture

@@ -10,10 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.camera.audit import audit, blocks_grey
+from tactilevision.camera.audit import audit
 from tactilevision.camera.newest import Newest
 from tactilevision.camera.sources import AUTOMATIC, Camera, Shot, open_camera
 from tactilevision.errors import InputError
+from tactilevision.quality.compression import blocks_grey
 from tactilevision.records import Bytes
 
 

@@ -53,6 +53,14 @@ def test_lights_that_hide_a_direction_are_named(
         assert found.direction_error_deg > 20, "and so it is"
 
 
+@pytest.mark.parametrize(("share", "faint"), [(1.0, False), (0.5, True)], ids=["pure", "half grey"])
+def test_colours_that_tell_all_directions_faintly_are_named(share: float, faint: bool) -> None:
+    tints = share * TINTS + (1 - share) * TINTS.mean(axis=1, keepdims=True)
+    found = made(LAMPS, tints, seed=32)
+    assert any("tell slopes faintly" in warning for warning in found.warnings) == faint
+    assert (found.direction_error_deg > 10) == faint
+
+
 def test_the_slope_of_one_pixels_noise_is_exact_on_a_linear_light() -> None:
     rng = np.random.default_rng(7)
     slopes = rng.normal(0.0, 0.3, (4000, 2))

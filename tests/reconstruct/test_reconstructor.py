@@ -186,6 +186,17 @@ def test_a_reference_is_renewed_by_free_frames_only() -> None:
     assert np.abs(renewed.rgb - method.reference.rgb).mean() < 1.0
 
 
+def test_a_reference_stays_where_free_frames_disagree() -> None:
+    """A patch of .5 % of one frame, as a block of a compressed video is."""
+    rng = np.random.default_rng(9)
+    method, free = calibrated().method, [flat(rng) for _ in range(5)]
+    rows, columns = (round(0.07 * size) for size in SHAPE)
+    free[2][:rows, :columns] += 12
+    with pytest.raises(InputError, match="a flat frame shows a contact"):
+        make_reference(free)
+    assert tare(method, free) is method.reference
+
+
 def test_free_frames_take_off_slopes_that_are_not_there() -> None:
     rng = np.random.default_rng(10)
     free = [flat(rng) for _ in range(12)]

@@ -16,6 +16,7 @@ from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import (
     DETECTION_CHI2,
+    PILE_UP,
     DepthOfForce,
     PressSignal,
     depth_of_force,
@@ -30,7 +31,6 @@ from tactilevision.records import Bools, Floats
 
 _MAX_ITERATIONS = 3  # of search and law, which know each other; benchmarks.certificate
 _MAX_UNEVEN = 0.02  # of the depth: a ramp less even does not tell how it goes on; benchmarks.certificate
-_PILE_UP = 0.09  # of the depth, for the first anchors: a common factor, to which the search is blind
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +62,12 @@ def search_bevel_contacts(
     *,
     offset_s: float,
     before: Mapping[str, BevelContact] | None = None,
+    unseen_mm: float = 0.0,
 ) -> dict[str, BevelContact]:
-    """The touches of all presses that can be searched; `before` spares a search for the place of the bevel."""
+    """The touches of all presses that can be searched; `before` spares a search for the place of the bevel.
+
+    `unseen_mm` (one sigma): by how much all are seen late together, since the pictures swallow faint dents.
+    """
     groups: dict[tuple[object, ...], dict[str, _Frames]] = {}
     for name, track in tracks.items():
         window = windows[name]
@@ -76,7 +80,16 @@ def search_bevel_contacts(
     for group in groups.values():
         place = next((before[name].distance_mm for name in group if name in before), None) if before else None
         found |= _search(group, place)
-    return found
+    return {name: _less_sure(one, unseen_mm) for name, one in found.items()} if unseen_mm else found
+
+
+def _less_sure(one: BevelContact, shared_mm: float) -> BevelContact:
+    """The touch with a part more of std that all presses share."""
+    onset = one.onset
+    if onset is None:
+        return one
+    std, shared = (float(np.hypot(part, shared_mm)) for part in (onset.std, onset.shared_std))
+    return replace(one, onset=replace(onset, std=std, shared_std=shared))
 
 
 def _frames(track: PressTrack, window: ForceWindow, offset_s: float) -> _Frames:
@@ -107,7 +120,7 @@ def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, B
         signals = {name: _press_signal(frames, law, levels.get(name)) for name, frames in group.items()}
         onsets = dict(zip(group, find_bevel_contacts(list(signals.values()), distance), strict=True))
         anchors = [
-            (press_signal.track.indenter.height_mm / (1 + _PILE_UP), float(law.force(onset.at)))
+            (press_signal.track.indenter.height_mm / (1 + PILE_UP), float(law.force(onset.at)))
             for press_signal, onset in zip(signals.values(), onsets.values(), strict=True)
             if onset is not None and onset.gain > DETECTION_CHI2 and press_signal.track.indenter.height_mm
         ]
