@@ -183,14 +183,21 @@ def held_out_rms(fitted: Fit) -> float:
 
 
 def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
-    """The minimum from `start` (p,) over the samples (N,) that are not `out`, forces in N."""
+    """The minimum from `start` (p,) over the samples (N,) that are not `out`, forces in N.
+
+    Where quick steps come to no end, as they may at a kink, slopes are taken from both sides.
+    """
     size = problem.data.size
 
     def residual(free_values: Floats) -> Floats:
         rows = problem.residual(free_values)
         return np.concatenate([np.where(out, 0.0, rows[:size]), rows[size:]])
 
-    return minimise(residual, start[problem.free][None], box=problem.box, tolerance=QUICK)
+    places = start[problem.free][None]
+    try:
+        return minimise(residual, places, box=problem.box, tolerance=QUICK)
+    except ConvergenceError:
+        return minimise(residual, places, box=problem.box)
 
 
 def press_folds(data: Observations, count: int = FOLDS) -> Ints:
