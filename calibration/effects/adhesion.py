@@ -28,7 +28,7 @@ from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 SPREAD = 0.1  # std of the depth at which the face lets go, over w_c
-OPEN = 16.0  # of these std about w_c, in ln w, where the reading itself decides whether the face holds
+OPEN = 16.0  # of these std in ln w about w_c: from a fifth to five times it the reading says what holds
 LAW = 0.05  # share of the tension that follows the law alone
 LEAST_MM = 1e-6  # mm of being drawn off: no face lets go before
 STEP = 0.01  # of the radius, for the slope of the stiffness

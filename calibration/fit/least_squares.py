@@ -113,12 +113,13 @@ class Fit:
         return quantile95(self.noise.dof / max(share, 1e-6) ** 2)
 
     def estimate(self, name: str) -> Estimate:
-        """A parameter with its std and 95 % interval, which stays inside the bounds."""
+        """A parameter with its std and 95 % interval, neither of them wider than the bounds."""
         k = self.index(name)
         parameter, value, std = self.parameters[k], float(self.values[k]), self.std(name)
         reach = self.reach(np.eye(self.values.size)[k]) * std
         low, high = np.clip([value - reach, value + reach], *parameter.bounds)
-        return Estimate(value, std, (float(low), float(high)), parameter.unit)
+        within = min(std, parameter.bounds[1] - parameter.bounds[0])
+        return Estimate(value, within, (float(low), float(high)), parameter.unit)
 
 
 def quantile95(dof: float) -> float:

@@ -111,6 +111,9 @@ def test_a_face_that_never_let_go_is_given_the_least_work_that_does_as_well() ->
     assert confirmation.inside(found)
     assert 0 < found.own_values[0] < 0.002
     assert found.cost < base.chi2 - 100
+    work = adopt(base, found).estimate("adhesion.work_N_per_mm")
+    assert (work.std or 1.0) <= 0.005, "no wider than what it may be at all"
+    assert work.interval95 == (0.0, 0.005)
 
 
 @pytest.mark.parametrize("seed", [6, 11])
