@@ -1,0 +1,41 @@
+"""A reading pulls where it lies below all of air, and so says that a face holds, whatever its depth reads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_presses import indenter, observations
+
+from calibration.effects import EFFECTS
+from calibration.inputs.observations import Observations
+from calibration.inputs.pull import pull_level_N
+from calibration.laws.flat_punch import FlatPunch
+from calibration.model.composition import Model
+
+CLINGS = Model(FlatPunch()) + EFFECTS["adhesion"]
+VALUES = np.array(
+    [0.2, 0.48, 0.85, 1e-5]
+)  # E, nu, beta, W: by the law alone the face lets go 4 um above the touch
+IN_AIR = 12
+
+
+def one_press(*, air: int, read_N: float) -> Observations:
+    """Readings of air, 20 mN off zero, +-10 mN; a press; one reading 40 um above the touch on the way out."""
+    depth = np.concatenate([np.linspace(-0.08, -0.05, air), [0.1, 0.3, 0.1, -0.04]])
+    force = np.concatenate([0.02 + 0.01 * (-1.0) ** np.arange(air), [0.4, 1.3, 0.4, read_N]])
+    return observations([depth], [indenter()]).with_force(force)
+
+
+def test_the_level_lies_four_std_below_the_middle_of_air() -> None:
+    level = pull_level_N(one_press(air=IN_AIR, read_N=0.0))
+    assert level == pytest.approx(0.02 - 4 * 1.4826 * 0.01, rel=1e-3)  # the std of a median absolute deviation
+    assert np.isnan(pull_level_N(one_press(air=4, read_N=0.0))), "four readings tell no scatter"
+
+
+@pytest.mark.parametrize(("read_N", "share"), [(-0.05, 0.95), (-0.03, 0.0), (0.01, 0.0)])
+def test_what_lies_below_air_holds_though_it_pulls_by_little(read_N: float, share: float) -> None:
+    """The line is -.15 N there, which a depth that is read off makes less than half of."""
+    data = one_press(air=IN_AIR, read_N=read_N)
+    line = CLINGS.predict(np.array([*VALUES[:3], 0.005]), data.with_force(np.full(data.size, -1.0)))[-1]
+    assert line < 2 * read_N
+    assert CLINGS.predict(VALUES, data)[-1] == pytest.approx(share * line, abs=0.02 * abs(line))
