@@ -75,6 +75,15 @@ def base_noise(data: Observations, slope_N_per_mm: Floats) -> tuple[Floats, bool
     return size, True
 
 
+def depth_share(data: Observations, slope_N_per_mm: Floats) -> Floats:
+    """The share (N,) of a sample's variance b^2 that its depth reading brings; 0 where none is known."""
+    carried = np.square(np.nan_to_num(slope_N_per_mm * data.depth_std_mm))
+    of_force = np.square(np.nan_to_num(data.force_std_N))
+    if not base_noise(data, slope_N_per_mm)[1]:
+        carried, of_force = np.square(data.depth_over_force_noise * slope_N_per_mm), np.ones(data.size)
+    return np.asarray(carried / (carried + of_force))
+
+
 class Whitener:
     """W with W V W^T = 1 for the covariance V of the samples. `apply` takes (N,) or (N, k)."""
 
@@ -101,6 +110,13 @@ class Whitener:
         back = [(part.padded(columns), shared, 1 / (1 - shared.shrink) - 1) for part, shared in pairs]
         tables = [self._alike.correlate(shared.add(table, share)) for table, shared, share in back]
         return np.asarray((self._flat(tables) * self._std[:, None]).reshape(values.shape))
+
+    def of_samples(self, values: Floats) -> Floats:
+        """What of errors (N,) the samples' own noise is expected to bring; the rest is what a press shares."""
+        white = self.apply(values)[:, None]
+        pairs = [(part.padded(white), shared) for part, shared in zip(self._parts, self._shared, strict=True)]
+        tables = [self._alike.correlate(shared.add(table, -shared.shrink)) for table, shared in pairs]
+        return np.asarray(self._flat(tables)[:, 0] * self._std)
 
     def _flat(self, tables: Sequence[Floats]) -> Floats:
         """The samples (N, k) of rectangles (m, t, k)."""

@@ -15,6 +15,7 @@ from calibration.diagnosis.refit import CANNOT_FIT, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, effect_directions, score_test
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, reading_error_mm
 from calibration.effects import get_effect
+from calibration.fit.errors_in_variables import with_errors_in_depth
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import clear_of_touch, usable
@@ -317,7 +318,7 @@ def evaluate(
     starts = None
     if on is not None and len(added) == 1 and len(added[0].starts(data)) > MANY:
         starts = refit_with(on, added[0]).values[None]
-    return judge(refit_with_pure_noise(fit(model, data, starts=starts)), rng)
+    return judge(with_errors_in_depth(refit_with_pure_noise(fit(model, data, starts=starts))), rng)
 
 
 def judge(fitted: Fit, rng: np.random.Generator | None) -> Compared:

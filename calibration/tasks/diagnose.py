@@ -32,6 +32,7 @@ from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture
 from calibration.effects import EFFECTS
+from calibration.fit.errors_in_variables import with_errors_in_depth
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
@@ -124,8 +125,18 @@ def _diagnosed(
         others = [one for one in in_picture(seen.data) if one.key not in known_there]
         sight = outcome(forward_selection(seen, others, rng=rng, level=level, watch=watch), level)
     watch.tell("what it does to the material")
-    found = _determine(force, sight, catalogue, rng)
+    found = _determine(_unbiased(force), sight, catalogue, rng)
     return replace(found, before=_sourced(found.before, source), after=_sourced(found.after, source))
+
+
+def _unbiased(force: Outcome) -> Outcome:
+    """The same steps, the last one's values free of what depth readings' noise does to the form of a curve."""
+    if not force.steps:
+        return force
+    last = force.steps[-1]
+    with suppress(*CANNOT_FIT):
+        last = replace(last, fitted=with_errors_in_depth(last.fitted))
+    return replace(force, steps=(*force.steps[:-1], last))
 
 
 def _source_of_nu(data: Observations, bulge: Estimate | None, bound: Pair | None) -> str:
