@@ -64,8 +64,7 @@ def _as_read(fitted: Fit, values: Floats, jacobian: Floats) -> Fit:
     rows = problem.residual(values[problem.free])
     covariance = np.zeros((values.size,) * 2)
     covariance[np.ix_(problem.free, problem.free)] = inverse_information(jacobian)
-    return replace(
-        fitted, values=values, covariance=covariance, force_N=about.force_N, about=about,
-        residual_N=fitted.data.normal_N - about.force_N, white=-rows[: fitted.data.size],
-        jacobian=problem.jacobian(values), chi2=float(rows @ rows),
-    )  # fmt: skip
+    residual = fitted.data.normal_N - about.force_N
+    found = replace(fitted, values=values, covariance=covariance, jacobian=problem.jacobian(values), about=about)
+    white, chi2 = -rows[: fitted.data.size], float(rows @ rows)
+    return replace(found, force_N=about.force_N, residual_N=residual, white=white, chi2=chi2)
