@@ -12,7 +12,16 @@ from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, log_volume, press_folds, separation
+from calibration.diagnosis.refit import (
+    CANNOT_FIT,
+    Candidate,
+    HeldOut,
+    adopt,
+    hold_out,
+    log_volume,
+    press_folds,
+    separation,
+)
 from calibration.fit.least_squares import Fit
 from calibration.inputs.deadline import Each, in_turn
 from calibration.model.stages import Effect
@@ -94,14 +103,21 @@ def skill(current: Fit, fitted: Fit, effect: Effect) -> float:
     Both are weighed by the noise of `fitted`, the fit with the effect, about its own line: what a missing effect
     does to all presses alike passes for their scatter, and its slopes put a depth's noise where the gel has none.
     The effect's size is found anew from each fold's others, not its form: a time that four fifths of the presses
-    leave open may run off, and says nothing of the effect. One that asks readings may not ask those of the fold.
+    leave open may run off, and says nothing of the effect. One that asks readings may not ask those of the fold;
+    of its sizes, which readings leave open, each fold is predicted by the one that predicts the others best.
     """
     folds, begin = press_folds(current.data), fitted.model.slices(current.data)[effect.key].start
     table = effect.parameters
     form = [begin + k for k, p in enumerate(table) if p.unit != table[0].unit]
     read = not getattr(effect, "asks_readings", False)
-    before = hold_out(current.model, fitted, start=current.values, folds=folds, read=read)
-    after = hold_out(fitted.model, fitted, start=fitted.values, folds=folds, kept=form, read=read)
+    held = partial(hold_out, about=fitted, folds=folds, read=read)
+    before = held(current.model, start=current.values)
+    after = held(fitted.model, start=fitted.values, kept=form)
+    if not read:
+        sizes = [start[0] for start in effect.starts(current.data)]
+        places = [np.where(np.arange(fitted.values.size) == begin, size, fitted.values) for size in sizes]
+        others = [held(fitted.model, start=place, kept=[begin, *form]) for place in places]
+        after = HeldOut.of_each_best([after, *others])
     if after.rms_N > (1 + chance(current.data.count)) * before.rms_N:
         return 1 - after.rms_N / before.rms_N
     return 1 - after.squares / before.squares if before.squares > 0 else 0.0

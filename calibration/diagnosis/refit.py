@@ -131,14 +131,36 @@ def _prior_cost(base: Fit, one: Candidate) -> float:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Errors of presses that the fit did not see: rms in N, and the whitened sum of squares.
+    """Errors of presses that the fit did not see, by fold (k,): sums of squares in N^2 and whitened.
 
     What a fit strains its parameters' priors by counts as well, each fold its share: a model that fits only by
     leaving what is known of it has not understood the rest.
     """
 
-    rms_N: float
-    squares: float
+    of_force: Floats
+    white: Floats
+    samples: int
+
+    @property
+    def rms_N(self) -> float:
+        """Root mean square in N."""
+        return float(np.sqrt(np.sum(self.of_force) / self.samples))
+
+    @property
+    def squares(self) -> float:
+        """The whitened sum of squares."""
+        return float(np.sum(self.white))
+
+    @classmethod
+    def of_each_best(cls, tried: Sequence[HeldOut]) -> HeldOut:
+        """Each fold by the one that predicts the other folds best: so none is chosen by its own presses."""
+        white = np.array([one.white for one in tried])
+        best = np.argmin(white.sum(axis=1, keepdims=True) - white, axis=0)
+        of_force, own = (
+            np.take_along_axis(table, best[None], axis=0)[0]
+            for table in (np.array([one.of_force for one in tried]), white)
+        )
+        return cls(of_force, own, tried[0].samples)
 
 
 def hold_out(
@@ -157,7 +179,7 @@ def hold_out(
         table[at] = _held(table[at], float(start[at]))
     whole = Problem(model, data, tuple(table), whitener)
     told, law = whole.jacobian(start) ** 2, model.slices(data)["law"]
-    error, squares = np.zeros(data.size), 0.0
+    of_force, white = list[float](), list[float]()
     for fold in np.unique(folds):
         out = (folds == fold)[data.press]
         untold = np.flatnonzero(np.sum(told[~out, law], axis=0) < UNTOLD**2 * np.sum(told[:, law], axis=0))
@@ -166,10 +188,10 @@ def hold_out(
         found = fit_without(problem, start, out)
         seen = data if read else data.with_force(np.where(out, NOT_READ, data.normal_N))
         force = model.predict(problem.full(found.values), seen)
-        error[out] = (data.normal_N - force)[out]
-        squares += float(np.sum(whitener.apply(data.normal_N - force)[out] ** 2))
-        squares += float(np.mean(out) * np.sum(problem.residual(found.values)[data.size :] ** 2))
-    return HeldOut(float(np.sqrt(np.mean(error**2))), squares)
+        strained = float(np.mean(out) * np.sum(problem.residual(found.values)[data.size :] ** 2))
+        of_force.append(float(np.sum((data.normal_N - force)[out] ** 2)))
+        white.append(float(np.sum(whitener.apply(data.normal_N - force)[out] ** 2)) + strained)
+    return HeldOut(np.array(of_force), np.array(white), data.size)
 
 
 def held_out_rms(fitted: Fit) -> float:

@@ -10,7 +10,7 @@ from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.diagnosis import confirmation
-from calibration.diagnosis.refit import adopt, hold_out, log_volume, refit_with
+from calibration.diagnosis.refit import HeldOut, adopt, hold_out, log_volume, refit_with
 from calibration.effects import EFFECTS
 from calibration.inputs.observations import Observations
 from calibration.tasks.diagnose import diagnose
@@ -114,6 +114,24 @@ def test_a_face_that_never_let_go_is_given_the_least_work_that_does_as_well() ->
     work = adopt(base, found).estimate("adhesion.work_N_per_mm")
     assert (work.std or 1.0) <= 0.005, "no wider than what it may be at all"
     assert work.interval95 == (0.0, 0.005)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_faces_that_never_let_go_are_predicted_where_others_never_did(seed: int) -> None:
+    """Readings leave the work of adhesion open; by the least of it faces let go that no reading tells of."""
+    data, clings = drawn_off(6), EFFECTS["adhesion"]
+    force = (MODEL + clings).predict(np.array([*TRUTH, 0.001]), data)
+    base = pure(measured(data, force, np.random.default_rng(seed)))
+    assert confirmation.skill(base, adopt(base, refit_with(base, clings)), clings) > 0.6
+
+
+def test_each_fold_is_predicted_by_what_predicts_the_others_best() -> None:
+    one = HeldOut(np.array([1.0, 1.0, 1.0]), np.array([1.0, 9.0, 9.0]), 27)
+    other = HeldOut(np.array([4.0, 4.0, 4.0]), np.array([9.0, 8.0, 2.0]), 27)
+    found = HeldOut.of_each_best([one, other])
+    assert found.white.tolist() == [9.0, 9.0, 9.0], "each by the worse one, which its own presses would not choose"
+    assert found.of_force.tolist() == [4.0, 1.0, 1.0]
+    assert found.rms_N == pytest.approx(np.sqrt(6 / 27))
 
 
 @pytest.mark.parametrize("seed", [6, 11])
