@@ -4,8 +4,8 @@
 
 e is what the samples' own noise leaves of the residual, b its std, d the depth as read. At depths as read, model
 and residual hold the same noise: slopes come out too flat, and what bends a curve too strong or too weak. d* is
-the depth to which a reading belongs, given its force. Unbiased but for terms of second order in the noise of a
-reading, times the curve's curvature.
+the depth to which a reading belongs, given its force; effects remember depths as read. Unbiased but for terms of
+second order in the noise of a reading, times the curve's curvature.
 Sources: Britt, Luecke, Technometrics 15 (1973) 233; Fuller, Measurement Error Models, 1987, 3.2.
 """
 
@@ -43,24 +43,23 @@ def _true_depth(fitted: Fit, data: Observations, values: Floats) -> Observations
     given = fitted.data
     about, _ = linearise(fitted.model, values, data=data)
     slope = about.slope_N_per_mm
-    left = given.normal_N - about.force_N - slope * (given.depth_mm - data.depth_mm)
+    left = given.normal_N - about.force_N + slope * data.off_mm
     own = Whitener(data, fitted.noise, about).of_samples(left)
     moving = np.where(slope == 0, np.inf, slope)
-    return given.shifted(depth_share(data, slope) * own / moving)
+    return replace(given, off_mm=depth_share(data, slope) * own / moving)
 
 
 def _at_depths(fitted: Fit, data: Observations, values: Floats) -> Problem:
     """The problem at these depths; forces carried there along the slope."""
     about, _ = linearise(fitted.model, values, data=data)
-    given = fitted.data
-    carried = data.with_force(given.normal_N + about.slope_N_per_mm * (data.depth_mm - given.depth_mm))
-    return Problem(fitted.model, carried, fitted.parameters, Whitener(carried, fitted.noise, about))
+    whitener = Whitener(data, fitted.noise, about)
+    return Problem(fitted.model, data, fitted.parameters, whitener, about.slope_N_per_mm * data.off_mm)
 
 
 def _as_read(fitted: Fit, values: Floats, jacobian: Floats) -> Fit:
     """The fit with these values, its residual at depths as read; `jacobian` (n, f) of what was minimised."""
     about, _ = linearise(fitted.model, values, data=fitted.data)
-    problem = replace(_at_depths(fitted, fitted.data, values), data=fitted.data)
+    problem = _at_depths(fitted, fitted.data, values)
     rows = problem.residual(values[problem.free])
     covariance = np.zeros((values.size,) * 2)
     covariance[np.ix_(problem.free, problem.free)] = inverse_information(jacobian)

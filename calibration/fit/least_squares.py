@@ -180,12 +180,13 @@ def first_noise(data: Observations, about: Linear, *, stated: bool) -> Noise:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One least-squares problem: a model, its data, and what whitens them."""
+    """One least-squares problem: a model, its data, and what whitens them; `carried_N` (N,) is added to forces."""
 
     model: Model
     data: Observations
     parameters: tuple[Parameter, ...]
     whitener: Whitener
+    carried_N: Floats | float = 0.0
 
     @property
     def free(self) -> Bools:
@@ -209,7 +210,8 @@ class Problem:
         """Whitened model less measurement, then one row a prior."""
         values = self.full(free_values)
         force = self.model.predict(values, self.data)
-        return np.concatenate([self.whitener.apply(force - self.data.normal_N), self._priors(values)])
+        off = force - self.data.normal_N - self.carried_N
+        return np.concatenate([self.whitener.apply(off), self._priors(values)])
 
     def solve(self, starts: Floats, *, tolerance: float = 1e-10) -> Minimum:
         """The best minimum from `starts` (s, p) of all parameters."""

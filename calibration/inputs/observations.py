@@ -135,6 +135,7 @@ class Observations:
     but in `indenters`. `reconstructed_mm` (N,): the depth that the picture gives, beside a certified one, and the
     height map's own std of it. `falls`: what it reads of the gel beside. `slopes`: where the samples are such.
     `depth_over_force_noise`: a depth's std over a force's, mm/N, where neither was stated and it was estimated.
+    `off_mm` (N,) or 0: the depth that the law is taken at, less the one read, by which effects remember.
     One is equal to itself alone, so that what follows from it can be kept.
     """
 
@@ -155,6 +156,7 @@ class Observations:
     falls: tuple[EdgeDrop, ...] = ()
     slopes: Slopes | None = None
     depth_over_force_noise: float = 0.0
+    off_mm: Floats | float = 0.0
     recordings: tuple[str, ...] = ("",)
     shared: Shared = field(default=Shared())
     warnings: tuple[str, ...] = field(default=())
@@ -231,8 +233,8 @@ class Observations:
     def _rows(self, rows: Ints, *, press: Ints, presses: Presses) -> Observations:
         names = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_std_mm", "force_std_N")
         arrays = {name: getattr(self, name)[rows] for name in names}
-        for name in ("reconstructed_mm", "reconstructed_std_mm"):
-            if getattr(self, name) is not None:
+        for name in ("reconstructed_mm", "reconstructed_std_mm", "off_mm"):
+            if isinstance(getattr(self, name), np.ndarray):
                 arrays[name] = getattr(self, name)[rows]
         if self.slopes is not None:
             arrays["slopes"] = self.slopes.take(rows)

@@ -135,7 +135,9 @@ def rest_state(data: Observations) -> State:
     for array in (ones, zeros, thickness):
         array.setflags(write=False)
     sticking = float(not data.lubricated)  # to the edge: silicone grips what it is pressed on
-    return State(data.depth_mm, data.radius_mm, data.edge_mm, thickness, ones, zeros, zeros, sticking)
+    return State(
+        data.depth_mm + data.off_mm, data.radius_mm, data.edge_mm, thickness, ones, zeros, zeros, sticking
+    )
 
 
 def _known(effect: Effect, data: Observations) -> tuple[Parameter, ...]:

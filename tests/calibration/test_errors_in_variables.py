@@ -9,6 +9,7 @@ import pytest
 from made_presses import indenter, observations
 from scipy.optimize import least_squares
 
+from calibration.effects import EFFECTS
 from calibration.fit.errors_in_variables import with_errors_in_depth
 from calibration.fit.least_squares import Fit, fit, linearise
 from calibration.inputs.observations import Observations
@@ -24,7 +25,11 @@ WHITE = Noise(1.0)
 
 
 def presses(count: int) -> Observations:
-    data = observations([np.linspace(0.04, 0.5, 24)] * count, [indenter()] * count)
+    return stated(observations([np.linspace(0.04, 0.5, 24)] * count, [indenter()] * count))
+
+
+def stated(data: Observations) -> Observations:
+    """The same with its noise stated."""
     std = np.ones(data.size)
     return replace(data, depth_std_mm=DEPTH_MM * std, force_std_N=FORCE_N * std)
 
@@ -84,6 +89,23 @@ def test_a_press_of_its_own_is_no_noise_of_a_reading() -> None:
     shared = (0.02**2 * np.outer(force, force) + 0.01**2 * np.outer(slope, slope)) * alike
     expected = own @ np.linalg.solve(own + shared, errors)
     assert Whitener(data, noise, about).of_samples(errors) == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_way_that_a_clock_goes_by_stays_as_it_was_read() -> None:
+    """Fast and slow presses with a hold, forces 20 ms late: what a reading is off by moves no neighbour."""
+    clock, count, rng = EFFECTS["clock_offset"], 8, np.random.default_rng(2)
+    depth = np.concatenate([np.linspace(0.03, 0.4, 15), np.full(6, 0.4), np.linspace(0.38, 0.03, 12)])
+    gap = np.where(np.abs(np.diff(depth, prepend=0.0)) > 0, 0.03, 0.1)
+    times = [300.0 * k + np.cumsum(gap * (1 + 9 * (k % 2))) for k in range(count)]
+    phase = [["load"] * 15 + ["hold"] * 6 + ["unload"] * 12] * count
+    true = stated(observations([depth] * count, [indenter()] * count, time_s=times, phase=phase))
+    late = (MODEL + clock).predict(np.array([*TRUTH, 0.02]), true)
+    read_mm = DEPTH_MM * rng.standard_normal(true.size)
+    data = true.shifted(read_mm).with_force(late + FORCE_N * rng.standard_normal(true.size))
+    one = fit(MODEL + clock, data, noise=WHITE, tolerances=False)
+    both = with_errors_in_depth(one)
+    assert both.chi2 < one.chi2 + 1
+    assert np.all(np.abs(both.values[:3] - TRUTH) < 2 * np.sqrt(np.diag(both.covariance)[:3]))
 
 
 def test_points_and_depths_without_a_noise_stay() -> None:
