@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.recording import Recording, iter_frames
+from tactilevision.recording.images import check_coloured
 from tactilevision.records import Bytes, Frame
 
 GONE_S = 2.0  # s without a frame after which a camera counts as gone; slow ones take a tenth of it
@@ -173,4 +174,4 @@ def _as_rgb(bgr: npt.NDArray[Any], name: str) -> Bytes:
             value=f"{bgr.shape} {bgr.dtype}",
             remedy="Try --format mjpeg, or raw.",
         )
-    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+    return check_coloured(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8), name)

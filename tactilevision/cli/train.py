@@ -127,7 +127,7 @@ def _doubt_of_radii(source: Recording, made: Reconstructor) -> tuple[str, ...]:
     from tactilevision.photometric import load_network
     from tactilevision.photometric.methods.weights import find_model
     from tactilevision.reconstruct.usual_scale import usual_scale_warnings
-    from tactilevision.recording import read_image
+    from tactilevision.recording import read_reference
     from tactilevision.sensors import rectify
 
     sensor, path = source.sensor, find_model(source.sensor.kind.removesuffix("_markers"))
@@ -135,7 +135,7 @@ def _doubt_of_radii(source: Recording, made: Reconstructor) -> tuple[str, ...]:
         return ()
     if len(source.balls) != len(made.calibration.balls):
         return ()
-    pictures = (rectify(sensor, read_image(ball.path, white_level=source.white_level)) for ball in source.balls)
+    pictures = (rectify(sensor, read_reference(source, ball.path)) for ball in source.balls)
     with suppress(InputError):  # a doubt, and no more
         return usual_scale_warnings(
             load_network(path, made.referenced.reference),

@@ -1,12 +1,13 @@
-"""The size of a picture from its header, before anything is unpacked.
+"""The size of a picture from its header, before anything is unpacked; and what decoders would do to its colours.
 
-PNG: IHDR (ISO 15948, 11.2.2). JPEG: SOF (ITU T.81, B.2.2). TIFF: tags 256, 257 (TIFF 6.0, p. 18). BMP: the
-information header.
+PNG: IHDR (ISO 15948, 11.2.2), acTL (11.3.8 of its third edition). JPEG: SOF (ITU T.81, B.2.2). TIFF: tags 254,
+256, 257, 262, 274 (TIFF 6.0, p. 36, 18, 37, 36). BMP: the information header.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 
 from tactilevision.door.limits import check
 from tactilevision.errors import InputError
@@ -19,6 +20,14 @@ _WHOLE = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 16: "Q", 17: "q"}  # t
 _GREY = frozenset((0, 4))  # colour types of PNG: grey, without and with transparency
 _NO_PICTURE = 1 | 4  # bits of TIFF's tag 254: a smaller copy, a transparency mask
 _OS2_HEADER = 12  # bytes of BMP's oldest header, whose sides have 16 bits
+_SECOND = 254  # tag of TIFF: what kind of copy
+_SPACE = 262  # tag of TIFF: what kind of colours
+_TURN = 274  # tag of TIFF: the orientation
+_READ_SPACES = (0, 1, 2, 3, 5, 6)  # of tag 262: grey, RGB, palette, inks, YCbCr: decoders make RGB of them
+_PALETTE = 3  # colour type of PNG, and of tag 262
+_UPRIGHT = 1  # of tag 274: as it lies
+_FORMS = {False: (2, 12, "I"), True: (8, 20, "Q")}  # directories small and big: bytes of head, entry; numbers
+_MAX_ENTRIES = 4096  # of a directory that are looked at
 
 
 class UnknownPictureError(InputError):
@@ -66,15 +75,51 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-def is_stack(data: bytes) -> bool:
-    """Whether a TIFF holds a second picture, which is neither a smaller copy nor a mask of the first
-    (TIFF 6.0, p. 36: tag 254).
+def why_no_colours(data: bytes) -> str:
+    """What keeps decoders from the colours that the sensor saw, "" for nothing.
+
+    Of bytes whose header `check_picture` has passed.
     """
+    space = 2
+    if data.startswith(_PNG) and len(data) > 25:
+        space = data[25]
+    elif data.startswith(_BMP) and len(data) > 30:
+        old = int.from_bytes(data[14:18], "little") == _OS2_HEADER
+        space = _PALETTE if data[24 if old else 28] <= 8 else space
+    elif data[:4] in _TIFF or data[:4] in _BIG_TIFF:
+        space = _directory(data, None)[0].get(_SPACE, space)
+        if space not in _READ_SPACES:
+            return "its numbers are no red, green and blue (TIFF's tag 262)"
+    return "a palette of few colours has replaced its own" if space == _PALETTE else ""
+
+
+def upright(data: bytes) -> bytes:
+    """The same, but for a TIFF's tag of orientation, which OpenCV follows in TIFF alone: it is taken as it lies.
+
+    Of bytes whose header `check_picture` has passed.
+    """
+    if data[:4] not in _TIFF and data[:4] not in _BIG_TIFF:
+        return data
+    lying = bytearray(data)
+    order = (_TIFF | _BIG_TIFF)[data[:4]]
+    for tag, kind, place in _entries(data, None):
+        if tag == _TURN and kind in _WHOLE and place + struct.calcsize(order + _WHOLE[kind]) <= len(data):
+            struct.pack_into(order + _WHOLE[kind], lying, place, _UPRIGHT)
+    return bytes(lying)
+
+
+def is_stack(data: bytes) -> bool:
+    """Whether a PNG is a film, or a TIFF holds a second picture, which is neither a smaller copy nor a mask of the
+    first (TIFF 6.0, p. 36: tag 254).
+    """
+    if data.startswith(_PNG):
+        film = data.find(b"acTL", 0, max(data.find(b"IDAT"), 0))
+        return film > 0 and int.from_bytes(data[film + 4 : film + 8], "big") > 1
     if data[:4] not in _TIFF and data[:4] not in _BIG_TIFF:
         return False
     try:
         after = _directory(data, None)[1]
-        return after != 0 and not _directory(data, after)[0].get(254, 0) & _NO_PICTURE
+        return after != 0 and not _directory(data, after)[0].get(_SECOND, 0) & _NO_PICTURE
     except (struct.error, IndexError, KeyError, OverflowError):
         return False  # damaged: its decoder says so
 
@@ -114,22 +159,35 @@ def _tiff(data: bytes) -> tuple[int, int] | None:
 
 
 def _directory(data: bytes, start: int | None) -> tuple[dict[int, int], int]:
-    """Tags 254, 256, 257 of the directory at `start` (None: the first), and where the next one is, 0 for none.
+    """The tags of the directory at `start` (None: the first) that are read here, and where the next is, 0: none.
 
     Of a tag that stands twice, the first.
     """
-    big = data[:4] in _BIG_TIFF
-    order = _BIG_TIFF[data[:4]] if big else _TIFF[data[:4]]
-    if start is None:
-        start = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)[0]
-    count = struct.unpack_from(order + ("Q" if big else "H"), data, start)[0]
-    first, entry, number = (8, 20, "Q") if big else (2, 12, "I")
+    order, start, count = _head(data, start)
+    first, entry, number = _FORMS[data[:4] in _BIG_TIFF]
     found: dict[int, int] = {}
-    for k in range(min(count, 4096)):
-        at = start + first + entry * k
-        tag, kind, _ = struct.unpack_from(order + "HH" + number, data, at)
-        if tag in (256, 257) or (tag == 254 and kind in _WHOLE):
-            found.setdefault(tag, struct.unpack_from(order + _WHOLE[kind], data, at + 4 + (8 if big else 4))[0])
+    for tag, kind, place in _entries(data, start):
+        if tag in (256, 257) or (tag in (_SECOND, _SPACE) and kind in _WHOLE):
+            found.setdefault(tag, struct.unpack_from(order + _WHOLE[kind], data, place)[0])
     after = start + first + entry * count
     there = after + struct.calcsize(number) <= len(data)
     return found, struct.unpack_from(order + number, data, after)[0] if there else 0
+
+
+def _entries(data: bytes, start: int | None) -> Iterator[tuple[int, int, int]]:
+    """Tag, type and the place of the value of each entry in a directory (`start` None: the first)."""
+    order, start, count = _head(data, start)
+    first, entry, number = _FORMS[data[:4] in _BIG_TIFF]
+    for k in range(min(count, _MAX_ENTRIES)):
+        at = start + first + entry * k
+        tag, kind, _ = struct.unpack_from(order + "HH" + number, data, at)
+        yield tag, kind, at + 4 + struct.calcsize(number)
+
+
+def _head(data: bytes, start: int | None) -> tuple[str, int, int]:
+    """Order of bytes, place, and number of entries of a directory."""
+    big = data[:4] in _BIG_TIFF
+    order = (_TIFF | _BIG_TIFF)[data[:4]]
+    if start is None:
+        start = int(struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)[0])
+    return order, start, int(struct.unpack_from(order + ("Q" if big else "H"), data, start)[0])

@@ -85,7 +85,7 @@ def calibrate_light(recording: Recording, method: str | PhotometricMethod | None
 
 
 def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reconstructor:
-    from tactilevision.recording import read_flats, read_image
+    from tactilevision.recording import read_flats, read_reference
 
     sensor = recording.sensor
     flats = [rectify(sensor, rgb) for rgb in read_flats(recording)]
@@ -99,7 +99,7 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
     reference, noted = _reference(sensor, flats)
     pictures = [
         BallPicture(
-            rectify(sensor, read_image(ball.path, white_level=recording.white_level)),
+            rectify(sensor, read_reference(recording, ball.path)),
             ball.ball_radius_mm,
             ball.centre_px,
             ball.contact_radius_px,

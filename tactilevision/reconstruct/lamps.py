@@ -14,7 +14,7 @@ from tactilevision.photometric.illumination.glossy_lamps import fit_glossy_lamps
 from tactilevision.photometric.illumination.lamps import Lamps, fit_lamps
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.reconstruct.reconstructor import Reconstructor
-from tactilevision.recording import Recording, read_image
+from tactilevision.recording import Recording, read_reference
 from tactilevision.records import Floats
 from tactilevision.sensors import rectify
 
@@ -39,7 +39,7 @@ def find_lamps(recording: Recording, reconstructor: Reconstructor) -> Lamps | No
     for number, (record, ball) in enumerate(zip(recording.balls, calibration.balls, strict=True)):
         if ball is None:
             continue
-        picture = rectify(recording.sensor, read_image(record.path, white_level=recording.white_level))
+        picture = rectify(recording.sensor, read_reference(recording, record.path))
         changes, _, valid = change.measure(picture)
         parts.append(
             ball_samples(changes, ball, mm_per_px=mm_per_px, number=number, most=MAX_SAMPLES, valid=valid, rng=rng)

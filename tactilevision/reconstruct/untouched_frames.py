@@ -81,12 +81,12 @@ def free_frames(recording: Recording) -> list[Bytes]:
 
     Of a recording without presses, its flats, where they are MIN_FREE or more.
     """
-    from tactilevision.recording import read_frame, read_image
+    from tactilevision.recording import read_frame, read_reference
 
     times = recording.frame_times_s
     if not recording.presses and len(recording.flats) >= MIN_FREE:
         flats = recording.flats[:MAX_FREE]
-        return [rectify(recording.sensor, read_image(path, white_level=recording.white_level)) for path in flats]
+        return [rectify(recording.sensor, read_reference(recording, path)) for path in flats]
     if recording.frames_path is None or not len(times) or not recording.presses:
         return []
     starts = np.array([press.start_s for press in recording.presses])

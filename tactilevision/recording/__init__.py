@@ -2,7 +2,7 @@
 
 from tactilevision.recording.ball_folder import read_ball_folder
 from tactilevision.recording.folder import list_references, read_folder
-from tactilevision.recording.frames import iter_frames, read_flats, read_frame
+from tactilevision.recording.frames import iter_frames, read_flats, read_frame, read_reference
 from tactilevision.recording.images import decode_image, read_image
 from tactilevision.recording.model import BadFrame, BallPress, Recording, StageSeries
 from tactilevision.recording.need import faults_of_flats, faults_of_reference, is_bare, require
@@ -36,6 +36,7 @@ __all__ = [
     "read_frame",
     "read_image",
     "read_recording",
+    "read_reference",
     "require",
     "write_balls",
     "write_curves",

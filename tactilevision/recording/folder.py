@@ -66,7 +66,7 @@ def read_folder(
     size, first, odd = most_sizes(frames_path, names, size)
     warnings += seen + odd + _cut_short(frames_path, len(names)) + _passed_over(frames_path)
     found = (flats, (), ()) if flats else guess_flats(root, frames_path, names if guess else (), first=first)
-    check_references(size, found[0][:1])
+    warnings += check_references(size, found[0][:1], white_level=white_level)
     if settings is not None:
         sensor, notes = _built(settings, place, size, mm_per_px)
         warnings += notes
@@ -87,9 +87,10 @@ def read_folder(
 
 def _of_recording(root: Path, flats: tuple[Path, ...], mm_per_px: float | None) -> Recording:
     own = read_recording(root, sensor={} if mm_per_px is None else {"mm_per_px": [mm_per_px, mm_per_px]})
-    if own.frame_size_px is not None:
-        check_references(own.frame_size_px, flats[:1])
-    return replace(own, flats=flats or own.flats, sensor=_scaled(own.sensor, mm_per_px))
+    size, seen = own.frame_size_px, own.warnings
+    if size is not None:
+        seen += check_references(size, flats[:1], white_level=own.white_level)
+    return replace(own, flats=flats or own.flats, sensor=_scaled(own.sensor, mm_per_px), warnings=seen)
 
 
 def _built(
@@ -149,7 +150,10 @@ def _cut_short(video: Path, count: int) -> tuple[str, ...]:
     stated = stated_frames(video) if video.is_file() else 0
     if stated <= count:
         return ()
-    return (f"{video.name} ends after {count} of the {stated} frames that its header tells of: is it cut short?",)
+    return (
+        f"{video.name} ends after {count} of the {stated} frames that its header tells of: is it cut short, or "
+        "does its rate vary?",
+    )
 
 
 def _sensor_settings(sensor: Path | str) -> tuple[SensorSettings, Path, tuple[str, ...]]:

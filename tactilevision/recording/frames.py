@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from tactilevision.errors import InputError, RecordingError
 from tactilevision.recording.images import TornImageError, read_image
 from tactilevision.recording.model import BadFrame, Recording
 from tactilevision.recording.need import require
+from tactilevision.recording.pictures import check_size
 from tactilevision.recording.video import iter_video
 from tactilevision.records import Bytes, Frame
 
@@ -56,8 +58,19 @@ def read_flats(recording: Recording) -> list[Bytes]:
     Raises RecordingError for one that cannot be read.
     """
     if recording.flats:
-        return [read_image(path, white_level=recording.white_level) for path in recording.flats]
+        return [read_reference(recording, path) for path in recording.flats]
     return [read_frame(recording, number).rgb for number in recording.flat_frames]
+
+
+def read_reference(recording: Recording, path: Path) -> Bytes:
+    """The raw picture (H, W, 3), grey levels, of the untouched gel or a ball press at `path`.
+
+    Raises RecordingError where it cannot be read, or has another size than the frames.
+    """
+    rgb = read_image(path, white_level=recording.white_level)
+    if recording.frame_size_px is not None:
+        check_size((rgb.shape[1], rgb.shape[0]), recording.frame_size_px, path)
+    return rgb
 
 
 def _frames(recording: Recording, wanted: list[int]) -> Iterator[Frame | BadFrame]:

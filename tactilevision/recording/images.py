@@ -2,8 +2,9 @@
 
 The bit depth of the file decides, never its content: 8-bit pictures are taken as they are; integers of 16
 bits are scaled so that `white_level` (left out: the largest number that the file's type can hold) becomes
-255; floating point pictures run from 0 to 1. Transparency is dropped. Grey pictures are refused, since slopes
-are read from colours. A .npy file holds (height, width, 3 or 4) in the order red, green, blue.
+255; floating point pictures run from 0 to 1. Transparency is dropped. Pictures that are grey, also as three equal
+colours, or have a palette are refused, since slopes are read from small changes of colour. Orientations that a
+file states are not followed. A .npy file holds (height, width, 3 or 4) in the order red, green, blue.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from tactilevision.door.arrays import read_array
 from tactilevision.door.decoding import decode
 from tactilevision.door.limits import check
 from tactilevision.door.opening import IrregularFileError, read_bytes
-from tactilevision.door.pictures import check_picture, is_cut, is_grey, is_stack
+from tactilevision.door.pictures import check_picture, is_cut, is_grey, is_stack, upright, why_no_colours
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.records import Bytes
 
+EVEN_GREY = 8  # grey levels: a picture that is alike all over, black or white, is no grey copy
+_SPARSE = 8  # px: a look at every eighth tells most coloured pictures
 _REMEDY_TORN = "Copy it again from where it came, or take it out of the list."
 
 
@@ -75,9 +78,15 @@ def _stored(data: bytes, path: Path) -> npt.NDArray[Any]:
             where=path,
             remedy="Save each as a file of its own, or all as a video.",
         )
-    picture = _decoded(data, path)
+    picture = _decoded(upright(data), path)
     if is_grey(data):
         return picture[..., 0] if picture.ndim == 3 else picture
+    if picture.ndim == 3 and (why := why_no_colours(data)):
+        raise RecordingError(
+            f"the picture's colours are not those that the sensor saw: {why}",
+            where=path,
+            remedy="Record again with 8 bits or more of red, green and blue; what was lost does not come back.",
+        )
     if picture.ndim == 3 and picture.shape[2] in (3, 4):
         picture = picture[..., 2::-1]
     return picture
@@ -89,12 +98,7 @@ def as_rgb(picture: npt.NDArray[Any], path: Path, *, white_level: float | None =
     `path` is for the messages.
     """
     if picture.ndim == 2 or (picture.ndim == 3 and picture.shape[2] in (1, 2)):
-        raise RecordingError(
-            "the picture is grey, but photometric stereo needs the colours of the lights",
-            where=path,
-            value=picture.shape,
-            remedy="Record in colour. Grey copies of colour frames cannot be used.",
-        )
+        raise _grey(path, picture.shape)
     if picture.ndim != 3 or picture.shape[2] not in (3, 4):
         turned = picture.ndim == 3 and picture.shape[0] in (3, 4)
         raise RecordingError(
@@ -104,6 +108,11 @@ def as_rgb(picture: npt.NDArray[Any], path: Path, *, white_level: float | None =
             remedy="Put the colours last: numpy.moveaxis(picture, 0, -1)." if turned else "",
         )
     picture = picture[..., :3].astype(picture.dtype.newbyteorder("="), copy=False)
+    return check_coloured(_levels(picture, path, white_level), path)
+
+
+def _levels(picture: npt.NDArray[Any], path: Path, white_level: float | None) -> Bytes:
+    """Grey levels (H, W, 3) of 8 bits out of those of any type. Raises RecordingError for a type of no use."""
     if picture.dtype == np.uint8:
         return np.ascontiguousarray(picture)
     if picture.dtype == np.uint16:
@@ -122,6 +131,25 @@ def as_rgb(picture: npt.NDArray[Any], path: Path, *, white_level: float | None =
         where=path,
         value=str(picture.dtype),
         remedy="Convert it.",
+    )
+
+
+def check_coloured(rgb: Bytes, where: Path | str) -> Bytes:
+    """The picture (H, W, 3) as it is; raises RecordingError for a grey one whose three colours are equal."""
+    for few in (rgb[::_SPARSE, ::_SPARSE], rgb):
+        if not ((few[..., 0] == few[..., 1]) & (few[..., 1] == few[..., 2])).all():
+            return rgb
+    if int(rgb[..., 0].max()) - int(rgb[..., 0].min()) > EVEN_GREY:
+        raise _grey(where, "three equal colours")
+    return rgb
+
+
+def _grey(where: Path | str, found: object) -> RecordingError:
+    return RecordingError(
+        "the picture is grey, but photometric stereo needs the colours of the lights",
+        where=where,
+        value=found,
+        remedy="Record in colour. Grey copies of colour frames cannot be used.",
     )
 
 

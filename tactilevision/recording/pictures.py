@@ -233,17 +233,27 @@ def _size_of(path: Path) -> tuple[int, int] | None:
     return width, height
 
 
-def check_references(frame_size_px: tuple[int, int], references: Sequence[Path]) -> None:
-    """Raise where a reference that can be read has another size than the frames."""
+def check_references(
+    frame_size_px: tuple[int, int], references: Sequence[Path], *, white_level: float | None = None
+) -> tuple[str, ...]:
+    """Raise where a reference that can be read has another size than the frames; warnings of its bit depth."""
+    doubts: tuple[str, ...] = ()
     for path in references:
         with suppress(TornImageError):
-            height, width = read_stored(path).shape[:2]
-            if (width, height) != frame_size_px:
-                raise RecordingError(
-                    f"the reference is {width} x {height}, the frames {frame_size_px[0]} x {frame_size_px[1]}",
-                    where=path,
-                    remedy="Take references with the camera set as for the frames, before rectification.",
-                )
+            stored = read_stored(path)
+            check_size((stored.shape[1], stored.shape[0]), frame_size_px, path)
+            doubts += _doubts_of_depth(stored, f"{path.parent.name}/{path.name}", white_level)
+    return doubts
+
+
+def check_size(size_px: tuple[int, int], frame_size_px: tuple[int, int], path: Path) -> None:
+    """Raise RecordingError where a reference has another size (width, height) than the frames."""
+    if size_px != frame_size_px:
+        raise RecordingError(
+            f"the reference is {size_px[0]} x {size_px[1]}, the frames {frame_size_px[0]} x {frame_size_px[1]}",
+            where=path,
+            remedy="Take references with the camera set as for the frames, before rectification.",
+        )
 
 
 def _doubts_of_depth(stored: npt.NDArray[Any], name: str, white_level: float | None) -> tuple[str, ...]:

@@ -116,7 +116,8 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
     size, seen = pictures.first_look(*looked, white_level=white) if looked else (None, ())
     sensor, notes = build_sensor(settings.sensor, toml, frame_size_px=size)
     if size is not None:
-        pictures.check_references(size, [*flats[:1], *(ball.path for ball in balls[:1])])
+        first = [*flats[:1], *(ball.path for ball in balls[:1])]
+        seen += pictures.check_references(size, first, white_level=white)
     return replace(
         recording,
         sensor=sensor,
@@ -141,16 +142,10 @@ def _light_alone(root: Path, flats: Sequence[Path], balls: Sequence[BallPress]) 
 
 def _check_no_frames_needed(recording: Recording) -> None:
     """Without pictures there must be curves, points or ball presses; a list of pictures must not be there."""
-    root = recording.path
-    if _named(root, layout.FRAME_TABLE):
-        raise RecordingError(
-            "frames are listed, but there are no pictures",
-            where=root / layout.FRAMES,
-            remedy=f"Put them there, or remove {layout.FRAME_TABLE}.",
-        )
+    root, folder = recording.path, recording.path / layout.FRAMES
     light_alone = _named(root, layout.BALL_TABLE) and not _is_calibration(root)
-    if not (light_alone or _named(root, layout.CURVES, layout.POINTS)):
-        folder = root / layout.FRAMES
+    listed = _named(root, layout.FRAME_TABLE)
+    if listed or not (light_alone or _named(root, layout.CURVES, layout.POINTS)):
         others = sorted(path.name for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
         if others:
             raise RecordingError(
@@ -158,6 +153,12 @@ def _check_no_frames_needed(recording: Recording) -> None:
                 where=folder,
                 value=others[0],
                 remedy=f"Save them as one of {', '.join(layout.IMAGE_SUFFIXES)}.",
+            )
+        if listed:
+            raise RecordingError(
+                "frames are listed, but there are no pictures",
+                where=folder,
+                remedy=f"Put them there, or remove {layout.FRAME_TABLE}.",
             )
         raise RecordingError(
             "the recording holds nothing to work on: neither frames nor curves nor points",

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from tactilevision.door.limits import check
 from tactilevision.door.opening import check_regular
 from tactilevision.errors import RecordingError
+from tactilevision.recording.images import check_coloured
 from tactilevision.records import Bytes
 
 _Key = tuple[Path, int, int]
@@ -92,4 +93,4 @@ def _rgb(picture: npt.NDArray[Any], path: Path) -> Bytes:
         raise RecordingError(
             "the video has no colours of 8 bits", where=path, value=f"{picture.shape} {picture.dtype}"
         )
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    return check_coloured(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8), path)

@@ -98,6 +98,48 @@ def test_pictures_of_no_use_are_named(tmp_path: Path, array: npt.NDArray[Any], s
         read_image(path)
 
 
+@pytest.mark.parametrize(("mode", "suffix"), [("P", ".png"), ("P", ".tif"), ("P", ".bmp"), ("LAB", ".tif")])
+def test_colours_that_a_file_has_changed_are_refused(tmp_path: Path, mode: str, suffix: str) -> None:
+    """A palette of 256 colours is tens of grey levels off a real frame; L*, a*, b* are no red, green and blue."""
+    Image.fromarray(picture(5)).convert(mode).save(tmp_path / f"a{suffix}")
+    with pytest.raises(
+        RecordingError, match=rf"a{suffix}: the picture's colours are not those that the sensor saw"
+    ):
+        read_image(tmp_path / f"a{suffix}")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".npy", ".tiff"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_grey_in_three_equal_colours_is_grey(tmp_path: Path, suffix: str, dtype: type) -> None:
+    grey: npt.NDArray[Any] = np.repeat(picture(6)[..., :1], 3, axis=2).astype(dtype) * (
+        257 if dtype is np.uint16 else 1
+    )
+    with pytest.raises(RecordingError, match="the picture is grey"):
+        read_image(save(grey, tmp_path / f"a{suffix}"))
+    even: npt.NDArray[Any] = np.full(
+        (24, 32, 3), np.iinfo(dtype).max, dtype
+    )  # overexposed: the light is at fault, no copy
+    assert read_image(save(even, tmp_path / f"a{suffix}")).min() == 255
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])
+def test_an_orientation_that_is_stated_is_not_followed(tmp_path: Path, suffix: str) -> None:
+    smooth = cv2.resize(picture(7)[::8, ::8], (32, 24), interpolation=cv2.INTER_CUBIC)
+    exif = Image.Exif()
+    for turn in range(1, 9):
+        exif[274] = turn
+        how: dict[str, Any] = {"tiffinfo": exif} if suffix == ".tif" else {"exif": exif}
+        Image.fromarray(smooth).save(tmp_path / f"a{suffix}", quality=98, **how)
+        np.testing.assert_allclose(read_image(tmp_path / f"a{suffix}"), smooth.astype(float), atol=20)
+
+
+def test_a_film_of_png_is_refused(tmp_path: Path) -> None:
+    one, two = Image.fromarray(picture(1)), Image.fromarray(picture(2))
+    one.save(tmp_path / "film.png", save_all=True, append_images=[two])
+    with pytest.raises(RecordingError, match="holds several pictures, and a frame is one"):
+        read_image(tmp_path / "film.png")
+
+
 @pytest.mark.parametrize("mode", ["LA", "L"])
 def test_grey_with_transparency_is_grey(tmp_path: Path, mode: str) -> None:
     """OpenCV makes four equal channels of it."""

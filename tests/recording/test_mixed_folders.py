@@ -6,12 +6,15 @@ import os
 import struct
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from small_recording import picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.recording import BadFrame, iter_frames, read_folder, write_image
+from tactilevision.reconstruct import calibrate_light
+from tactilevision.recording import BadFrame, iter_frames, read_folder, read_recording, write_image
 
 
 def pictures(folder: Path, sizes: list[tuple[int, int]]) -> Path:
@@ -134,3 +137,32 @@ def test_a_tab_in_a_picture_s_name_is_read(tmp_path: Path) -> None:
     folder = pictures(tmp_path / "a", [(32, 24)] * 3)
     (folder / "1.png").rename(folder / "1\tb.png")
     assert read_folder(folder, "gelsight_mini").frame_names == ("0.png", "1\tb.png", "2.png")
+
+
+@pytest.mark.parametrize("name", ["flat/v.png", "ball/b2.png"])
+def test_every_reference_has_the_size_of_the_frames(tmp_path: Path, name: str) -> None:
+    """The first flat is looked at when the recording is read; the others, and balls, when they are."""
+    folder = write_small(tmp_path / "small")
+    write_image(folder / "reference/flat/untouched.png", np.full((24, 32, 3), (90, 110, 130), np.uint8))
+    write_image(folder / "reference/ball/b2.png", picture(2))
+    (folder / "reference/ball.csv").write_text("frame,ball_radius_mm\nb1.png,3.0\nb2.png,3.0\n")
+    write_image(folder / "reference" / name, picture(3, 16, 12))
+    with pytest.raises(RecordingError, match=rf"{name}: the reference is 16 x 12, the frames 32 x 24"):
+        calibrate_light(read_recording(folder))
+
+
+@pytest.mark.parametrize("name", ["flat/untouched.png", "ball/b1.png"])
+def test_references_of_twelve_bits_in_sixteen_are_asked_about(tmp_path: Path, name: str) -> None:
+    folder = write_small(tmp_path / "small")
+    cv2.imwrite(str(folder / "reference" / name), picture(3)[..., ::-1].astype(np.uint16) * 16)
+    (warning,) = read_recording(folder).warnings
+    assert warning.startswith(f"{name}: its brightest number is 40")
+    assert "state white_level in recording.toml" in warning
+
+
+def test_listed_frames_of_a_kind_that_is_not_read_are_named(tmp_path: Path) -> None:
+    folder = write_small(tmp_path / "small")
+    for path in (folder / "frames").iterdir():
+        path.rename(path.with_suffix(".gif"))
+    with pytest.raises(RecordingError, match=r"none of its 10 files is a picture or a video.*got 'f0.gif'"):
+        read_recording(folder)

@@ -173,6 +173,15 @@ def test_frames_of_a_video_are_found_by_their_number(folder: Path, name: str, co
     np.testing.assert_allclose(read_frame(recording, 7).rgb[0, 0], flat_picture(7)[0, 0], atol=4)
 
 
+def test_a_grey_video_is_refused(folder: Path) -> None:
+    """Its decoder makes three equal colours of it."""
+    grey = [np.repeat(picture(index)[..., :1], 3, axis=2) for index in range(10)]
+    make_video_recording(folder, "frames.avi", "FFV1")
+    write_video(folder / "frames.avi", "FFV1", grey)
+    with pytest.raises(RecordingError, match=r"frames.avi: the picture is grey"):
+        read_recording(folder)
+
+
 def test_two_streams_of_one_video_do_not_disturb_each_other(folder: Path) -> None:
     recording = read_recording(make_video_recording(folder, "frames.avi", "FFV1"))
     pairs = zip(iter_frames(recording), iter_frames(recording, 0.35), strict=False)

@@ -16,7 +16,7 @@ from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.profile.guide.labels import MIN_RADIUS_PX, Circle, Label, labels_of, table_of, write_labels
 from tactilevision.profile.guide.outcome import Outcome, judge
 from tactilevision.profile.guide.pictures import draw_change, draw_depth, encode
-from tactilevision.recording import Recording, faults_of_flats, read_flats, read_image
+from tactilevision.recording import Recording, faults_of_flats, read_flats, read_reference
 from tactilevision.records import Bytes
 from tactilevision.sensors import may_have_marks, rectify
 
@@ -112,15 +112,7 @@ class Session:
         return encode(draw_depth(outcome.presses[name].depth_mm))
 
     def _read(self, label: Label) -> Bytes:
-        rgb = rectify(self.sensor, read_image(label.path, white_level=self.recording.white_level))
-        if rgb.shape[:2] != self.reference.shape:
-            raise InputError(
-                "the press has another size than the untouched gel's picture",
-                where=label.path,
-                value=f"{rgb.shape[1]} x {rgb.shape[0]}",
-                remedy="Take both with the camera set alike.",
-            )
-        return rgb
+        return rectify(self.sensor, read_reference(self.recording, label.path))
 
     def _found(self, index: int, label: Label) -> Label:
         picture = _ball_picture(label, self.pictures[index])
