@@ -32,10 +32,22 @@ ReferenceOption = Annotated[
         help="A frame of the untouched gel, or a folder of them; of a bare folder the first frame if left out."
     ),
 ]
+
+
+def check_scale(mm_per_px: float | None) -> float | None:
+    """The value of --mm-per-px. Raises InputError for one that no camera has on a gel."""
+    from tactilevision import sensors
+
+    if mm_per_px is not None:
+        sensors.check_scale(mm_per_px, where="--mm-per-px")
+    return mm_per_px
+
+
 ScaleOption = Annotated[
     float | None,
     typer.Option(
         "--mm-per-px",
+        callback=check_scale,
         help="Scale of the (rectified) frames; of a bare folder guessed from the sensor if left out.",
     ),
 ]
@@ -47,7 +59,7 @@ MethodOption = Annotated[
 ]
 BallOption = Annotated[
     float | None,
-    typer.Option(min=0.01, help="Of ball presses without a table: the radius of the ball, of all alike."),
+    typer.Option(min=0.01, max=1000.0, help="Of ball presses without a table: the radius of all balls."),
 ]
 EvenSoOption = Annotated[
     bool, typer.Option("--even-so", help="Go on though the light's calibration fails its own balls.")

@@ -48,7 +48,10 @@ def view(
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
     mm_per_px: Annotated[
-        float | None, typer.Option(help="Scale of frames, or of a depth TIFF that does not state its own.")
+        float | None,
+        typer.Option(
+            callback=source.check_scale, help="Scale of frames, or of a depth TIFF that does not state its own."
+        ),
     ] = None,
     terms: Annotated[
         bool, typer.Option("--terms", help="Also draw which part of the depth's deviation is the largest where.")

@@ -19,7 +19,7 @@ from tactilevision.recording.read import read_recording
 from tactilevision.recording.sensor import build_sensor
 from tactilevision.recording.video import count_frames, stated_frames
 from tactilevision.records import Sensor
-from tactilevision.sensors import SENSORS
+from tactilevision.sensors import SENSORS, check_scale
 
 if TYPE_CHECKING:
     from tactilevision.recording.settings import SensorSettings
@@ -47,7 +47,7 @@ def read_folder(
     `guess` where there is none; `mm_per_px` the scale, guessed where the sensor's usual one does not hold
     (guess.py). The warnings say what was guessed. Where `path` is a recording, what is not given here is taken
     from it. `white_level` goes with a Sensor. Raises RecordingError for an empty folder, an unknown or missing
-    sensor, and a reference that is not there.
+    sensor, and a reference that is not there; InputError for a scale that no camera has.
     """
     root = Path(path)
     flats = list_references(_named(reference, root))
@@ -106,7 +106,10 @@ def _built(
 
 def _scaled(sensor: Sensor | Path | str, mm_per_px: float | None) -> Sensor:
     assert isinstance(sensor, Sensor)
-    return sensor if mm_per_px is None else replace(sensor, mm_per_px=(mm_per_px, mm_per_px))
+    if mm_per_px is None:
+        return sensor
+    check_scale(mm_per_px, where="mm_per_px")
+    return replace(sensor, mm_per_px=(mm_per_px, mm_per_px))
 
 
 def _frames_of(root: Path) -> tuple[Path, tuple[str, ...]]:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from tactilevision.door.limits import limit
+from tactilevision.sensors import MAX_SCALE, MIN_SCALE
 
 LAST_NS = 2**62  # ns since 1970: far beyond any date that a log holds
 
@@ -45,6 +46,8 @@ Positive = Annotated[float, AfterValidator(_finite), Field(gt=0)]
 NotNegative = Annotated[float, AfterValidator(_finite), Field(ge=0)]
 Poisson = Annotated[float, AfterValidator(_finite), Field(ge=0, le=0.5)]
 Two = Annotated[list[Positive], BeforeValidator(_pair), Field(min_length=2, max_length=2)]
+Scale = Annotated[float, AfterValidator(_finite), Field(ge=MIN_SCALE, le=MAX_SCALE)]
+Scales = Annotated[list[Scale], BeforeValidator(_pair), Field(min_length=2, max_length=2)]
 Three = Annotated[list[NotNegative], Field(min_length=3, max_length=3)]
 Row = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
@@ -88,7 +91,7 @@ class SensorSettings(_Settings):
 
     kind: str | None = None
     serial: str = ""
-    mm_per_px: Two | None = None
+    mm_per_px: Scales | None = None
     width_px: Annotated[int, Field(gt=0, le=MAX_SIDE)] | None = None
     height_px: Annotated[int, Field(gt=0, le=MAX_SIDE)] | None = None
     rectification: str | None = None

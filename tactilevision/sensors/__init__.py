@@ -21,8 +21,14 @@ SENSORS: dict[str, Sensor] = {
     sensor.kind: sensor for sensor in (GELSLIM3, GELSLIM3_MARKERS, GELSIGHT_MINI, DIGIT, GELSIGHT_WEDGE)
 }
 
+MIN_SCALE = 1e-4  # mm per pixel: a tenth of a micrometre, the finest that light shows
+MAX_SCALE = 100.0  # mm per pixel: the largest gel in one
+
 __all__ = [
+    "MAX_SCALE",
+    "MIN_SCALE",
     "SENSORS",
+    "check_scale",
     "find_grid",
     "get_sensor",
     "maps_from_corners",
@@ -73,11 +79,24 @@ def may_have_marks(sensor: Sensor) -> bool:
     return sensor.has_markers or sensor.kind not in SENSORS
 
 
-def _checked(sensor: Sensor) -> Sensor:
-    if min(sensor.width_px, sensor.height_px) < 2 or not all(0 < s < float("inf") for s in sensor.mm_per_px):
+def check_scale(mm_per_px: float, *, where: str) -> None:
+    """Raise InputError for a scale that no camera has on a gel: below MIN_SCALE, above MAX_SCALE, or no number."""
+    if not MIN_SCALE <= mm_per_px <= MAX_SCALE:
         raise InputError(
-            "a sensor has 2 px or more each way, and a scale in mm per px above 0",
-            where=f"sensor {sensor.kind}",
-            value=(sensor.width_px, sensor.height_px, sensor.mm_per_px),
+            f"a scale lies between {MIN_SCALE:g} and {MAX_SCALE:g} mm per pixel",
+            where=where,
+            value=mm_per_px,
+            remedy="State a length on the gel in mm over its length in the picture in pixels: most are .02 to .1.",
         )
+
+
+def _checked(sensor: Sensor) -> Sensor:
+    if min(sensor.width_px, sensor.height_px) < 2:
+        raise InputError(
+            "a sensor has 2 px or more each way",
+            where=f"sensor {sensor.kind}",
+            value=(sensor.width_px, sensor.height_px),
+        )
+    for scale in sensor.mm_per_px:
+        check_scale(scale, where=f"sensor {sensor.kind}")
     return sensor

@@ -12,7 +12,10 @@ import pytest
 
 from tactilevision.cli import main
 from tactilevision.cli.source import Choice
+from tactilevision.errors import InputError
+from tactilevision.recording import read_folder
 from tactilevision.records import Bytes
+from tactilevision.sensors import get_sensor
 
 
 def untouched() -> Bytes:
@@ -77,6 +80,23 @@ def test_a_bad_reference_is_named_with_the_option_for_another(
     sample = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
     told = said(monkeypatch, capsys, sample, "--reference", tmp_path / "0.png", "--out", tmp_path / "out")
     assert f"{tmp_path / '0.png'}: the reference is 320 x 240, the frames " in told
+
+
+@pytest.mark.parametrize("scale", ["1e9", "1e-9", "nan", "inf", "-1", "0"])
+def test_a_scale_out_of_all_reason_is_refused(
+    scale: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = said(monkeypatch, capsys, tmp_path, "--sensor", "gelslim3", f"--mm-per-px={scale}")
+    assert "--mm-per-px: a scale lies between 0.0001 and 100 mm per pixel" in told
+    assert "State a length on the gel in mm over its length in the picture" in told
+    toml = tmp_path / "sensor.toml"
+    toml.write_text(f'[sensor]\nkind = "custom"\nwidth_px = 32\nheight_px = 24\nmm_per_px = {float(scale)}\n')
+    cv2.imwrite(str(tmp_path / "0.png"), untouched())
+    assert "[sensor] mm_per_px" in said(monkeypatch, capsys, tmp_path, "--sensor", toml)
+    with pytest.raises(InputError, match="a scale lies between"):
+        read_folder(tmp_path, "gelslim3", mm_per_px=float(scale))
+    with pytest.raises(InputError, match="a scale lies between"):
+        get_sensor("gelslim3", mm_per_px=float(scale))
 
 
 def test_a_method_that_was_trained_anew_is_another_way_to_read(tmp_path: Path) -> None:

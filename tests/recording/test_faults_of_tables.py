@@ -75,6 +75,12 @@ EDITS = [
     ("presses.csv", "0.5,0.9", "0.5,1.9", "the readings end early: at 0.99 s, but press 2 ends at 1.9 s"),
     ("presses.csv", "0.1,0.4", "-0.5,0.4", "the readings start late: at 0 s, but press 1 starts at -0.5 s"),
     ("reference/ball.csv", "3.0", "-3.0", "ball.csv, line 2: ball_radius_mm must be above 0 (got -3.0)"),
+    (
+        "reference/ball.csv",
+        "3.0",
+        "1e9",
+        "line 2: ball_radius_mm must be at most 1000 (got 1000000000.0)",
+    ),
     ("reference/ball.csv", "b1.png", "b2.png", "1 of 1 pictures listed are missing, the first is b2.png"),
 ]
 
