@@ -16,7 +16,7 @@ def telling(recording: Recording, size: Sequence[float], *, most: int) -> list[i
     greatest of these; where no presses or times are known, of each of `most` stretches of the frames."""
     values = np.asarray(size, dtype=float)
     best = []
-    for part in _parts(recording, max(most, 1)):
+    for part in _parts(recording, max(min(most, len(values)), 1)):
         known = part[np.isfinite(values[part])]
         if known.size:
             best.append(int(known[np.argmax(values[known])]))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tactilevision.cli import main
+from tactilevision.cli.moments import telling
 from tactilevision.cli.source import Choice
 from tactilevision.errors import InputError
 from tactilevision.recording import read_folder
@@ -97,6 +98,13 @@ def test_a_scale_out_of_all_reason_is_refused(
         read_folder(tmp_path, "gelslim3", mm_per_px=float(scale))
     with pytest.raises(InputError, match="a scale lies between"):
         get_sensor("gelslim3", mm_per_px=float(scale))
+
+
+def test_more_pictures_than_frames_are_all_of_them(tmp_path: Path) -> None:
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), untouched())
+    recording = read_folder(tmp_path, "gelslim3", reference=tmp_path / "0.png")
+    assert telling(recording, [0.1, 0.3, 0.2], most=10**26) == [0, 1, 2]
 
 
 def test_a_method_that_was_trained_anew_is_another_way_to_read(tmp_path: Path) -> None:
