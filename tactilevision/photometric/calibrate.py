@@ -40,6 +40,7 @@ from tactilevision.photometric.ball.samples import (
     told_alike,
     values_at,
 )
+from tactilevision.photometric.ball.second_look import second_look
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.found_balls import (
     MIN_BALLS,
@@ -116,7 +117,7 @@ def calibrate_from_balls(
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light, cover = slope_observability(pressed), 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px, at_contact = pressed_reference(change, [picture.rgb for picture in pictures], alone.balls)
-    odd = [*_radii_warnings(best, balls, pressed, resting), *_odd_ball_warnings(best, balls, pictures, pressed)]
+    odd = _odd_warnings(best, balls, pictures, pressed, resting)
     warnings += reference_warnings(contact_px) or [*_light_doubts(pressed, cover, light), *odd]
     card = replace(
         _card(best, pressed, light),
@@ -201,21 +202,25 @@ def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
     )
 
 
-def _radii_warnings(best: _Fit, balls: Sequence[Ball | None], pressed: Samples, resting: Samples) -> list[str]:
-    return contradicting_radii(
+def _odd_warnings(
+    best: _Fit, balls: Sequence[Ball | None], pictures: Sequence[BallPicture], pressed: Samples, resting: Samples
+) -> list[str]:
+    """Radii that contradict each other, then single odd balls."""
+    radii = contradicting_radii(
         {number: ball.radius_mm for number in map(int, np.unique(pressed.press)) if (ball := balls[number])},
         lambda group: gains_without(
             np.array(group), best.fitter, contact=pressed, untouched_samples=resting, ridge=best.ridge
         ),
     )
-
-
-def _odd_ball_warnings(
-    best: _Fit, balls: Sequence[Ball | None], pictures: Sequence[BallPicture], pressed: Samples
-) -> list[str]:
-    unsure = {number: held.std for number, held in best.scale.held_out_laws.items()}
-    names = [picture.name for picture in pictures]
-    return odd_balls(gains_of(best.held_out, pressed), balls, names=names, unsure=unsure)
+    return radii + odd_balls(
+        gains_of(best.held_out, pressed),
+        balls,
+        names=[picture.name for picture in pictures],
+        unsure={number: held.std for number, held in best.scale.held_out_laws.items()},
+        second_look=lambda suspects: second_look(
+            suspects, best.fitter, contact=pressed, untouched_samples=resting, ridge=best.ridge
+        ),
+    )
 
 
 def direction_error_deg(slopes: Floats, true: Floats) -> Floats:

@@ -82,6 +82,17 @@ def test_one_ball_of_another_radius_is_named_by_its_picture() -> None:
     assert warning.startswith("05.png: its slopes")
 
 
+def test_one_wrong_radius_of_ten_is_named_though_the_law_leans_to_it() -> None:
+    pictures = [
+        dataclasses.replace(shot, name=f"{number:02d}.png")
+        for number, shot in enumerate(ball_pictures(10, np.random.default_rng(4)))
+    ]
+    assert calibrated(pictures).warnings == ()
+    pictures[5] = dataclasses.replace(pictures[5], radius_mm=BALL_MM / 1.5)
+    (warning,) = calibrated(pictures).warnings
+    assert warning.startswith("05.png: its slopes are 0.6")
+
+
 def test_a_ball_in_the_reference_that_passes_for_all_balls_is_seen() -> None:
     rng = np.random.default_rng(5)
     pressed = picture(*ball((1.0, -0.5), 2.2, BALL_MM)[1:], rng)

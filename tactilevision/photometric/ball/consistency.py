@@ -31,6 +31,7 @@ MAX_ANSWER = (
 MAX_LABEL_MOVE = 0.25  # of the contact radius: clicks of a hand lie within .1
 MAX_LABEL_RATIO = 1.35  # of contact radii: circles by eye are up to 1.3 times as wide as what is fitted
 MIN_LABELS_OFF = 0.25  # of the labels: a single slip moves nothing
+MAX_SUSPECTS = 5  # balls that are looked at once more, each for the time of four fits
 MAX_NAMED = 3  # odd balls that are named in warnings, the oddest first
 MIN_NAMED_SHARE = 0.1  # share of the expected slopes below which its figure says no more than that
 
@@ -75,22 +76,32 @@ def contradicting_radii(
 
 
 def odd_balls(
-    gains: Mapping[int, float], balls: Sequence[Ball | None], *, names: Sequence[str], unsure: Mapping[int, float]
+    gains: Mapping[int, float],
+    balls: Sequence[Ball | None],
+    *,
+    names: Sequence[str],
+    unsure: Mapping[int, float],
+    second_look: Callable[[Sequence[int]], Mapping[int, float]] = lambda suspects: {},
 ) -> list[str]:
     """Warnings of single balls whose scale of slope is far from that of all others, each left out of its law.
 
     `unsure` says how far that law's scale may be off at the ball: in a corner without another one it is no wonder.
+    Where none is named, `second_look` says of the suspects which one is, by its scale (`second_look.py`).
     """
     scale = {number: float(np.log(max(gain, 1e-3))) for number, gain in gains.items()}
     scales = np.array(list(scale.values()))
     median, limit = float(np.median(scales)), max(MIN_OF_ONE, OUTLIER_SIGMA * mad_std(scales))
-    odd = sorted(
-        (number for number in scale if abs(scale[number] - median) > max(limit, SIGMAS * unsure.get(number, 0.0))),
-        key=lambda number: -abs(scale[number] - median),
-    )
+    off = {number: abs(scale[number] - median) for number in sorted(scale, key=lambda n: -abs(scale[n] - median))}
+    odd = {
+        number: float(np.exp(scale[number] - median))
+        for number in off
+        if off[number] > max(limit, SIGMAS * unsure.get(number, 0.0))
+    }
+    if not odd:
+        odd |= second_look([number for number in off if off[number] > MIN_OF_ONE][:MAX_SUSPECTS])
     warnings = []
-    for number in odd[:MAX_NAMED]:
-        ball, share = balls[number], np.exp(scale[number] - median)
+    for number, share in list(odd.items())[:MAX_NAMED]:
+        ball = balls[number]
         assert ball is not None
         times = f"{share:.2g}" if share > MIN_NAMED_SHARE else f"less than {MIN_NAMED_SHARE:g}"
         warnings.append(

@@ -118,7 +118,7 @@ def scale_uncertainty(
     for group, other in zip(groups_of(contact), others, strict=True):
         left_out = contact.where(np.isin(contact.press, group))
         gains |= gains_of(other.at(left_out.change, left_out.place), left_out)
-        beyond = _beyond_others(contact, group)
+        beyond = beyond_others(contact, group)
         outside |= dict(zip(beyond, extrapolated_std(rate, np.array([*beyond.values()])).tolist(), strict=True))
     errors = np.array([gains[number] - 1.0 for number in stated])
     off = off_inside(errors, np.hypot(list(stated.values()), fitted_std), [outside[number] for number in stated])
@@ -140,14 +140,14 @@ def _growth_rate(
     errors, far = list[float](), list[float]()
     for side in sides_of(contact):
         gains = gains_without(side, fit, contact=contact, untouched_samples=untouched_samples, ridge=ridge)
-        beyond = _beyond_others(contact, side)
+        beyond = beyond_others(contact, side)
         errors += [gains[number] - 1.0 for number in beyond]
         far += beyond.values()
     return growth_rate(np.array(errors), np.array(far), inside_std=inside_std)
 
 
-def _beyond_others(contact: Samples, group: npt.NDArray[np.int64]) -> dict[int, float]:
-    """How far each ball of a `group` (balls,) lies beyond the samples under the others, in half pictures."""
+def beyond_others(contact: Samples, group: npt.NDArray[np.int64]) -> dict[int, float]:
+    """How far each ball of a `group` (balls,) lies beyond the samples under the others, px over half a side."""
     others = contact.place[~np.isin(contact.press, group)]
     centres = np.array([contact.place[contact.press == number].mean(axis=0) for number in group])
     return dict(zip(map(int, group), map(float, distance_beyond(others, centres)), strict=True))
