@@ -20,7 +20,7 @@ from tactilevision.records import Bools, Floats, Indenter
 
 TOUCH = 3.0  # std of a press zero
 HIDDEN = 1 / 3  # of a force's noise: what adds less to it adds a twentieth
-MIN_PULLING_SHARE = 0.1  # of the samples near the touch on the way out: so many pull only where a gel clings
+MIN_PULLING_SHARE = 0.1  # of the samples just above the touch on the way out: so many pull only if a gel clings
 LOADED = 0.5  # of the largest force above that of air, either way: from it on the punch stands in the gel
 NEAR_TOUCH = 0.1  # of the samples, the nearest to depth 0: their force is about air's, whatever the depth's sign
 SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
@@ -273,7 +273,7 @@ def _moved_mm(distance_mm: Floats, zero_mm: Floats) -> Floats:
 def _clinging(data: Observations, clear: Bools) -> Bools:
     """The samples (N,) near the touch on the way out; none unless many pull, which no zero of a depth does."""
     near = drawn_off(data) & ~clear
-    pulls = data.normal_N[near] < pull_level_N(data)
+    pulls = data.normal_N[near & (data.depth_mm < 0)] < pull_level_N(data)
     return near & bool(pulls.size and np.mean(pulls) > MIN_PULLING_SHARE)
 
 

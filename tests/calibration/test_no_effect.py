@@ -128,6 +128,18 @@ def test_the_touch_stays_on_the_way_out_where_the_gel_pulls() -> None:
     assert clear_of_touch(data.with_force(clinging)).size == data.size
 
 
+def test_much_gel_beside_does_not_hide_that_a_face_pulls() -> None:
+    """A first fit takes the pull for zeros of 30 um, so that .1 mm on either side is near the touch."""
+    depth = np.concatenate([np.linspace(-0.2, -0.15, 5), np.linspace(0.2, 0.4, 8), np.linspace(0.2, 0.004, 40)])
+    true = np.concatenate([depth, [-0.005, -0.01, -0.02]])
+    times = [300.0 * k + np.arange(float(true.size)) for k in range(6)]
+    data = observations([true] * 6, [indenter()] * 6, time_s=times)
+    pulls = np.where(data.depth_mm < 0, 2.0 * np.maximum(data.depth_mm, -0.02), MODEL.predict(TRUTH, data))
+    pulls[data.depth_mm < -0.1] = 0.0
+    kept = clear_of_touch(data.with_force(pulls), zero_mm=0.033)
+    assert np.count_nonzero((kept.depth_mm < 0) & (kept.depth_mm > -0.1)) == 18
+
+
 def points(force_std_N: float = 0.004) -> Observations:
     """24 points at four depths, six of each."""
     depth = [np.array([0.15 * (1 + k % 4)]) for k in range(24)]
