@@ -207,7 +207,8 @@ def held_out_rms(fitted: Fit) -> float:
 def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
     """The minimum from `start` (p,) over the samples (N,) that are not `out`, forces in N.
 
-    Where quick steps come to no end, as they may at a kink, slopes are taken from both sides.
+    Where quick steps come to no end, as they may at a kink, slopes are taken from both sides; where these come to
+    none either, they end where they are: a prediction needs no last digit.
     """
     size = problem.data.size
 
@@ -219,7 +220,7 @@ def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
     try:
         return minimise(residual, places, box=problem.box, tolerance=QUICK)
     except ConvergenceError:
-        return minimise(residual, places, box=problem.box)
+        return minimise(residual, places, box=problem.box, settled=False)
 
 
 def press_folds(data: Observations, count: int = FOLDS) -> Ints:

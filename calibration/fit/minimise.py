@@ -47,21 +47,24 @@ MAX_STEPS = 80  # of one descent: of 600 in recordings with several effects 1 % 
 MAX_RESTARTS = 4  # times that a descent begins anew from where it was, off its bounds, where it creeps no more
 
 
-def minimise(residual: Residual, starts: Floats, *, box: Box, tolerance: float = 1e-10) -> Minimum:
+def minimise(
+    residual: Residual, starts: Floats, *, box: Box, tolerance: float = 1e-10, settled: bool = True
+) -> Minimum:
     """The best of the minima reached from `starts` (s, p), which are moved inside the box.
 
     A tolerance of QUICK or more halves the work: enough to rank models, not to certify digits. So are several
-    starts ranked, and the best alone goes on to the last digits.
+    starts ranked, and the best alone goes on to the last digits. Where it need not be `settled`, the last place of
+    a descent that creeps on at a kink is taken for one.
 
     Raises ConvergenceError where no start leads to a minimum, InputError where a start gives no finite residual.
     """
     places, quick = np.atleast_2d(starts), tolerance
     if len(places) > 1:
         quick = max(tolerance, QUICK)
-    tried = [_descend(residual, _inside(start, box), box, quick) for start in places]
+    tried = [_descend(residual, _inside(start, box), box, quick, settled) for start in places]
     best = min((one for one in tried if one is not None), key=lambda one: one.chi2, default=None)
     if best is not None and quick > tolerance:
-        best = _descend(residual, _inside(best.values, box), box, tolerance) or best
+        best = _descend(residual, _inside(best.values, box), box, tolerance, settled) or best
     if best is None:
         raise ConvergenceError(f"least squares found no minimum from {len(places)} starts")
     return best
@@ -89,7 +92,7 @@ def _one_sided(residual: Residual, values: Floats, box: Box) -> Floats:
     return np.column_stack(columns)
 
 
-def _descend(residual: Residual, start: Floats, box: Box, tolerance: float) -> Minimum | None:
+def _descend(residual: Residual, start: Floats, box: Box, tolerance: float, settled: bool) -> Minimum | None:
     from scipy.optimize import least_squares
 
     if not np.isfinite(residual(start)).all():
@@ -118,7 +121,7 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float) -> M
         if solution.status:
             break
         solution = solve(_inside(solution.x, box))
-    if solution.status <= 0 or not np.isfinite(solution.fun).all():
+    if (settled and solution.status <= 0) or not np.isfinite(solution.fun).all():
         return None
     near = 1e-6 * box.scale
     at_bound = (solution.x - box.low < near) | (box.high - solution.x < near)

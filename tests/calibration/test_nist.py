@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.fit import minimise as minimum_page
 from calibration.fit.minimise import Box, Minimum, minimise
+from tactilevision.errors import ConvergenceError
 from tactilevision.records import Floats
 
 PROBLEMS: dict[str, Any] = json.loads((Path(__file__).parent / "nist_strd.json").read_text())
@@ -61,6 +63,21 @@ def solve(name: str, start: Floats) -> Minimum:
 @pytest.mark.parametrize("name", [n for n in CURVES if n not in ("Norris", "Longley")])
 def test_nonlinear_problems_from_both_of_their_starts(name: str, which: str) -> None:
     assert_certified(name, solve(name, np.array(PROBLEMS[name][which])), digits=6)
+
+
+def test_a_descent_that_comes_to_no_end_says_so_or_gives_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(minimum_page, "MAX_STEPS", 4)
+    monkeypatch.setattr(minimum_page, "MAX_RESTARTS", 0)
+    begin = np.array([1.5, 0.5])
+    box = Box(np.full(2, -1e3), np.full(2, 1e3), np.ones(2))
+
+    def residual(at: Floats) -> Floats:  # Rosenbrock, Comput. J. 3 (1960) 175: a long bent valley
+        return np.array([10 * (at[1] - at[0] ** 2), 1 - at[0]])
+
+    with pytest.raises(ConvergenceError, match="from 1 starts"):
+        minimise(residual, begin[None], box=box)
+    found = minimise(residual, begin[None], box=box, settled=False)
+    assert found.chi2 < 0.01 * float(np.sum(residual(begin) ** 2))
 
 
 @pytest.mark.parametrize(("name", "digits"), [("Norris", 8), ("Longley", 5)])
