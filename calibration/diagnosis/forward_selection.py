@@ -30,7 +30,7 @@ from calibration.diagnosis.confirmation import (
     weighed_again,
 )
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, refit_with
-from calibration.diagnosis.score_test import Scored, ScoreTest, few_presses, score_test
+from calibration.diagnosis.score_test import Scored, ScoreTest, by_likelihood, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.deadline import UNWATCHED, Each, Watch
@@ -38,7 +38,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.admissible_range import beta_outside_theory
 from calibration.model.composition import Model
 from calibration.model.stages import Effect, EffectBase
-from calibration.noise.model import Whitener
+from calibration.noise.model import Noise, Whitener
 from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.records import Floats
 
@@ -290,16 +290,22 @@ def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: fl
     """The fit under the noise that is left with the best effect in it, where there are few presses: what changes
     from one to the next has passed for their scatter, under which no two effects are told apart.
     """
-    if not few_presses(current.data) or best.p_adjusted > level:
+    if not by_likelihood(current.data) or best.p_adjusted > level:
         return current
     with suppress(*CANNOT_FIT):
         noise = adopt(current, refit_with(current, by_key[best.key])).noise
-        if noise.gain < current.noise.gain:
+        if _of_a_press(current, noise) < _of_a_press(current, current.noise):
             model, data, values = current.model, current.data, current.values
             return replace(
                 fit(model, data, noise=noise, starts=values[None], tolerances=False), warnings=current.warnings
             )
     return current
+
+
+def _of_a_press(current: Fit, noise: Noise) -> float:
+    """What a press's gain and zero make of its force, N, rms."""
+    about = current.about
+    return float(np.sqrt(np.mean((noise.gain * about.force_N) ** 2 + (noise.zero_mm * about.slope_N_per_mm) ** 2)))
 
 
 def _confirmed(turn: Round, level: float, each: Each) -> Step | None:

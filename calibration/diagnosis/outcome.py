@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from calibration.diagnosis.alternative_explanation import (
     AlternativeExplanation,
     alternative_explanation,
@@ -84,12 +86,14 @@ def against_instrument_errors(force: Outcome, watch: Watch, *, level: float) -> 
     """With the plain error that does as well as what was named, which then stands no more, or better than what was
     tried.
     """
-    if watch.over or not (force.steps or (force.unknown and not force.odd)):
+    if watch.over or not (force.steps or (force.unknown and not force.odd.presses)):
         return force
     watch.tell("holding plain errors of an instrument against it")
     plain = plain_errors(force.searched, watch.each)
     found = alternative_explanation(force.searched, plain, level=level)
-    nearest_of_all = next(iter(plain), None) if found is not None or force.unknown else None
+    nothing = np.inf if force.searched.steps else force.searched.start.chi2
+    helps = (one for one in plain if one.cost < nothing)
+    nearest_of_all = next(helps, None) if found is not None or force.unknown else None
     if found is None:
         return replace(force, plain=nearest_of_all)
     tried = force.tried or found.instead_of

@@ -111,12 +111,17 @@ class Cast:
         """
         seen, found = self._seen(residual_N, priors), []
         for k, noise in enumerate(noises):
-            each = [replace(noise, gain=share * noise.gain) for share in GAINS]
+            each = [self._of_presses(noise, share) for share in GAINS]
             weighed = self._weighed(seen.of(k), each)
             costs = self._costs(seen.of(k), each, weighed)
             with_it = np.min(costs[:, None] - weighed.scores**2, axis=0)
             found.append(self._split(np.sign(weighed.scores[0]) * np.sqrt(costs.min() - with_it)))
         return found
+
+    def _of_presses(self, noise: Noise, share: float) -> Noise:
+        """The noise with presses that scatter by `share` of it; one point a press tells no gain from a zero."""
+        zero = noise.zero_mm if self.fitted.data.is_curves else share * noise.zero_mm
+        return replace(noise, gain=share * noise.gain, zero_mm=zero)
 
     def shown(self, ratio: Floats) -> Floats:
         """Std of each direction (D,) that it takes for such a likelihood `ratio` (D,).
@@ -125,7 +130,7 @@ class Cast:
         rise + x^2 length over the gains.
         """
         seen = self._seen(self.fitted.residual_N[:, None], self.own_priors[:, None]).of(0)
-        each = [replace(self.fitted.noise, gain=share * self.fitted.noise.gain) for share in LARGER]
+        each = [self._of_presses(self.fitted.noise, share) for share in LARGER]
         weighed = self._weighed(seen, each)
         costs = self._costs(seen, each, weighed)
         rise = (costs - costs.min())[:, None]

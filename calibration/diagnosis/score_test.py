@@ -59,6 +59,7 @@ HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")
 OTHER_BINS = 6  # steps of every other covariate
 
 FEW_PRESSES = 12  # fewer hardly tell how they scatter: six or seven gains beside the law
+FEW_POINTS = 24  # of one reading a press, which is all that tells how presses scatter
 
 _Rows = tuple[Floats, Floats, Floats]  # scores (b, k), scatter while loading (b, M'), what presses say (b, q)
 
@@ -129,7 +130,7 @@ def score_test(
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
     looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
-    few = few_presses(fitted.data)
+    few = by_likelihood(fitted.data)
     keys = [*tables, *plain, *steps, *looks.names]
     rows = [looks.own(), *looks.drawn(rng, min(FIRST_DRAWS, draws), each)]
     table = looks.table(rows)
@@ -156,6 +157,11 @@ def score_test(
 def few_presses(data: Observations) -> bool:
     """Whether these are curves of so few presses that what changes from one to the next passes for scatter."""
     return data.is_curves and data.count < FEW_PRESSES
+
+
+def by_likelihood(data: Observations) -> bool:
+    """Whether what changes from press to press is weighed against the scatter that it leaves (Cast.ratios)."""
+    return few_presses(data) or (not data.is_curves and data.count < FEW_POINTS)
 
 
 def _family(
@@ -209,7 +215,7 @@ class _Looks:
     def _part(self, errors: Floats, priors: Floats, noises: Sequence[Noise]) -> _Rows:
         """Scores (b, k), how much more each press scatters while loading (b, M'), and what presses say (b, q)."""
         count, most = len(noises), self._searched
-        look = self._cast.ratios if few_presses(self._fitted.data) else self._cast.scores
+        look = self._cast.ratios if by_likelihood(self._fitted.data) else self._cast.scores
         scores = np.array(
             [
                 [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]

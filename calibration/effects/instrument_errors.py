@@ -2,6 +2,7 @@
 
     force   b (1 - exp(-s/tau)), s since the touch                     a zero that creeps
             b s/S or b (1 - exp(-s/tau)), s the rig's working time     a zero that drifts
+            b P s/S                                     a gain that drifts, or a gel that softens or hardens
             b while the punch is drawn off                             a sensor that lags behind the load
             s q(P; tau), q what a Prony term lets go of (hereditary.py)     a sensor that creeps under load
     depth   d while the punch is drawn off                             lost motion
@@ -221,6 +222,22 @@ class Settling(OverTime):
         return replace(state, force_N=state.force_N + values[0] * grown)
 
 
+class GainOverTime(OverTime):
+    """The force drifts in proportion while the rig works: the sensor's gain, or a gel that warms or wears."""
+
+    key = "force_gain_drift"
+    words = "a force that drifts in proportion, evenly with the rig's working time"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """b."""
+        return (Parameter("gain", "1", 0.0, (-0.5, 0.5), "change of the force from first to last", 0.03),)
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Scale by it."""
+        return replace(state, force_N=state.force_N * (1 + values[0] * running_share(data)))
+
+
 INSTRUMENT_ERRORS: Sequence[InstrumentError] = (
     SinceTouch(),
     UnderLoad(),
@@ -229,6 +246,7 @@ INSTRUMENT_ERRORS: Sequence[InstrumentError] = (
     AlongDepth(),
     OverTime(),
     Settling(),
+    GainOverTime(),
 )
 
 

@@ -17,6 +17,8 @@ from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Floats
 
 PAUSE_S = 3600.0  # s, what a longer pause counts as: the rig does not work meanwhile
+APART = 0.1  # of a covariate's range: groups narrower than this and as far apart are one setting each
+SESSION_D = 0.2  # d, longest session: what changes in it follows the order
 DEGREES = (4, 1, 3, 0)  # of the mean curve over depth in load, hold, unload and free
 
 
@@ -88,7 +90,7 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
         ("a", "mm", data.radius_mm, True),
         ("log rate", "log10 mm/s", rate[press], True),
         ("order", "", presses.order[press], True),
-        ("recording date", "d", presses.day[press], True),
+        ("recording date", "d", _of_sessions(presses.day)[press], True),
         ("wait", "log10 s", np.log10(np.maximum(presses.rest_s, 1e-3))[press], True),
         ("x", "mm", presses.x_mm[press], True),
         ("y", "mm", presses.y_mm[press], True),
@@ -109,6 +111,12 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
     return tuple(found)
 
 
+def _of_sessions(day: Floats) -> Floats:
+    """Days (M,) of several sessions; NaN of one, whose days say what the order says."""
+    known = day[np.isfinite(day)]
+    return day if known.size and np.ptp(known) >= SESSION_D else np.full_like(day, np.nan)
+
+
 def _filled(values: Floats) -> Floats | None:
     """The values with a few unknown ones at the median; None where it does not vary or half is unknown."""
     known = np.isfinite(values)
@@ -119,10 +127,17 @@ def _filled(values: Floats) -> Floats | None:
 
 
 def bins(covariate: Covariate, most: int) -> Ints:
-    """Bin of each sample (N,), of about equal counts; each distinct value its own where there are few."""
+    """Bin of each sample (N,), of about equal counts; each distinct value its own where there are few, and each
+    group of values, such as a speed that was set and is kept within some percent.
+    """
     distinct = np.unique(covariate.values)
     if distinct.size <= most:
         return np.searchsorted(distinct, covariate.values)
+    apart = APART * float(np.ptp(distinct))
+    group = clusters(distinct, apart)
+    first = np.flatnonzero(np.diff(group, prepend=-1))
+    if 1 < first.size <= most and np.min(distinct[first[1:]] - distinct[first[1:] - 1]) > apart:
+        return group[np.searchsorted(distinct, covariate.values)]
     edges = np.quantile(covariate.values, np.linspace(0, 1, most + 1)[1:-1])
     return np.unique(np.searchsorted(np.unique(edges), covariate.values), return_inverse=True)[1]
 

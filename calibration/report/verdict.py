@@ -9,6 +9,7 @@ import numpy as np
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.score_test import few_presses
 from calibration.diagnosis.vision_depth_check import reading_error_mm
+from calibration.effects.instrument_errors import InstrumentError
 from calibration.laws.theory.plausible import stated_outside_gels
 from calibration.model.parameters import Parameter
 from calibration.report import wording
@@ -53,15 +54,21 @@ def _verdict_sentence(found: Diagnosis) -> str:
         case "AMBIGUOUS":
             return _ambiguous(found)
         case _ if found.odd:
-            return f"{_odd(found)}. Look at these presses before E is used."
+            return f"{_odd(found)}.{_plainly(found)} Look at these presses before E is used."
         case _ if found.alternative_explanation is not None:
             return (
                 f"Something is missing from the model, and no effect of the catalogue is it: {_otherwise(found)}."
             )
+        case _ if found.left is None and found.sight is not None:
+            with_it = f", {named} allowed for" if named else ""
+            return (
+                "The depth that the picture reads is off in a way that no effect of the catalogue explains."
+                f"{_nearest(found)} The forces themselves are explained as well as they repeat{with_it}."
+            )
         case _:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
-            return f"Something is missing from the model{known} {what}.{_nearest(found)}"
+            return f"Something is missing from the model{known} {what}.{_nearest(found)}{_plainly(found)}"
 
 
 def _ambiguous(found: Diagnosis) -> str:
@@ -221,6 +228,15 @@ def _nearest(found: Diagnosis) -> str:
     keys, share = found.nearest
     named = " with ".join(in_words(key) for key in keys.split("+"))
     return f" Nearest to it comes {named}, which explains {100 * share:.0f} % of it."
+
+
+def _plainly(found: Diagnosis) -> str:
+    """The plain error of an instrument that comes nearest, in a sentence."""
+    if found.plain is None or not isinstance(found.plain.effect, InstrumentError):
+        return ""
+    effect, values = found.plain.effect, found.plain.own_values
+    first, size = effect.parameters[0], float(values[0])
+    return f" Of plain errors one comes nearest: {effect.words} ({first.meaning} {amount(first, size)})."
 
 
 def shown_size(found: Diagnosis, key: str) -> str:

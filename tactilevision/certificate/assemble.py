@@ -9,6 +9,7 @@ import numpy as np
 
 from tactilevision.certificate.certificate import Certificate
 from tactilevision.certificate.certified_point import certified_point, judge_point
+from tactilevision.certificate.common_tilt import tilt_warning
 from tactilevision.certificate.depth.curves import press_curve
 from tactilevision.certificate.depth.depth_scale import find_depth_scale, scale_warning
 from tactilevision.certificate.depth.pile_up import PileUp
@@ -50,6 +51,7 @@ def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
     ]
     given = next((one.bevel_contact for one in events.values()), None)
     doubt = scale_warning(faces, [ball.ball_radius_mm for ball in measurements.recording.balls])
+    askew = tilt_warning([evidence[point.press] for point in points if point.accepted])
     certificate = Certificate(
         points=points,
         curves=(),
@@ -58,7 +60,7 @@ def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
         pile_ups=pile_ups,
         bevel_distance_mm=given.distance_mm if given else None,
         depth_scale=find_depth_scale(faces),
-        warnings=(*_warnings(measurements, events, pile_ups), *([doubt] if doubt else [])),
+        warnings=(*_warnings(measurements, events, pile_ups), *(said for said in (doubt, askew) if said)),
     )
     return _with_presses(certificate, measurements, evidence, findings)
 

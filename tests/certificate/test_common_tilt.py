@@ -1,0 +1,28 @@
+"""An indenter that is tilted in its mount tilts each face by as much; a map that errs, by what the depth is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactilevision.certificate.common_tilt import mount_tilt
+
+DEPTHS_MM = np.repeat([0.14, 0.27, 0.41, 0.54], 3)
+
+
+def test_a_tilted_mount_is_told_from_a_map_that_errs_with_depth() -> None:
+    noise = 3e-4 * np.random.default_rng(0).standard_normal((12, 2))
+    found = mount_tilt(np.array([0.001, 0.008]) + noise, DEPTHS_MM)
+    assert found is not None
+    assert found == pytest.approx([0.001, 0.008], abs=1e-3)
+    assert mount_tilt(np.outer(DEPTHS_MM, [0.0, 0.02]) + noise, DEPTHS_MM) is None
+    assert mount_tilt(noise, DEPTHS_MM) is None
+
+
+def test_one_depth_few_presses_and_faces_unseen_tell_nothing() -> None:
+    tilts = np.full((12, 2), 0.008)
+    assert mount_tilt(tilts, np.full(12, 0.3)) is None
+    assert mount_tilt(tilts[:3], DEPTHS_MM[[0, 4, 8]]) is None
+    assert mount_tilt(np.full((12, 2), np.nan), DEPTHS_MM) is None
+    scattered = tilts * np.where(np.arange(12) % 2, 1, -1)[:, None]
+    assert mount_tilt(scattered, DEPTHS_MM) is None, "presses that tilt to all sides are no mount"
