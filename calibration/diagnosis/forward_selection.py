@@ -38,7 +38,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.admissible_range import beta_outside_theory
 from calibration.model.composition import Model
 from calibration.model.stages import Effect, EffectBase
-from calibration.noise.model import Noise, Whitener
+from calibration.noise.model import Whitener
 from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.records import Floats
 
@@ -294,18 +294,12 @@ def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: fl
         return current
     with suppress(*CANNOT_FIT):
         noise = adopt(current, refit_with(current, by_key[best.key])).noise
-        if _of_a_press(current, noise) < _of_a_press(current, current.noise):
+        if noise.of_press_N(current.about) < current.noise.of_press_N(current.about):
             model, data, values = current.model, current.data, current.values
             return replace(
                 fit(model, data, noise=noise, starts=values[None], tolerances=False), warnings=current.warnings
             )
     return current
-
-
-def _of_a_press(current: Fit, noise: Noise) -> float:
-    """What a press's gain and zero make of its force, N, rms."""
-    about = current.about
-    return float(np.sqrt(np.mean((noise.gain * about.force_N) ** 2 + (noise.zero_mm * about.slope_N_per_mm) ** 2)))
 
 
 def _confirmed(turn: Round, level: float, each: Each) -> Step | None:

@@ -45,6 +45,11 @@ class Noise:
         """Readings that what was stated is worth."""
         return STATED_DOF if self.stated and not self.belied else 0.0
 
+    def of_press_N(self, about: Linear) -> float:
+        """What a press's gain and zero make of its force, N, rms over the samples."""
+        parts = np.stack([self.gain * about.force_N, self.zero_mm * about.slope_N_per_mm])
+        return float(np.sqrt(np.mean(np.sum(parts**2, axis=0))))
+
     def parts(self, base_N: Floats) -> dict[str, float]:
         """For a report: mN a sample, per cent and um a press."""
         return {

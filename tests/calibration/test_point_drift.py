@@ -9,6 +9,8 @@ import pytest
 from made_presses import indenter, observations
 
 from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.forward_selection import Searched
+from calibration.diagnosis.score_test import ScoreTest
 from calibration.inputs.conditions import bins, covariates
 from calibration.inputs.observations import Observations
 from calibration.report.verdict import verdict_sentence
@@ -77,3 +79,12 @@ def test_one_session_is_sorted_by_its_order_alone() -> None:
     assert "recording date" not in {one.name for one in covariates(data)}
     days = replace(data, presses=replace(data.presses, day=np.repeat([0.0, 3.0], 6)))
     assert "recording date" in {one.name for one in covariates(days)}
+
+
+def test_what_only_the_picture_shows_is_not_laid_to_the_forces() -> None:
+    """UNKNOWN of the depth that the picture reads, beside forces that nothing ails."""
+    found = diagnosed(points(3))
+    unseen = Searched(found.base, found.base, (), (), ScoreTest((), (), {}, {}))
+    said = verdict_sentence(replace(found, verdict="UNKNOWN", sight=unseen))
+    assert said.startswith("The depth that the picture reads is off")
+    assert "The forces themselves are explained as well as they repeat." in said

@@ -297,7 +297,8 @@ def test_what_another_form_of_an_effect_leaves_is_no_second_effect() -> None:
 
 def test_a_form_follows_the_date_only_where_the_effect_does() -> None:
     """Ageing has six steps of the date, and of the order, beside all that a stiffening may follow."""
-    data, steps = presses(), {}
+    data, steps = presses(), dict[str, int]()
+    data = replace(data, presses=replace(data.presses, day=np.linspace(0, 40, data.count)))
     base = pure(data.with_force(MODEL.predict(TRUTH, data)))
     for key in ("stiffening", "ageing"):
         model, values = MODEL + EFFECTS[key], np.array([*base.values, *EFFECTS[key].starts(data)[0]])
