@@ -53,7 +53,7 @@ from tactilevision.records import Estimate, Pair
 POINTS_ALONE = "curves_not_used"  # of presses that a camera saw
 WHY_POINTS = (
     "only certified points take part: along the ramp the depth is the picture's, whose walls err by percent "
-    "from depth to depth, so what follows rate, time and history is not looked for"
+    "from depth to depth, so what follows time and history within a press is not looked for"
 )
 STRANGE_BETA = {"beta_outside_theory", AT_BOUND}  # flags of a slope that is not the contact's
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
