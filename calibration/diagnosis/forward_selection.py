@@ -6,7 +6,7 @@ An effect is named only where the screen's bootstrap says that so good a score i
 at all of them, where its amplitude lies inside its range, and where it helps on presses left out, whitened and in
 N. What a law may do besides (the bend that finite elements give) is no effect: where it explains a misfit as well,
 it is let go and the search looks again, at half the level, for this is its second look for a first effect. Nor is
-another term of a relaxation that is there already. A second effect is tested at .2 %, beside what the form of the
+another term of a relaxation that is there already. A second effect is tested at .5 %, beside what the form of the
 first may be off by (`form_errors` of score_test.py).
 """
 
@@ -44,7 +44,7 @@ from tactilevision.records import Floats
 
 REFITTED = 8  # candidates of a round that are fitted, the best by score; the others are far behind
 MAX_EFFECTS = 3  # effects in one model: the data of one recording bear no more
-SECOND = 0.002  # family-wise level of a second and a third effect: a false one is confidently wrong
+SECOND = 0.005  # family-wise level of a second and a third effect: a false one is confidently wrong
 BEYOND_DOUBT = 0.001  # family-wise p below which presses left out may be predicted worse, by chance
 FEW = 49  # draws where the statistic alone is asked for
 
