@@ -12,7 +12,9 @@ from test_screen import MODEL, TRUTH, measured, presses, pure
 from calibration.diagnosis import confirmation
 from calibration.diagnosis.refit import HeldOut, adopt, hold_out, log_volume, refit_with
 from calibration.effects import EFFECTS
+from calibration.fit.least_squares import Problem
 from calibration.inputs.observations import Observations
+from calibration.noise.model import Whitener
 from calibration.tasks.diagnose import diagnose
 
 
@@ -123,6 +125,18 @@ def test_faces_that_never_let_go_are_predicted_where_others_never_did(seed: int)
     force = (MODEL + clings).predict(np.array([*TRUTH, 0.001]), data)
     base = pure(measured(data, force, np.random.default_rng(seed)))
     assert confirmation.skill(base, adopt(base, refit_with(base, clings)), clings) > 0.6
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_what_is_added_to_a_threshold_is_held_against_the_same_weights(seed: int) -> None:
+    """About a face that lets go slopes jump: chi^2 by the slopes of the step before is another one."""
+    data, clings = drawn_off(12), EFFECTS["adhesion"]
+    force = (MODEL + clings).predict(np.array([*TRUTH, 0.001]), data)
+    base = pure(measured(data, force, np.random.default_rng(seed)))
+    fitted = adopt(base, refit_with(base, clings))
+    whitener = Whitener(fitted.data, fitted.noise, fitted.about)
+    same = Problem(fitted.model, fitted.data, fitted.parameters, whitener)
+    assert float(np.sum(same.residual(fitted.values[fitted.free]) ** 2)) == pytest.approx(fitted.chi2, rel=1e-9)
 
 
 def test_each_fold_is_predicted_by_what_predicts_the_others_best() -> None:
