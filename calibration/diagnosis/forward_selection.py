@@ -30,7 +30,7 @@ from calibration.diagnosis.confirmation import (
     weighed_again,
 )
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, refit_with
-from calibration.diagnosis.score_test import Scored, ScoreTest, by_likelihood, score_test
+from calibration.diagnosis.score_test import Scored, ScoreTest, scatter_unknown, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.deadline import UNWATCHED, Each, Watch
@@ -290,7 +290,7 @@ def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: fl
     """The fit under the noise that is left with the best effect in it, where there are few presses: what changes
     from one to the next has passed for their scatter, under which no two effects are told apart.
     """
-    if not by_likelihood(current.data) or best.p_adjusted > level:
+    if not scatter_unknown(current.data) or best.p_adjusted > level:
         return current
     with suppress(*CANNOT_FIT):
         noise = adopt(current, refit_with(current, by_key[best.key])).noise

@@ -16,8 +16,6 @@ from calibration.repeats.repeat_noise import drawn_noise
 from tactilevision.records import Floats
 
 SEEN = 0.02  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
-# over the presses' estimated gain, that are tried: 4 % may be .5 % and 1 % 4 %
-GAINS = (1.0, 0.125, 0.25, 0.5, 2.0, 4.0)
 LARGER = np.geomspace(1.0, 64.0, 13)  # over the presses' gain, that stand for what changes from press to press
 
 
@@ -95,23 +93,19 @@ class Cast:
         self._directions = (directions - self._jacobian @ share) / unit
         self._beside = -(self._priors @ share) / unit
 
-    def scores(self, noises: Sequence[Noise], residual_N: Floats, priors: Floats) -> list[list[Floats]]:
-        """Scores of each table's directions for each column of residuals (N, b), under a noise of its own.
+    def ratios(
+        self, noises: Sequence[Noise], residual_N: Floats, priors: Floats, *, gains: Sequence[float]
+    ) -> list[list[Floats]]:
+        """Signed roots of the likelihood ratios of each table's directions, for each column of residuals (N, b)
+        under a noise of its own; `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
 
-        `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
-        """
-        seen = self._seen(residual_N, priors)
-        return [self._split(self._weighed(seen.of(k), [noise]).scores[0]) for k, noise in enumerate(noises)]
-
-    def ratios(self, noises: Sequence[Noise], residual_N: Floats, priors: Floats) -> list[list[Floats]]:
-        """Signed roots of likelihood ratios in place of scores: with a direction the presses may scatter less.
-
-        What changes from press to press passes for their gains; few presses then hide it, however large it is.
-        A direction takes t^2 off -2 ln L at any noise; with it and without it the likeliest gain counts.
+        A direction takes t^2 off -2 ln L at any noise. With it and without it the likeliest of `gains`, over the
+        noise's own, counts: what changes from press to press has passed for their scatter, and t^2 alone could
+        never be more than there are presses.
         """
         seen, found = self._seen(residual_N, priors), []
         for k, noise in enumerate(noises):
-            each = [self._of_presses(noise, share) for share in GAINS]
+            each = [self._of_presses(noise, share) for share in gains]
             weighed = self._weighed(seen.of(k), each)
             costs = self._costs(seen.of(k), each, weighed)
             with_it = np.min(costs[:, None] - weighed.scores**2, axis=0)

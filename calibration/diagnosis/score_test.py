@@ -1,15 +1,15 @@
 """One test of everything that may end in anything but ADEQUATE, at one level, on presses that are no repeats.
 
 A direction is the change of the force that an effect or a plain error of the rig would bring (from each of its
-starts), or a step function of a covariate. Whitened and freed of what the fit can absorb, its score is
-t = d.z/|d|. Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is
-searched; of a covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from
-its like and how presses' zeros wander. All are held against one parametric bootstrap, in which samples and
-presses are drawn with the tails that they have and the error model is estimated anew. Of few presses, whose
-scatter may be what is looked for, likelihood ratios stand in place of scores (`Cast.ratios`). What an effect in
-the fit leaves where a gel follows another form of it (`form_errors`) is in the fit, and no finding. The level
-is shared: effects have `SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for
-having looked at all.
+starts), or a step function of a covariate. Whitened and freed of what the fit can absorb, its score is t =
+d.z/|d|. What changes from press to press passes for their scatter, and so hides itself: t^2 is therefore taken as
+a likelihood ratio, in which presses may scatter less with the direction than without it (`Cast.ratios`). Of an
+effect and of a plain error the largest t^2 over its starts counts, so that its range is searched; of a covariate
+the sum over its bins. Beside them stand the scatter of loading, the press farthest from its like and how presses'
+zeros wander. All are held against one parametric bootstrap, in which samples and presses are drawn with the tails
+that they have and the error model is estimated anew. What an effect in the fit leaves where a gel follows another
+form of it (`form_errors`) is in the fit, and no finding. The level is shared: effects have `SHARE` of it,
+everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.diagnosis.projection import Cast
+from calibration.diagnosis.sensitivity import as_it_holds
 from calibration.diagnosis.smallest_visible import smallest_visible
 from calibration.diagnosis.tail_probability import Tail
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
@@ -50,6 +51,7 @@ LEVEL = 0.05  # of all that may end in anything but ADEQUATE
 SHARE = 0.6  # of the level that effects have: they are more, and what they name can be put right
 SCATTER = "scatter while loading"
 FAILED = "it failed"
+SAME = 1e-6  # of the largest column: what is less is made of the others
 ONE_WAY = 0.9999  # cosine from which two directions are one
 DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
 FORM = (
@@ -58,6 +60,8 @@ FORM = (
 HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
 
+LESS = (1.0, 0.125, 0.25, 0.5)  # over the presses' estimated gain, that are tried: 4 % may be .5 %
+MORE = (2.0, 4.0)  # as well, where presses are too few to tell it: 1 % may be 4 %
 FEW_PRESSES = 12  # fewer hardly tell how they scatter: six or seven gains beside the law
 FEW_POINTS = 24  # of one reading a press, which is all that tells how presses scatter
 
@@ -130,7 +134,7 @@ def score_test(
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
     looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
-    few = by_likelihood(fitted.data)
+    few = scatter_unknown(fitted.data)
     keys = [*tables, *plain, *steps, *looks.names]
     rows = [looks.own(), *looks.drawn(rng, min(FIRST_DRAWS, draws), each)]
     table = looks.table(rows)
@@ -159,8 +163,8 @@ def few_presses(data: Observations) -> bool:
     return data.is_curves and data.count < FEW_PRESSES
 
 
-def by_likelihood(data: Observations) -> bool:
-    """Whether what changes from press to press is weighed against the scatter that it leaves (Cast.ratios)."""
+def scatter_unknown(data: Observations) -> bool:
+    """Whether presses are too few to tell how they scatter."""
     return few_presses(data) or (not data.is_curves and data.count < FEW_POINTS)
 
 
@@ -181,6 +185,7 @@ class _Looks:
 
     def __init__(self, cast: Cast, fitted: Fit, *, searched: int, of_rig: bool) -> None:
         self._cast, self._fitted, self._searched = cast, fitted, searched
+        self._gains = (*LESS, *MORE) if scatter_unknown(fitted.data) else LESS
         self._scatter = Scatter(fitted.data)
         self._presses = PressLooks(fitted) if of_rig else None
         self.names = [*([SCATTER] if self._scatter.seen else []), *(self._presses.names if self._presses else [])]
@@ -215,11 +220,10 @@ class _Looks:
     def _part(self, errors: Floats, priors: Floats, noises: Sequence[Noise]) -> _Rows:
         """Scores (b, k), how much more each press scatters while loading (b, M'), and what presses say (b, q)."""
         count, most = len(noises), self._searched
-        look = self._cast.ratios if by_likelihood(self._fitted.data) else self._cast.scores
         scores = np.array(
             [
                 [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
-                for row in look(noises, errors, priors)
+                for row in self._cast.ratios(noises, errors, priors, gains=self._gains)
             ]
         ).reshape(count, -1)
         loading, presses = np.zeros((count, 0)), np.zeros((count, 0))
@@ -265,7 +269,13 @@ def form_errors(steady: Fit) -> Floats:
         own = {*HOW_A_PRESS_GOES, *getattr(effect, "seen_in", ())}
         added = FORM * (steady.force_N - without)[:, None]
         found += [added * _hot(c, OTHER_BINS) for c in seen if c.name in own]
-    return np.hstack(found)
+    return _independent(np.hstack(found))
+
+
+def _independent(columns: Floats) -> Floats:
+    """As many columns as are independent (N, r), of the same covariance: bins of alike covariates repeat."""
+    _, sizes, axes = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(columns @ axes[sizes > SAME * sizes.max(initial=0.0)].T)
 
 
 def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str, Floats], dict[str, str]]:
@@ -303,7 +313,7 @@ def _directions(fitted: Fit, effect: Effect, base: Floats) -> Floats:
             raise InputError("an effect returns real forces", where=effect.key, value=start.tolist())
         if not np.isfinite(force).all():
             raise InputError("an effect returns finite forces", where=effect.key, value=start.tolist())
-        columns.append(force - base)
+        columns.append(as_it_holds(fitted, model, values, force - base))
     return np.column_stack(columns)
 
 

@@ -15,6 +15,8 @@ import numpy as np
 from calibration.diagnosis.typical_sizes import absent, largest, typical
 from calibration.fit.absorbed import Absorbed
 from calibration.fit.least_squares import Fit
+from calibration.inputs.observations import Observations
+from calibration.model.composition import Model
 from calibration.model.stages import Effect, EffectBase
 from tactilevision.records import Floats
 
@@ -99,7 +101,24 @@ def change_of_force(fitted: Fit, effect: Effect, *, own: Floats) -> Floats | Non
         return None
     real = not np.iscomplexobj(force) and bool(np.isfinite(force).all())
     usable = real and force.shape == fitted.force_N.shape
-    return force - fitted.force_N if usable else None
+    return as_it_holds(fitted, model, values, force - fitted.force_N) if usable else None
+
+
+def as_it_holds(fitted: Fit, model: Model, values: Floats, change_N: Floats) -> Floats:
+    """A change (N,), N, of the fit's force by `model` at these values (p,), with the face let go where it is in
+    the fit: a few samples that pass a threshold would be most of a change that is small everywhere else.
+    """
+    for key in (e.key for e in fitted.model.effects if getattr(e, "asks_readings", False)):
+        before = fitted.force_N - _without(fitted.model, fitted.values, fitted.data, key=key)
+        after = fitted.force_N + change_N - _without(model, values, fitted.data, key=key)
+        passed = np.abs(after - before) > np.maximum(np.abs(after), np.abs(before)) / 2
+        change_N = np.where(passed, change_N - (after - before), change_N)
+    return change_N
+
+
+def _without(model: Model, values: Floats, data: Observations, *, key: str) -> Floats:
+    """Force (N,) at the same values of all other effects."""
+    return np.asarray(model.without(key).predict(np.delete(values, model.slices(data)[key]), data))
 
 
 def _into_modulus(fitted: Fit, change_N: Floats) -> float:
