@@ -36,9 +36,9 @@ def presses(count: int = 7) -> Observations:
     return replace(data, temperature_C=warm[data.press])
 
 
-def warmed(per_K: float, seed: int) -> Fit:
+def warmed(per_K: float, seed: int, count: int = 7) -> Fit:
     """The plain law's fit to gels that feel the temperature; 4 mN a sample, .5 % gain and 4 um zero a press."""
-    data, rng = presses(), np.random.default_rng(seed)
+    data, rng = presses(count), np.random.default_rng(seed)
     force = (MODEL + WARM).predict(np.array([*TRUTH, per_K]), data)
     gain, zero = 0.005 * rng.standard_normal(data.count), 0.004 * rng.standard_normal(data.count)
     force = force * (1 + gain[data.press]) + MODEL.slope(TRUTH, data) * zero[data.press]
@@ -54,13 +54,17 @@ def p_of(fitted: Fit) -> float:
     return {s.key: s.p_adjusted for s in seen(fitted).effects}["temperature"]
 
 
-def test_what_passes_for_the_scatter_of_few_presses_is_weighed_against_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its score, under a gain that it has itself made five times too large, shows nothing."""
-    fitted = warmed(PER_K, 3)
+@pytest.mark.parametrize(("count", "by_score", "by_ratio"), [(7, 0.1, 0.02), (36, 1e-6, 1e-10)])
+def test_what_passes_for_the_scatter_of_presses_is_weighed_against_it(
+    monkeypatch: pytest.MonkeyPatch, count: int, by_score: float, by_ratio: float
+) -> None:
+    """Its score, under a gain that it has itself made several times too large, shows less than there is."""
+    fitted = warmed(PER_K, 3, count)
     assert fitted.noise.gain > 0.02, "else it passes for nothing"
-    assert p_of(fitted) < 0.02
-    monkeypatch.setattr(page, "FEW_PRESSES", 0)
-    assert p_of(fitted) > 0.1
+    assert p_of(fitted) < by_ratio
+    monkeypatch.setattr(page, "LESS", (1.0,))
+    monkeypatch.setattr(page, "MORE", ())
+    assert p_of(fitted) > by_score
 
 
 def test_effects_are_told_apart_under_the_scatter_that_is_left_beside_the_best() -> None:

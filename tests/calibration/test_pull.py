@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_presses import indenter, observations
 
+from calibration.diagnosis.sensitivity import as_it_holds
 from calibration.effects import EFFECTS
+from calibration.fit.least_squares import fit
 from calibration.inputs.observations import Observations
 from calibration.inputs.pull import pull_level_N
 from calibration.laws.flat_punch import FlatPunch
@@ -39,3 +43,20 @@ def test_what_lies_below_air_holds_though_it_pulls_by_little(read_N: float, shar
     line = CLINGS.predict(np.array([*VALUES[:3], 0.005]), data.with_force(np.full(data.size, -1.0)))[-1]
     assert line < 2 * read_N
     assert CLINGS.predict(VALUES, data)[-1] == pytest.approx(share * line, abs=0.02 * abs(line))
+
+
+def test_a_sample_that_lets_go_is_no_direction_of_the_force() -> None:
+    """On a gel 2 % thicker a line is no longer twice the level, and the law alone would let the face cling."""
+    data = one_press(air=IN_AIR, read_N=0.01)
+    strong, level = np.array([*VALUES[:3], 5e-4]), pull_level_N(data)
+    slope = CLINGS.predict(strong, data.with_force(np.full(data.size, -1.0)))[-1] / -0.04
+    depth = np.append(data.depth_mm[:-1], 2.01 * level / slope)
+    data = replace(data, depth_mm=depth)
+    one = replace(fit(CLINGS, data), values=strong, force_N=CLINGS.predict(strong, data))
+    thick = CLINGS + EFFECTS["thickness"]
+    values = np.insert(strong, thick.slices(data)["thickness"].start, 0.02)
+    change = thick.predict(values, data) - one.force_N
+    assert abs(change[-1]) > 2 * np.abs(change[:-1]).max(), "it would be most of the change"
+    held = as_it_holds(one, thick, values, change)
+    np.testing.assert_array_equal(held[:-1], change[:-1])
+    assert abs(held[-1]) < 1e-9
