@@ -23,6 +23,7 @@ class DepthZero(EffectBase):
     key = "depth_zero"
     title = "the zero of the depth is off"
     stage = Stage.DEPTH
+    threshold = True
     seen_in = ("1/w", "w")
     confused_with = ("force_bias", "tilt", "edge_fillet")
     separated_by = ("other radii", "samples in air before contact")
