@@ -13,8 +13,12 @@ from benchmarks.others_curves.judge import _held, exact
 from benchmarks.others_curves.law import kappa, kappa_between, rounded
 from benchmarks.others_curves.recording import KINDS, make
 from benchmarks.others_curves.strength import SEEN
+from calibration.diagnosis.refit import adopt, refit_with
+from calibration.effects import EFFECTS
+from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured
+from calibration.tasks.compare import base_fit, base_model
 from calibration.tasks.diagnose import diagnose
 from tactilevision.recording import read_recording
 
@@ -108,3 +112,13 @@ def test_what_is_in_the_log_is_not_run_again(tmp_path: Path, monkeypatch: pytest
         command.main(["--count", str(count), "--log", str(log)])
     assert looked == [1, 2, 3]
     assert [json.loads(line)["seed"] for line in log.read_text().splitlines()] == [1, 2, 3]
+
+
+def test_a_touch_far_above_zero_is_found_under_the_noise_that_is_left(tmp_path: Path) -> None:
+    """Readings of air stand in the gel there; from the first fit alone the next came to .016 of .029 mm."""
+    made = make(tmp_path, "pair", 646069, rich=True)
+    recording = read_recording(tmp_path)
+    data = clear_of_touch(usable(observe_curves(Measured(recording, curves=recording.curves))))
+    base = base_fit(base_model(data), data)
+    fitted = adopt(base, refit_with(base, EFFECTS["depth_zero"]))
+    assert fitted.values[-1] == pytest.approx(made.sizes["depth_zero"], abs=0.008)
