@@ -7,7 +7,7 @@ at all of them, where its amplitude lies inside its range, and where it helps on
 N. What a law may do besides (the bend that finite elements give) is no effect: where it explains a misfit as well,
 it is let go and the search looks again, at half the level, for this is its second look for a first effect. Nor is
 another term of a relaxation that is there already. A second effect is tested at .5 %, beside what the form of the
-first may be off by (`form_errors` of score_test.py).
+first may be off by (`form_errors` of covariate_steps.py).
 """
 
 from __future__ import annotations

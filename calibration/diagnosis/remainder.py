@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.covariate_steps import covariate_steps
 from calibration.diagnosis.refit import CANNOT_FIT, refit_with
-from calibration.diagnosis.score_test import SCATTER, ScoreTest, covariate_steps
+from calibration.diagnosis.score_test import SCATTER, ScoreTest
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.absorbed import Absorbed
 from calibration.fit.identifiability import identify

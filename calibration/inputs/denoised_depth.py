@@ -21,6 +21,8 @@ MIN_HELD = 3  # samples of a plateau; fewer have no median of their own
 BESIDE = (
     5.0  # std of a reading that a sample lies off a plateau's depth which is none of it: some have far outliers
 )
+CORNER = 2.0  # of these std that a sample lies off a plateau whose neighbours on the ramp it continues
+LINE = 4  # samples of a ramp that tell where it goes on
 FINEST_MM = 2e-4  # mm, std of a depth that is read very well
 SAME_MM = 0.02  # five press zeros: depths nearer than this may be one
 COURSE = 4  # highest degree of a ramp's depth over time
@@ -65,6 +67,7 @@ def ways(data: Observations) -> Ints:
         for first, last in _runs(way[one] == HOLD):
             if last - first + 1 >= MIN_HELD:
                 _fit_plateau(way[one], depth[one], first, last, noise_mm=noise)
+                _fit_corners(way[one], depth[one], data.time_s[one], (first + last) // 2, noise_mm=noise)
         if speed > 0 and data.is_curves:
             on = float(speed) * (data.time_s[one] - data.time_s[int(begin)])
             _fit_turn(way[one], depth[one], on)
@@ -93,6 +96,25 @@ def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int, *, noise_mm
         k = end
         while first <= k <= last and not flat[k]:
             way[k], k = beside, k - step
+
+
+def _fit_corners(way: Ints, depth_mm: Floats, time_s: Floats, inside: int, *, noise_mm: float) -> None:
+    """Give the samples at the ends of the plateau round sample `inside` to the ramps whose lines they lie nearer
+    to, in place: a fast one has its last sample so near the plateau that an outlier of that could lie there.
+    """
+    runs = [run for run in _runs(way == HOLD) if run[0] <= inside <= run[1]]
+    for first, last in runs if np.isfinite(time_s).all() else ():
+        level = np.median(depth_mm[first : last + 1])
+        for beside, end, step in ((LOAD, first, -1), (UNLOAD, last, 1)):
+            ramp = end + step * np.arange(1, LINE + 1)
+            ramp = ramp[(ramp >= 0) & (ramp < way.size)]
+            if ramp.size < LINE or (way[ramp] != beside).any() or last - first < MIN_HELD:
+                continue
+            on = time_s[ramp] - time_s[end]
+            expected = depth_mm[ramp].mean() - on.mean() * np.polyfit(on, depth_mm[ramp], 1)[0]
+            off = abs(depth_mm[end] - level)
+            if off > CORNER * noise_mm and off > abs(depth_mm[end] - expected):
+                way[end] = beside
 
 
 def _fit_turn(way: Ints, depth_mm: Floats, on_mm: Floats) -> None:

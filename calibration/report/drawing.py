@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.diagnosis.confirmation import TOLD_APART
+from calibration.diagnosis.covariate_steps import seen_covariates
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with, separation
-from calibration.diagnosis.score_test import seen_covariates
 from calibration.diagnosis.vision_depth_check import depth_ratio, read_alone, unseen_beside
 from calibration.effects import EFFECTS, get_effect
 from calibration.fit.least_squares import Fit

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibration.diagnosis.score_test import Scored, seen_covariates
+from calibration.diagnosis.covariate_steps import DEPTH_BINS, seen_covariates
+from calibration.diagnosis.score_test import Scored
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins
 from calibration.inputs.denoised_depth import BRANCHES
@@ -18,7 +19,6 @@ from tactilevision.records import Floats
 from tactilevision.records.misfit import ResidualStrips, Strip
 
 BINS = 8  # of a strip, each with about as many residuals
-DEPTH_BINS = 16  # of the depth, as the score test has: what comes and goes along it shows
 HELD = 0.98  # share of all residuals that the common scale shows
 DEPTHS = ("w", "w/h", "1/w")  # one thing in three forms: drawn as the first, by the most telling one's p
 

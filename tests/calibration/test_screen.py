@@ -11,9 +11,10 @@ import pytest
 from made_presses import indenter, observations
 
 from calibration.diagnosis import score_test as score_test_page
+from calibration.diagnosis.covariate_steps import covariate_steps, form_errors
 from calibration.diagnosis.projection import Cast
 from calibration.diagnosis.refit import adopt, refit_with
-from calibration.diagnosis.score_test import covariate_steps, form_errors, score_test
+from calibration.diagnosis.score_test import score_test
 from calibration.diagnosis.tail_probability import Tail
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
