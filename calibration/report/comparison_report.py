@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from calibration.diagnosis.press_trends import LEVEL, press_trends
 from calibration.report import page, wording
 from calibration.report.error_fall import AS_READ, BASE
 from calibration.report.report import Picture
@@ -75,7 +76,9 @@ def _head(found: Comparison, falls: Sequence[ErrorFall], state: str) -> str:
 
 def pattern_sentence(found: Comparison, *, explained: bool) -> str:
     """What the last model's residual still depends on, in a sentence; empty where on nothing that shows."""
-    keys = [one.key for one in found.models[-1].covariates if one.p_adjusted < PATTERN]
+    last = found.models[-1]
+    keys = [one.key for one in last.covariates if one.p_adjusted < PATTERN]
+    keys += [key for key, p in press_trends(last.fitted).items() if p < LEVEL]
     on = list(dict.fromkeys(wording.covariate(key) for key in keys))[:NAMED]
     begin = "Something is left all the same: it" if explained else "What is left"
     return f"{begin} depends on {' and '.join(on)}." if on else ""

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibration.diagnosis.covariate_steps import DEPTH_BINS, seen_covariates
+from calibration.diagnosis.press_trends import press_trends
 from calibration.diagnosis.score_test import Scored
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins
@@ -35,12 +36,12 @@ def residual_strips(
     data = fitted[0].data
     residual = np.array([one.residual_N for one in fitted])
     p = [{one.key: one.p_adjusted for one in own} for own in scored]
+    trends = [press_trends(one) for one in fitted]
     seen = {one.name: one for one in seen_covariates(at_denoised_depth(fitted[0]))}
-    strips = [
-        _strip(seen["w" if key in DEPTHS else key], data, residual, tuple(own.get(key, float("nan")) for own in p))
-        for key in _once(scored[0])
-        if key in seen
-    ]
+    strips = []
+    for key in (one for one in _once(scored[0]) if one in seen):
+        p_of, trend_of = (tuple(own.get(key, float("nan")) for own in table) for table in (p, trends))
+        strips.append(_strip(seen["w" if key in DEPTHS else key], data, residual, p=p_of, trend=trend_of))
     reach = float(np.quantile(np.abs(residual), HELD))
     return ResidualStrips(models, tuple(strips[:most]), residual, data.radius_mm, reach)
 
@@ -52,7 +53,9 @@ def _once(scored: Sequence[Scored]) -> list[str]:
     return [key for key in keys if key == depth or key not in DEPTHS]
 
 
-def _strip(covariate: Covariate, data: Observations, residual_N: Floats, p: tuple[float, ...]) -> Strip:
+def _strip(
+    covariate: Covariate, data: Observations, residual_N: Floats, *, p: tuple[float, ...], trend: tuple[float, ...]
+) -> Strip:
     number = bins(covariate, most_bins(covariate.name))
     rows = [np.flatnonzero(number == k) for k in range(int(number.max()) + 1)]
     count = np.array([row.size for row in rows])
@@ -68,6 +71,7 @@ def _strip(covariate: Covariate, data: Observations, residual_N: Floats, p: tupl
         mean_N=mean,
         reach95_N=1.96 * spread / np.sqrt(count),
         p_adjusted=p,
+        p_trend=trend,
     )
 
 

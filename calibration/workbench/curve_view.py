@@ -127,7 +127,7 @@ def _strip(one: Strip) -> dict[str, Any]:
         "centre": _few(one.centre),
         "mean": [_few(MN * row) for row in one.mean_N],
         "reach95": [_few(MN * row) for row in one.reach95_N],
-        "evidence": [evidence(p) for p in one.p_adjusted],
+        "evidence": [evidence(*p) for p in zip(one.p_adjusted, one.p_trend, strict=True)],
     }
 
 

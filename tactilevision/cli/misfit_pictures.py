@@ -75,7 +75,9 @@ def keep_strips(shown: ResidualStrips, folder: FigureFolder) -> list[Picture]:
         return []
     words = (
         "Measured less modelled force, the most telling first, all on one scale. "
-        f"{coloured(shown.models, ends=True)} Pale dots: single readings; bars: 95 % intervals of the bins' means."
+        f"{coloured(shown.models, ends=True)} "
+        "Pale dots: single readings; bars: 95 % intervals of the bins' means. "
+        "p that a dependence is chance, for all panels; a trend is one of the presses' means that rise or fall."
     )
     return [folder.keep(draw_strips(shown), "residuals.png", caption=words)]
 

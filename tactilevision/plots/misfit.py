@@ -173,7 +173,7 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
         )
     axes.axhline(0, color=style.GREY, lw=0.8)
     _reach(axes, 1.15e3 * shown.reach_N)
-    words = [evidence(strip.p_adjusted[k]) for k in kept]
+    words = [evidence(strip.p_adjusted[k], strip.p_trend[k]) for k in kept]
     axes.set_title(" → ".join(dict.fromkeys(words)), fontsize=9)
     label_covariate(axes, strip.words, strip.unit, levels=strip.levels, values=strip.values)
     axes.set_ylabel(LEFT, fontsize=9)
@@ -205,13 +205,15 @@ def label_covariate(axes: Axes, words: str, unit: str, *, levels: Sequence[str],
         axes.set_xlabel(f"{words} ({plain})")
 
 
-def evidence(p: float) -> str:
-    """How sure a pattern is, in words."""
+def evidence(p: float, p_trend: float) -> str:
+    """How sure a pattern is, in words; where none is, whether the presses' means rise or fall."""
     if not np.isfinite(p):
         return "not looked at"
     if p < CERTAIN:
         return "a pattern for certain"
-    return f"a pattern (p = {p:.2g})" if p < CHANCE else f"no pattern (p = {p:.2g})"
+    if p < CHANCE:
+        return f"a pattern (p = {p:.2g})"
+    return f"a trend (p = {p_trend:.2g})" if p_trend < CHANCE else f"no pattern (p = {p:.2g})"
 
 
 @style.house_look

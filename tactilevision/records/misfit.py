@@ -71,7 +71,8 @@ class Strip:
 
     `words` what it is as a person says it; `values` (N,) in `unit`; `levels` the words for 0, 1, 2 ... where the
     values only count; `centre` (k,) of the bins, `mean_N` and `reach95_N` (m, k) the mean residual there and its
-    95 % interval's half width; `p_adjusted` (m,) that each model's dependence on it is chance, for all looks.
+    95 % interval's half width; `p_adjusted` (m,) that each model's dependence on it is chance, for all looks;
+    `p_trend` (m,) the same of a trend over the presses alone, NaN where none was looked for.
     """
 
     name: str
@@ -83,6 +84,7 @@ class Strip:
     mean_N: Floats
     reach95_N: Floats
     p_adjusted: tuple[float, ...]
+    p_trend: tuple[float, ...]
 
     @property
     def swing_N(self) -> tuple[float, ...]:

@@ -134,6 +134,7 @@ def strips() -> Figure:
             mean,
             np.full((2, 3), 1e-3),
             (1e-9, 0.5),
+            (0.5, 0.5),
         )
         for name, said, unit, levels in told
     ]
