@@ -149,14 +149,16 @@ def _shear(read: list[FrameForce]) -> dict[str, Any]:
     """In how many of the touched frames the tangential force is known, and the usual reason where it is not."""
     from collections import Counter
 
-    from tactilevision.force.frame import nothing_touches
+    from tactilevision.force.compare import touches
 
-    touched = [row for row in read if not nothing_touches(row)]
+    touched = [row for row in read if touches(row)]
     known = [row for row in touched if np.isfinite(row.resultant_N[0])]
     why = Counter(words for row in touched if row not in known for words in row.flags.split("; "))
     reason = next((words for words, _ in why.most_common() if "follow" in words or "shear" in words), "")
     if touched and not known:
         console.say(f"  fx and fy are not known: {reason}")
+    elif len(known) < len(touched):
+        console.say(f"  fx and fy are known in {len(known)} of {len(touched)} frames that touch; else {reason}")
     return {"touched": len(touched), "known": len(known), "why": reason if len(known) < len(touched) else ""}
 
 
@@ -172,9 +174,12 @@ def _beside(rows: tuple[FrameForce, ...], *, zero_left: bool) -> dict[str, Any] 
     for axis, numbers in said.items():
         if numbers["frames"]:
             console.say(
-                f"  f{axis} less the force sensor's: rms {numbers['rms_N']:.3f} N over {numbers['frames']} frames "
-                f"that touch, {100 * (numbers['inside_interval95'] or 0):.0f} % inside the 95 % interval"
+                f"  f{axis} less the force sensor's: rms {numbers['rms_N']:.3f} N over {numbers['frames']} of "
+                f"{found.touched} frames that touch, "
+                f"{100 * (numbers['inside_interval95'] or 0):.0f} % inside the 95 % interval"
             )
+    for why, count in found.left_out.items():
+        console.say(f"  {count} frames that touch are not compared: {why}")
     ratio = said["z"]["ratio"]
     if ratio is not None and not 0.5 < ratio < 2:
         console.warn([f"fz is {ratio:.2g} of the F/T reading: is this the calibration of another sensor?"])

@@ -9,7 +9,8 @@ one that changes with the place to the gel's sides or the light, one with the pr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,12 +21,15 @@ from tactilevision.records import Floats
 
 AXES = ("x", "y", "z")
 MIN_N = 0.05  # a ratio of smaller forces says nothing
+NO_READING = "the force sensor has no reading at their time"
+AT_ITS_END = "the force sensor stood at the end of its range in their press"
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
     """Frames with both forces: `row` (N,) in the recording; `force_N`, `std_N`, `measured_N` (N, 3), NaN: unknown;
-    `depth_mm`, `time_s`, `press` (N,), `place_mm` (N, 2); `usable` (N,): nothing is known against them."""
+    `depth_mm`, `time_s`, `press` (N,), `place_mm` (N, 2); `usable` (N,): nothing is known against them.
+    `left_out`: how many of the `touched` frames are not compared, by why."""
 
     row: npt.NDArray[np.intp]
     force_N: Floats
@@ -36,6 +40,8 @@ class Residuals:
     time_s: Floats
     press: npt.NDArray[np.str_]
     usable: npt.NDArray[np.bool_]
+    touched: int
+    left_out: Mapping[str, int]
 
     @property
     def residual_N(self) -> Floats:
@@ -58,13 +64,11 @@ class Residuals:
 
 def residuals(rows: Sequence[FrameForce], *, flagged: Sequence[str] = ()) -> Residuals | None:
     """What can be compared; None where nothing can. `flagged`: words that make a frame unusable."""
-    kept = [
-        (number, row)
-        for number, row in enumerate(rows)
-        if row.read and not nothing_touches(row) and np.isfinite([row.measured_N[2], row.resultant_N[2]]).all()
-    ]
+    touched = [(number, row, _why_not(row, flagged)) for number, row in enumerate(rows) if touches(row)]
+    kept = [(number, row) for number, row, why in touched if why != NO_READING]
     if not kept:
         return None
+    why_not = [why for *_, why in touched]
     taken = [row for _, row in kept]
     return Residuals(
         row=np.array([number for number, _ in kept]),
@@ -75,8 +79,22 @@ def residuals(rows: Sequence[FrameForce], *, flagged: Sequence[str] = ()) -> Res
         place_mm=np.array([row.place_mm for row in taken]),
         time_s=np.array([row.time_s for row in taken]),
         press=np.array([row.press for row in taken]),
-        usable=np.array([not row.reading_clipped and not any(w in row.flags for w in flagged) for row in taken]),
+        usable=np.array([not why for why in why_not if why != NO_READING]),
+        touched=len(touched),
+        left_out=Counter(why for why in why_not if why),
     )
+
+
+def touches(row: FrameForce) -> bool:
+    """Whether the frame was read, and something touches in it."""
+    return row.read and not nothing_touches(row) and bool(np.isfinite(row.resultant_N[2]))
+
+
+def _why_not(row: FrameForce, flagged: Sequence[str]) -> str:
+    """Why a frame that touches is not compared; empty where it is."""
+    if not np.isfinite(row.measured_N[2]):
+        return NO_READING
+    return AT_ITS_END if row.reading_clipped else next((word for word in flagged if word in row.flags), "")
 
 
 def summary(found: Residuals) -> dict[str, dict[str, float | int | None]]:

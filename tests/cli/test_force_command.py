@@ -6,7 +6,9 @@ import csv
 import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,8 @@ import pytest
 
 from tactilevision.cli import force as command
 from tactilevision.cli import main
+from tactilevision.force.field import NO_CONTACT
+from tactilevision.force.frame import FrameForce
 from tactilevision.recording import read_recording
 
 RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
@@ -112,15 +116,24 @@ def test_a_gel_that_the_force_sensor_finds_stiffer_is_warned_of(
     assert "another sensor" in capsys.readouterr().err
 
 
+def test_where_some_frames_tell_no_shear_the_output_says_why(capsys: pytest.CaptureFixture[str]) -> None:
+    known = FrameForce("0", 0.0, (0.1, 0.1, 1.0), (0.1,) * 3)
+    lost = replace(known, resultant_N=(np.nan, np.nan, 1.0), flags="shear not used: markers lost")
+    said = command._shear([known, known, lost, replace(known, flags=NO_CONTACT)])
+    assert (said["touched"], said["known"]) == (3, 2)
+    assert "fx and fy are known in 2 of 3 frames that touch; else shear not used" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("left", [True, False])
 def test_a_zero_that_cannot_be_taken_off_is_told(
     left: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Without presses.csv nothing says when the gel was free."""
     said = {"z": {"rms_N": 0.4, "frames": 3, "inside_interval95": 0.0, "ratio": 1.0}}
-    monkeypatch.setattr(command, "_left", lambda rows: rows)
+    monkeypatch.setattr(command, "_left", lambda rows: SimpleNamespace(touched=5, left_out={"why": 2}))
     monkeypatch.setattr("tactilevision.force.compare.summary", lambda found: said)
     assert command._beside((), zero_left=left) == said
     out = capsys.readouterr().out
-    assert "rms 0.400 N" in out
+    assert "rms 0.400 N over 3 of 5 frames" in out
+    assert "2 frames that touch are not compared: why" in out
     assert ("no presses.csv" in out) is left

@@ -10,8 +10,8 @@ import pytest
 from planted_forces import GEL, MATERIAL, SCALE, hertz, measured
 
 from tactilevision.force.calibrated import Sensitivity
-from tactilevision.force.compare import residuals, summary
-from tactilevision.force.field import ForceField
+from tactilevision.force.compare import AT_ITS_END, NO_READING, residuals, summary
+from tactilevision.force.field import CUT, NO_CONTACT, ForceField
 from tactilevision.force.folder import table
 from tactilevision.force.frame import NOTHING, FrameForce
 from tactilevision.plots.force import draw_force, draw_sensitivity
@@ -80,6 +80,22 @@ def test_residuals_are_drawn_against_all_that_was_recorded() -> None:
     assert said["inside_interval95"] == 1
     assert said["rms_N"] == pytest.approx(0.02 * np.sqrt(np.mean(np.arange(8) ** 2)))
     assert residuals([replace(row, flags="no contact") for row in rows]) is None
+
+
+def test_each_frame_that_is_not_compared_has_a_reason() -> None:
+    plain = FrameForce("0", 0.0, (0.1, 0.1, 1.0), (0.1,) * 3, measured_N=(0.1, 0.1, 1.0))
+    odd = [
+        replace(plain, reading_clipped=True),
+        replace(plain, flags=CUT),
+        replace(plain, measured_N=NOTHING),
+        replace(plain, flags=NO_CONTACT),
+    ]
+    found = residuals([plain, plain, *odd], flagged=(CUT,))
+    assert found is not None
+    assert found.touched == 5
+    assert found.left_out == {AT_ITS_END: 1, CUT: 1, NO_READING: 1}
+    assert int(found.usable.sum()) + sum(found.left_out.values()) == found.touched
+    assert len(found.usable) == len(found.row) == 4
 
 
 def test_a_bar_reaches_as_far_as_the_force_moves() -> None:
