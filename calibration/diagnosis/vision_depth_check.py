@@ -66,23 +66,37 @@ def fit_vision_depth(data: Observations) -> Fit | None:
     return None if both is None else refit_with_pure_noise(fit(Model(ReconstructedDepth()), both))
 
 
-@lru_cache(maxsize=16)  # a page says it in several places
 def reading_error_mm(fitted: Fit) -> float:
     """How far the picture reads from certified depths, corrected for the effects in the model alone; rms in mm.
 
     Of presses left out of the fit, over the slopes beside the faces, which no walls hide; over the faces where
     those were not read.
     """
+    beside = beside_face(fitted.data)
+    return _rms(_left_out_mm(fitted)[beside if beside.any() else ~beside])
+
+
+def face_error_mm(fitted: Fit) -> float:
+    """The same over the faces themselves, behind their walls."""
+    return _rms(_left_out_mm(fitted)[~beside_face(fitted.data)])
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@lru_cache(maxsize=16)  # a page says it in several places
+def _left_out_mm(fitted: Fit) -> Floats:
+    """What is read less what is certified (N,), mm, each press by a fit without it."""
     data, law = fitted.data, fitted.model.slices(fitted.data)["law"]
     problem = Problem(fitted.model, data, fitted.parameters, Whitener(data, fitted.noise, fitted.about))
-    beside, folds, error = beside_face(data), press_folds(data), []
-    looked = beside if beside.any() else ~beside
+    folds, error = press_folds(data), np.empty(data.size)
     for fold in np.unique(folds):
         out = (folds == fold)[data.press]
         values = problem.full(fit_without(problem, fitted.values, out).values)
         values[law] = 0.0  # what the height map may be off by besides
-        error.append((data.normal_N - fitted.model.predict(values, data))[out & looked])
-    return float(np.sqrt(np.mean(np.concatenate(error) ** 2)))
+        error[out] = (data.normal_N - fitted.model.predict(values, data))[out]
+    return error
 
 
 def read_alone(fitted: Fit) -> Floats:

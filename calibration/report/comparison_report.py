@@ -89,20 +89,26 @@ def fall_sentence(fall: ErrorFall) -> str:
     scale, unit = 1e3, "mN" if fall.unit == "N" else "µm"
     first, last = scale * fall.error[0], scale * fall.error[-1]
     what = "presses left out" if fall.held_out else "the presses fitted"
-    of = "the force" if fall.unit == "N" else "the depth that the picture reads"
+    beside = " beside the faces" if fall.faces else ""
+    of = "the force" if fall.unit == "N" else f"the depth that the picture reads{beside}"
     added = " and ".join(name.removeprefix("+ ") for name in fall.models[1:])
     if not added:
         whose = (
             "The plain law's error of the force"
             if fall.unit == "N"
-            else "As read, the error of the picture's depth"
+            else f"As read, the error of the picture's depth{beside}"
         )
         said = f"{whose} on {what} is {first:.1f} {unit}"
     else:
         way = "takes" if last < first else "does not lower"
         to = f"from {first:.1f} to {last:.1f} {unit}"
         said = f"Adding {added} {way} the error of {of} on {what}{' ' if last < first else ': it goes '}{to}"
-    return f"{said}{_beside_repeats(fall, last)}."
+    return f"{said}{_beside_repeats(fall, last)}.{_of_faces(fall)}"
+
+
+def _of_faces(fall: ErrorFall) -> str:
+    goes = " → ".join(f"{1e3 * one:.1f}" for one in dict.fromkeys(fall.faces[:1] + fall.faces[-1:]))
+    return f" The faces themselves are off by {goes} µm, part of it hidden by their walls." if goes else ""
 
 
 def _beside_repeats(fall: ErrorFall, last: float) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.diagnosis.diagnosis import Diagnosis
-from calibration.diagnosis.vision_depth_check import reading_error_mm
+from calibration.diagnosis.vision_depth_check import face_error_mm, reading_error_mm
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import repeat_groups
 from calibration.repeats.pure_error import repeatability_rms
@@ -65,6 +65,7 @@ def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
             band,
             True,
             "mm",
+            _faces([one.fitted for one in found]),
         ),
     )
 
@@ -78,7 +79,12 @@ def error_fall_of_sight(found: Diagnosis) -> tuple[ErrorFall, ...]:
     floor = repeatability_rms(fits[-1])
     names = (AS_READ, *model_names([keys[: k + 1] for k in range(len(keys))]))
     errors = tuple(reading_error_mm(one) for one in fits)
-    return (ErrorFall(names, errors, floor, repeatability_band(fits[-1], floor), True, "mm"),)
+    return (ErrorFall(names, errors, floor, repeatability_band(fits[-1], floor), True, "mm", _faces(fits)),)
+
+
+def _faces(fits: Sequence[Fit]) -> tuple[float, ...]:
+    """The error of the faces themselves, mm, where the other is of what lies beside them."""
+    return () if fits[0].data.slopes is None else tuple(face_error_mm(one) for one in fits)
 
 
 def error_fall_of_diagnosis(found: Diagnosis) -> ErrorFall:

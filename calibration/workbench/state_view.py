@@ -118,7 +118,9 @@ def _falls(found: Comparison) -> list[ErrorFall]:
 def _fall(fall: ErrorFall) -> dict[str, Any]:
     force = fall.unit == "N"
     return {
-        "of": "the force" if force else "the depth that the picture reads",
+        "of": "the force"
+        if force
+        else f"the depth that the picture reads{' beside the faces' * bool(fall.faces)}",
         "unit": "mN" if force else "µm",
         "models": list(fall.models),
         "colours": list(model_colours(len(fall.models))),

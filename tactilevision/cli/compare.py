@@ -90,12 +90,17 @@ def lines_of(found: Comparison) -> list[str]:
 
     return [
         *(_model_line(column(model), model) for model in found.models),
-        *(
-            f"{column(model):24s} error on presses left out {1e3 * model.held_out_N:.1f} µm, "
-            f"repeatability {1e3 * model.repeatability_N:.1f} µm"
-            for model in found.pictured
-        ),
+        *(_picture_line(column(model), model) for model in found.pictured),
     ]
+
+
+def _picture_line(name: str, model: Compared) -> str:
+    from calibration.diagnosis.vision_depth_check import face_error_mm
+
+    error, repeats = (f"{1e3 * one:.1f} µm" for one in (model.held_out_N, model.repeatability_N))
+    if model.fitted.data.slopes is not None:
+        error = f"{error} beside the faces, {1e3 * face_error_mm(model.fitted):.1f} µm at the faces"
+    return f"{name:24s} error on presses left out {error}, repeatability {repeats}"
 
 
 def _model_line(name: str, model: Compared) -> str:

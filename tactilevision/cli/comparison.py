@@ -45,6 +45,8 @@ def content_of(found: Comparison) -> list[dict[str, object]]:
 
 def _of_picture(model: Compared, base: Compared) -> dict[str, object]:
     """A model of the depth that the picture reads."""
+    from calibration.diagnosis.vision_depth_check import face_error_mm
+
     return {
         "name": model.name,
         "effects": list(model.effects),
@@ -53,6 +55,8 @@ def _of_picture(model: Compared, base: Compared) -> dict[str, object]:
             "held_out_before": base.held_out_N,
             "held_out_after": model.held_out_N,
             "floor": model.repeatability_N,
+            "faces_before": face_error_mm(base.fitted),
+            "faces_after": face_error_mm(model.fitted),
         },
     }
 

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 
 TELLING = 4  # presses that are shown first: as many as a screen holds
 SHEET = 6  # presses on a sheet of all of them
+BESIDE = (
+    " Plain bars: the gel beside the faces, each fall of it over the expected one, times the certified depth. "
+    "Hatched: the faces themselves, of whose depth steep walls hide a part."
+)
 SHEETS = 12  # sheets at most; of more presses the most telling are shown
 
 
@@ -25,9 +29,9 @@ def keep_falls(falls: Sequence[ErrorFall], folder: FigureFolder) -> list[Picture
     for fall in falls:
         name = "error.png" if fall.unit == "N" else "error_depth.png"
         band = ", shaded its 95 % interval" if fall.band is not None else ""
-        of = "the force" if fall.unit == "N" else "the depth that the picture reads"
+        of = "the force" if fall.unit == "N" else "the depth that the picture reads, beside the certified one"
         repeats = f"dashed: the repeatability, how far like presses scatter{band}"
-        words = f"{coloured(fall.models)} Error of {of}; {repeats}."
+        words = f"{coloured(fall.models)} Error of {of}, rms; {repeats}.{BESIDE if fall.faces else ''}"
         kept.append(folder.keep(draw_error_fall(fall), name, caption=words))
     return kept
 

@@ -31,6 +31,7 @@ LEFT = "what is left (mN)"  # measured less modelled force, as every page calls 
 MARGIN = 1.15  # of a residual's largest value: how far its axis reaches
 QUARTERS = (-180, -90, 0, 90, 180)  # degrees: ticks of a direction
 BAR = 0.6  # width of a bar; bars stand 1 apart
+FACES = "//"  # hatch of what punch faces read
 
 
 def model_colours(count: int) -> tuple[str, ...]:
@@ -222,9 +223,14 @@ def draw_error_fall(fall: ErrorFall) -> Figure:
     count, scale = len(fall.models), 1e3
     unit = "mN" if fall.unit == "N" else "µm"
     figure, (axes,) = style.new_figure(style.WIDTH_IN, 3.2)
-    values = scale * np.array(fall.error)
-    bars = axes.bar(range(count), values, color=model_colours(count), width=BAR)
-    axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=9)
+    sets = {"the gel beside the faces": fall.error, "the faces": fall.faces} if fall.faces else {"": fall.error}
+    width = BAR / len(sets)
+    for k, (label, values) in enumerate(sets.items()):
+        place = np.arange(count) + width * (k - (len(sets) - 1) / 2)
+        bars = axes.bar(place, scale * np.array(values), width=width, color=model_colours(count), hatch=k * FACES)
+        axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=9)
+        if label:
+            axes.bar(0, 0, color=style.GREY, hatch=k * FACES, label=label)
     if np.isfinite(fall.repeatability):
         axes.axhline(scale * fall.repeatability, color=style.GREY, ls="--", lw=1.2, label="repeatability")
     if fall.band is not None:
@@ -232,8 +238,9 @@ def draw_error_fall(fall: ErrorFall) -> Figure:
         axes.axhspan(low, high, color=style.INVALID, zorder=0, label="its 95 % interval")
     axes.set_xticks(range(count), list(map(legible, fall.models)), rotation=15 if count > 3 else 0)
     what = "left out" if fall.held_out else "fitted"
+    middle, reach = (count - 1) / 2, max(count, 3) / 2 + 0.2
     title = "How the error falls" if count > 1 else "The error, and how presses repeat"
-    axes.set(ylabel=f"rms error on presses {what} ({unit})", title=title, xlim=(-0.7, max(count, 3) - 0.3))
+    axes.set(ylabel=f"rms error on presses {what} ({unit})", title=title, xlim=(middle - reach, middle + reach))
     axes.margins(y=0.2)
     axes.grid(visible=False, axis="x")
     style.legend_below(figure)

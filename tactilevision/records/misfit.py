@@ -112,7 +112,8 @@ class ErrorFall:
     """The error of each model, on presses left out of the fit (`held_out`) or, where there are too few, fitted.
 
     `error` and `repeatability` in `unit`, N or mm; `band` the 95 % interval of the repeatability, which is itself
-    estimated from few presses; None where it is not known.
+    estimated from few presses; None where it is not known. `faces`: the error of faces, where `error` is of depths
+    that the gel beside them tells.
     """
 
     models: tuple[str, ...]
@@ -121,6 +122,7 @@ class ErrorFall:
     band: Pair | None
     held_out: bool
     unit: str = "N"
+    faces: tuple[float, ...] = ()
 
     @property
     def reached(self) -> bool:

@@ -169,3 +169,4 @@ def test_a_comparison_says_how_far_the_picture_is_off_before_anything_is_added()
     said = fall_sentence(fall)
     assert said.startswith("As read, the error of the picture's depth on presses left out is")
     assert "more than the presses repeat within" in said
+    assert "faces" not in said, "nothing was read beside them"

@@ -14,11 +14,14 @@ from calibration.diagnosis.forward_selection import forward_selection
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import EdgeDrop, Observations
+from calibration.report.comparison_report import fall_sentence
+from calibration.report.error_fall import error_fall_of_picture
 from calibration.report.verdict import shown_size
 from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model
+from tactilevision.plots.misfit import draw_error_fall
 from tactilevision.records import Floats
 
 DEPTHS = np.tile([0.18, 0.27, 0.36, 0.45], 3)
@@ -107,6 +110,15 @@ def test_shadows_are_cured_by_reading_frames_anew_or_left_out_with_the_reason() 
     as_read, after = (model.held_out_N for model in cured.pictured)
     assert after < 0.5 * as_read
     assert cured.pictured[1].parameters == ()
+    (fall,) = error_fall_of_picture(cured.pictured)
+    assert dark.reconstructed_mm is not None
+    faces = float(np.sqrt(np.mean((dark.reconstructed_mm - DEPTHS) ** 2)))
+    assert fall.faces == pytest.approx((faces, faces)), "shadows beside them leave the faces alone"
+    said = fall_sentence(fall)
+    assert "the depth that the picture reads beside the faces" in said
+    assert f"The faces themselves are off by {1e3 * faces:.1f} µm" in said
+    labels = [one.get_text() for one in draw_error_fall(fall).legends[0].get_texts()]
+    assert {"the faces", "the gel beside the faces"} <= set(labels)
     left = compare(dark, ["cast_shadow"], rng=np.random.default_rng(0))
     assert left.left_out[0][0] == "cast_shadow"
     assert "ball presses" in left.left_out[0][1]
