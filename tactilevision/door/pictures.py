@@ -1,7 +1,8 @@
 """The size of a picture from its header, before anything is unpacked; and what decoders would do to its colours.
 
-PNG: IHDR (ISO 15948, 11.2.2), acTL (11.3.8 of its third edition). JPEG: SOF (ITU T.81, B.2.2). TIFF: tags 254,
-256, 257, 262, 274 (TIFF 6.0, p. 36, 18, 37, 36). BMP: the information header.
+PNG: IHDR (ISO 15948, 11.2.2), acTL and eXIf (11.3.8, 11.3.4.6 of its third edition). JPEG: SOF (ITU T.81, B.2.2),
+APP1 (Exif 2.3, 4.5.4). TIFF: tags 254, 256, 257, 262, 274 (TIFF 6.0, p. 36, 18, 37, 36). BMP: the information
+header.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ _SPACE = 262  # tag of TIFF: what kind of colours
 _TURN = 274  # tag of TIFF: the orientation
 _READ_SPACES = (0, 1, 2, 3, 5, 6)  # of tag 262: grey, RGB, palette, inks, YCbCr: decoders make RGB of them
 _PALETTE = 3  # colour type of PNG, and of tag 262
+_MARK = 0xFF  # of JPEG: what a marker begins with
+_APP1 = 0xE1  # of JPEG: the marker of what may hold Exif's tags
 _UPRIGHT = 1  # of tag 274: as it lies
 _FORMS = {False: (2, 12, "I"), True: (8, 20, "Q")}  # directories small and big: bytes of head, entry; numbers
 _MAX_ENTRIES = 4096  # of a directory that are looked at
@@ -106,6 +109,33 @@ def upright(data: bytes) -> bytes:
         if tag == _TURN and kind in _WHOLE and place + struct.calcsize(order + _WHOLE[kind]) <= len(data):
             struct.pack_into(order + _WHOLE[kind], lying, place, _UPRIGHT)
     return bytes(lying)
+
+
+def orientation(data: bytes) -> int:
+    """The orientation that a file states (tag 274 of Exif and TIFF), 1 to 8; 1, as it lies, without one."""
+    try:
+        tiff = _exif(data)
+        order = (_TIFF | _BIG_TIFF)[tiff[:4]]
+        places = [(kind, place) for tag, kind, place in _entries(tiff, None) if tag == _TURN and kind in _WHOLE]
+        return int(struct.unpack_from(order + _WHOLE[places[0][0]], tiff, places[0][1])[0]) if places else _UPRIGHT
+    except (struct.error, IndexError, KeyError, OverflowError):
+        return _UPRIGHT
+
+
+def _exif(data: bytes) -> bytes:
+    """What a file tells of itself, as a TIFF has it; a TIFF itself as it is."""
+    if data.startswith(_PNG):
+        place = data.find(b"eXIf", 0, max(data.find(b"IDAT"), 0))
+        return data[place + 4 :] if place > 0 else b""
+    if not data.startswith(_JPEG):
+        return data
+    place = 2
+    while data[place] == _MARK and data[place + 1] not in _FRAME_STARTS:
+        length = int(struct.unpack_from(">H", data, place + 2)[0])
+        if data[place + 1] == _APP1 and data[place + 4 : place + 10] == b"Exif\0\0":
+            return data[place + 10 : place + 2 + length]
+        place += 2 + length
+    return b""
 
 
 def is_stack(data: bytes) -> bool:

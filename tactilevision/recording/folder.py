@@ -14,7 +14,14 @@ from tactilevision.recording import layout
 from tactilevision.recording.guess import guess_flats, guess_scale
 from tactilevision.recording.model import Recording
 from tactilevision.recording.names import some
-from tactilevision.recording.pictures import check_references, find_frames, first_look, list_images, most_sizes
+from tactilevision.recording.pictures import (
+    check_references,
+    doubts_of_turning,
+    find_frames,
+    first_look,
+    list_images,
+    most_sizes,
+)
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.sensor import build_sensor
 from tactilevision.recording.video import count_frames, stated_frames
@@ -67,6 +74,7 @@ def read_folder(
     warnings += seen + odd + _cut_short(frames_path, len(names)) + _passed_over(frames_path)
     found = (flats, (), ()) if flats else guess_flats(root, frames_path, names if guess else (), first=first)
     warnings += check_references(size, found[0][:1], white_level=white_level)
+    warnings += doubts_of_turning(frames_path, names[first:], found[0])
     if settings is not None:
         sensor, notes = _built(settings, place, size, mm_per_px)
         warnings += notes
@@ -90,6 +98,7 @@ def _of_recording(root: Path, flats: tuple[Path, ...], mm_per_px: float | None) 
     size, seen = own.frame_size_px, own.warnings
     if size is not None:
         seen += check_references(size, flats[:1], white_level=own.white_level)
+        seen += doubts_of_turning(own.frames_path, own.frame_names, flats)
     return replace(own, flats=flats or own.flats, sensor=_scaled(own.sensor, mm_per_px), warnings=seen)
 
 

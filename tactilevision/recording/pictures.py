@@ -15,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.door.names import check_plain, inside
+from tactilevision.door.opening import read_bytes
+from tactilevision.door.pictures import orientation
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.images import TornImageError, as_rgb, read_stored
@@ -246,6 +248,30 @@ def check_references(
             check_size((stored.shape[1], stored.shape[0]), frame_size_px, path)
             doubts += _doubts_of_depth(stored, f"{path.parent.name}/{path.name}", white_level)
     return doubts
+
+
+def doubts_of_turning(
+    frames_path: Path | None, names: Sequence[str], references: Sequence[Path]
+) -> tuple[str, ...]:
+    """A warning where references state another orientation than a folder's first frame; no tag is followed."""
+    stated = {path: turned for path in references if (turned := _orientation(path)) is not None}
+    usual = _orientation(frames_path / names[0]) or 1 if names and frames_path and frames_path.is_dir() else 1
+    others = [path for path, turned in stated.items() if turned != usual]
+    if not others:
+        return ()
+    names = some([f"{path.parent.name}/{path.name}" for path in others])
+    return (
+        f"{names}: a tag of orientation {stated[others[0]]} is stated, {usual} by the frames (1: as it lies). "
+        "Tags are not followed: where a program turned the pixels of one of them, turn them back",
+    )
+
+
+def _orientation(path: Path) -> int | None:
+    """That a file states; None for one that cannot be read."""
+    try:
+        return orientation(read_bytes(path))
+    except (InputError, OSError):
+        return None
 
 
 def check_size(size_px: tuple[int, int], frame_size_px: tuple[int, int], path: Path) -> None:

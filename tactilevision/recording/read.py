@@ -118,6 +118,7 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
     if size is not None:
         first = [*flats[:1], *(ball.path for ball in balls[:1])]
         seen += pictures.check_references(size, first, white_level=white)
+        seen += pictures.doubts_of_turning(frames_path, names, [*flats, *(ball.path for ball in balls)])
     return replace(
         recording,
         sensor=sensor,

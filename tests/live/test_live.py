@@ -76,6 +76,7 @@ BAD: dict[str, Callable[[Bytes], Bytes]] = {
     "px, not as its sensor": lambda rgb: rgb[:-2].copy(),
     "order blue, green, red": lambda rgb: rgb[..., ::-1].copy(),
     "black": lambda rgb: rgb // 40,
+    "frame is 1[6-9] times darker: are these numbers of 12 bits": lambda rgb: rgb // 16,
     "one of its channels": lambda rgb: rgb * np.array([1, 0, 1], np.uint8),
     "saturated": lambda rgb: np.full_like(rgb, 255),
     "nothing like the reference": lambda rgb: (

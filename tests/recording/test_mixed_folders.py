@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import struct
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -158,6 +159,34 @@ def test_references_of_twelve_bits_in_sixteen_are_asked_about(tmp_path: Path, na
     (warning,) = read_recording(folder).warnings
     assert warning.startswith(f"{name}: its brightest number is 40")
     assert "state white_level in recording.toml" in warning
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])
+def test_references_that_state_another_orientation_than_the_frames_are_named(tmp_path: Path, suffix: str) -> None:
+    folder = write_small(tmp_path / "small")
+    exif = Image.Exif()
+    exif[274] = 3
+    how: dict[str, Any] = {"tiffinfo": exif} if suffix == ".tif" else {"exif": exif}
+    flat = folder / "reference" / "flat" / f"tagged{suffix}"
+    Image.fromarray(picture(20)).save(flat, **how)
+    (warning,) = read_recording(folder).warnings
+    assert warning.startswith(f"flat/tagged{suffix}: a tag of orientation 3 is stated, 1 by the frames")
+    exif[274] = 1
+    Image.fromarray(picture(20)).save(flat, **how)
+    assert read_recording(folder).warnings == ()
+
+
+def test_frames_and_references_of_one_orientation_agree(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[274] = 6
+    for name in ("frames/0.jpg", "frames/1.jpg", "flat/0.jpg"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        Image.fromarray(picture(1)).save(tmp_path / name, exif=exif)
+    found = read_folder(tmp_path / "frames", "gelsight_mini", reference=tmp_path / "flat")
+    assert not any("orientation" in warning for warning in found.warnings)
+    write_image(tmp_path / "flat" / "1.png", picture(1))
+    found = read_folder(tmp_path / "frames", "gelsight_mini", reference=tmp_path / "flat")
+    assert any("flat/1.png: a tag of orientation 1 is stated, 6 by the frames" in one for one in found.warnings)
 
 
 def test_listed_frames_of_a_kind_that_is_not_read_are_named(tmp_path: Path) -> None:

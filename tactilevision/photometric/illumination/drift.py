@@ -36,6 +36,7 @@ MAX_ITERATIONS = 3  # rounds of reweighting; each frame pays for every one
 CONVERGENCE_TOL = 3e-4
 DETECTION_SIGMA = 5.0  # deviations of a block's noise by which most blocks differ from the reference: no noise
 MAX_SWAPPED_SHARE = 0.3  # of that difference, when it all but goes with red and blue in each other's place
+BITS = (3.5, 80.0)  # times darker: from 14 bits in 16, with noise, to 10 bits
 COMPRESSED_GREY = 0.3  # what rounding and compression leave on a block's mean
 MEDIAN_LENGTH = 1.5382  # median length of three standard normal numbers
 MIN_BLOCKS = 30  # blocks away from contacts; with fewer, those beside contacts count in the fit as well
@@ -246,7 +247,7 @@ class DriftTracker:
                 "the frame is " + ("black, or one of its channels is" if dark else "saturated"),
                 where="frame",
                 value=f"mean grey {grey.mean():.0f}, the reference has {mean_grey:.0f}",
-                remedy="Leave the frame out; check lights and exposure.",
+                remedy=f"Leave the frame out; check lights and exposure.{_of_bits(grey, mean_grey)}",
             )
         size = np.abs(self._among_usable(change))
         if 2.0 * float(np.add.reduce(size, axis=None)) <= min(clear_grey, 0.5 * mean_grey) * size.size:
@@ -263,9 +264,21 @@ class DriftTracker:
             raise InputError(
                 "the frame is nothing like the reference",
                 where="frame",
-                value=f"median difference {off:.0f} grey levels",
-                remedy="Use a reference of the same sensor and light.",
+                value=f"mean grey {grey.mean():.0f}, the reference has {mean_grey:.0f}",
+                remedy=f"Use a reference of the same sensor and light.{_of_bits(grey, mean_grey)}",
             )
+
+
+def _of_bits(grey: Floats, mean_grey: float) -> str:
+    """What to think of where a frame's `grey` (3,) and its reference's mean part by as much as whole bits do."""
+    times = max(float(grey.mean()), 0.1) / max(mean_grey, 0.1)
+    if not BITS[0] < max(times, 1 / times) < BITS[1]:
+        return ""
+    which, much = ("reference", times) if times > 1 else ("frame", 1 / times)
+    return (
+        f" The {which} is {much:.0f} times darker: are these numbers of 12 bits in 16 (16 times) or 10 (64 times)?"
+        " State white_level."
+    )
 
 
 def solid(touched: Bools) -> Bools:
