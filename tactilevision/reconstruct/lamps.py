@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from typing import cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from tactilevision.photometric import Calibration
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import ball_samples, join
 from tactilevision.photometric.illumination.colour_change import ColourChange
@@ -14,11 +16,15 @@ from tactilevision.photometric.illumination.glossy_lamps import fit_glossy_lamps
 from tactilevision.photometric.illumination.lamps import Lamps, fit_lamps
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.reconstruct.reconstructor import Reconstructor
-from tactilevision.recording import Recording, read_reference
+from tactilevision.recording import BallPress, Recording, read_reference
 from tactilevision.records import Floats
 from tactilevision.sensors import rectify
 
 MAX_SAMPLES = 300  # samples of one ball
+# of each reconstructor the balls, the method and the lamps that they told: several steps ask, and it takes seconds
+_FOUND: WeakKeyDictionary[Reconstructor, tuple[tuple[BallPress, ...], ReferencedMethod, Lamps | None]] = (
+    WeakKeyDictionary()
+)
 BEST_MISFIT = 3.0  # stated deviations: balls that fit worse are lit by something else than three near lamps
 
 
@@ -34,6 +40,14 @@ def find_lamps(recording: Recording, reconstructor: Reconstructor) -> Lamps | No
         return kept
     if method is None or calibration is None or len(recording.balls) != len(calibration.balls):
         return None
+    before = _FOUND.get(reconstructor)
+    if before is None or before[0] is not recording.balls or before[1] is not method:
+        before = _FOUND[reconstructor] = (recording.balls, method, _of_balls(recording, method, calibration))
+    return before[2]
+
+
+def _of_balls(recording: Recording, method: ReferencedMethod, calibration: Calibration) -> Lamps | None:
+    """The lamps that the pictures of balls tell."""
     change, rng, parts, heights = ColourChange(method.reference), np.random.default_rng(0), [], []
     mm_per_px = recording.sensor.mm_per_px
     for number, (record, ball) in enumerate(zip(recording.balls, calibration.balls, strict=True)):

@@ -63,17 +63,19 @@ def with_faces(
 def _with_face(
     depth: Depth, edge: PunchEdge | CircularEdge, *, lit: Bools | None, mm_per_px: Pair, thickness_mm: float
 ) -> Depth:
-    rows, columns = depth.shape
-    x = (np.arange(columns) * mm_per_px[0] - edge.centre_mm[0])[None, :]
-    y = (np.arange(rows) * mm_per_px[1] - edge.centre_mm[1])[:, None]
-    r, a = np.hypot(x, y), edge.radius_mm
+    a, reach = edge.radius_mm, edge.radius_mm + HANDED_OVER_MM[1]
+    x, y = (np.arange(n) * mm - at for n, mm, at in zip(depth.shape[::-1], mm_per_px, edge.centre_mm, strict=True))
+    box = (_within(y, reach), _within(x, reach))
+    whole, depth, lit = depth, depth[box], None if lit is None else lit[box]
+    x, y = x[None, box[1]], y[box[0], None]
+    r = np.hypot(x, y)
     beyond, face = r - a, r < FACE * a
     if np.count_nonzero(face) < MIN_COUNT:
-        return depth
+        return whole
     terms = np.stack([np.ones_like(r), x + 0.0 * y, y + 0.0 * x])
     (w, *tilt), *_ = np.linalg.lstsq(terms[:, face].T, depth[face], rcond=None)
     if w < MIN_FACE_MM:
-        return depth
+        return whole
     plane = w + (tilt[0] * x + tilt[1] * y) * np.minimum(1.0, a / np.maximum(r, FACE * a))
     low, high = (
         plane * np.interp(r / a, *_profile(nu, round(a / thickness_mm / ROUNDED) * ROUNDED)) for nu in POISSON
@@ -88,7 +90,14 @@ def _with_face(
     weight = _falling(beyond, *HANDED_OVER_MM) * _falling(
         off, *(ALIKE if isinstance(edge, PunchEdge) else ALIKE_UNFITTED)
     )
-    return np.asarray(depth + weight * (surface - depth), depth.dtype)
+    found = whole.copy()
+    found[box] = depth + weight * (surface - depth)
+    return found
+
+
+def _within(places: Floats, reach: float) -> slice:
+    """Where rising places (n,) lie no farther than `reach` from 0."""
+    return slice(*np.searchsorted(places, (-reach, reach)).tolist())
 
 
 def _falling(value: Floats, start: float, end: float) -> Floats:

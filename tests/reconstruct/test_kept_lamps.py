@@ -41,6 +41,7 @@ def test_a_saved_method_undoes_shadows_as_the_balls_do(tmp_path: Path) -> None:
     bare = dataclasses.replace(recording, balls=())
     kept = with_shadows(bare, calibrate_light(bare, str(path)))
     assert kept.shadows is not None
+    assert find_lamps(recording, made) is find_lamps(recording, made), "balls are read once"
     by_balls = with_shadows(recording, made)
     frame = read_frame(recording, 6)
     assert np.abs(kept.height_map(frame).depth_mm - by_balls.height_map(frame).depth_mm).max() < 0.005

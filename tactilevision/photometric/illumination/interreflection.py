@@ -13,6 +13,8 @@ its way. The cells blur the wall: beside a long one .45, .7, .75 of the exact li
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +26,7 @@ from tactilevision.records import Bytes, Floats, Pair
 REFLECTANCE = 0.5  # of the ink, a share, as cells show it: nu is right for inks of .6 (docs/evidence/rendered.md)
 CELL_MM = 0.25  # mm, side of the cells that light is exchanged between
 STEEP = 0.2  # slope from which a cell counts as one that shines on others: gentler ones give a hundredth
-CHUNK = 32  # steep cells whose light is worked out at once: more do not fit the cache
+CHUNK = 8  # steep cells whose light is worked out at once: more do not fit the cache of a core
 FAINT = 0.2  # of a channel's light, the least that the reflected one is held against, as in cast_shadow.py
 SPREAD = (0.7548776662, 0.5698402910)  # steps of a low-discrepancy grid (Roberts 2018), of a grey level a pixel
 
@@ -41,19 +43,29 @@ def reflected(
     )
     step = (width * field.mm_per_px[0] / columns, height * field.mm_per_px[1] / rows)
 
-    def coarse(plane: npt.NDArray[np.floating]) -> Floats:
-        return np.asarray(cv2.resize(np.float32(plane), (columns, rows), interpolation=cv2.INTER_AREA), np.float64)
-
-    z = coarse(depth_mm)
+    z = _coarse(depth_mm, (columns, rows))
     q, p = (np.asarray(one) for one in np.gradient(z, step[1], step[0]))
-    leans = np.stack([np.stack([coarse(one) for one in lamp]) for lamp in field.leans])
+    leans, shares = _coarse_field(field, (columns, rows))
     light = np.asarray(shading(leans, p, q), np.float64)
     received = reflectance * _received(z, (p, q), light, step)
-    shares = np.stack([np.stack([coarse(one) for one in channel]) for channel in field.shares])
     plain = np.maximum(np.einsum("klhw,lhw->khw", shares, light), FAINT)
     factor = 1.0 + np.einsum("klhw,lhw->khw", shares, received) / plain
     fine = [cv2.resize(np.float32(one), (width, height), interpolation=cv2.INTER_LINEAR) for one in factor]
     return np.asarray(np.stack(fine, axis=-1) ** np.float32(1.0 / field.lamps.power))
+
+
+def _coarse(plane: npt.NDArray[np.floating], size: tuple[int, int]) -> Floats:
+    return np.asarray(cv2.resize(np.float32(plane), size, interpolation=cv2.INTER_AREA), np.float64)
+
+
+@lru_cache(maxsize=4)  # fields, of which each frame asks several times
+def _coarse_field(field: LightField, size: tuple[int, int]) -> tuple[Floats, Floats]:
+    """A field's leans and shares on cells, `size` (columns, rows) of them."""
+    leans, shares = (
+        np.stack([np.stack([_coarse(one, size) for one in planes]) for planes in part])
+        for part in (field.leans, field.shares)
+    )
+    return leans, shares
 
 
 def without(rgb: Bytes, factor: Picture) -> Bytes:
@@ -61,9 +73,14 @@ def without(rgb: Bytes, factor: Picture) -> Bytes:
 
     A factor of some thousandths is lost where each pixel is rounded alike: thresholds are spread evenly instead.
     """
-    rows, columns = np.indices(rgb.shape[:2], dtype=np.float32)
-    threshold = np.asarray((SPREAD[0] * columns + SPREAD[1] * rows) % 1.0, np.float32)
-    return np.asarray(np.clip(np.floor(rgb / factor + threshold[..., None]), 0, 255).astype(np.uint8))
+    return np.asarray(np.clip(np.floor(rgb / factor + _thresholds(*rgb.shape[:2])), 0, 255).astype(np.uint8))
+
+
+@lru_cache(maxsize=4)
+def _thresholds(height: int, width: int) -> Picture:
+    """Of rounding (H, W, 1), spread evenly from 0 to 1 grey level."""
+    rows, columns = np.indices((height, width), dtype=np.float32)
+    return np.asarray((SPREAD[0] * columns + SPREAD[1] * rows) % 1.0, np.float32)[..., None]
 
 
 def _received(z: Floats, slopes: tuple[Floats, Floats], light: Floats, step: Pair) -> Floats:
@@ -71,17 +88,19 @@ def _received(z: Floats, slopes: tuple[Floats, Floats], light: Floats, step: Pai
     p, q = (slope.ravel() for slope in slopes)
     rows, columns = (at.ravel() * mm for at, mm in zip(np.indices(z.shape), step[::-1], strict=True))
     places, one = np.stack([columns, rows, z.ravel()]), np.ones(z.size)  # mm
-    normals = np.stack([-p, -q, one])
-    along, far = np.sum(normals * places, axis=0), np.sum(places**2, axis=0)
+    normals, far = np.stack([-p, -q, one]), np.sum(places**2, axis=0)
+    planes = np.vstack([normals, -np.sum(normals * places, axis=0)])  # n.x - n.P: 0 on the tangent plane at P
+    points = np.vstack([places, one])
     total, every = np.zeros((len(light), z.size)), light.reshape(len(light), -1)
     steep = np.flatnonzero(np.hypot(p, q) > STEEP)
     for start in range(0, len(steep), CHUNK):
         own = steep[start : start + CHUNK]
-        here = places[:, own].T @ normals - along
-        there = normals[:, own].T @ places - along[own, None]
-        square = far[own, None] - 2.0 * (places[:, own].T @ places) + far
+        kernel, there = points[:, own].T @ planes, planes[:, own].T @ points
+        np.maximum(kernel, 0.0, out=kernel)
+        kernel *= np.maximum(there, 0.0, out=there)
+        square = np.vstack([-2.0 * places[:, own], one[own], far[own]]).T @ np.vstack([places, far, one])
         square[np.arange(len(own)), own] = np.inf
-        kernel = np.maximum(here, 0.0) * np.maximum(there, 0.0)
-        kernel /= square * square
+        square *= square
+        kernel /= square
         total += every[:, own] @ kernel
     return total.reshape(light.shape) * (step[0] * step[1] / np.pi)
