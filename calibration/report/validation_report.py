@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.fit.depth_trend import LEVEL
 from calibration.result.result import versions
 from calibration.tasks.validate import Comparison, Rival, Validation
 from tactilevision.records import Floats
@@ -70,7 +71,7 @@ def _trend(one: Comparison) -> str:
         return f"whether it trends with depth cannot be told ({trend.why})"
     chance = f"p = {trend.p_value:.2g}"
     if not trend.found:
-        return f"no trend with depth that these data can show ({chance})"
+        return f"no trend with depth that shows at {100 * LEVEL:.0f} % ({chance})"
     way = "grows" if trend.over_range > 0 else "falls"
     return (
         f"it {way} with depth, by {100 * abs(trend.over_range):.1f} points over the range ({chance}): "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -100,18 +101,20 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         return _Known()
     points = outcome.taken.points
     certified = [Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted]
-    return _Known(outcome.content, _taught(recording, reconstructor, certified))
+    return _Known(outcome.content, _taught(recording, reconstructor, certified, said=outcome.taken.warnings))
 
 
-def _taught(recording: Recording, reconstructor: Reconstructor, certified: Any) -> dict[bool, DepthScale | None]:
+def _taught(
+    recording: Recording, reconstructor: Reconstructor, certified: Any, *, said: Sequence[str] = ()
+) -> dict[bool, DepthScale | None]:
     """Lets certified faces teach the walls; then, how deep these faces are over how deep they are read.
 
-    With cast shadows left (False) and undone (True).
+    With cast shadows left (False) and undone (True). `said`: warnings that were given already.
     """
     from tactilevision.reconstruct.shadows_seen import leave, undo_by
 
     found, doubt = _face_law(recording, reconstructor, certified)
-    console.warn([doubt] if doubt else [])
+    console.warn([doubt] if doubt and doubt not in said else [])
     light = reconstructor.shadows
     if light is None:
         return {False: found}

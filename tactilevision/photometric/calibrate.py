@@ -280,6 +280,6 @@ def _dark_side_warnings(light: Observability) -> list[str]:
     if light.gap_deg < MAX_GAP_DEG:
         return []
     return [
-        f"no colour lights the gel from the {light.gap_deg:.0f} degrees about {light.dark_deg:.0f} degrees (from "
-        "x, right, to y, down): two lamps? Slopes are told worse. Light that side in a third colour"
+        f"no colour lights the gel from a side {light.gap_deg:.0f} degrees wide, about {light.dark_deg:.0f} "
+        "degrees (from x, right, to y, down): two lamps? Slopes are told worse. Light that side in a third colour"
     ]

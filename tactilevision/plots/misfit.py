@@ -175,7 +175,8 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
     axes.axhline(0, color=style.GREY, lw=0.8)
     _reach(axes, 1.15e3 * shown.reach_N)
     words = [evidence(strip.p_adjusted[k], strip.p_trend[k]) for k in kept]
-    axes.set_title(" → ".join(dict.fromkeys(words)), fontsize=9)
+    title = " → ".join(dict.fromkeys(words))
+    axes.set_title(title.replace("no pattern", "none") if "→" in title else title, fontsize=9)
     label_covariate(axes, strip.words, strip.unit, levels=strip.levels, values=strip.values)
     axes.set_ylabel(LEFT, fontsize=9)
 

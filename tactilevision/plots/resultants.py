@@ -40,7 +40,7 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
     figure, axes = style.new_figure(style.WIDTH_IN, 1.2 + 2.4 * max(1, len(shown)), rows=max(1, len(shown)))
     parts = _parts(place, time_s if timed else place)
     for axis, k in zip(axes, shown, strict=False):
-        _course(axis, place, force[:, k], std[:, k], parts=parts, colour=COLOURS[k])
+        _course(axis, place, force[:, k], std[:, k], parts=parts, name=f"f{NAMES[k]}", colour=COLOURS[k])
         if np.isfinite(read[:, k]).any():
             for part in parts:
                 axis.plot(
@@ -53,11 +53,11 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
                 )
         axis.set(ylabel=f"f{NAMES[k]} (N)")
         axis.margins(x=0.01)
-    axes[0].legend(loc="upper left", ncols=2)
     axes[0].set_title("Force on the gel, with its 95 % interval", pad=16 if presses and timed else 6)
     axes[-1].set(xlabel="time (s), pauses shortened" if timed else "frame")
     if timed:
         _name_presses(axes[0], place, time_s, presses)
+    style.legend_below(figure)
     return figure
 
 
@@ -104,12 +104,12 @@ def _cloud(axes: Axes, x: Floats, left: Floats, std: Floats, usable: npt.NDArray
     axes.plot(x[usable], left[usable], "o", ms=3, color=style.BLUE, label="a frame, and its 95 % interval")
 
 
-def _course(axes: Axes, place: Floats, force: Floats, std: Floats, *, parts: Sequence[slice], colour: str) -> None:
+def _course(
+    axes: Axes, place: Floats, force: Floats, std: Floats, *, parts: Sequence[slice], name: str, colour: str
+) -> None:
     for part in parts:
-        one = part == parts[0]
-        axes.plot(
-            place[part], force[part], color=colour, marker=".", ms=2.5, label="from the picture" if one else None
-        )
+        label = f"{name} from the picture" if part == parts[0] else None
+        axes.plot(place[part], force[part], color=colour, marker=".", ms=2.5, label=label)
         low, high = (force[part] + s * 1.96 * std[part] for s in (-1, 1))
         axes.fill_between(place[part], low, high, color=colour, alpha=0.2, lw=0)
 

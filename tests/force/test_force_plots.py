@@ -39,6 +39,9 @@ def test_resultants_are_drawn_beside_what_was_measured() -> None:
     figure = draw_resultants(rows, [Press("7", "A1", 0.5, 1.5)])
     assert [axes.get_ylabel() for axes in figure.axes] == ["fz (N)", "fx (N)", "fy (N)"]
     assert all(len(axes.lines) == 2 for axes in figure.axes)
+    assert not any(axes.get_legend() for axes in figure.axes), "no legend over what is drawn"
+    said = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert said == ["fz from the picture", "F/T sensor", "fx from the picture", "fy from the picture"]
     assert "7" in [text.get_text() for text in figure.axes[0].texts]
     alone = draw_resultants([replace(row, resultant_N=(np.nan, np.nan, 1.0), measured_N=NOTHING) for row in rows])
     assert [axes.get_ylabel() for axes in alone.axes] == ["fz (N)"], "what is not known is not drawn as zero"

@@ -81,7 +81,7 @@ def test_two_lamps_are_named_and_from_where_light_is_missing() -> None:
     """Lamps at 188 and 312 degrees leave dark what lies about 70; it is 8.1 degrees off, by three lamps 6.7."""
     found = made(LAMPS, np.array([TINTS[0], TINTS[1], np.zeros(3)]), seed=32)
     (warning,) = [one for one in found.warnings if "two lamps?" in one]
-    assert re.search(r"the 2[345]\d degrees about (6|7)\d degrees", warning)
+    assert re.search(r"a side 2[345]\d degrees wide, about (6|7)\d degrees", warning)
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ def strips() -> Figure:
             np.array([0.0, 0.5, 1.0]),
             mean,
             np.full((2, 3), 1e-3),
-            (1e-9, 0.5),
+            (0.33, 3.3e-4),
             (0.5, 0.5),
         )
         for name, said, unit, levels in told
@@ -218,6 +218,14 @@ def test_text_is_legible_at_500_px(name: str, drawn: dict[str, Figure]) -> None:
     assert [
         t.get_text() for t in words(figure) if float(t.get_fontsize()) / 72 * SHOWN_PX / width_in < LEAST_PX
     ] == []
+
+
+def test_the_words_over_a_panel_end_where_it_ends(drawn: dict[str, Figure]) -> None:
+    drawn["strips"].draw_without_rendering()
+    for axes in shown(drawn["strips"]):
+        own = {axes.get_title(place) for place in ("left", "center", "right")} - {""}
+        (title,) = (text for text in axes.get_children() if isinstance(text, Text) and text.get_text() in own)
+        assert title.get_window_extent().x1 < axes.get_window_extent().x1
 
 
 @pytest.mark.parametrize("name", FIGURES)

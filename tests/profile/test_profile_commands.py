@@ -7,12 +7,14 @@ import json
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from lamp_sensor import TOML, free, pressed, saved, write_ball_folder, write_frames
 
+from tactilevision.cli import calibrate_sensor as command
 from tactilevision.cli import main
 from tactilevision.exports.tiff import read_tiff
 from tactilevision.photometric import save_method
@@ -53,6 +55,17 @@ def test_a_folder_of_balls_and_flats_becomes_a_sensor(made: Path) -> None:
     assert seen.height.depth_mm.max() == pytest.approx(0.49, rel=0.1)
     assert seen.wrench is not None
     assert seen.wrench.force_N[2] > 0.1
+
+
+def test_what_the_certificate_warned_of_is_not_said_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "_face_law", lambda *given: (None, "faces read 25 % less"))
+    reader: Any = SimpleNamespace(shadows=None)
+    recording: Any = None
+    for said, times in (("another",), 1), (("faces read 25 % less",), 0):
+        assert command._taught(recording, reader, [], said=said) == {False: None}
+        assert capsys.readouterr().err.count("faces read") == times
 
 
 def test_depth_force_and_view_take_the_profile(made: Path, tmp_path: Path) -> None:
