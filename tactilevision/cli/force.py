@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -67,11 +68,12 @@ def force(
     content = {"frames": len(rows), "read": len(read), "material": material.as_json()}
     content |= {"faces_certified": anchor.depth_scale is not None}
     content |= {"warnings": list(reconstructor.warnings)}
-    content |= {"shear": _shear(read), "measured": _beside(rows, zero_left=not recording.presses)}
+    left = _left(rows, recording.force_std_N)
+    content |= {"shear": _shear(read), "measured": _beside(left, zero_left=not recording.presses)}
     beside = write_comparison(recording, rows, folder=out / "beside")
     if beside is not None:
         console.say(f"  `tactilevision diagnose {beside}` finds what separates depth and force")
-    content |= {"sensitivity": _figures(recording, job, rows, out / "figures", most=pictures)}
+    content |= {"sensitivity": _figures(recording, job, rows, out / "figures", left=left, most=pictures)}
     console.hand_over(content, json)
 
 
@@ -162,10 +164,9 @@ def _shear(read: list[FrameForce]) -> dict[str, Any]:
     return {"touched": len(touched), "known": len(known), "why": reason if len(known) < len(touched) else ""}
 
 
-def _beside(rows: tuple[FrameForce, ...], *, zero_left: bool) -> dict[str, Any] | None:
+def _beside(found: Residuals | None, *, zero_left: bool) -> dict[str, Any] | None:
     from tactilevision.force.compare import summary
 
-    found = _left(rows)
     if found is None:
         return None
     said = summary(found)
@@ -176,7 +177,7 @@ def _beside(rows: tuple[FrameForce, ...], *, zero_left: bool) -> dict[str, Any] 
             console.say(
                 f"  f{axis} less the force sensor's: rms {numbers['rms_N']:.3f} N over {numbers['frames']} of "
                 f"{found.touched} frames that touch, "
-                f"{100 * (numbers['inside_interval95'] or 0):.0f} % inside the 95 % interval"
+                f"{100 * (numbers['inside_interval95'] or 0):.0f} % inside the 95 % interval of both"
             )
     for why, count in found.left_out.items():
         console.say(f"  {count} frames that touch are not compared: {why}")
@@ -186,13 +187,13 @@ def _beside(rows: tuple[FrameForce, ...], *, zero_left: bool) -> dict[str, Any] 
     return said
 
 
-def _left(rows: tuple[FrameForce, ...]) -> Residuals | None:
+def _left(rows: tuple[FrameForce, ...], reading_std_N: Sequence[float] | None) -> Residuals | None:
     """What is left beside the F/T sensor; contacts that the border cuts count only where there are no others."""
     from tactilevision.force.compare import residuals
     from tactilevision.force.field import CUT
 
-    found = residuals(rows, flagged=(CUT,))
-    return found if found is None or found.usable.any() else residuals(rows)
+    found = residuals(rows, flagged=(CUT,), reading_std_N=reading_std_N)
+    return found if found is None or found.usable.any() else residuals(rows, reading_std_N=reading_std_N)
 
 
 def _strength(rows: tuple[FrameForce, ...]) -> list[float]:
@@ -206,7 +207,13 @@ def _strength(rows: tuple[FrameForce, ...]) -> list[float]:
 
 
 def _figures(
-    recording: Recording, job: ForceJob, rows: tuple[FrameForce, ...], folder: Path, *, most: int
+    recording: Recording,
+    job: ForceJob,
+    rows: tuple[FrameForce, ...],
+    folder: Path,
+    *,
+    left: Residuals | None,
+    most: int,
 ) -> list[dict[str, Any]]:
     """Draw the strongest frames, the course of the resultant, what E and nu do to it, and what is left."""
     from tactilevision.cli import moments
@@ -225,9 +232,8 @@ def _figures(
         solved = job.solve(read_frame(recording, best))
         said = _sensitivity(job, solved.found, job.sensitivity(solved), folder)
     style.save_figure(resultants.draw_resultants(rows, recording.presses), folder / "resultants.png")
-    found = _left(rows)
-    if found is not None:
-        style.save_figure(resultants.draw_residuals(found), folder / "residuals.png")
+    if left is not None:
+        style.save_figure(resultants.draw_residuals(left), folder / "residuals.png")
     console.say(f"figures are in {folder}")
     return said
 

@@ -1,6 +1,6 @@
 """Resultants beside the force/torque sensor's: what is left, and against what it stands out.
 
-    residual = force from the picture - reading;   pull = residual / standard deviation of the force
+    residual = force from the picture - reading;   pull = residual / standard deviation of both
 
 Frames in which nothing touches are left out: they compare nothing with nothing. Where the deviations are right,
 95 % of the pulls lie within 1.96. A ratio that changes with depth points to the height map or to the gel's law,
@@ -27,9 +27,9 @@ AT_ITS_END = "the force sensor stood at the end of its range in their press"
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Frames with both forces: `row` (N,) in the recording; `force_N`, `std_N`, `measured_N` (N, 3), NaN: unknown;
-    `depth_mm`, `time_s`, `press` (N,), `place_mm` (N, 2); `usable` (N,): nothing is known against them.
-    `left_out`: how many of the `touched` frames are not compared, by why."""
+    """Frames with both forces: `row` (N,) in the recording; `force_N`, `measured_N` and `std_N` of their
+    difference (N, 3), NaN: unknown; `depth_mm`, `time_s`, `press` (N,), `place_mm` (N, 2); `usable` (N,): nothing
+    is known against them. `left_out`: how many of the `touched` frames are not compared, by why."""
 
     row: npt.NDArray[np.intp]
     force_N: Floats
@@ -62,8 +62,12 @@ class Residuals:
         return np.where(np.hypot(x, y) > MIN_N, np.degrees(np.arctan2(y, x)), np.nan)
 
 
-def residuals(rows: Sequence[FrameForce], *, flagged: Sequence[str] = ()) -> Residuals | None:
-    """What can be compared; None where nothing can. `flagged`: words that make a frame unusable."""
+def residuals(
+    rows: Sequence[FrameForce], *, flagged: Sequence[str] = (), reading_std_N: Sequence[float] | None = None
+) -> Residuals | None:
+    """What can be compared; None where nothing can. `flagged`: words that make a frame unusable;
+    `reading_std_N` (3,) of one reading, None where it is not known.
+    """
     touched = [(number, row, _why_not(row, flagged)) for number, row in enumerate(rows) if touches(row)]
     kept = [(number, row) for number, row, why in touched if why != NO_READING]
     if not kept:
@@ -73,7 +77,7 @@ def residuals(rows: Sequence[FrameForce], *, flagged: Sequence[str] = ()) -> Res
     return Residuals(
         row=np.array([number for number, _ in kept]),
         force_N=np.array([row.resultant_N for row in taken]),
-        std_N=np.array([row.resultant_std_N for row in taken]),
+        std_N=np.hypot([row.resultant_std_N for row in taken], reading_std_N or 0.0),
         measured_N=np.array([row.measured_N for row in taken]),
         depth_mm=np.array([row.depth_mm for row in taken]),
         place_mm=np.array([row.place_mm for row in taken]),

@@ -65,7 +65,7 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
 def draw_residuals(found: Residuals) -> Figure:
     """Force from the picture less the reading, against force, depth, place, direction and press.
 
-    Blue: frames that can be trusted; hollow grey: flagged. The band is the 95 % interval of the force itself.
+    Blue: frames that can be trusted; hollow grey: flagged. The band is the 95 % interval of both together.
     """
     figure, axes = style.new_figure(style.WIDTH_IN, 8.0, rows=3, columns=2)
     left, std = found.residual_N[:, 2], found.std_N[:, 2]
@@ -91,7 +91,7 @@ def draw_residuals(found: Residuals) -> Figure:
     axes[5].set(xlabel="press", ylabel="fz: picture − sensor (N)")
     inside = float(np.mean(np.abs(left[found.usable]) < 1.96 * std[found.usable])) if found.usable.any() else 0.0
     style.legend_below(figure)
-    axes[0].set_title(f"{int(found.usable.sum())} frames; {100 * inside:.0f} % within their 95 % interval")
+    axes[0].set_title(f"{int(found.usable.sum())} frames; {100 * inside:.0f} % within the 95 % interval of both")
     return figure
 
 
@@ -101,7 +101,7 @@ def _cloud(axes: Axes, x: Floats, left: Floats, std: Floats, usable: npt.NDArray
         x[usable], left[usable], yerr=1.96 * std[usable], fmt="none", ecolor=style.SKY, elinewidth=0.7, alpha=0.6
     )
     axes.plot(x[~usable], left[~usable], "o", ms=3, mfc="none", mec=style.GREY, label="flagged: not counted")
-    axes.plot(x[usable], left[usable], "o", ms=3, color=style.BLUE, label="a frame, and its 95 % interval")
+    axes.plot(x[usable], left[usable], "o", ms=3, color=style.BLUE, label="a frame, and the 95 % interval of both")
 
 
 def _course(

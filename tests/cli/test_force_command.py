@@ -130,9 +130,9 @@ def test_a_zero_that_cannot_be_taken_off_is_told(
 ) -> None:
     """Without presses.csv nothing says when the gel was free."""
     said = {"z": {"rms_N": 0.4, "frames": 3, "inside_interval95": 0.0, "ratio": 1.0}}
-    monkeypatch.setattr(command, "_left", lambda rows: SimpleNamespace(touched=5, left_out={"why": 2}))
     monkeypatch.setattr("tactilevision.force.compare.summary", lambda found: said)
-    assert command._beside((), zero_left=left) == said
+    found: Any = SimpleNamespace(touched=5, left_out={"why": 2})
+    assert command._beside(found, zero_left=left) == said
     out = capsys.readouterr().out
     assert "rms 0.400 N over 3 of 5 frames" in out
     assert "2 frames that touch are not compared: why" in out

@@ -83,6 +83,9 @@ def test_residuals_are_drawn_against_all_that_was_recorded() -> None:
     assert said["inside_interval95"] == 1
     assert said["rms_N"] == pytest.approx(0.02 * np.sqrt(np.mean(np.arange(8) ** 2)))
     assert residuals([replace(row, flags="no contact") for row in rows]) is None
+    noisy = residuals(rows, reading_std_N=(0.1, 0.1, 0.2))
+    assert noisy is not None
+    assert noisy.std_N[0] == pytest.approx(np.sqrt([0.02, 0.02, 0.05])), "the reading scatters as well"
 
 
 def test_each_frame_that_is_not_compared_has_a_reason() -> None:
