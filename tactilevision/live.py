@@ -1,7 +1,7 @@
 """One frame at a time, for a control loop: frame in; height map, contact, footprint and force out.
 
 Everything is held in buffers made once; nothing is kept of a frame but the drift of the light, whose history is a
-running mean, so that a stream may run for days. Where there is a GPU, frames are read there.
+running mean, so that a stream may run for days.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from tactilevision.contact.region import contact_flags, in_question, strong_evid
 from tactilevision.errors import InputError
 from tactilevision.quality.fitness import check_fit
 from tactilevision.reconstruct import Reconstructor
-from tactilevision.reconstruct.gpu.device import find_gpu
 from tactilevision.records import Bools, Bytes, Floats, Footprint, Frame, HeightMap, Indenter, TractionMap, Wrench
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.flags import LIGHT, add
@@ -102,9 +101,6 @@ class Stream:
         self.renew, self.frames = renew, 0
         self.latencies: Floats = np.zeros(len(EDGES_MS))
         self._last: Footprint | None = None
-        device = find_gpu()
-        if device is not None:
-            self.reconstructor.use(device)
 
     def take(self, frame: Frame) -> Moment:
         """The next frame. Raises InputError for one that cannot be read; the stream goes on with the one after."""

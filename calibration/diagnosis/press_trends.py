@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.diagnosis.score_test import seen_covariates
+from calibration.diagnosis.covariate_steps import seen_covariates
 from calibration.fit.least_squares import Fit
 from calibration.repeats.at_denoised_depth import at_denoised_depth
 from tactilevision.records import Floats

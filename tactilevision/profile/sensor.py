@@ -27,7 +27,6 @@ from tactilevision.profile.model import Profile
 from tactilevision.profile.read import read_profile
 from tactilevision.profile.seen import Seen, SeenBatch
 from tactilevision.reconstruct import Reconstructor, with_flats
-from tactilevision.reconstruct.gpu.device import find_gpu
 from tactilevision.records import Bytes, Footprint, Frame, Gel, HeightMap, Indenter, Material, Pair, TractionMap
 from tactilevision.records.flags import add
 from tactilevision.sensors import rectify
@@ -63,7 +62,7 @@ def sensor_of(
 class CalibratedSensor:
     """What `load_sensor` gives; `profile` is all that the file holds.
 
-    Threads that share one wait for each other. A GPU is used where there is one. Frames may be read with
+    Threads that share one wait for each other. Frames may be read with
     `Stream(sensor)`, too, which follows slow changes of the light; `read` keeps to the profile's reference.
     """
 
@@ -82,7 +81,6 @@ class CalibratedSensor:
             self.untouched = read_untouched(profile.untouched, profile.sensor.mm_per_px, markers=markers)
         if self.field is not None:
             fast_kappa(self.field.material.poisson_ratio, 1.0)  # so that its table is read now
-        self._use_gpu()
 
     def __reduce__(self) -> tuple[object, ...]:
         """Sent to other processes as its profile."""
@@ -230,11 +228,6 @@ class CalibratedSensor:
 
             undo_by(self.reconstructor, self.profile.lamps)
         self.reconstructor.keeps_shadows = self.profile.lamps is not None and not self.shadows
-
-    def _use_gpu(self) -> None:
-        device = find_gpu()
-        if device is not None:
-            self.reconstructor.use(device)
 
 
 def _as_then(profile: Profile) -> tuple[str, ...]:
