@@ -324,7 +324,7 @@ class Reconstructor:
     def use(self, device: str) -> bool:
         """Read frames on torch's `device` ("cuda") from here on; False where torch cannot be told how.
 
-        The maps are the same to rounding. On an H100 no frame came sooner than by the processor (benchmarks/gpu.py).
+        The maps are the same to rounding. On an H100 no frame came sooner so (benchmarks/gpu.py).
         """
         from tactilevision.reconstruct.gpu.reader import TorchReader
 
