@@ -5,6 +5,7 @@ Samples are drawn under each ball, and of the untouched gel beside it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -32,8 +33,9 @@ from tactilevision.records import Bools, Bytes, Pair
 
 MIN_BALLS = 3  # presses; a third of them is held out at a time, and no third may be empty
 MIN_REFINED = 6  # balls from which the light tells circles: a law of two or three follows their errors
-AT_BOUND = 0.015  # of the contact radius: a median that near to its bound would go further
-REFINEMENTS = 2  # rounds at most; rendered centres are .69 px off before, then .44, .28 and .22
+AT_BOUND = 0.005  # of the contact radius: a median that near to its bound would go further
+REFINEMENTS = 6  # rounds at most; on a Mini each leaves .45 of a shift that all circles share
+SETTLED_PX = 0.1  # px that circles move by, the median, where rounds end
 THINNED = 3  # every third sample tells whether circles are better
 
 
@@ -114,23 +116,33 @@ def refine_balls(
     mm_per_px: Pair,
     rng: np.random.Generator,
 ) -> FoundBalls:
-    """The same with circles by the light of the other balls, as long as balls left out are told better by them.
+    """The same with circles by the light of the other balls, if balls left out are told better by them.
 
+    Rounds go on until the circles stay: balls that share a shift show a light that shares it, and lose it slowly.
     Where most contacts would come out far smaller or larger than each was found `alone`, radii are held.
     """
     if alone.count < MIN_REFINED:
         return alone
     for shares in (RADIUS_SHARE, HELD_SHARE):
-        seen, error = alone, _left_out_error(alone)
+        seen = alone
         for _ in range(REFINEMENTS):
-            find = _by_light(seen, alone.balls, shares, mm_per_px)
-            finer = collect_balls(change, pictures, mm_per_px, rng, find=find)
-            if (now := _left_out_error(finer)) >= error:
+            last, find = seen, _by_light(seen, alone.balls, shares, mm_per_px)
+            seen = collect_balls(change, pictures, mm_per_px, rng, find=find)
+            if _moved_px(seen.balls, last.balls) < SETTLED_PX:
                 break
-            error, seen = now, replace(finer, warnings=alone.warnings)
         if shares[0] + AT_BOUND < _radius_change(seen.balls, alone.balls) < shares[1] - AT_BOUND:
             break
-    return seen
+    return replace(seen, warnings=alone.warnings) if _left_out_error(seen) < _left_out_error(alone) else alone
+
+
+def _moved_px(balls: Sequence[Ball | None], before: Sequence[Ball | None]) -> float:
+    """How far centres, or radii, lie from those `before`, the median."""
+    moved = [
+        max(math.dist(one.centre_px, other.centre_px), abs(one.contact_radius_px - other.contact_radius_px))
+        for one, other in zip(balls, before, strict=True)
+        if one is not None and other is not None
+    ]
+    return float(np.median(moved))
 
 
 def _radius_change(balls: Sequence[Ball | None], alone: Sequence[Ball | None]) -> float:

@@ -8,8 +8,9 @@ three alone to be found,
 
 with p, q the ball's slopes, u the change of colour, rho square near 0 and linear beyond SOFT. A third of the balls
 is left out of the law at a time, so that no ball draws the law to its own circle. Twelve balls of a path tracer:
-centres were .69 px off (rms), after two rounds .28. On four real sets slopes of balls left out point .1 to .8
-degrees better. Assumes that most circles are nearly right to begin with.
+centres were .69 px off (rms), after two rounds .28. Balls at one place show a light that shares their circles'
+shift, so rounds go on until circles stay (`found_balls.py`). On four real sets slopes of balls left out point .1
+to .8 degrees better. Assumes that most circles are nearly right to begin with.
 """
 
 from __future__ import annotations
