@@ -142,7 +142,7 @@ def _moved_px(balls: Sequence[Ball | None], before: Sequence[Ball | None]) -> fl
         for one, other in zip(balls, before, strict=True)
         if one is not None and other is not None
     ]
-    return float(np.median(moved))
+    return float(np.median(moved)) if moved else 0.0
 
 
 def _radius_change(balls: Sequence[Ball | None], alone: Sequence[Ball | None]) -> float:
