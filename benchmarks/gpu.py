@@ -17,6 +17,7 @@ import torch
 from benchmarks.live import KINDS, PRESSES_MM, pictures
 from benchmarks.vision import calibrated
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.gpu.device import find_gpu
 from tactilevision.records import Bytes, Frame
 
 SIZES = ((320, 240), (640, 480), (1280, 960))
@@ -24,7 +25,7 @@ FRAMES = 60  # of each kind and path
 
 
 def main() -> None:
-    device = "cuda" if torch.cuda.is_available() else None
+    device = find_gpu()
     print(f"torch {torch.__version__}: {'no GPU' if device is None else torch.cuda.get_device_name(0)}")
     for size in SIZES:
         camera, plain = calibrated(size, 2, "polynomial")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +14,7 @@ from tactilevision.live import Stream
 from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod, calibrate_from_balls, make_reference
 from tactilevision.photometric.training.network_training import NetworkFitter
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.gpu.device import DRIVERS
 from tactilevision.reconstruct.untouched_frames import subtract_background
 from tactilevision.records import Frame
 
@@ -69,3 +71,15 @@ def test_a_stream_follows_the_light_on_a_device_too() -> None:
         live = Stream(reconstructor, renew=0.3)
         depths.append([live.take(frame).height.depth_mm for frame in frames])
     assert np.abs(np.array(depths[0]) - np.array(depths[1])).max() < 2e-5
+
+
+def test_torch_is_loaded_only_where_a_driver_is() -> None:
+    code = (
+        "import sys\nfrom tactilevision.reconstruct.gpu.device import find_gpu\nprint(find_gpu(), "
+        "'torch' in sys.modules)"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    if not any(Path(path).exists() for path in DRIVERS):
+        assert said == ["None", "False"]
+    else:
+        assert said[0] in ("None", "cuda")
