@@ -22,6 +22,7 @@ GONE = {  # the module stands; what it lost was of use to the package alone
     "calibration.hereditary.Grid",
     "calibration.repeats.pure_error.noise_floor",
     "calibration.effects.bevel_rise.supposed",
+    "calibration.missing.screen.seen_covariates",
     "calibration.pages.drawing.residual_panels",
     "tactilevision.depth_error.place_gain_std",
     "tactilevision.cli.diagnose.compare",

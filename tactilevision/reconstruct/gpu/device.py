@@ -10,7 +10,7 @@ DRIVERS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # CUDA, ROCm, Windows' sub
 
 
 def find_gpu() -> str | None:
-    """Torch's name of the GPU that there is, for `Reconstructor.use`; None without a driver, without torch, or where torch finds none."""
+    """Torch's name of the GPU to use; None without a driver, without torch, or where torch finds none."""
     driver = any(Path(path).exists() for path in DRIVERS)
     if os.name == "nt":
         driver = (Path(os.environ.get("SYSTEMROOT", "C:/Windows")) / "System32" / "nvcuda.dll").exists()
