@@ -116,11 +116,9 @@ def _falls(found: Comparison) -> list[ErrorFall]:
 
 
 def _fall(fall: ErrorFall) -> dict[str, Any]:
-    force = fall.unit == "N"
+    force, beside = fall.unit == "N", " beside the faces" if fall.faces else ""
     return {
-        "of": "the force"
-        if force
-        else f"the depth that the picture reads{' beside the faces' * bool(fall.faces)}",
+        "of": "the force" if force else f"the depth that the picture reads{beside}",
         "unit": "mN" if force else "µm",
         "models": list(fall.models),
         "colours": list(model_colours(len(fall.models))),
