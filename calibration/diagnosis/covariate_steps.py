@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibration.diagnosis.sensitivity import force_without
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.model.stages import Stage
@@ -40,10 +41,10 @@ def form_errors(steady: Fit) -> Floats:
     definitions: no form can be off.
     Source: Kennedy, O'Hagan, J. R. Stat. Soc. B 63 (2001) 425 (a discrepancy as a random function).
     """
-    model, places, seen = steady.model, steady.model.slices(steady.data), seen_covariates(steady)
+    model, seen = steady.model, seen_covariates(steady)
     found = [np.zeros((steady.data.size, 0))]
     for effect in (e for e in model.effects if e.stage not in (Stage.DEPTH, Stage.INSTRUMENT)):
-        without = model.without(effect.key).predict(np.delete(steady.values, places[effect.key]), steady.data)
+        without = force_without(model, steady.values, steady.data, key=effect.key)
         own = {*HOW_A_PRESS_GOES, *getattr(effect, "seen_in", ())}
         added = FORM * (steady.force_N - without)[:, None]
         found += [added * _hot(c, OTHER_BINS) for c in seen if c.name in own]

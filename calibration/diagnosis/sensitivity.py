@@ -109,15 +109,15 @@ def as_it_holds(fitted: Fit, model: Model, values: Floats, change_N: Floats) -> 
     the fit: a few samples that pass a threshold would be most of a change that is small everywhere else.
     """
     for key in (e.key for e in fitted.model.effects if getattr(e, "asks_readings", False)):
-        before = fitted.force_N - _without(fitted.model, fitted.values, fitted.data, key=key)
-        after = fitted.force_N + change_N - _without(model, values, fitted.data, key=key)
+        before = fitted.force_N - force_without(fitted.model, fitted.values, fitted.data, key=key)
+        after = fitted.force_N + change_N - force_without(model, values, fitted.data, key=key)
         passed = np.abs(after - before) > np.maximum(np.abs(after), np.abs(before)) / 2
         change_N = np.where(passed, change_N - (after - before), change_N)
     return change_N
 
 
-def _without(model: Model, values: Floats, data: Observations, *, key: str) -> Floats:
-    """Force (N,) at the same values of all other effects."""
+def force_without(model: Model, values: Floats, data: Observations, *, key: str) -> Floats:
+    """Force (N,), N, of the model less one effect, at the same values (p,) of all others."""
     return np.asarray(model.without(key).predict(np.delete(values, model.slices(data)[key]), data))
 
 
