@@ -4,12 +4,12 @@ A direction is the change of the force that an effect or a plain error of the ri
 starts), or a step function of a covariate. Whitened and freed of what the fit can absorb, its score is
 t = d.z/|d|. What changes from press to press passes for their scatter, and so hides itself: t^2 is therefore
 taken as a likelihood ratio, in which presses may scatter less with the direction than without it (`Cast.ratios`).
-Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is searched; of a covariate
-the sum over its bins. Beside them stand the scatter of loading, the press farthest from its like and how presses'
-zeros wander. All are held against one parametric bootstrap, in which samples and presses are drawn with the tails
-that they have and the error model is estimated anew. What an effect in the fit leaves where a gel follows another
-form of it (`form_errors`) is in the fit, and no finding. The level is shared: effects have `SHARE` of it,
-everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
+Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is searched; of a
+covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from its like and
+how presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses are drawn
+with the tails that they have and the error model is estimated anew. What an effect in the fit leaves where a gel
+follows another form of it (`form_errors`) is in the fit, and no finding. The level is shared: effects have
+`SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
 """
 
 from __future__ import annotations
