@@ -26,7 +26,7 @@ import numpy as np
 
 from tactilevision.photometric.ball.samples import KEPT, Samples
 from tactilevision.photometric.ball.shading_fit import PLACE_PENALTIES, colours_of, fit_light
-from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
+from tactilevision.photometric.methods.polynomial import Polynomial, fit_fourth_order, fit_polynomial
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 
@@ -63,7 +63,7 @@ class AutoMethod:
     """A Fitter: slopes of colours, or colours of slopes, whichever tells balls that it never saw better."""
 
     ways = (
-        *((fit_polynomial, ridge) for ridge in RIDGES),
+        *((fit, ridge) for fit in (fit_polynomial, fit_fourth_order) for ridge in RIDGES),
         *((InverseShading(uneven, share), DRAWN_RIDGE) for uneven in PLACE_PENALTIES for share in SHARES),
     )
 

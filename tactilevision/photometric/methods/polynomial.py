@@ -1,7 +1,7 @@
 """Slope as a polynomial of the colour change, its coefficients varying smoothly over the picture.
 
-    p, q = sum_k C_k(X, Y) phi_k(u)        phi: the 19 products of one to three of the colour changes r, g, b
-    C_k(X, Y) = sum_m c_km X^i Y^j         i + j up to 5, 2, 1 for products of one, two, three; X, Y from -1 to 1
+    p, q = sum_k C_k(X, Y) phi_k(u)        phi: the 34 products of one to four of the colour changes r, g, b
+    C_k(X, Y) = sum_m c_km X^i Y^j         i + j up to 5, 2, 1, 1 for products of one to four; X, Y from -1 to 1
 
 Lamps as near as the pad is wide turn and fade over the picture, and what undoes them is no low polynomial: on the
 lights of a GelSlim 3.0, 14 balls, slopes of .1 are off by 8 % (rms over places) with 3 in place of 5, by 6 with 5.
@@ -37,16 +37,21 @@ from tactilevision.photometric.illumination.colour_change import strips
 from tactilevision.photometric.windows import Window
 from tactilevision.records import Floats
 
-PRODUCTS = tuple(pick for n in (1, 2, 3) for pick in combinations_with_replacement(range(3), n))
+PRODUCTS = tuple(pick for n in (1, 2, 3, 4) for pick in combinations_with_replacement(range(3), n))
 RAISED = tuple(  # colour, the products of one order from it on, their products with it
     (slice(c, c + 1), slice(start + skip, end), slice(above, above + end - start - skip))
-    for start, end, skips, aboves in ((0, 3, (0, 1, 2), (3, 6, 8)), (3, 9, (0, 3, 5), (9, 15, 18)))
+    for start, end, skips, aboves in (
+        (0, 3, (0, 1, 2), (3, 6, 8)),
+        (3, 9, (0, 3, 5), (9, 15, 18)),
+        (9, 19, (0, 6, 9), (19, 29, 33)),
+    )
     for c, skip, above in zip(range(3), skips, aboves, strict=True)
 )
-PLACE_ORDER = {1: 5, 2: 2, 3: 1}
+PLACE_ORDER = {1: 5, 2: 2, 3: 1, 4: 1}
 MAX_ORDER = max(PLACE_ORDER.values())
-LOW = 2 * (PLACE_ORDER[2] + 1)  # sums of a row, both slopes', that products of two and three have a part in
+LOW = 2 * (PLACE_ORDER[2] + 1)  # sums of a row, both slopes', that products of two to four have a part in
 POWERS = tuple((i, n - i) for n in range(MAX_ORDER + 1) for i in range(n + 1))
+FOURTH = 1.0  # penalty of products of four, in parts of their power: they run away where no ball was
 AVERAGED = 450  # pixels under a contact of 12 px in radius, the smallest whose depth is to be right
 MAX_NOISE_SHARE = 0.5  # of a combination's power: what is more noise than this is not made up for
 REACH = 1.5  # of the steepest slope of the samples; beyond, a cubic runs away
@@ -65,11 +70,13 @@ def _terms() -> list[tuple[int, int]]:
 
 
 TERMS = np.array(_terms())
+ORDERS = np.array([len(PRODUCTS[k]) for k in TERMS[:, 0]])  # in colour
+CUBIC = sum(len(product) < 4 for product in PRODUCTS)  # products of three colours at most
 
 
 @dataclass(frozen=True, slots=True)
 class Polynomial:
-    """`coefficients` (2, 19, 21): slope, colour product, power in place. `steepest` slope among the samples."""
+    """`coefficients` (2, 34, 21): slope, colour product, power in place. `steepest` slope among the samples."""
 
     coefficients: Floats
     steepest: float
@@ -78,8 +85,14 @@ class Polynomial:
 
     def at(self, change: Floats, place: Floats) -> Floats:
         """Slopes (N, 2) for changes (N, 3) at places (N, 2)."""
-        weights = self.coefficients[:, TERMS[:, 0], TERMS[:, 1]]
-        return self._clipped(_design(change, place) @ weights.T)
+        order = 4 if self.fourth else 3
+        terms = TERMS[order >= ORDERS]
+        return self._clipped(_design(change, place, order) @ self.coefficients[:, terms[:, 0], terms[:, 1]].T)
+
+    @property
+    def fourth(self) -> bool:
+        """Whether products of four colours have a part in it."""
+        return bool(self.coefficients[:, CUBIC:].any())
 
     def _clipped(self, slopes: Floats) -> Floats:
         bound = REACH * self.steepest
@@ -97,17 +110,24 @@ class Polynomial:
 
 
 def fit_polynomial(
-    contact: Samples, untouched_samples: Samples, *, ridge: float, drawn: Samples | None = None, share: float = 0.0
+    contact: Samples,
+    untouched_samples: Samples,
+    *,
+    ridge: float,
+    drawn: Samples | None = None,
+    share: float = 0.0,
+    order: int = 3,
 ) -> Polynomial:
-    """The polynomial that explains the samples.
+    """The polynomial that explains the samples, of products of `order` (3 or 4) colours at most.
 
     `ridge` penalises the place terms, in parts of their power. Samples `drawn` from another law, without noise,
     have `share` of the weight.
     """
-    resting = _design(untouched_samples.change, untouched_samples.place)
-    power, noise, target = _sums(contact)
+    terms = TERMS[order >= ORDERS]
+    resting = _design(untouched_samples.change, untouched_samples.place, order)
+    power, noise, target = _sums(contact, order)
     if drawn is not None:
-        more = _sums(drawn)
+        more = _sums(drawn, order)
         power, noise, target = (
             (1.0 - share) * a + share * b for a, b in zip((power, noise, target), more, strict=True)
         )
@@ -115,27 +135,33 @@ def fit_polynomial(
     normal = _less_noise(power / np.outer(scale, scale), noise / np.outer(scale, scale))
     resting /= scale
     normal += (noise / np.outer(scale, scale) + resting.T @ resting / max(1, len(resting))) / AVERAGED
-    orders = np.array([sum(POWERS[m]) for m in TERMS[:, 1]])
-    normal[np.diag_indices_from(normal)] += 1e-6 + ridge * orders
+    of_place = np.array([sum(POWERS[m]) for m in terms[:, 1]])
+    normal[np.diag_indices_from(normal)] += 1e-6 + ridge * of_place + FOURTH * (ORDERS[order >= ORDERS] == 4)
     solution = np.linalg.solve(normal, target / scale[:, None]) / scale[:, None]
     coefficients = np.zeros((2, len(PRODUCTS), len(POWERS)))
-    coefficients[:, TERMS[:, 0], TERMS[:, 1]] = solution.T
+    coefficients[:, terms[:, 0], terms[:, 1]] = solution.T
     return Polynomial(coefficients, float(np.hypot(*contact.slopes.T).max()))
 
 
+def fit_fourth_order(contact: Samples, untouched_samples: Samples, *, ridge: float) -> Polynomial:
+    """As `fit_polynomial`, with products of four colours."""
+    return fit_polynomial(contact, untouched_samples, ridge=ridge, order=4)
+
+
 @lru_cache(maxsize=KEPT)
-def _sums(samples: Samples) -> tuple[Floats, Floats, Floats]:
+def _sums(samples: Samples, order: int) -> tuple[Floats, Floats, Floats]:
     """Weighted means over samples: of the design's products, of those of its noise, of design times slope."""
     weights = 1.0 / (np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
     weights /= weights.sum()
-    design = _design(samples.change, samples.place)
+    design = _design(samples.change, samples.place, order)
     weighted = design * weights[:, None]
     noise = np.zeros((design.shape[1], design.shape[1]))
     if samples.noise is not None:
         rng = np.random.default_rng(0)  # a fixed draw: a calibration does not change between runs
         drawn = samples.noise * rng.standard_normal(samples.noise.shape)
         scatter = 0.5 * (
-            _design(samples.change + drawn, samples.place) - _design(samples.change - drawn, samples.place)
+            _design(samples.change + drawn, samples.place, order)
+            - _design(samples.change - drawn, samples.place, order)
         )
         noise = (scatter * weights[:, None]).T @ scatter
     return weighted.T @ design, noise, weighted.T @ samples.slopes
@@ -162,11 +188,13 @@ class PolynomialEvaluator:
 
     def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
         y = np.linspace(-1, 1, shape[0])[:, None] ** np.arange(MAX_ORDER + 1)[None, :]
-        per_row = np.zeros((shape[0], MAX_ORDER + 1, 2, len(PRODUCTS)))
+        self.products = len(PRODUCTS) if polynomial.fourth else CUBIC
+        self.raised = RAISED if polynomial.fourth else RAISED[:6]
+        per_row = np.zeros((shape[0], MAX_ORDER + 1, 2, self.products))
         for m, (i, j) in enumerate(POWERS):
-            per_row[:, i] += y[:, j, None, None] * polynomial.coefficients[:, :, m]
-        self.per_row: Picture = per_row.reshape(shape[0], -1, len(PRODUCTS)).astype(np.float32)
-        by_slope = self.per_row.reshape(shape[0], -1, 2, len(PRODUCTS)).transpose(2, 0, 1, 3)
+            per_row[:, i] += y[:, j, None, None] * polynomial.coefficients[:, : self.products, m]
+        self.per_row: Picture = per_row.reshape(shape[0], -1, self.products).astype(np.float32)
+        by_slope = self.per_row.reshape(shape[0], -1, 2, self.products).transpose(2, 0, 1, 3)
         self._by_slope = by_slope.reshape(2, shape[0], -1)
         # high powers of X belong to single colours alone
         self._low = np.ascontiguousarray(self.per_row[:, :LOW])
@@ -192,9 +220,9 @@ class PolynomialEvaluator:
             return
         size = change.shape[1:]
         # made anew for each strip: so it lies where the last one's was, which is still in the cache
-        products = np.empty((len(PRODUCTS), *size), np.float32)
+        products = np.empty((self.products, *size), np.float32)
         products[:3] = change
-        for first, below, above in RAISED:
+        for first, below, above in self.raised:
             np.multiply(products[below], products[first], out=products[above])
         by_row = np.empty((self.per_row.shape[1], *size), np.float32)
         rows, lines = products.transpose(1, 0, 2), by_row.transpose(1, 0, 2)
@@ -210,16 +238,17 @@ class PolynomialEvaluator:
     def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
         x = self.x[None, :] ** np.arange(MAX_ORDER + 1)[:, None]
-        linear = np.einsum("hisk,iw->skhw", self.per_row.reshape(-1, MAX_ORDER + 1, 2, len(PRODUCTS))[..., :3], x)
+        linear = np.einsum("hisk,iw->skhw", self.per_row.reshape(-1, MAX_ORDER + 1, 2, self.products)[..., :3], x)
         return np.asarray(np.sqrt(np.einsum("skhw,khw->hw", linear**2, noise**2) / 2.0), dtype=np.float32)
 
 
-def _design(change: Floats, place: Floats) -> Floats:
+def _design(change: Floats, place: Floats, order: int) -> Floats:
     colours = np.ascontiguousarray(change.T)
-    products = [reduce(np.multiply, colours[list(pick)]) for pick in PRODUCTS]
+    products = [reduce(np.multiply, colours[list(pick)]) for pick in PRODUCTS if len(pick) <= order]
     of_x, of_y = ([one**n for n in range(MAX_ORDER + 1)] for one in place.T)
     powers = [of_x[i] * of_y[j] for i, j in POWERS]
-    columns = np.empty((len(TERMS), len(change)), np.result_type(change, place))
-    for column, (k, m) in zip(columns, TERMS, strict=True):
+    terms = TERMS[order >= ORDERS]
+    columns = np.empty((len(terms), len(change)), np.result_type(change, place))
+    for column, (k, m) in zip(columns, terms, strict=True):
         np.multiply(products[k], powers[m], out=column)
     return columns.T

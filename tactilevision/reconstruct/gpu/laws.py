@@ -9,7 +9,7 @@ import torch
 
 from tactilevision.photometric.methods.lookup import FINE, LookupEvaluator
 from tactilevision.photometric.methods.network import NetworkEvaluator
-from tactilevision.photometric.methods.polynomial import MAX_ORDER, RAISED, PolynomialEvaluator
+from tactilevision.photometric.methods.polynomial import MAX_ORDER, PolynomialEvaluator
 from tactilevision.photometric.protocols import Evaluator
 
 Law = Callable[[torch.Tensor], torch.Tensor]
@@ -32,7 +32,7 @@ def _polynomial(evaluate: PolynomialEvaluator, device: str) -> Law:
 
     def slopes(change: torch.Tensor) -> torch.Tensor:
         parts = list(change)
-        for first, below, _ in RAISED:
+        for first, below, _ in evaluate.raised:
             parts += [part * parts[first.start] for part in parts[below]]
         sums = (per_row @ torch.stack(parts, dim=1)).reshape(len(per_row), MAX_ORDER + 1, 2, -1)
         found = sums[:, MAX_ORDER]
