@@ -60,7 +60,10 @@ class InverseShading:
 
 
 class AutoMethod:
-    """A Fitter: slopes of colours, or colours of slopes, whichever tells balls that it never saw better."""
+    """A Fitter: slopes of colours, to third or fourth order, or colours of slopes.
+
+    It is whichever tells balls that it never saw best.
+    """
 
     ways = (
         *((fit, ridge) for fit in (fit_polynomial, fit_fourth_order) for ridge in RIDGES),
