@@ -57,7 +57,8 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
     """The reference out of one or more rectified pictures of the untouched gel; its marks, if it `may_have_marks`.
 
     Noise comes from the differences between flats, or of a single one from its finest detail. Raises
-    InputError for no flats, sizes that differ, black or saturated ones, and ones that disagree (contact).
+    InputError for no flats, sizes that differ, black or saturated ones, ones of one colour, and ones that disagree
+    (contact).
     """
     if not flats:
         raise InputError(
@@ -82,6 +83,7 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
             value=f"mean grey {mean.mean():.0f} of 255",
             remedy="Check the lights." if dark else "Shorten the exposure.",
         )
+    _check_lit(mean)
     marks = find_marks(np.rint(mean).astype(np.uint8)) if may_have_marks else None
     return Reference(mean, noise, usable, marks)
 
@@ -95,6 +97,18 @@ def dark_colour_warning(reference: Reference) -> tuple[str, ...]:
         f"the untouched gel is dark in {COLOURS[dark]} (grey {level:.0f} of 255): is that lamp off? Slopes are "
         "told by the other two colours alone, worse along one direction",
     )
+
+
+def _check_lit(mean: npt.NDArray[np.float32]) -> None:
+    """Raise InputError where less than two colours are above DARK on most of the gel."""
+    levels = np.median(mean, axis=(0, 1))
+    if np.count_nonzero(levels >= DARK) < 2:
+        raise InputError(
+            "the untouched gel is dark in two colours or more, and one alone tells no slope",
+            where=layout.FLATS,
+            value="grey of 255: " + ", ".join(f"{name} {x:.0f}" for name, x in zip(COLOURS, levels, strict=True)),
+            remedy="Check the lights and the exposure. Of 16-bit pictures state the sensor's white_level.",
+        )
 
 
 def _lit_by_two(mean: npt.NDArray[np.float32], noise_grey: tuple[float, float, float]) -> Bools:

@@ -8,13 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tactilevision.plots import style
-from tactilevision.uncertainty.ball_validation import Known, bands
+from tactilevision.uncertainty.ball_validation import Band, Known, bands
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+NEAR = 0.15  # of the axis: two shares side by side would run into each other
 ALIKE = 0.2  # of a value: contacts that differ by less have one size
 AXES = (("true_mm", "depth (mm)"), ("radius_px", "contact radius (px)"))
 
@@ -49,6 +52,21 @@ def _widen(axes: Axes, values: Sequence[float]) -> None:
         axes.set_xlim((1 - ALIKE) * middle, (1 + ALIKE) * middle)
 
 
+def _write_shares(axes: Axes, found: Sequence[Band]) -> None:
+    """The share of each band within its deviation, at its foot; a line higher beside a near one."""
+    left, high = -np.inf, False
+    for band in found:
+        middle = 0.5 * (band.low + band.high)
+        high, left = middle - left < NEAR * np.ptp(axes.get_xlim()) and not high, middle
+        axes.annotate(
+            f"{100 * band.within:.0f} %",
+            (middle, 0.09 if high else 0.02),
+            xycoords=("data", "axes fraction"),
+            ha="center",
+            color=style.GREY,
+        )
+
+
 def _draw_row(panels: Sequence[Axes], name: str, contacts: Sequence[Known]) -> None:
     off_um = [1e3 * (one.found_mm - one.true_mm) for one in contacts]
     stated_um = [1e3 * one.stated_mm for one in contacts]
@@ -57,19 +75,13 @@ def _draw_row(panels: Sequence[Axes], name: str, contacts: Sequence[Known]) -> N
             middle, width = 0.5 * (band.low + band.high), max(band.high - band.low, 0.04 * band.high)
             axes.bar(middle, 2e3 * band.rms_mm, width, bottom=-1e3 * band.rms_mm, alpha=0.25,
                      color=style.YELLOW, label="rms error of a band" if number == 0 else None)  # fmt: skip
-            axes.annotate(
-                f"{100 * band.within:.0f} %",
-                (middle, 0.02),
-                xycoords=("data", "axes fraction"),
-                ha="center",
-                color=style.GREY,
-            )
         axes.errorbar([getattr(one, key) for one in contacts], off_um, yerr=stated_um, fmt="o", ms=4, lw=1.0,
                       color=style.BLUE, label="one contact, and its stated deviation (std)")  # fmt: skip
         axes.axhline(0.0, color=style.GREY, lw=0.8)
         axes.margins(x=0.1)  # room for the shares, which stand in the middle of bands as narrow as a point
         axes.set_xlabel(label)
         _widen(axes, [getattr(one, key) for one in contacts])
+        _write_shares(axes, bands(contacts, key))
     panels[0].set_ylabel("depth found − true (µm)")
     panels[0].set_title(f"{len(contacts)} {name}")
     low, high = panels[0].get_ylim()

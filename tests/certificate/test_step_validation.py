@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import tomllib
 from functools import lru_cache
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -85,3 +86,14 @@ def test_the_legend_draws_a_percent_sign_not_the_words_for_one() -> None:
     assert isinstance(marker, Outline)
     size = marker.get_extents()
     assert 1.0 < size.width / size.height < 1.6, "one letter, about as high as wide"
+
+
+def test_shares_of_bands_that_lie_close_do_not_run_into_each_other() -> None:
+    depths = (0.185, 0.22, 0.242, 0.25, 0.277, 0.278, 0.282, 0.293, 0.296, 0.299)  # of ten real balls
+    balls = [Known(depth, depth - 0.005, 0.015, 60.0 * depth**0.5) for depth in depths]
+    figure = draw_depth_report({**told("held_out_balls", balls), "flat_steps": "none"})
+    figure.canvas.draw()
+    for axes in figure.axes:
+        boxes = [one.get_window_extent() for one in axes.texts if one.get_text().endswith("%")]
+        assert len(boxes) == 3
+        assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))

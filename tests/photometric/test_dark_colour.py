@@ -89,9 +89,17 @@ def test_a_dark_colour_changes_nothing_whatever_it_shows() -> None:
 def test_only_one_colour_is_called_dark_and_by_its_name() -> None:
     assert reference(colours=(0,), grey=DARK - 1.0).dark_colour == 0
     assert reference(colours=(0,), grey=DARK + 1.0).dark_colour is None
-    assert reference(colours=(0, 1)).dark_colour is None, "one colour alone tells no slope: nothing is left out"
     assert "dark in blue (grey 0 of 255)" in dark_colour_warning(reference(colours=(2,)))[0]
     assert dark_colour_warning(reference(colours=())) == ()
+
+
+def test_a_gel_lit_in_one_colour_or_none_is_refused() -> None:
+    rng = np.random.default_rng(2)
+    one = [dark(dark(flat(rng), 0), 2) for _ in range(3)]
+    capped = [np.full_like(flat(rng), 3)] * 3  # free of noise
+    for flats, told in ((one, r"red 0, green \d+, blue 0"), (capped, "red 3, green 3, blue 3")):
+        with pytest.raises(InputError, match=f"dark in two colours or more.*{told}"):
+            make_reference(flats)
 
 
 @pytest.mark.parametrize("kind", ["gelslim3", "custom"])
