@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -67,7 +66,7 @@ def train(
         )
     with console.progress_bar("calibrating the light"):
         made = calibrate_light(source, method)
-    console.warn([*source.warnings, *made.warnings, *_doubt_of_radii(source, made)])
+    console.warn([*source.warnings, *made.warnings])
     assert made.referenced is not None
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
     known, certified = _certified(source, made)
@@ -120,31 +119,6 @@ def _save_profile(source: Recording, made: Reconstructor, out: Path) -> None:
         console.warn([f"no profile: {fault}"])
         return
     console.say(f"wrote {out.with_suffix(SUFFIX)}, for --sensor")
-
-
-def _doubt_of_radii(source: Recording, made: Reconstructor) -> tuple[str, ...]:
-    """A warning where a network that knows the kind of sensor reads its balls as of other radii than stated."""
-    from tactilevision.photometric import load_network
-    from tactilevision.photometric.methods.weights import find_model
-    from tactilevision.reconstruct.usual_scale import usual_scale_warnings
-    from tactilevision.recording import read_reference
-    from tactilevision.sensors import rectify
-
-    sensor, path = source.sensor, find_model(source.sensor.kind.removesuffix("_markers"))
-    if path is None or made.calibration is None or made.referenced is None:
-        return ()
-    if len(source.balls) != len(made.calibration.balls):
-        return ()
-    pictures = (rectify(sensor, read_reference(source, ball.path)) for ball in source.balls)
-    with suppress(InputError):  # a doubt, and no more
-        return usual_scale_warnings(
-            load_network(path, made.referenced.reference),
-            list(pictures),
-            balls=made.calibration.balls,
-            mm_per_px=sensor.mm_per_px,
-            kind=sensor.kind,
-        )
-    return ()
 
 
 def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], tuple[Certified, ...]]:

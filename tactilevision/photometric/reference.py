@@ -18,6 +18,7 @@ from tactilevision.robust import MAD_TO_STD
 
 COLOURS = ("red", "green", "blue")
 SATURATED = 253  # grey level from which a channel no longer counts light (JPEG moves 255 about)
+MAX_OVEREXPOSED = 0.05  # of the picture; nine real sensors have none, .15 cost 20 um of depth
 MIN_SIGNAL = 12.0  # brightness over noise below which a pixel tells nothing of slope
 
 
@@ -96,6 +97,22 @@ def dark_colour_warning(reference: Reference) -> tuple[str, ...]:
     return (
         f"the untouched gel is dark in {COLOURS[dark]} (grey {level:.0f} of 255): is that lamp off? Slopes are "
         "told by the other two colours alone, worse along one direction",
+    )
+
+
+def overexposed_warning(reference: Reference) -> tuple[str, ...]:
+    """What to know where a colour of the untouched gel is overexposed in more than MAX_OVEREXPOSED of it."""
+    shares = np.mean(reference.rgb >= SATURATED, axis=(0, 1))
+    named = [
+        f"{name} in {100 * share:.0f} %"
+        for name, share in zip(COLOURS, shares, strict=True)
+        if share > MAX_OVEREXPOSED
+    ]
+    if not named:
+        return ()
+    return (
+        f"the untouched gel is overexposed, {' and '.join(named)} of it: the others tell slopes there, less "
+        "surely, and without ball presses nothing does. Shorten the exposure, or dim that lamp",
     )
 
 

@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.errors import InputError
 from tactilevision.photometric.reference import COLOURS
 from tactilevision.records import Bytes, Floats
 from tactilevision.robust import mad_std
@@ -63,8 +64,7 @@ def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes])
     pictures = [rgb for rgb in pictures if rgb.shape == reference.shape]
     if not pictures:
         return ()
-    before = _blocks(reference, BLOCKS)
-    change = np.stack([_blocks(rgb, BLOCKS) for rgb in pictures]) - before
+    before, change = _changes(reference, pictures)
     if exchange := exchanged(before, before + np.median(change, axis=0)):
         told = (
             f"the frames {exchange} against the untouched reference: read both in the same way; depths are false"
@@ -77,6 +77,17 @@ def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes])
     return (*found, *(SceneFault(said, spoils=False) for said in others if said))
 
 
+def check_order(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> None:
+    """Raise InputError where ball `pictures` and the `reference` (H, W, 3) have sides or colours exchanged."""
+    before, change = _changes(reference, pictures)
+    if exchange := exchanged(before, before + np.median(change, axis=0)):
+        raise InputError(
+            f"the ball pictures {exchange} against the untouched gel's",
+            where="reference/ball",
+            remedy="Save both in the same way: taken by one program, sides and colours as they came.",
+        )
+
+
 def able_to_renew(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> list[Bytes]:
     """The rectified `pictures` (H, W, 3) that may renew the `reference` (H, W, 3): no fault spoils them.
 
@@ -85,6 +96,12 @@ def able_to_renew(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]
     faults = [scene_faults(reference, [rgb]) for rgb in pictures]
     sound = [rgb for rgb, found in zip(pictures, faults, strict=True) if not any(one.spoils for one in found)]
     return sound or [rgb for rgb, found in zip(pictures, faults, strict=True) if any(one.dims for one in found)]
+
+
+def _changes(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> tuple[Floats, Floats]:
+    """ln of grey of the `reference` in BLOCKS, and what each picture has beside it."""
+    before = _blocks(reference, BLOCKS)
+    return before, np.stack([_blocks(rgb, BLOCKS) for rgb in pictures]) - before
 
 
 def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:

@@ -23,14 +23,16 @@ from tactilevision.photometric.illumination.light_match import check_view, light
 from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.methods.weights import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
-from tactilevision.photometric.reference import dark_colour_warning
+from tactilevision.photometric.reference import dark_colour_warning, overexposed_warning
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, some_frames
+from tactilevision.quality.scene_faults import check_order
 from tactilevision.reconstruct.guessed_reference import with_free_reference
 from tactilevision.reconstruct.own_contacts import calibrated_on_frames, scale_warning
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.reconstruct.shadows_seen import leave, with_shadows
 from tactilevision.reconstruct.tuned import tuned
 from tactilevision.reconstruct.untouched_frames import free_frames
+from tactilevision.reconstruct.usual_scale import doubt_of_radii
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import may_have_marks, rectify
 
@@ -107,18 +109,21 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
         )
         for ball in recording.balls
     ]
+    shots = [picture.rgb for picture in pictures]
+    if shots:
+        check_order(reference.rgb, shots)
     calibration = calibrate_from_balls(reference, pictures, mm_per_px=sensor.mm_per_px, fit=fit)
     found = tuned(sensor, calibration, pictures=pictures, free=free_frames(recording))
-    found.warnings += noted
+    found.warnings += (*noted, *doubt_of_radii(sensor, reference, shots, calibration.balls))
     return found
 
 
 def _reference(sensor: Sensor, flats: Sequence[Bytes]) -> tuple[Reference, tuple[str, ...]]:
-    """The reference of rectified flats; a warning where a colour is dark in it, and where it shows marks that the
-    sensor was said not to have.
+    """The reference of rectified flats; a warning where a colour is dark in it or overexposed, and where it shows
+    marks that the sensor was said not to have.
     """
     reference = make_reference(flats)
-    noted = dark_colour_warning(reference)
+    noted = (*dark_colour_warning(reference), *overexposed_warning(reference))
     if reference.marks is None or may_have_marks(sensor):
         return reference, noted
     return reference, (
@@ -211,7 +216,7 @@ def _on_own_contacts(
         return None
     found = Reconstructor(sensor, method)
     found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
-    found.warnings += (scale_warning(method, kind=sensor.kind),)
+    found.warnings += (scale_warning(method, kind=sensor.kind), *overexposed_warning(reference))
     return found
 
 

@@ -275,12 +275,14 @@ def _orientation(path: Path) -> int | None:
 
 
 def check_size(size_px: tuple[int, int], frame_size_px: tuple[int, int], path: Path) -> None:
-    """Raise RecordingError where a reference has another size (width, height) than the frames."""
+    """Raise RecordingError where a reference has another size (width, height) than the frames; without any, than
+    the first of the references.
+    """
     if size_px != frame_size_px:
         raise RecordingError(
-            f"the reference is {size_px[0]} x {size_px[1]}, the frames {frame_size_px[0]} x {frame_size_px[1]}",
+            f"the picture is {size_px[0]} x {size_px[1]}, the others {frame_size_px[0]} x {frame_size_px[1]}",
             where=path,
-            remedy="Take references with the camera set as for the frames, before rectification.",
+            remedy="Take frames, untouched gel and ball presses with the camera set alike, before rectification.",
         )
 
 

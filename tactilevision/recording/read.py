@@ -161,6 +161,7 @@ def _check_no_frames_needed(recording: Recording) -> None:
                 where=folder,
                 remedy=f"Put them there, or remove {layout.FRAME_TABLE}.",
             )
+        pictures.find_balls(root)  # ball presses without their table are named by it
         raise RecordingError(
             "the recording holds nothing to work on: neither frames nor curves nor points",
             where=root,

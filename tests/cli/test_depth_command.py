@@ -80,7 +80,7 @@ def test_a_bad_reference_is_named_with_the_option_for_another(
     assert not (tmp_path / "out").exists()
     sample = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
     told = said(monkeypatch, capsys, sample, "--reference", tmp_path / "0.png", "--out", tmp_path / "out")
-    assert f"{tmp_path / '0.png'}: the reference is 320 x 240, the frames " in told
+    assert f"{tmp_path / '0.png'}: the picture is 320 x 240, the others " in told
 
 
 @pytest.mark.parametrize("scale", ["1e9", "1e-9", "nan", "inf", "-1", "0"])

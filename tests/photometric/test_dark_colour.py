@@ -18,7 +18,7 @@ from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import radii_from
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.methods.inverse_shading import AutoMethod
-from tactilevision.photometric.reference import Reference, dark_colour_warning
+from tactilevision.photometric.reference import Reference, dark_colour_warning, overexposed_warning
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
 from tactilevision.recording import read_folder
 from tactilevision.records import Bytes
@@ -100,6 +100,19 @@ def test_a_gel_lit_in_one_colour_or_none_is_refused() -> None:
     for flats, told in ((one, r"red 0, green \d+, blue 0"), (capped, "red 3, green 3, blue 3")):
         with pytest.raises(InputError, match=f"dark in two colours or more.*{told}"):
             make_reference(flats)
+
+
+def test_an_overexposed_colour_of_the_untouched_gel_is_named_with_its_share(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    for number in range(3):
+        rgb = flat(rng)
+        rgb[:60, :, 2] = 255  # a third of the rows
+        assert cv2.imwrite(str(tmp_path / f"{number}.png"), rgb[..., ::-1])
+    folder = read_folder(tmp_path, "gelslim3", reference=tmp_path / "0.png", mm_per_px=0.08)
+    said = [one for one in build_reconstructor(folder).warnings if "overexposed" in one]
+    assert len(said) == 1
+    assert "blue in 33 % of it" in said[0]
+    assert overexposed_warning(reference(colours=())) == ()
 
 
 @pytest.mark.parametrize("kind", ["gelslim3", "custom"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from tactilevision.errors import InputError
 from tactilevision.photometric import make_reference
 from tactilevision.quality.reference_match import some_frames
-from tactilevision.quality.scene_faults import able_to_renew, scene_faults
-from tactilevision.reconstruct import build_reconstructor
+from tactilevision.quality.scene_faults import able_to_renew, check_order, scene_faults
+from tactilevision.reconstruct import build_reconstructor, calibrate_light
 from tactilevision.reconstruct.build import with_flats
 from tactilevision.reconstruct.untouched_frames import free_frames
-from tactilevision.recording import read_image, read_recording
+from tactilevision.recording import read_image, read_recording, write_image
 from tactilevision.records import Bytes
 from tactilevision.sensors import rectify
 
@@ -85,6 +87,23 @@ def test_sound_pictures_show_none(scene: tuple[Picture, list[Bytes]]) -> None:
     drifted = [as_light(rgb, lambda x: x * np.array([1.1, 0.92, 1.0], np.float32)) for rgb in pictures]
     assert scene_faults(reference, drifted) == ()
     assert scene_faults(reference[:-1], pictures) == ()
+
+
+@pytest.mark.parametrize("name", ["swapped", "mirrored", "flipped", "both"])
+def test_ball_pictures_of_another_order_are_refused(scene: tuple[Picture, list[Bytes]], name: str) -> None:
+    reference, pictures = scene
+    said, change = FAULTS[name]
+    with pytest.raises(InputError, match=f"the ball pictures (are|have) .*{said.removeprefix('are ')}"):
+        check_order(reference, [change(rgb, 0) for rgb in pictures])
+    check_order(reference, pictures)
+
+
+def test_a_calibration_refuses_a_mirrored_reference(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "sample_frames" / "rendered_shadows", tmp_path / "copy")
+    for path in (tmp_path / "copy" / "reference" / "flat").iterdir():
+        write_image(path, np.ascontiguousarray(read_image(path)[:, ::-1]))
+    with pytest.raises(InputError, match="ball pictures are mirrored left to right against the untouched gel's"):
+        calibrate_light(read_recording(tmp_path / "copy"))
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="real frames are not here")

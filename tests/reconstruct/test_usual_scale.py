@@ -14,31 +14,38 @@ CENTRES = [(40.0, 50.0), (70.0, 60.0), (55.0, 35.0)]
 
 
 class Usual:
-    """Reads every picture as a ball of BALL_MM at the place that its first pixels tell; `turn` -1: mirrored."""
+    """Reads every picture as a ball of BALL_MM at the place that its first pixels tell.
+
+    `turn_deg` turns the slopes: another light.
+    """
 
     name = "usual"
 
-    def __init__(self, turn: float) -> None:
-        self.turn = turn
+    def __init__(self, turn_deg: float) -> None:
+        self.turn = np.exp(1j * np.radians(turn_deg))
 
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
         y, x = np.indices(rgb_rectified.shape[:2], dtype=float)
         x, y = ((a - float(b)) * SCALE[0] for a, b in zip((x, y), rgb_rectified[0, :2, 0], strict=True))
         p, q = ball_slopes(x, y, contact_mm=CONTACT_PX * SCALE[0], radius_mm=BALL_MM)
-        return SlopeMap(self.turn * p, self.turn * q, np.ones(p.shape, bool))
+        turned = self.turn * (p + 1j * q)
+        return SlopeMap(turned.real, turned.imag, np.ones(p.shape, bool))
 
 
 @pytest.mark.parametrize(
-    ("stated_mm", "turn", "said"),
+    ("stated_mm", "turn_deg", "said"),
     [
-        (BALL_MM, 1.0, ""),
-        (1.3 * BALL_MM, 1.0, ""),
-        (2 * BALL_MM, 1.0, "2 times the stated"),
-        (BALL_MM / 2, 1.0, ""),
-        (2 * BALL_MM, -1.0, ""),
+        (BALL_MM, 0.0, ""),
+        (1.3 * BALL_MM, 0.0, ""),
+        (2 * BALL_MM, 0.0, "2 times the stated"),
+        (2 * BALL_MM, 35.0, "1.7 times the stated"),
+        (2 * BALL_MM, 180.0, ""),
+        (BALL_MM / 1.5, 0.0, ""),
+        (BALL_MM / 2, 0.0, "stated ones: is ball_radius_mm stated too small"),
+        (BALL_MM / 2, 35.0, ""),
     ],
 )
-def test_a_diameter_for_the_radius_is_named(stated_mm: float, turn: float, said: str) -> None:
+def test_a_wrong_radius_of_alike_balls_is_named(stated_mm: float, turn_deg: float, said: str) -> None:
     pictures = []
     for centre in CENTRES:
         rgb = np.zeros((100, 110, 3), np.uint8)
@@ -46,7 +53,7 @@ def test_a_diameter_for_the_radius_is_named(stated_mm: float, turn: float, said:
         pictures.append(rgb)
     balls = [Ball(centre, CONTACT_PX, stated_mm) for centre in CENTRES]
     warned = usual_scale_warnings(
-        Usual(turn), [*pictures, pictures[0]], balls=[*balls, None], mm_per_px=SCALE, kind="gelslim3"
+        Usual(turn_deg), [*pictures, pictures[0]], balls=[*balls, None], mm_per_px=SCALE, kind="gelslim3"
     )
     assert len(warned) == bool(said)
     assert all(said in one and "ball_radius_mm" in one for one in warned)
@@ -54,4 +61,4 @@ def test_a_diameter_for_the_radius_is_named(stated_mm: float, turn: float, said:
 
 def test_pictures_without_a_ball_are_told_nothing() -> None:
     picture = np.zeros((100, 110, 3), np.uint8)
-    assert usual_scale_warnings(Usual(1.0), [picture], balls=[None], mm_per_px=SCALE, kind="gelslim3") == ()
+    assert usual_scale_warnings(Usual(0.0), [picture], balls=[None], mm_per_px=SCALE, kind="gelslim3") == ()

@@ -181,7 +181,14 @@ def _without(*names: str) -> Callable[[Path], None]:
     ("spoil", "said"),
     [
         (_without("frames"), "frames: frames are listed, but there are no pictures"),
-        (_without("frames", "frames.csv"), "holds nothing to work on: neither frames nor curves nor points"),
+        (
+            _without("frames", "frames.csv", "reference/ball", "reference/ball.csv"),
+            "holds nothing to work on: neither frames nor curves nor points",
+        ),
+        (
+            _without("frames", "frames.csv", "forces.csv", "presses.csv", "reference/ball.csv"),
+            "ball.csv: the table is missing, though there are 1 pictures of ball presses",
+        ),
         (_without("frames.csv"), "frames.csv: the table is missing. Add the table: columns frame, time_s."),
         (
             _without("reference/ball.csv"),
@@ -328,7 +335,7 @@ def test_forces_that_miss_a_moment_of_free_gel_are_a_warning(folder: Path) -> No
 
 def test_a_reference_of_another_size_is_named(folder: Path) -> None:
     write_image(folder / "reference/flat/untouched.png", picture(1, width=40))
-    assert "untouched.png: the reference is 40 x 24, the frames 32 x 24" in message(folder)
+    assert "untouched.png: the picture is 40 x 24, the others 32 x 24" in message(folder)
 
 
 def test_presses_that_touch_do_not_overlap(folder: Path) -> None:

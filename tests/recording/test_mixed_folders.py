@@ -148,7 +148,7 @@ def test_every_reference_has_the_size_of_the_frames(tmp_path: Path, name: str) -
     write_image(folder / "reference/ball/b2.png", picture(2))
     (folder / "reference/ball.csv").write_text("frame,ball_radius_mm\nb1.png,3.0\nb2.png,3.0\n")
     write_image(folder / "reference" / name, picture(3, 16, 12))
-    with pytest.raises(RecordingError, match=rf"{name}: the reference is 16 x 12, the frames 32 x 24"):
+    with pytest.raises(RecordingError, match=rf"{name}: the picture is 16 x 12, the others 32 x 24"):
         calibrate_light(read_recording(folder))
 
 
