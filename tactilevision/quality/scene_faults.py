@@ -78,7 +78,9 @@ def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes])
 
 
 def check_order(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> None:
-    """Raise InputError where ball `pictures` and the `reference` (H, W, 3) have sides or colours exchanged."""
+    """Raise InputError where ball `pictures` and the `reference`, all (H, W, 3) in grey levels, have their sides or
+    colours exchanged.
+    """
     before, change = _changes(reference, pictures)
     if exchange := exchanged(before, before + np.median(change, axis=0)):
         raise InputError(

@@ -28,6 +28,7 @@ from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMat
 from tactilevision.quality.scene_faults import check_order
 from tactilevision.reconstruct.guessed_reference import with_free_reference
 from tactilevision.reconstruct.own_contacts import calibrated_on_frames, scale_warning
+from tactilevision.reconstruct.picture_order import FRAMES_FOR_ORDER, order_warnings
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.reconstruct.shadows_seen import leave, with_shadows
 from tactilevision.reconstruct.tuned import tuned
@@ -150,9 +151,7 @@ def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
 
 
 def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor:
-    from tactilevision.recording import is_bare
-
-    sensor, bare = recording.sensor, is_bare(recording)
+    sensor = recording.sensor
     path = find_model(_family(sensor.kind))
     ready = _without_balls(sensor, path, flats) if path is not None and flats else None
     noted: tuple[str, ...] = ()
@@ -164,25 +163,36 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
     if own is not None:
         own.warnings += noted
         return own
-    if ready is None:
-        missing = (
-            "ball presses to calibrate the light from, and too few contacts in the frames"
-            if flats
-            else "picture of the untouched gel"
-        )
-        named = "--method FILE.npz or --sensor FILE.tvs" if flats else "--reference"
-        raise InputError(
-            f"no {missing}",
-            where=recording.path if bare else recording.path / "reference" / ("ball" if flats else "flat"),
-            value=f"sensor {sensor.kind}",
-            remedy=f"Name what was calibrated before with {named}."
-            + (f" Kinds that are ready without balls: {', '.join(ready_models())}." if flats else "")
-            + (f" Or take in a frame with something round on the gel; {MIN_CONTACTS} do better." if flats else "")
-            + ("" if bare else " Or add them to the recording.")
-            + _doubt_of_guess(recording),
-        )
-    ready.warnings += (*noted, _network_warning(ready, sensor.kind))
+    if ready is None or path is None:
+        raise _nothing_known(recording, flats)
+    order = order_warnings(path, flats, some_frames(recording, count=FRAMES_FOR_ORDER), sensor=sensor)
+    if order and ready.reference_match is not None:
+        ready.reference_match.other_light = True
+    ready.warnings += (*noted, _network_warning(ready, sensor.kind), *order)
     return ready
+
+
+def _nothing_known(recording: Recording, flats: Sequence[Bytes]) -> InputError:
+    """What to do where neither balls nor contacts nor a network tell the light."""
+    from tactilevision.recording import is_bare
+
+    bare = is_bare(recording)
+    missing = (
+        "ball presses to calibrate the light from, and too few contacts in the frames"
+        if flats
+        else "picture of the untouched gel"
+    )
+    named = "--method FILE.npz or --sensor FILE.tvs" if flats else "--reference"
+    return InputError(
+        f"no {missing}",
+        where=recording.path if bare else recording.path / "reference" / ("ball" if flats else "flat"),
+        value=f"sensor {recording.sensor.kind}",
+        remedy=f"Name what was calibrated before with {named}."
+        + (f" Kinds that are ready without balls: {', '.join(ready_models())}." if flats else "")
+        + (f" Or take in a frame with something round on the gel; {MIN_CONTACTS} do better." if flats else "")
+        + ("" if bare else " Or add them to the recording.")
+        + _doubt_of_guess(recording),
+    )
 
 
 def _network_warning(ready: Reconstructor, kind: str) -> str:

@@ -33,22 +33,23 @@ class Usual:
 
 
 @pytest.mark.parametrize(
-    ("stated_mm", "turn_deg", "said"),
+    ("stated_mm", "turn_deg", "grey", "said"),
     [
-        (BALL_MM, 0.0, ""),
-        (1.3 * BALL_MM, 0.0, ""),
-        (2 * BALL_MM, 0.0, "2 times the stated"),
-        (2 * BALL_MM, 35.0, "1.7 times the stated"),
-        (2 * BALL_MM, 180.0, ""),
-        (BALL_MM / 1.5, 0.0, ""),
-        (BALL_MM / 2, 0.0, "stated ones: is ball_radius_mm stated too small"),
-        (BALL_MM / 2, 35.0, ""),
+        (BALL_MM, 0.0, 90, ""),
+        (1.3 * BALL_MM, 0.0, 90, ""),
+        (2 * BALL_MM, 0.0, 90, "2 times the stated"),
+        (2 * BALL_MM, 35.0, 20, "1.7 times the stated"),
+        (2 * BALL_MM, 180.0, 90, ""),
+        (BALL_MM / 1.5, 0.0, 90, ""),
+        (BALL_MM / 2, 0.0, 90, "stated ones: is ball_radius_mm stated too small"),
+        (BALL_MM / 2, 35.0, 90, ""),
+        (BALL_MM / 2, 0.0, 20, ""),
     ],
 )
-def test_a_wrong_radius_of_alike_balls_is_named(stated_mm: float, turn_deg: float, said: str) -> None:
+def test_a_wrong_radius_of_alike_balls_is_named(stated_mm: float, turn_deg: float, grey: int, said: str) -> None:
     pictures = []
     for centre in CENTRES:
-        rgb = np.zeros((100, 110, 3), np.uint8)
+        rgb = np.full((100, 110, 3), grey, np.uint8)
         rgb[0, :2, 0] = centre
         pictures.append(rgb)
     balls = [Ball(centre, CONTACT_PX, stated_mm) for centre in CENTRES]
