@@ -78,7 +78,7 @@ def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes])
 
 
 def check_order(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> None:
-    """Raise InputError where ball `pictures` and the `reference`, all (H, W, 3) in grey levels, have their sides or
+    """Raise InputError where ball `pictures` and the `reference`, all (H, W, 3) in grey levels, have sides or
     colours exchanged.
     """
     before, change = _changes(reference, pictures)
