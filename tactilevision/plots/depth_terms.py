@@ -45,7 +45,7 @@ def draw_terms(height: HeightMap, terms: Terms, *, title: str = "") -> Figure:
     """
     figure, (above, bars) = style.new_figure(style.WIDTH_IN, 7.6, rows=2)
     entries = _draw_largest(above, height, terms)
-    above.set_title(titled(height, title or f"{height.name}: largest part of the depth's deviation"))
+    above.set_title(titled(height, title or f"{height.name}: largest part of the depth's deviation", between="\n"))
     _draw_bars(bars, height, terms)
     figure.legend(handles=entries, loc="outside lower center", ncols=2, fontsize=9)
     return figure

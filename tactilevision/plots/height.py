@@ -134,7 +134,7 @@ def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None, 
     """The rectified frame (H, W, 3) with the contours of the depth, in mm, and the indenter's circle on it."""
     figure, (axes,) = style.new_figure(5.6, 4.2)
     overlay(axes, rgb, height=height, footprint=footprint)
-    axes.set_title(titled(height, title or _named(height, "frame and its depth")))
+    axes.set_title(titled(height, title or _named(height, "frame and its depth"), between="\n"))
     style.legend_below(figure)
     return figure
 
@@ -153,7 +153,7 @@ def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second
         change, cmap="PuOr", vmin=-limit, vmax=limit, extent=extent_mm(first), interpolation="none"
     )
     figure.colorbar(image, ax=axes, label="change of depth (mm)", shrink=0.85)
-    axes.set_title(titled(replace(second, flags=add(first.flags, second.flags)), title))
+    axes.set_title(titled(replace(second, flags=add(first.flags, second.flags)), title, between="\n"))
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     _unknown_entry(axes, first.valid & second.valid)

@@ -110,12 +110,11 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
         )
         for ball in recording.balls
     ]
-    shots = [picture.rgb for picture in pictures]
-    if shots:
-        check_order(reference.rgb, shots)
+    if pictures:
+        check_order(reference.rgb, [picture.rgb for picture in pictures])
     calibration = calibrate_from_balls(reference, pictures, mm_per_px=sensor.mm_per_px, fit=fit)
     found = tuned(sensor, calibration, pictures=pictures, free=free_frames(recording))
-    found.warnings += (*noted, *doubt_of_radii(sensor, reference, shots, calibration.balls))
+    found.warnings += (*noted, *doubt_of_radii(sensor, pictures, calibration))
     return found
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 
 from tactilevision.errors import InputError
+from tactilevision.plots.depth_terms import draw_terms
 from tactilevision.plots.height import draw_difference, draw_height, draw_normals, draw_overlay, draw_surface
 from tactilevision.records import HeightMap
 from tactilevision.records.flags import LIGHT
@@ -47,3 +49,21 @@ def test_maps_of_two_sizes_or_scales_have_no_difference() -> None:
     for other in (wide, fine):
         with pytest.raises(InputError, match="one size and scale"):
             draw_difference(one, other)
+
+
+def test_titles_of_maps_with_many_flags_stay_inside_their_pictures() -> None:
+    y, x = np.mgrid[:40, :60].astype(float)
+    depth = 0.4 * np.exp(-((x - 30) ** 2 + (y - 20) ** 2) / 60)
+    flags = ("assumed_scale", "light", "inconsistent_light", "steep")
+    height = HeightMap(depth, np.ones(depth.shape, bool), (0.1, 0.1), name="reconstruct_10.png", flags=flags)
+    rgb = np.full((40, 60, 3), 90, np.uint8)
+    for figure in (
+        draw_overlay(rgb, height, footprint=None),
+        draw_difference(height, height, title="reconstruct_10.png minus reconstruct_9.png"),
+        draw_terms(height, {"depth scale": 0.1 * depth, "zero plane": np.full(depth.shape, 0.01)}),
+    ):
+        FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
+        title = figure.axes[0].get_title(loc="left")
+        (name,) = [one.get_window_extent() for one in figure.findobj(Text) if one.get_text() == title]
+        assert name.x1 < figure.bbox.x1
+        assert name.y1 < figure.bbox.y1

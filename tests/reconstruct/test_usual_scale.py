@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from tactilevision.photometric.ball.detection import Ball, ball_slopes
-from tactilevision.reconstruct.usual_scale import usual_scale_warnings
+from tactilevision.reconstruct.usual_scale import (
+    UsualReading,
+    odd_by_usual_light,
+    read_balls,
+    usual_scale_warnings,
+)
 from tactilevision.records import Bytes, SlopeMap
 
 BALL_MM, CONTACT_PX, SCALE = 3.8, 20.0, (0.06, 0.06)
@@ -53,13 +58,36 @@ def test_a_wrong_radius_of_alike_balls_is_named(stated_mm: float, turn_deg: floa
         rgb[0, :2, 0] = centre
         pictures.append(rgb)
     balls = [Ball(centre, CONTACT_PX, stated_mm) for centre in CENTRES]
-    warned = usual_scale_warnings(
-        Usual(turn_deg), [*pictures, pictures[0]], balls=[*balls, None], mm_per_px=SCALE, kind="gelslim3"
-    )
+    read = read_balls(Usual(turn_deg), [*pictures, pictures[0]], balls=[*balls, None], mm_per_px=SCALE)
+    assert [*read] == [0, 1, 2]
+    warned = usual_scale_warnings([*read.values()], kind="gelslim3")
     assert len(warned) == bool(said)
     assert all(said in one and "ball_radius_mm" in one for one in warned)
 
 
 def test_pictures_without_a_ball_are_told_nothing() -> None:
     picture = np.zeros((100, 110, 3), np.uint8)
-    assert usual_scale_warnings(Usual(0.0), [picture], balls=[None], mm_per_px=SCALE, kind="gelslim3") == ()
+    assert read_balls(Usual(0.0), [picture], balls=[None], mm_per_px=SCALE) == {}
+    assert usual_scale_warnings([], kind="gelslim3") == ()
+    assert odd_by_usual_light({}, names=[], kind="gelslim3") == ()
+
+
+SOUND = (1.06, 1.19, 0.99, 1.14, 0.95, 1.08, 1.02, 1.14, 1.05, 1.07)  # scales of ten real balls, set D
+
+
+@pytest.mark.parametrize(
+    ("number", "times", "named"), [(0, 1.0, ""), (3, 1.5, "d:"), (8, 1 / 1.5, "i:"), (8, 1.2, ""), (4, 2.0, "e:")]
+)
+def test_one_ball_of_ten_of_another_radius_is_named(number: int, times: float, named: str) -> None:
+    gains = [gain * (times if k == number else 1.0) for k, gain in enumerate(SOUND)]
+    read = {k: UsualReading(gain, 0.95, 90.0) for k, gain in enumerate(gains)}
+    said = odd_by_usual_light(read, names=[*"abcdefghij"], kind="gelslim3")
+    assert [one[:2] for one in said] == ([named] if named else [])
+    few = {k: read[k] for k in [*read][-5:]}
+    assert odd_by_usual_light(few, names=[*"abcdefghij"], kind="gelslim3") == (), "five do not tell their scatter"
+
+
+def test_a_ball_whose_directions_differ_is_not_judged_by_its_scale() -> None:
+    read = {k: UsualReading(gain, 0.95, 90.0) for k, gain in enumerate(SOUND)}
+    read[2] = UsualReading(0.2, 0.85, 90.0)
+    assert odd_by_usual_light(read, names=[*"abcdefghij"], kind="gelslim3") == ()
