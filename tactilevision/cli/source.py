@@ -160,7 +160,8 @@ class Choice:
         sensor = self.calibrated(recording)
         made = self._built(recording) if sensor is None else sensor.reconstructor
         if made.referenced is not None and not self.even_so:
-            check_fit(made.referenced.card, remedy="--even-so")
+            named = self.sensor if sensor is not None else self.method if self._has_own_reference() else None
+            check_fit(made.referenced.card, remedy="--even-so", where=named or "reference/ball")
         return made
 
     def _built(self, recording: Recording) -> Reconstructor:

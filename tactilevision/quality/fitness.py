@@ -24,7 +24,7 @@ def unfit(card: MethodCard) -> str:
     direction, ratio = card.held_out_direction_error_deg, card.other.get("held_out_depth_ratio")
     if direction is not None and direction > MAX_DIRECTION_DEG:
         faults.append(
-            f"slopes of balls left out point {direction:.0f} degrees off (at most {MAX_DIRECTION_DEG:.0f} are fit)"
+            f"slopes of balls left out point {direction:.1f} degrees off (at most {MAX_DIRECTION_DEG:.0f} are fit)"
         )
     if isinstance(ratio, float | int) and not MIN_RATIO < ratio < MAX_RATIO:
         faults.append(
@@ -49,13 +49,16 @@ def unfit_warnings(card: MethodCard) -> tuple[str, ...]:
     )
 
 
-def check_fit(card: MethodCard, *, remedy: str) -> None:
-    """Raise InputError for a calibration that fails its own balls; `remedy` says how to go on all the same."""
+def check_fit(card: MethodCard, *, remedy: str, where: str = "reference/ball") -> None:
+    """Raise InputError for a calibration that fails its own balls; `remedy` says how to go on all the same.
+
+    `where` is what holds the calibration.
+    """
     fault = unfit(card)
     if fault:
         raise InputError(
             "the light's calibration fails its own balls",
-            where="reference/ball",
+            where=where,
             value=fault,
             remedy=f"Check flat/, ball.csv, mm_per_px and the lamps; {remedy} goes on all the same.",
         )

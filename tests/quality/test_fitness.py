@@ -54,7 +54,9 @@ def test_a_calibration_on_wrong_circles_warns_and_flags_every_map() -> None:
     assert UNFIT in reader.rectified_map(flat(np.random.default_rng(3))).flags
 
 
-def test_a_stream_and_the_command_line_refuse_it_unless_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stream_and_the_command_line_refuse_it_unless_told_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     reader = on_wrong_circles()
     with pytest.raises(InputError, match="even_so=True"):
         Stream(reader)
@@ -65,6 +67,9 @@ def test_a_stream_and_the_command_line_refuse_it_unless_told_so(monkeypatch: pyt
 
     monkeypatch.setattr("tactilevision.reconstruct.calibrate_light", built)
     recording = read_recording(SAMPLE)
-    with pytest.raises(InputError, match="--even-so"):
+    with pytest.raises(InputError, match="^reference/ball: .*--even-so"):
         source.Choice(shadows=False, even_so=False).light(recording)
+    (tmp_path / "old.npz").touch()
+    with pytest.raises(InputError, match=f"^{tmp_path}/old.npz: .*--even-so"):  # what was named, not this folder
+        source.Choice(method=f"{tmp_path}/old.npz", shadows=False, even_so=False).light(recording)
     assert source.Choice(shadows=False).light(recording) is reader
