@@ -67,7 +67,7 @@ def test_a_stream_and_the_command_line_refuse_it_unless_told_so(
 
     monkeypatch.setattr("tactilevision.reconstruct.calibrate_light", built)
     recording = read_recording(SAMPLE)
-    with pytest.raises(InputError, match="^reference/ball: .*--even-so"):
+    with pytest.raises(InputError, match=r"^reference/ball: .*--even-so"):
         source.Choice(shadows=False, even_so=False).light(recording)
     (tmp_path / "old.npz").touch()
     with pytest.raises(InputError, match=f"^{tmp_path}/old.npz: .*--even-so"):  # what was named, not this folder

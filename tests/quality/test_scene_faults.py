@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,10 @@ def torn(rgb: Bytes) -> Bytes:
     return torn
 
 
+def _times(factors: Picture, rgb: Bytes, k: int) -> Bytes:
+    return np.rint(rgb * factors).astype(np.uint8)
+
+
 FAULTS: dict[str, tuple[str, Callable[[Bytes, int], Bytes]]] = {
     "swapped": ("BGR for RGB", lambda rgb, k: rgb[..., ::-1]),
     "mirrored": ("mirrored left to right", lambda rgb, k: rgb[:, ::-1]),
@@ -68,6 +73,9 @@ FAULTS: dict[str, tuple[str, Callable[[Bytes, int], Bytes]]] = {
         lambda rgb, k: as_light(rgb, lambda x: x * np.array([0.05, 1, 1], np.float32)) if k > 6 else rgb,
     ),
 }
+for k, colour in enumerate(("red", "green", "blue")):
+    weaker = np.where(np.arange(3) == k, 0.7, 1.0)
+    FAULTS[f"{colour} weaker"] = (f"{colour} has 0.7. .* a lamp failed", partial(_times, weaker))
 OF_SOME = ("exposure", "torn", "lamp later")  # the others spoil all maps
 
 
