@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -86,3 +87,14 @@ def test_the_card_says_that_its_steps_were_read_before_walls_were_taught(
     )
     assert "before" in json.loads(out.with_suffix(".json").read_text())["flat_steps_walls"]
     assert load_method(out).walls == walls
+
+
+def test_a_bare_folder_of_presses_without_a_radius_is_told_the_option(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sample = read_recording(SAMPLE)
+    shutil.copy(sample.flats[0], tmp_path / f"ref{sample.flats[0].suffix}")
+    for number, ball in enumerate(sample.balls[:3]):
+        shutil.copy(ball.path, tmp_path / f"{number}{ball.path.suffix}")
+    assert run(monkeypatch, "train", tmp_path, "--sensor", "gelslim3", "--out", tmp_path / "light.npz") == 2
+    assert "--ball-radius-mm states the radius" in capsys.readouterr().err
