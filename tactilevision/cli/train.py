@@ -62,8 +62,7 @@ def train(
         raise InputError(
             "no ball presses to train on",
             where=recording / "reference" / "ball",
-            remedy="Press a ball of known radius all over the gel, twenty times. Of a folder that holds such "
-            "presses of one ball and nothing else, --ball-radius-mm states the radius.",
+            remedy="Press a ball twenty times, all over. In a bare folder --ball-radius-mm states the radius.",
         )
     with console.progress_bar("calibrating the light"):
         made = calibrate_light(source, method)
