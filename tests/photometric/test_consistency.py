@@ -13,6 +13,7 @@ from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, cal
 from tactilevision.photometric.ball.consistency import (
     contradicting_radii,
     label_warnings,
+    odd_balls,
     scale_warnings,
     shared_contact,
 )
@@ -153,3 +154,14 @@ def test_labels_that_the_pictures_do_not_show_are_named() -> None:
     assert said.startswith("6 of 6")
     assert "9.0 px" in said
     assert "2 times" in said
+
+
+@pytest.mark.parametrize(
+    ("gain", "told"),
+    [(2.0, "2 times"), (0.4, "0.4 times"), (0.0, "less than 0.1 times"), (610.0, "more than 10 times")],
+)
+def test_an_odd_ball_is_told_by_a_figure_that_means_something(gain: float, told: str) -> None:
+    gains = dict.fromkeys(range(9), 1.0) | {4: gain}
+    balls = [Ball((10.0, 10.0), 5.0, BALL_MM)] * 9
+    (said,) = odd_balls(gains, balls, names=[f"{k}.png" for k in range(9)], unsure={})
+    assert said.startswith(f"4.png: its slopes are {told} what the other balls")

@@ -33,7 +33,7 @@ MAX_LABEL_RATIO = 1.35  # of contact radii: circles by eye are up to 1.3 times a
 MIN_LABELS_OFF = 0.25  # of the labels: a single slip moves nothing
 MAX_SUSPECTS = 5  # balls that are looked at once more, each for the time of four fits
 MAX_NAMED = 3  # odd balls that are named in warnings, the oddest first
-MIN_NAMED_SHARE = 0.1  # share of the expected slopes below which its figure says no more than that
+MIN_NAMED_SHARE = 0.1  # share of the expected slopes; below it, or above its inverse, a figure says no more
 
 
 def shared_contact(balls: Sequence[Ball | None]) -> Pair | None:
@@ -103,7 +103,9 @@ def odd_balls(
     for number, share in list(odd.items())[:MAX_NAMED]:
         ball = balls[number]
         assert ball is not None
-        times = f"{share:.2g}" if share > MIN_NAMED_SHARE else f"less than {MIN_NAMED_SHARE:g}"
+        bound = min(max(share, MIN_NAMED_SHARE), 1.0 / MIN_NAMED_SHARE)
+        beyond = "" if bound == share else "less than " if share < bound else "more than "
+        times = f"{beyond}{bound:.2g}"
         warnings.append(
             f"{names[number] or f'ball {number + 1}'}: its slopes are {times} times what the other balls make of "
             f"one of {ball.radius_mm:g} mm: another radius, light unlike any other ball's, or not its contact. "
