@@ -17,7 +17,7 @@ from tactilevision.certificate.force.phases import Phases, find_phases
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
 from tactilevision.certificate.touch.contact_event import ContactEvent
-from tactilevision.certificate.touch.press_track import PressTrack, face_tilt
+from tactilevision.certificate.touch.press_track import PressTrack, deep_tilts
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.bevel_onset import Onset
 from tactilevision.contact.footprint import relief_mm, ring_beside, unevenness_mm
@@ -35,7 +35,9 @@ ELSEWHERE_SHARE = 0.05  # of the depth of touch: more than heights and gels diff
 FAR_SHARE = 0.2  # of it: more than a gel softens by, over several presses, or a height is ground off
 ZERO_MM = 0.015  # that the zeros of presses' depths may lie apart by
 _MAX_GAP = 2.5  # of the median interval at the event: one lost frame and jitter are no gap; benchmarks.certificate
-_MAX_PACE = 3.0  # times the pace of all but the fastest tenth of the ramp, that a face moves at between two frames
+_MAX_PACE = 3.0  # times the ramp's median pace, that a face moves at between two frames
+_MOVING = 0.2  # of the pace of all but the fastest tenth of a ramp: slower frames are stops, and tell no pace
+_TILTED = 0.75  # of a face's deep frames, in which it must be tilted: walls may be read wrongly in half of them
 _MIN_REST = 0.5  # of the median rest, that a press must have had
 
 
@@ -154,7 +156,8 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
 def _tilt(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:
     if evidence.track.footprint is None or not np.nanmax(evidence.track.depth_mm) > 0:
         return None
-    tilt = float(np.hypot(*(face_tilt(evidence.track) - statistics.tilt)))
+    tilts = np.hypot(*(deep_tilts(evidence.track) - statistics.tilt).T)
+    tilt = float(np.nanquantile(tilts, 1 - _TILTED))
     lever = evidence.distance_mm or 2 * evidence.track.footprint.radius_mm
     limit = max(TILT_SHARE * evidence.depth_mm / lever, 5 * statistics.tilt_scatter, TILT_READ)
     if tilt > limit:
@@ -226,7 +229,8 @@ def _moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> f
     steps, seconds = np.diff(steady), np.diff(track.time_s)
     paces = (np.abs(steps) / seconds)[phases.onset : phases.hold]
     paces = paces[np.isfinite(paces)]
-    pace = float(np.quantile(paces, 0.9)) if paces.size else np.inf  # no ramp in view tells none
+    moving = paces[paces > _MOVING * np.quantile(paces, 0.9)] if paces.size else paces
+    pace = float(np.median(moving)) if moving.size else np.inf  # no ramp in view tells none
     jumps = np.abs(steps) > _MAX_PACE * pace * seconds + 5 * phases.noise
     moves = np.where(jumps | ~np.isfinite(steps), 0.0, steps)[after : until - 1]
     return float(np.cumsum(moves).max(initial=0.0))

@@ -256,3 +256,14 @@ def test_a_ramp_between_two_frames_tells_no_pace() -> None:
     depth = np.array([0.0, 0.0, 0.0, 0.0, 0.30, 0.32, 0.34, 0.36, 0.38, 0.40, 0.40])
     track: Any = SimpleNamespace(time_s=frames, depth_mm=depth)
     assert _moved_mm(track, 4, until=10, phases=Phases(4, 4, 10, 11, 0.001)) == pytest.approx(0.08, abs=0.021)
+
+
+def test_the_pace_of_a_face_is_that_of_its_ramp_and_not_of_its_fastest_frames() -> None:
+    """Read of a press at .3 mm/s and 12 frames/s, which holds still at .40 mm from its frame 15 on."""
+    ramp = [0.0, 0.008, 0.032, 0.057, 0.081, 0.106, 0.125, 0.148, 0.173, 0.194, 0.230, 0.256, 0.286, 0.323, 0.363]
+    depth = np.array([*ramp, 0.394, 0.344, 0.363, 0.485, 0.366, 0.468, 0.473, 0.365, 0.364])
+    track: Any = SimpleNamespace(time_s=np.arange(depth.size) / 12, depth_mm=depth)
+    phases = Phases(1, 15, depth.size - 1, depth.size, 0.001)
+    assert _moved_mm(track, 15, until=depth.size, phases=phases) < 0.15 * depth.max()
+    deeper: Any = SimpleNamespace(time_s=track.time_s, depth_mm=np.concatenate([depth[:15], ramp[:9] + depth[14]]))
+    assert _moved_mm(deeper, 15, until=depth.size, phases=phases) > 0.15 * depth.max(), "here the face does"

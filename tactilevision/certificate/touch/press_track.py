@@ -268,8 +268,12 @@ def _measure(
 
 def face_tilt(track: PressTrack) -> Floats:
     """Tilt (2,) rad of the face while it is deep, the median over those frames."""
-    deep = track.depth_mm > DEEP * np.nanmax(track.depth_mm)
-    return np.asarray(np.nanmedian(track.tilts[deep], axis=0), dtype=np.float64)
+    return np.asarray(np.nanmedian(deep_tilts(track), axis=0), dtype=np.float64)
+
+
+def deep_tilts(track: PressTrack) -> Floats:
+    """Tilt (N, 2) rad of the face in each frame that shows it deep."""
+    return track.tilts[track.depth_mm > DEEP * np.nanmax(track.depth_mm)]
 
 
 def _face_basis(shape: tuple[int, int], centre_px: Pair, scale: Pair, radius_mm: float) -> tuple[Bools, Floats]:
