@@ -208,8 +208,12 @@ def _odd_warnings(
     """Radii that contradict each other, then single odd balls."""
     radii = contradicting_radii(
         {number: ball.radius_mm for number in map(int, np.unique(pressed.press)) if (ball := balls[number])},
-        lambda group: gains_without(
-            np.array(group), best.fitter, contact=pressed, untouched_samples=resting, ridge=best.ridge
+        lambda group, steeper: gains_without(
+            np.array(group),
+            best.fitter,
+            contact=pressed.steepened(steeper),
+            untouched_samples=resting,
+            ridge=best.ridge,
         ),
     )
     return radii + odd_balls(

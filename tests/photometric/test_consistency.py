@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -45,8 +46,29 @@ def test_radii_that_contradict_each_other_are_named(stated_mm: float) -> None:
 def test_radii_that_are_swapped_are_named_so(implied_mm: float, swapped: bool) -> None:
     """Stated 4 and 6; by the law of the others those stated as 6 are of 2.67 where both are the other's."""
     stated = dict(enumerate([4.0, 6.0] * 4))
-    (warning,) = contradicting_radii(stated, lambda group: dict.fromkeys(group, 6.0 / implied_mm))
+    wrong = 6.0 / implied_mm
+    (warning,) = contradicting_radii(
+        stated,
+        lambda group, steeper: {n: wrong if stated[n] > 5 and not steeper else 1.0 for n in group},
+    )
     assert ("4 look swapped" in warning) == swapped
+
+
+@pytest.mark.parametrize(
+    ("wrong", "law_std", "named"), [(1.13, 0.01, True), (1.13, 0.06, False), (1.6, 0.06, True)]
+)
+def test_radii_contradict_by_more_than_a_law_of_half_of_the_balls_is_off(
+    wrong: float, law_std: float, named: bool
+) -> None:
+    """A law of seven balls reads all of the others off by one factor, which the balls' scatter does not show."""
+    stated = dict(enumerate([3.0, 5.0] * 7))
+
+    def gains(group: Sequence[int], steeper: Mapping[int, float]) -> dict[int, float]:
+        off = np.exp(law_std * np.random.default_rng(sum(n * n for n in group)).standard_normal())
+        all_large = all(stated[n] > 4 for n in group)
+        return {n: (wrong if all_large else off) / steeper.get(n, 1.0) ** all_large for n in group}
+
+    assert bool(contradicting_radii(stated, gains)) is named
 
 
 def test_balls_that_are_pressed_deeper_and_deeper_at_one_place_are_no_pressed_reference() -> None:

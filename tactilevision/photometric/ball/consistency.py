@@ -23,6 +23,7 @@ MIN_SHARE = 0.75  # of the balls; the others are seen between the two contacts
 MIN_OF_EACH = 3  # balls of one radius; one odd ball moves the median of fewer
 MIN_CONTRADICTION = 0.1  # of the scale: places and sizes differ by half of it
 SIGMAS = 3.0  # deviations by which scales must differ: chance alone does so once in 370 times
+SPLITS = 8  # of the balls in two halves, each of all radii: how well a law of few balls reads the others
 MIN_OF_ONE = 0.3  # a single ball in a dark corner may be off as much
 OUTLIER_SIGMA = 5.0  # times the scatter of the others
 MAX_ANSWER = (
@@ -34,6 +35,9 @@ MIN_LABELS_OFF = 0.25  # of the labels: a single slip moves nothing
 MAX_SUSPECTS = 5  # balls that are looked at once more, each for the time of four fits
 MAX_NAMED = 3  # odd balls that are named in warnings, the oddest first
 MIN_NAMED_SHARE = 0.1  # share of the expected slopes; below it, or above its inverse, a figure says no more
+
+
+GainsWithout = Callable[[Sequence[int], Mapping[int, float]], Mapping[int, float]]
 
 
 def shared_contact(balls: Sequence[Ball | None]) -> Pair | None:
@@ -49,21 +53,21 @@ def shared_contact(balls: Sequence[Ball | None]) -> Pair | None:
     return (float(centre[0]), float(centre[1])) if same.mean() >= MIN_SHARE else None
 
 
-def contradicting_radii(
-    radii_mm: Mapping[int, float], gains_without: Callable[[Sequence[int]], Mapping[int, float]]
-) -> list[str]:
+def contradicting_radii(radii_mm: Mapping[int, float], gains_without: GainsWithout) -> list[str]:
     """A warning where stated radii (mm, by the number of the ball) contradict each other.
 
     `gains_without` some balls: the scale of slope at each of them by a law of the others
-    (`cross_validation.gains_without`).
+    (`cross_validation.gains_without`), where those that it names second are steeper by a factor than stated.
     """
     for radius in sorted({*radii_mm.values()})[1:]:
         group = [number for number in radii_mm if radii_mm[number] == radius]
         if min(len(group), len(radii_mm) - len(group)) < MIN_OF_EACH:
             continue
-        scale = np.log(np.maximum(list(gains_without(group).values()), 1e-3))
+        scale = np.log(np.maximum(list(gains_without(group, {}).values()), 1e-3))
         log_ratio = float(np.median(scale))
-        if abs(log_ratio) > max(MIN_CONTRADICTION, SIGMAS * mad_std(scale) / np.sqrt(scale.size)):
+        surely = abs(log_ratio) > max(MIN_CONTRADICTION, SIGMAS * mad_std(scale) / np.sqrt(scale.size))
+        mended = dict.fromkeys(group, float(np.exp(log_ratio)))  # as if it were so
+        if surely and abs(log_ratio) > SIGMAS * _between_halves(radii_mm, gains_without, mended):
             others = sorted({*radii_mm.values()} - {radius})
             swapped = len(others) == 1 and abs(log_ratio - 2 * np.log(radius / others[0])) < abs(log_ratio) / 4
             wrong = f"The radii {radius:g} and {others[0]:g} look swapped" if swapped else "One radius is wrong"
@@ -73,6 +77,21 @@ def contradicting_radii(
                 "ball_radius_mm in reference/ball.csv"
             ]
     return []
+
+
+def _between_halves(
+    radii_mm: Mapping[int, float], gains_without: GainsWithout, steeper: Mapping[int, float]
+) -> float:
+    """Deviation of ln of the scale of one half of the balls by a law of the other, their slopes `steeper` as told.
+
+    Each half has as many balls of each radius: that a law of few balls reads other places wrongly is left.
+    """
+    rng, off = np.random.default_rng(0), []
+    groups = [[n for n in radii_mm if radii_mm[n] == radius] for radius in sorted({*radii_mm.values()})]
+    for _ in range(SPLITS):
+        half = [int(n) for group in groups for n in rng.permutation(group)[: max(len(group) // 2, 1)]]
+        off.append(np.median(np.log(np.maximum(list(gains_without(half, steeper).values()), 1e-3))))
+    return float(np.sqrt(np.mean(np.square(off))))
 
 
 def odd_balls(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,6 +43,11 @@ class Samples:
         """The samples of which all colours are known."""
         known = np.asarray(np.isfinite(self.change).all(axis=1))
         return self if known.all() else self.where(known)
+
+    def steepened(self, by: Mapping[int, float]) -> Samples:
+        """As if the balls named, by number, were so many times steeper than stated."""
+        factor = np.array([by.get(int(number), 1.0) for number in self.press])
+        return replace(self, slopes=self.slopes * factor[:, None])
 
     def without(self, colour: int) -> Samples:
         """The samples as two colours tell them: where the other two are known, `colour` made not to change."""
