@@ -156,6 +156,10 @@ class Reconstructor:
             inconsistent=where,
         )
 
+    def _undone(self) -> LightField | None:
+        """The light whose shadows are undone: none in pictures of another light, whose nonsense takes minutes."""
+        return None if self.reference_match is not None and self.reference_match.other_light else self.shadows
+
     def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
         """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
         with self.turn.lock:
@@ -167,13 +171,13 @@ class Reconstructor:
         gel, before = self.sensor.gel, self.referenced.reference if self.referenced else None
         with self.turn.lock:
             law = WallLaw(self.readable, self.lean, taught=self.taught)
-            if self.shadows is None:
+            if (field := self._undone()) is None:
                 (surface, valid, std, flags), self.given_back = self._mapped(rgb, law=law), None
             else:
                 (surface, valid, std, flags), self.given_back = undo_shadows(
                     partial(self._mapped, law=replace(law, taught=None)),
                     rgb,
-                    self.shadows,
+                    field,
                     again=partial(self._mapped, law=replace(law, strict=False, taught=None)),
                     taught=partial(self._mapped, law=replace(law, strict=False)) if law.taught else None,
                     edges=lambda: self.evidence.edges if self.evidence else (),

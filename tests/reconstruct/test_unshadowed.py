@@ -183,3 +183,19 @@ def test_a_black_frame_shows_no_shadow_and_stops_nothing() -> None:
     reader, deep = calibrate_light(recording), read_frame(recording, 8)
     rgb = [(seen := reader.rectified(deep)), np.zeros_like(seen)]
     assert share_seen(recording, reader, frames=rgb) == share_seen(recording, reader, frames=rgb[:1])
+
+
+def test_in_pictures_of_another_light_no_shadow_is_undone() -> None:
+    """Nonsense that is deep in all of the picture casts shadows over all of it: minutes for ten such frames."""
+    recording = read_recording(SAMPLE)
+    reader, mirrored = unshadowed_reader(), [read_frame(recording, k).rgb[:, ::-1].copy() for k in (2, 6, 8)]
+    assert reader.reference_match is not None
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reader.reference_match, "other_light", False)  # given back at the end, as are the next two
+        patch.setattr(reader.reference_match, "contact_px", reader.reference_match.contact_px)
+        patch.setattr(reader, "warnings", reader.warnings)
+        reader.look(mirrored)
+        assert any("mirrored" in line for line in reader.warnings)
+        told = reader.rectified_map(mirrored[1])
+        patch.setattr(reader, "shadows", None)
+        assert np.array_equal(told.depth_mm, reader.rectified_map(mirrored[1]).depth_mm)
