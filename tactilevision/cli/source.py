@@ -155,11 +155,13 @@ class Choice:
         With `shadows`, those that lamps cast are undone where the frames show them. Not `even_so`: raises
         InputError for a calibration that fails its own balls.
         """
-        from tactilevision.quality.fitness import check_fit
+        from tactilevision.quality.fitness import check_fit, unfit_warnings
 
         sensor = self.calibrated(recording)
         made = self._built(recording) if sensor is None else sensor.reconstructor
         if made.referenced is not None and not self.even_so:
+            if same := unfit_warnings(made.referenced.card):  # what else is doubtful may say why
+                console.warn([line for line in made.warnings if line not in same])
             named = self.sensor if sensor is not None else self.method if self._has_own_reference() else None
             check_fit(made.referenced.card, remedy="--even-so", where=named or "reference/ball")
         return made

@@ -277,9 +277,9 @@ def measured_light(
     reached = [
         np.percentile(check.deviations(*one)[near <= NEARBY], REACHED)
         for one, near, (_, ball) in zip(cells, radii, shown, strict=True)
-        if ball is not None
+        if ball is not None and (near <= NEARBY).any()  # a contact of a few pixels fills no cell
     ]
-    limit = max(LEAST, float(np.percentile(reached, PICTURES)))
+    limit = max(LEAST, float(np.percentile(reached or [LEAST], PICTURES)))
     return dataclasses.replace(method.light_law, noise=noise, limit=limit)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from tactilevision.live import Stream
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
 from tactilevision.photometric.card import MethodCard
 from tactilevision.quality.fitness import unfit
+from tactilevision.quality.inconsistent_light import measured_light
 from tactilevision.reconstruct import Reconstructor, tuned
 from tactilevision.recording import Recording, read_recording
 from tactilevision.records.flags import UNFIT
@@ -54,10 +56,23 @@ def test_a_calibration_on_wrong_circles_warns_and_flags_every_map() -> None:
     assert UNFIT in reader.rectified_map(flat(np.random.default_rng(3))).flags
 
 
+def test_a_scale_stated_ten_times_too_small_ends_no_calibration() -> None:
+    """Contacts are then said to be smaller than the cells in which the light's law is held against them."""
+    rng = np.random.default_rng(2)
+    reference, shots = make_reference([flat(rng) for _ in range(3)]), ball_pictures(8, rng)
+    small = replace(SENSOR, mm_per_px=(SENSOR.mm_per_px[0] / 10, SENSOR.mm_per_px[1] / 10))
+    fit = PHOTOMETRIC["polynomial"]
+    calibration = calibrate_from_balls(reference, shots, mm_per_px=small.mm_per_px, fit=fit)
+    light = measured_light(calibration.method, shots, balls=calibration.balls, free=(), mm_per_px=small.mm_per_px)
+    assert light is not None
+    assert np.isfinite(light.limit)
+
+
 def test_a_stream_and_the_command_line_refuse_it_unless_told_so(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     reader = on_wrong_circles()
+    monkeypatch.setattr(reader, "warnings", ("two lamps?", *reader.warnings))
     with pytest.raises(InputError, match="even_so=True"):
         Stream(reader)
     Stream(reader, even_so=True)
@@ -69,6 +84,7 @@ def test_a_stream_and_the_command_line_refuse_it_unless_told_so(
     recording = read_recording(SAMPLE)
     with pytest.raises(InputError, match=r"^reference/ball: .*--even-so"):
         source.Choice(shadows=False, even_so=False).light(recording)
+    assert capsys.readouterr().err.count("warning: two lamps?") == 1, "why it fails is told with it"
     (tmp_path / "old.npz").touch()
     with pytest.raises(InputError, match=f"^{tmp_path}/old.npz: .*--even-so"):  # what was named, not this folder
         source.Choice(method=f"{tmp_path}/old.npz", shadows=False, even_so=False).light(recording)
