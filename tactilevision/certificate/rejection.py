@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.certificate.force.event_force import EventForce
-from tactilevision.certificate.force.phases import Phases, find_phases
+from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
 from tactilevision.certificate.touch.contact_event import ContactEvent
+from tactilevision.certificate.touch.pace import moved_mm, of_three
 from tactilevision.certificate.touch.press_track import PressTrack, deep_tilts
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.bevel_onset import Onset
@@ -35,8 +36,6 @@ ELSEWHERE_SHARE = 0.05  # of the depth of touch: more than heights and gels diff
 FAR_SHARE = 0.2  # of it: more than a gel softens by, over several presses, or a height is ground off
 ZERO_MM = 0.015  # that the zeros of presses' depths may lie apart by
 _MAX_GAP = 2.5  # of the median interval at the event: one lost frame and jitter are no gap; benchmarks.certificate
-_MAX_PACE = 3.0  # times the ramp's median pace, that a face moves at between two frames
-_MOVING = 0.2  # of the pace of all but the fastest tenth of a ramp: slower frames are stops, and tell no pace
 _TILTED = 0.75  # of a face's deep frames, in which it must be tilted: walls may be read wrongly in half of them
 _MIN_REST = 0.5  # of the median rest, that a press must have had
 
@@ -212,36 +211,12 @@ def _force_stopped(evidence: PressEvidence, force: ForceWindow) -> Finding | Non
     after, until = (int(k) for k in np.searchsorted(evidence.track.time_s, (still_s, falls_s)))
     if until <= after:
         return None
-    deepest = float(np.nanmax(_of_three(depth)[after:until]))
-    if _moved_mm(evidence.track, after, until=until, phases=seen) > max(5 * seen.noise, 0.15 * deepest):
+    deepest = float(np.nanmax(of_three(depth)[after:until]))
+    if moved_mm(evidence.track, after, until=until, phases=seen) > max(5 * seen.noise, 0.15 * deepest):
         return Finding(
             "saturated", f"the force stays at {force.smooth_N.max():.2f} N while the face still goes deeper"
         )
     return None
-
-
-def _moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> float:
-    """The most that the face went deeper from frame `after` to `until`.
-
-    A face moves at its rig's pace: what jumps is a wall that is read now one way, now the other.
-    """
-    steady = _of_three(track.depth_mm)
-    steps, seconds = np.diff(steady), np.diff(track.time_s)
-    paces = (np.abs(steps) / seconds)[phases.onset : phases.hold]
-    paces = paces[np.isfinite(paces)]
-    moving = paces[paces > _MOVING * np.quantile(paces, 0.9)] if paces.size else paces
-    pace = float(np.median(moving)) if moving.size else np.inf  # no ramp in view tells none
-    jumps = np.abs(steps) > _MAX_PACE * pace * seconds + 5 * phases.noise
-    moves = np.where(jumps | ~np.isfinite(steps), 0.0, steps)[after : until - 1]
-    return float(np.cumsum(moves).max(initial=0.0))
-
-
-def _of_three(depth_mm: Floats) -> Floats:
-    """Each depth (T,), mm, and its neighbours' median: one frame may read a wall that those beside it do not."""
-    if depth_mm.size < 3:
-        return depth_mm
-    inner = np.median([depth_mm[:-2], depth_mm[1:-1], depth_mm[2:]], axis=0)
-    return np.concatenate([depth_mm[:1], inner, depth_mm[-1:]])
 
 
 def _longest(run: Bools) -> int:

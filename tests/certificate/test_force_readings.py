@@ -14,8 +14,9 @@ from tactilevision.certificate.force.phases import Phases, find_phases
 from tactilevision.certificate.force.tare import find_tare
 from tactilevision.certificate.force.window import force_window
 from tactilevision.certificate.recording_statistics import _touch_shares
-from tactilevision.certificate.rejection import _elsewhere, _force_stopped, _moved_mm
+from tactilevision.certificate.rejection import _elsewhere, _force_stopped
 from tactilevision.certificate.touch.force_crossing import event_force, force_crossing
+from tactilevision.certificate.touch.pace import moved_mm
 from tactilevision.records import Floats, ForceSeries, Press
 
 STD = np.array([0.00625, 0.00625, 0.0125])
@@ -255,15 +256,21 @@ def test_a_ramp_between_two_frames_tells_no_pace() -> None:
     frames = np.array([0.0, 0.1, 0.2, 0.3, 2.0, 2.1, 2.2, 2.3, 2.4, 2.5, 2.6])
     depth = np.array([0.0, 0.0, 0.0, 0.0, 0.30, 0.32, 0.34, 0.36, 0.38, 0.40, 0.40])
     track: Any = SimpleNamespace(time_s=frames, depth_mm=depth)
-    assert _moved_mm(track, 4, until=10, phases=Phases(4, 4, 10, 11, 0.001)) == pytest.approx(0.08, abs=0.021)
+    assert moved_mm(track, 4, until=10, phases=Phases(4, 4, 10, 11, 0.001)) == pytest.approx(0.08, abs=0.021)
 
 
-def test_the_pace_of_a_face_is_that_of_its_ramp_and_not_of_its_fastest_frames() -> None:
-    """Read of a press at .3 mm/s and 12 frames/s, which holds still at .40 mm from its frame 15 on."""
-    ramp = [0.0, 0.008, 0.032, 0.057, 0.081, 0.106, 0.125, 0.148, 0.173, 0.194, 0.230, 0.256, 0.286, 0.323, 0.363]
-    depth = np.array([*ramp, 0.394, 0.344, 0.363, 0.485, 0.366, 0.468, 0.473, 0.365, 0.364])
+# read of presses at .3 mm/s and 12 frames/s, in um: from frame 17 on two hold still, and one goes on to .69 mm
+HOLDS_40 = "0 8 32 57 81 106 125 148 173 194 230 256 286 323 363 394 344 363 485 366 468 473 365 364"
+HOLDS_45 = "0 14 39 64 88 117 150 183 222 274 338 376 409 472 522 555 339 534 372 482 380 494 526 506 381 508"
+GOES_ON = (
+    "0 24 47 71 94 117 142 162 186 208 245 278 308 336 379 408 456 480 396 554 559 596 469 653 654 720 539 555 "
+    "734 767 741 580 768 713 780"
+)
+
+
+@pytest.mark.parametrize(("read_um", "deeper"), [(HOLDS_40, False), (HOLDS_45, False), (GOES_ON, True)])
+def test_a_wall_read_two_ways_goes_deeper_in_both_where_the_face_does(read_um: str, deeper: bool) -> None:
+    depth = 1e-3 * np.array(read_um.split(), dtype=float)
     track: Any = SimpleNamespace(time_s=np.arange(depth.size) / 12, depth_mm=depth)
-    phases = Phases(1, 15, depth.size - 1, depth.size, 0.001)
-    assert _moved_mm(track, 15, until=depth.size, phases=phases) < 0.15 * depth.max()
-    deeper: Any = SimpleNamespace(time_s=track.time_s, depth_mm=np.concatenate([depth[:15], ramp[:9] + depth[14]]))
-    assert _moved_mm(deeper, 15, until=depth.size, phases=phases) > 0.15 * depth.max(), "here the face does"
+    moved = moved_mm(track, 17, until=depth.size, phases=Phases(1, 17, depth.size - 1, depth.size, 0.001))
+    assert bool(moved > 0.15 * depth.max()) is deeper, moved
