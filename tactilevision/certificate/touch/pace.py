@@ -10,8 +10,8 @@ from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.records import Floats
 
 _MAX_PACE = 3.0  # times the ramp's median pace, that a face moves at between two frames
-_BOTH_WAYS = 4  # frames, at least, and s within which a wall that is read two ways is read either way
-_BOTH_WAYS_S = 0.25
+_BOTH_WAYS = 4  # frames, at least, within which a wall that is read two ways is read either way
+_BOTH_WAYS_S = 0.25  # s, likewise: most of a hold of half a second is left
 _MOVING = 0.2  # of the pace of all but the fastest tenth of a ramp: slower frames are stops, and tell no pace
 
 
