@@ -20,7 +20,7 @@ What noise makes of slopes is to be small as well, but no depth rests on one pix
 AVERAGED, over samples and untouched gel alike, which keeps dark channels from shouting.
 Where gel turns from a low lamp its light ends, which bends what colours tell. `fit_fourth_order` adds the 15
 products of four colours, with i + j up to 1 and a penalty, as they run away sooner: directions of real balls left
-out come from 2.03 to 1.97 degrees (a GelSight Mini) and 3.35 to 3.23 (a GelSlim). Balls left out choose.
+out come from 2.03 to 1.99 degrees (a GelSight Mini) and 3.35 to 3.23 (a GelSlim). Balls left out choose.
 Valid for slopes the balls reached; beyond them a polynomial runs away, so the result is held to REACH times the
 steepest slope seen.
 """
