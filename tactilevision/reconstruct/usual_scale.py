@@ -33,7 +33,7 @@ MIN_ALIKE = 0.7  # cosine between slopes read and stated, the median over balls
 MAX_GAIN = 1.5  # 2.5 deviations of eight real sensors' scales, which scatter by 16 %
 MIN_GAIN = 0.6  # the least of real sensors is .68
 MIN_GREY = 40.0  # mean of the pictures: at 45 it reads .9 of what it does at 110, at 16 .68, and points alike
-MIN_ALIKE_LIGHT = 0.92  # cosine from which the light is a usual one, so that too little counts
+MIN_ALIKE_LIGHT = 0.92  # cosine from which the light is a usual one: too little counts, and a single ball
 MIN_OTHERS = 5  # balls beside a single one that is judged
 MIN_ALIKE_ONE = 0.88  # cosine of a ball that is judged: a wrong radius leaves directions as they are
 MIN_SCATTER = 0.1  # of ln of the scale: few balls may agree better by chance
@@ -104,7 +104,12 @@ def usual_scale_warnings(read: Sequence[UsualReading], *, kind: str) -> tuple[st
 
 
 def odd_by_usual_light(read: Mapping[int, UsualReading], *, names: Sequence[str], kind: str) -> tuple[str, ...]:
-    """A warning of the one ball whose scale of slope is far from the others' by a usual light, if one is."""
+    """A warning of the one ball whose scale of slope is far from the others' by a usual light, if one is.
+
+    None where the network points elsewhere than the balls: such a light is another.
+    """
+    if not read or np.median([one.alike for one in read.values()]) < MIN_ALIKE_LIGHT:
+        return ()
     gains = {number: np.log(one.gain) for number, one in read.items() if one.alike > MIN_ALIKE_ONE}
     if len(gains) <= MIN_OTHERS:
         return ()

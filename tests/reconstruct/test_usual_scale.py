@@ -91,3 +91,9 @@ def test_a_ball_whose_directions_differ_is_not_judged_by_its_scale() -> None:
     read = {k: UsualReading(gain, 0.95, 90.0) for k, gain in enumerate(SOUND)}
     read[2] = UsualReading(0.2, 0.85, 90.0)
     assert odd_by_usual_light(read, names=[*"abcdefghij"], kind="gelslim3") == ()
+
+
+def test_no_ball_is_judged_by_a_light_that_is_another() -> None:
+    read = {k: UsualReading(gain, 0.9, 90.0) for k, gain in enumerate(SOUND)}
+    read[2] = UsualReading(0.5, 0.9, 90.0)
+    assert odd_by_usual_light(read, names=[*"abcdefghij"], kind="gelslim3") == ()
