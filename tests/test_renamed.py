@@ -46,6 +46,7 @@ GONE = {  # the module stands; what it lost was of use to the package alone
     "tactilevision.plots.diagnosis.draw_waterfall",
     "tactilevision.plots.style.new_strip",
     "tactilevision.plots.style.save_png",
+    "tactilevision.press.checks.face_tilt",
     "tactilevision.reconstruct.build.untouched_rms_mm",
     "tactilevision.records.measured.CertifiedPoint",
 }
