@@ -192,7 +192,7 @@ class PolynomialEvaluator:
     def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
         y = np.linspace(-1, 1, shape[0])[:, None] ** np.arange(MAX_ORDER + 1)[None, :]
         self.products = len(PRODUCTS) if polynomial.fourth else CUBIC
-        self.raised = RAISED if polynomial.fourth else RAISED[:6]
+        self.raised = RAISED if polynomial.fourth else RAISED[:6]  # those that make products of three at most
         per_row = np.zeros((shape[0], MAX_ORDER + 1, 2, self.products))
         for m, (i, j) in enumerate(POWERS):
             per_row[:, i] += y[:, j, None, None] * polynomial.coefficients[:, : self.products, m]

@@ -48,7 +48,7 @@ class TwoColourLaws:
         return slopes
 
     def arrays(self) -> dict[str, Floats]:
-        """As they are stored: `coefficients` (3, 2, 19, 21), `steepest` and `errors` (3,)."""
+        """As they are stored: `coefficients` (3, 2, 34, 21), `steepest` and `errors` (3,)."""
         return {
             "coefficients": np.stack([law.coefficients for law in self.laws]),
             "steepest": np.array([law.steepest for law in self.laws]),
@@ -57,7 +57,7 @@ class TwoColourLaws:
 
 
 def two_colour_laws(coefficients: Floats, *, steepest: Floats, errors: Floats) -> TwoColourLaws:
-    """The laws out of `coefficients` (3, 2, 19, 21), `steepest` slopes and relative `errors` (3,) as stored."""
+    """The laws out of `coefficients` (3, 2, 34, 21), `steepest` slopes and relative `errors` (3,) as stored."""
     laws = tuple(Polynomial(one, float(most)) for one, most in zip(coefficients, steepest, strict=True))
     return TwoColourLaws(laws, tuple(map(float, errors)))
 
