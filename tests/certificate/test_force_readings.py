@@ -262,15 +262,22 @@ def test_a_ramp_between_two_frames_tells_no_pace() -> None:
 # read of presses at .3 mm/s and 12 frames/s, in um: from frame 17 on two hold still, and one goes on to .69 mm
 HOLDS_40 = "0 8 32 57 81 106 125 148 173 194 230 256 286 323 363 394 344 363 485 366 468 473 365 364"
 HOLDS_45 = "0 14 39 64 88 117 150 183 222 274 338 376 409 472 522 555 339 534 372 482 380 494 526 506 381 508"
+HOLDS_44 = "0 21 46 72 96 126 152 178 207 236 267 300 333 372 395 440 357 438 439 442 436"  # from frame 15 on
 GOES_ON = (
     "0 24 47 71 94 117 142 162 186 208 245 278 308 336 379 408 456 480 396 554 559 596 469 653 654 720 539 555 "
     "734 767 741 580 768 713 780"
 )
 
 
-@pytest.mark.parametrize(("read_um", "deeper"), [(HOLDS_40, False), (HOLDS_45, False), (GOES_ON, True)])
-def test_a_wall_read_two_ways_goes_deeper_in_both_where_the_face_does(read_um: str, deeper: bool) -> None:
+@pytest.mark.parametrize(
+    ("read_um", "still", "deeper"),
+    [(HOLDS_40, 17, False), (HOLDS_45, 17, False), (HOLDS_44, 15, False), (GOES_ON, 17, True)],
+)
+def test_a_wall_read_two_ways_goes_deeper_in_both_where_the_face_does(
+    read_um: str, still: int, deeper: bool
+) -> None:
     depth = 1e-3 * np.array(read_um.split(), dtype=float)
     track: Any = SimpleNamespace(time_s=np.arange(depth.size) / 12, depth_mm=depth)
-    moved = moved_mm(track, 17, until=depth.size, phases=Phases(1, 17, depth.size - 1, depth.size, 0.001))
+    phases = Phases(1, still, depth.size - 1, depth.size, 0.001)
+    moved = moved_mm(track, still, until=depth.size, phases=phases)
     assert bool(moved > 0.15 * depth.max()) is deeper, moved

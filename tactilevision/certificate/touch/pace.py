@@ -19,18 +19,22 @@ def moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> fl
     """The most that the face went deeper from frame `after` to `until`.
 
     A face moves at its rig's pace: what jumps is a wall that is read now one way, now the other. Both ways grow
-    with the face, so the shallower one, of the frames that follow, tells as much.
+    with the face, so the shallower one, of the frames that follow, tells as much. Nor is one frame alone, that
+    reads shallower than both beside it, where the face came from.
     """
     seconds = np.diff(track.time_s)
     paces = (np.abs(np.diff(of_three(track.depth_mm))) / seconds)[phases.onset : phases.hold]
     paces = paces[np.isfinite(paces)]
     moving = paces[paces > _MOVING * np.quantile(paces, 0.9)] if paces.size else paces
     pace = float(np.median(moving)) if moving.size else np.inf  # no ramp in view tells none
-    with np.errstate(invalid="ignore"):  # where no frame in a row is read
-        steps = np.diff(_shallower(track.depth_mm, float(np.median(seconds))))
-    jumps = np.abs(steps) > _MAX_PACE * pace * seconds + 5 * phases.noise
-    moves = np.where(jumps | ~np.isfinite(steps), 0.0, steps)[after : until - 1]
-    return float(np.cumsum(moves).max(initial=0.0))
+    moved = []
+    for depth_mm in (track.depth_mm, of_three(track.depth_mm)):
+        with np.errstate(invalid="ignore"):  # where no frame in a row is read
+            steps = np.diff(_shallower(depth_mm, float(np.median(seconds))))
+        jumps = np.abs(steps) > _MAX_PACE * pace * seconds + 5 * phases.noise
+        moves = np.where(jumps | ~np.isfinite(steps), 0.0, steps)[after : until - 1]
+        moved.append(float(np.cumsum(moves).max(initial=0.0)))
+    return min(moved)
 
 
 def of_three(depth_mm: Floats) -> Floats:
