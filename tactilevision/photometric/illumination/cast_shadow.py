@@ -45,8 +45,9 @@ FAINTEST = 0.2  # of a channel's light that is left in shadow: darker is not bel
 SMOOTH_PX = 1.0  # px, sigma: as the camera blurs the shadow's edge, about
 EVIDENCE_CELL_MM = 0.25  # mm, side of the squares in which shadows are looked for
 LEVEL = 0.25  # slope up to which squares count: the wall's own light is another matter
-MIN_SHADE = 0.08  # of the light that is forecast to be missing in a square that counts as dark
-MIN_COUNT = 25  # dark squares: fewer tell nothing
+# root of the sum of squares of light forecast to be missing, over all squares: as of 25 that miss .08. Less tells
+# nothing: squares are off by .03, as their neighbours are, and the share would be known to worse than .15
+MIN_SHADE = 0.4
 
 Picture = npt.NDArray[np.float32]
 
@@ -96,12 +97,12 @@ def shadow_share(
     """What share of the forecast shadows is seen in pictures (H, W, 3), each with its depth map (H, W) in mm,
     beside their reference (H, W, 3), in grey levels.
 
-    About 1 where lamps cast shadows, 0 where the light passes through what stands in its way; NaN where too few
-    squares of all depth maps together are forecast to be dark.
+    About 1 where lamps cast shadows, 0 where the light passes through what stands in its way; NaN where all depth
+    maps together are forecast to be hardly darkened (`MIN_SHADE`).
     """
     seen = [_shade_and_missing(field, rgb, reference=reference, depth_mm=depth) for rgb, depth in pictures]
     shade, missing = (np.concatenate(part) for part in zip(*seen, strict=True))
-    if np.count_nonzero(shade < -MIN_SHADE) < MIN_COUNT:
+    if np.linalg.norm(shade) < MIN_SHADE:
         return float("nan")
     return float(np.polyfit(shade, missing, 1)[0])
 
