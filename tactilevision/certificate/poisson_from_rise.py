@@ -35,6 +35,7 @@ from tactilevision.reconstruct.lamps import find_lamps
 from tactilevision.reconstruct.lit_slopes import LitSlopes, lit_slopes
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, SlopeMap
+from tactilevision.records.flags import MEANING, UNKNOWN_LAMPS
 
 FRAMES = 8  # a press: more no longer lower what is left, which all frames share; benchmarks.nu_from_frames
 NEAR = 0.15  # of the depth: frames this near to the event show one surface on another scale
@@ -103,19 +104,20 @@ def _out_of_shadow(
 ) -> tuple[SurfaceFit, str]:
     """The fit to what all lamps reach, else the plain one with what shadows may do to it; and which, in words."""
     lamps = find_lamps(recording, reconstructor)
-    if lamps is not None:
+    if lamps is not None and not lamps.doubtful:
         views = surfaces_beside_punch(recording, reconstructor, certificate=certificate, lamps=lamps)
         found = fit_nu(recording, reconstructor, views=views)
         if found is not None:
             wider = replace(found, poisson_ratio=_widened(found.poisson_ratio, LIT_NU_STD))
             said = _without(plain, found, recording)
-            return wider, f"nu is read from the places that all three lamps reach.{said}"
+            return wider, f"nu is read from the places that all lamps reach.{said}"
     nu = plain.poisson_ratio
     if nu.value is not None and nu.std is not None and nu.interval95 is not None:
         low, high = nu.interval95
         nu = replace(nu, std=math.hypot(nu.std, NU_STD), interval95=(low, min(high + 2 * NU_STD, MAX_NU)))
+    why = "" if lamps is None else f" {UNKNOWN_LAMPS}: {MEANING[UNKNOWN_LAMPS]}."
     return replace(plain, poisson_ratio=nu), (
-        f"The lamps' places are not known, so nu may be {NU_STD:g} too low and E 5 to 20 % too high."
+        f"The lamps' places are not known, so nu may be {NU_STD:g} too low and E 5 to 20 % too high.{why}"
     )
 
 

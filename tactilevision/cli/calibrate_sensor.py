@@ -154,7 +154,7 @@ def _told(profile: Profile) -> list[str]:
         lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given; {_SHEAR[profile.followed]}")
     if profile.lamps is not None:
         lines.append("  the lamps cast shadows: `depth` and `force` undo them, `live` does not")
-    elif profile.told_lamps is not None:
+    elif (told := profile.told_lamps) is not None and not told.doubtful:
         lines.append("  balls tell the lamps: `depth` and `force` undo shadows that frames show, `live` does not")
     if getattr(profile.method, "walls", None) is not None:
         lines.append("  certified faces taught the walls' law: any flat face gains from it")

@@ -202,9 +202,11 @@ def _lamps(files: Mapping[str, bytes], path: Path) -> Lamps | None:
 
 
 def _lamps_of(content: Mapping[str, Any], path: Path) -> Lamps:
-    from tactilevision.photometric.illumination.lamps import Lamp, Lamps
+    from tactilevision.photometric.illumination.lamps import MAX_LAMPS, Lamp, Lamps
 
-    first, second, third = (_lamp(Lamp, one, path) for one in content["lamps"])
+    found = tuple(_lamp(Lamp, one, path) for one in content["lamps"])
+    if not 3 <= len(found) <= MAX_LAMPS:
+        raise InputError(f"a sensor has three to {MAX_LAMPS} lamps", where=path, value=len(found))
     power, misfit = (_number(content[key], key, path) for key in ("power", "misfit"))
     if not power > 0:
         raise InputError("a camera's power lies above 0", where=path, value=power)
@@ -213,7 +215,8 @@ def _lamps_of(content: Mapping[str, Any], path: Path) -> Lamps:
         if not isinstance(refined, Mapping):
             raise InputError("refined lamps are an object, or null", where=path, value=refined)
         refined = _lamps_of({**refined, "refined": None}, path)
-    return Lamps((first, second, third), power, misfit, refined)
+    unexplained = _number(content.get("unexplained", 0.0), "unexplained", path)
+    return Lamps(found, power, misfit, refined, unexplained)
 
 
 def _lamp(kind: type[Lamp], content: Mapping[str, Any], path: Path) -> Lamp:

@@ -73,7 +73,7 @@ class CalibratedSensor:
         self.reconstructor.warnings = _as_then(profile)
         self.reconstructor.frame_size_px = profile.frame_size_px
         self.indenter = _chosen(profile, indenter)
-        self.shadows = shadows and profile.lamps is not None
+        self.shadows = shadows and profile.lamps is not None and not profile.lamps.doubtful
         self._undo_shadows()
         self.untouched: Untouched | None = None
         if profile.followed != "nothing":
@@ -227,6 +227,10 @@ class CalibratedSensor:
             from tactilevision.reconstruct.shadows_seen import undo_by
 
             undo_by(self.reconstructor, self.profile.lamps)
+        if (told := self.profile.told_lamps) is not None and told.doubtful:
+            from tactilevision.reconstruct.shadows_seen import doubt
+
+            doubt(self.reconstructor)
         self.reconstructor.keeps_shadows = self.profile.lamps is not None and not self.shadows
 
 

@@ -46,15 +46,14 @@ ON_THE_WAY = (0.25, 0.5, 0.75, 0.9, 1.0, 1.15)  # parts of the way to the edge w
 ROUND_THE_EDGE = (0.3, 0.6, 1.0)  # edge radii behind it
 WIDTH_MM = 2.0  # mm, of strips: how soft the limit is, no more
 SHARES = (-0.3, 1.14)  # of beta: nu of .40 to .4999
-BOUNDS = (np.full(15, -np.inf), np.full(15, np.inf))
-BOUNDS[0][1], BOUNDS[1][1] = SHARES
 STD = 0.03  # of light: what a place is off by
 HEAVY = 2.0  # of the loss HEAVY (sqrt(1 + |off|) - 1): a large error counts by its root
 INDEPENDENT = 300  # readings: neighbouring places err alike, so that more of them tell no more
 USUAL_SHARE = 0.6  # beta of most gels
-# of ln w over the map's, beta, ln G, ln E and ln of the lamps' colours: usual values and their spread
-START = np.array([0.0, USUAL_SHARE, *[0.0] * 13])
-SPREAD = np.array([0.3, 0.5, *[0.01] * 3, 0.3, *[0.3] * 9])
+# of ln w over the map's, beta, ln G and ln E: usual values and their spread
+START = (0.0, USUAL_SHARE, 0.0, 0.0, 0.0, 0.0)
+SPREAD = (0.3, 0.5, 0.01, 0.01, 0.01, 0.3)
+COLOUR_SPREAD = 0.3  # of ln of what a lamp gives to a channel
 MIN_PLACES = 300  # that are read
 MIN_DARK = 25  # of them in shadow
 DARK = 0.8  # of a lamp's light: less is shadow
@@ -95,7 +94,9 @@ def depth_by_shadow(
 
     rows, columns = beside.at
     task = _Task(beside, light[rows, columns].T.astype(float), reflected[rows, columns].T.astype(float))
-    found = least_squares(task.residual, START, jac=task.jacobian, bounds=BOUNDS, x_scale=SPREAD, max_nfev=20)
+    found = least_squares(
+        task.residual, task.start, jac=task.jacobian, bounds=task.bounds, x_scale=task.spread, max_nfev=20
+    )
     size = float(np.exp(found.x[0]))
     misfit = 2.0 * found.cost / (3 * INDEPENDENT)
     if not 1.0 - FARTHEST < size < 1.0 / (1.0 - FARTHEST) or task.dark(found.x) < MIN_DARK:
@@ -269,16 +270,21 @@ def _rays(lamp: Lamp, profile: _Profile, place: tuple[Floats, Floats], pad: tupl
 
 
 class _Task:
-    """One fit; its fifteen unknowns are those of START."""
+    """One fit; its unknowns are those of START, and ln of what each lamp gives to red, to green and to blue."""
 
     def __init__(self, beside: _Beside, light: Floats, reflected: Floats) -> None:
         self.beside, self.light, self.reflected = beside, light, reflected
         self.weight = np.sqrt(INDEPENDENT / light.size)
+        self.lamps = len(beside.rays)
+        self.start = np.array([*START, *[0.0] * (3 * self.lamps)])
+        self.spread = np.array([*SPREAD, *[COLOUR_SPREAD] * (3 * self.lamps)])
+        self.bounds = np.full(self.start.size, -np.inf), np.full(self.start.size, np.inf)
+        self.bounds[0][1], self.bounds[1][1] = SHARES
 
     def residual(self, values: Floats) -> Floats:
         off = self._off(values, self._shown(values))
         loss = np.sign(off) * HEAVY * (np.sqrt(1.0 + np.abs(off)) - 1.0)
-        return np.concatenate([self.weight * loss.ravel(), (values - START) / SPREAD])
+        return np.concatenate([self.weight * loss.ravel(), (values - self.start) / self.spread])
 
     def jacobian(self, values: Floats) -> Floats:
         shown = self._shown(values)
@@ -292,10 +298,11 @@ class _Task:
         for k in range(3):
             rates[2 + k, k] = np.exp(values[2 + k]) * self.light[k]
             mean = np.sum(shares[k] * shown, axis=0)
-            rates[6 + 3 * k : 9 + 3 * k, k] = -shares[k] * (shown - mean)
+            first = len(START) + self.lamps * k
+            rates[first : first + self.lamps, k] = -shares[k] * (shown - mean)
         rates[5] = -self._reflected(values)
         rates *= self.weight / STD * (HEAVY / 2.0) / np.sqrt(1.0 + np.abs(off))
-        return np.concatenate([rates.reshape(values.size, -1).T, np.diag(1.0 / SPREAD)])
+        return np.concatenate([rates.reshape(values.size, -1).T, np.diag(1.0 / self.spread)])
 
     def dark(self, values: Floats) -> int:
         """How many places lie in a lamp's shadow."""
@@ -306,7 +313,7 @@ class _Task:
         return self.beside.light(self.beside.depth_mm * float(np.exp(values[0])), float(values[1]))[0]
 
     def _shares(self, values: Floats) -> Floats:
-        shares = self.beside.shares * np.exp(values[6:]).reshape(3, 3, 1)
+        shares = self.beside.shares * np.exp(values[len(START) :]).reshape(3, -1, 1)
         return np.asarray(shares / shares.sum(axis=1, keepdims=True))
 
     def _reflected(self, values: Floats) -> Floats:

@@ -13,7 +13,7 @@ from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import ball_samples, join
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.illumination.glossy_lamps import fit_glossy_lamps
-from tactilevision.photometric.illumination.lamps import Lamps, fit_lamps
+from tactilevision.photometric.illumination.lamps import BEST_MISFIT, Lamps, fit_lamps
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.recording import BallPress, Recording, read_reference
@@ -25,11 +25,10 @@ MAX_SAMPLES = 300  # samples of one ball
 _FOUND: WeakKeyDictionary[Reconstructor, tuple[tuple[BallPress, ...], ReferencedMethod, Lamps | None]] = (
     WeakKeyDictionary()
 )
-BEST_MISFIT = 3.0  # stated deviations: balls that fit worse are lit by something else than three near lamps
 
 
 def find_lamps(recording: Recording, reconstructor: Reconstructor) -> Lamps | None:
-    """Three lamps that explain the balls, or those of the method's file; None where neither tells them.
+    """Lamps that explain the balls, or those of the method's file; None where neither tells them.
 
     With the same lamps `refined` for lengths of shadows, where balls tell them.
     Raises InputError where a ball's picture can no longer be read.
@@ -65,6 +64,8 @@ def _of_balls(recording: Recording, method: ReferencedMethod, calibration: Calib
     lamps = fit_lamps(balls.change, balls.slopes, place=balls.place, reference=seen, mm_per_px=mm_per_px)
     if lamps is None or not lamps.misfit < BEST_MISFIT:
         return None
+    if lamps.doubtful:
+        return lamps
     refined = fit_glossy_lamps(
         balls.change,
         balls.slopes,
@@ -72,6 +73,7 @@ def _of_balls(recording: Recording, method: ReferencedMethod, calibration: Calib
         place=balls.place,
         reference=seen,
         mm_per_px=mm_per_px,
+        like=lamps,
     )
     return replace(lamps, refined=refined if refined and refined.misfit < BEST_MISFIT else None)
 

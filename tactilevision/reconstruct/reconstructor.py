@@ -44,7 +44,7 @@ from tactilevision.quality.inconsistent_light import Inconsistency, LightCheck, 
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
 from tactilevision.reconstruct.unshadowed import MIN_DEPTH_MM, undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
-from tactilevision.records.flags import DEEPER, INCONSISTENT, SHADOW, STEEP, add
+from tactilevision.records.flags import DEEPER, INCONSISTENT, SHADOW, STEEP, UNKNOWN_LAMPS, add
 from tactilevision.records.maps import as_frame
 from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 from tactilevision.sensors import rectify
@@ -95,7 +95,7 @@ class Reconstructor:
             self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
         self.shadows: LightField | None = None
-        self.keeps_shadows = False
+        self.keeps_shadows = self.unknown_lamps = False
         self.lean = LEAN
         self.walls: WallLessons = getattr(self.referenced, "walls", None) or WallLessons()
         self.given_back: npt.NDArray[np.floating[Any]] | None = None
@@ -188,8 +188,8 @@ class Reconstructor:
             flags = add(flags, (DEEPER,))
         if stands_out(surface) or (self.inconsistency is not None and self.inconsistency.flagged):
             flags = add(flags, (INCONSISTENT,))
-        if self.keeps_shadows and surface.max() > MIN_DEPTH_MM:
-            flags = add(flags, (SHADOW,))
+        if surface.max() > MIN_DEPTH_MM:
+            flags = add(flags, (SHADOW,) * self.keeps_shadows + (UNKNOWN_LAMPS,) * self.unknown_lamps)
         if self.error and self.evidence and self.error.hides_much(surface, self.evidence):
             flags = add(flags, (STEEP,))
         return surface, valid, std, flags

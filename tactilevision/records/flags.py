@@ -15,6 +15,7 @@ UNFIT = "unfit"
 ASSUMED_SCALE = "assumed_scale"
 INCONSISTENT = "inconsistent_light"
 SHADOW = "shadow"
+UNKNOWN_LAMPS = "unknown_lamps"
 STEEP = "steep"
 CONTRARY = "contrary_depths"
 MEANING = {
@@ -36,6 +37,10 @@ MEANING = {
     "shadow, a lamp that changed there, or a light that the method does not know; depth there is uncertain",
     SHADOW: "the sensor's lamps cast shadows beside so deep a contact, and this map keeps them: gel falls too "
     "steeply there. `depth` and `force` undo them, `live --shadows` and load_sensor(path, shadows=True) too",
+    UNKNOWN_LAMPS: "the lamps that balls tell do not explain the untouched picture: there are others, or the gel "
+    "is unevenly bright. Cast shadows stay, so that a flat face may be read a fifth off, and gel beside it too "
+    "steep. Clean the gel and take the reference anew, press balls all over the picture, or hold faces to a "
+    "certificate (--calibration)",
     STEEP: "slopes are steeper than any ball that told the light, and belong to no round flat face: what stands "
     "behind them is read too shallow; smaller balls, or deeper presses of them, would tell",
     CONTRARY: "the shadow of a flat face tells another depth of it than its wall's slopes do, by more than both "

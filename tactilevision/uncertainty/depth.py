@@ -92,6 +92,7 @@ class DepthError:
         free = free_variance(noise, waves_mm, untouched_std=np.array(card.untouched_std_mm or [[0.0]], np.float32))
         self.noise_mm2, self.free_mm2 = (whole[::every, ::every].copy() for whole in (noise, free))
         self.gain_square = gain_variance(card, method.relative_error, shape=self.free_mm2.shape)
+        self.lamps_std = 0.0  # of a face's depth, where lamps that cast shadows are not known
         self.extrapolates = card.extrapolated_gain_std is not None
         beyond = np.asarray(extrapolated_gain_std(card), np.float32)
         self.extrapolated_std: Picture = np.asarray(cv2.resize(beyond, self.free_mm2.shape[::-1]))
@@ -110,7 +111,7 @@ class DepthError:
         light = self._light(evidence, total.shape)
         if light is not None:
             total += light
-        add_edge_variance(total, evidence.edges, mm_per_point=self._step_mm)
+        self._add_edges(total, few, evidence.edges)
         add_steep_variance(total, few, hidden_mm=self._hidden_mm(few, evidence))
         if evidence.unexplained_mm is not None:
             total += self._unexplained(evidence.unexplained_mm, total.shape)
@@ -134,7 +135,7 @@ class DepthError:
         scale = scale_variance(few, self.gain_square)
         lost = self._lost(few, evidence)
         light, edges, steep = self._light(evidence, few.shape), np.zeros_like(few), np.zeros_like(few)
-        add_edge_variance(edges, evidence.edges, mm_per_point=self._step_mm)
+        self._add_edges(edges, few, evidence.edges)
         add_steep_variance(steep, few, hidden_mm=self._hidden_mm(few, evidence))
         variances = (
             scale,
@@ -177,6 +178,11 @@ class DepthError:
         share = cv2.resize(contact.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         covered = float(share.sum())
         return covered > 0.0 and float(np.vdot(self.extrapolated_std, share)) > MAX_EXTRAPOLATED * covered
+
+    def _add_edges(self, total: Picture, few: Picture, edges: Sequence[PunchEdge]) -> None:
+        add_edge_variance(total, edges, mm_per_point=self._step_mm)
+        if edges and self.lamps_std:
+            total += np.square(self.lamps_std * few)
 
     @property
     def _step_mm(self) -> Pair:

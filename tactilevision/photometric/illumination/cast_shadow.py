@@ -12,9 +12,10 @@ u the direction to Q in the plane of the pad. In light, unshadowed = 1, channel 
 
 so a picture divided by D_k^(1/g) is the one without cast shadows. Light that the gel sends to itself is left out.
 
-Whether a picture has such shadows is told without them. Weights w_l with sum w_l = 1 and sum w_l lean_l = 0 make
+Whether a picture has such shadows is told without them. Weights a_k of channels with sum a_k = 1 and
+sum a_k m_kl lean_l = 0 make, of the light D_k s_k that is seen and w_l = sum_k a_k m_kl,
 
-    T = sum_l w_l u_l - 1/sqrt(1 + p^2 + q^2) = -sum_l w_l (1 - V_l) s_l        u: the channels, unmixed into lamps
+    T = sum_k a_k I_k/I0_k - 1/sqrt(1 + p^2 + q^2) = -sum_l w_l (1 - V_l) s_l
 
 which is 0 for any slope where all lamps reach, and about -1/3 where one does not. The share of the forecast that
 is seen is the slope of a line through T against it.
@@ -54,7 +55,7 @@ Picture = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightField:
-    """Three lamps over a picture (H, W): `leans` (3, 2, H, W) of the light, `shares` m (channels, lamps, H, W)."""
+    """Lamps over a picture (H, W): `leans` (lamps, 2, H, W) of the light, `shares` m (channels, lamps, H, W)."""
 
     lamps: Lamps
     leans: Picture
@@ -79,7 +80,7 @@ class LightField:
 def dimming(field: LightField, depth_mm: npt.NDArray[np.floating], seen: Picture | None = None) -> Picture:
     """Factor (H, W, 3) by which cast shadows change grey levels, from a depth map (H, W) in mm.
 
-    `seen` (3 lamps, H, W): the map's `visibility`, where it is known already.
+    `seen` (lamps, H, W): the map's `visibility`, where it is known already.
     """
     light = _of_lamps(field, depth_mm)
     seen = visibility(field.lamps, depth_mm, field.mm_per_px) if seen is None else seen
@@ -123,31 +124,26 @@ def _shade_and_missing(
     p, q = slopes_of(depth_mm, field.mm_per_px)
     planes = [*change, *(light * away), p, q, np.hypot(p, q)]
     cells = np.stack([cv2.resize(np.float32(one), size, interpolation=cv2.INTER_AREA) for one in planes])
-    weights, unmix = _weights(field, size)
-    shade = -np.sum(weights * cells[3:6], axis=0)
-    missing = np.einsum("lhw,lkhw,khw->hw", weights, unmix, cells[:3]) - 1.0 / np.hypot(1.0, np.hypot(*cells[6:8]))
-    counts = cells[8] < LEVEL
+    of_channels, of_lamps = _weights(field, size)
+    shade = -np.sum(of_lamps * cells[3:-3], axis=0)
+    missing = np.sum(of_channels * cells[:3], axis=0) - 1.0 / np.hypot(1.0, np.hypot(*cells[-3:-1]))
+    counts = cells[-1] < LEVEL
     return shade[counts], missing[counts]
 
 
 def _weights(field: LightField, size: tuple[int, ...]) -> tuple[Picture, Picture]:
-    """w (lamps, h, w) and what unmixes channels into lamps (lamps, channels, h, w), on squares."""
+    """a of the channels (3, h, w) and w of the lamps (lamps, h, w), on squares."""
+    many = len(field.leans)
     leans, shares = (
-        np.stack(
-            [
-                cv2.resize(one, size[:2], interpolation=cv2.INTER_AREA)
-                for one in planes.reshape(-1, *planes.shape[2:])
-            ]
-        )
-        for planes in (field.leans, field.shares)
+        np.stack([cv2.resize(one, size[:2], interpolation=cv2.INTER_AREA) for one in planes.reshape(-1, *shape)])
+        for planes, shape in ((field.leans, field.leans.shape[2:]), (field.shares, field.shares.shape[2:]))
     )
-    shape = leans.shape[1:]
-    lean, share = leans.reshape(3, 2, *shape), shares.reshape(3, 3, *shape)
-    system = np.concatenate([np.ones((1, 3, *shape)), np.moveaxis(lean, 1, 0)])  # conditions, lamps
-    wanted = np.broadcast_to(np.array([1.0, 0.0, 0.0])[:, None], (*shape, 3, 1))
-    weights = np.linalg.solve(np.moveaxis(system, (0, 1), (-2, -1)), wanted)[..., 0]
-    unmix = np.linalg.inv(np.moveaxis(share, (0, 1), (-2, -1)))
-    return np.moveaxis(weights, -1, 0), np.moveaxis(unmix, (-2, -1), (0, 1))
+    lean, share = leans.reshape(many, 2, *leans.shape[1:]), shares.reshape(3, many, *leans.shape[1:])
+    system = np.concatenate([np.ones_like(share[None, :, 0]), np.einsum("klhw,lchw->ckhw", share, lean)])
+    wanted = np.broadcast_to(np.array([1.0, 0.0, 0.0])[:, None], (*leans.shape[1:], 3, 1))
+    channels = np.linalg.solve(np.moveaxis(system, (0, 1), (-2, -1)), wanted)[..., 0]
+    of_channels = np.moveaxis(channels, -1, 0)
+    return of_channels, np.einsum("khw,klhw->lhw", of_channels, share)
 
 
 def _of_lamps(field: LightField, depth_mm: npt.NDArray[np.floating]) -> Picture:
@@ -163,7 +159,7 @@ def slopes_of(depth_mm: npt.NDArray[np.floating], mm_per_px: Pair) -> tuple[Pict
 
 
 def visibility(lamps: Lamps, depth_mm: npt.NDArray[np.floating], mm_per_px: Pair) -> Picture:
-    """Share (3 lamps, H, W), from 0 to 1, of each lamp's points that reach the places of a depth map (H, W) mm."""
+    """Share (lamps, H, W), from 0 to 1, of each lamp's points that reach the places of a depth map (H, W) mm."""
     height, width = depth_mm.shape
     rows, columns = (
         max(2, round(n * mm / CELL_MM)) for n, mm in zip(depth_mm.shape, mm_per_px[::-1], strict=True)
@@ -186,7 +182,7 @@ def lit(lamps: Lamps, depth_mm: npt.NDArray[np.floating], mm_per_px: Pair) -> Bo
 
 
 def reached_by_all(seen: Picture) -> Bools:
-    """Mask (H, W) of the places that all lamps reach, by their visibility (3, H, W)."""
+    """Mask (H, W) of the places that all lamps reach, by their visibility (lamps, H, W)."""
     return np.asarray(seen.min(axis=0) > LIT)
 
 

@@ -25,11 +25,9 @@ from tactilevision.photometric.illumination.lamps import (
     MIN_COUNT,
     SAMPLES,
     SOFT,
-    STD_OF_BALLS,
     Lamp,
     Lamps,
     LampTask,
-    light_shares,
 )
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Floats, Pair
@@ -48,21 +46,23 @@ def fit_glossy_lamps(
     place: Floats,
     reference: Reference,
     mm_per_px: Pair,
+    like: Lamps | None = None,
 ) -> Lamps | None:
-    """As `fit_lamps`, of samples that stand `height_mm` (N,) over the untouched gel."""
+    """As `fit_lamps`, of samples that stand `height_mm` (N,) over the untouched gel; as many lamps as `like`."""
     if len(place) < MIN_COUNT:
         return None
     some = np.linspace(0, len(place) - 1, min(SAMPLES, len(place))).astype(np.intp)
     task = _GlossyTask.of(change[some], slopes[some], place[some], reference, mm_per_px)
-    return replace(task, height_mm=height_mm[some]).solved()
+    return replace(task, height_mm=height_mm[some], like=like).solved()
 
 
 @dataclass(frozen=True)
 class _GlossyTask(LampTask):
     """Two more parameters: ln k and ln alpha."""
 
-    count: int = 31
+    others: int = 7
     height_mm: Floats | float = 0.0
+    like: Lamps | None = None
     shadings: dict[tuple[Lamp, float, float], tuple[Floats, Floats]] = field(default_factory=dict)
 
     @cached_property
@@ -72,15 +72,14 @@ class _GlossyTask(LampTask):
         return np.asarray(normals / np.linalg.norm(normals, axis=0))
 
     def start(self) -> Floats:
-        return np.concatenate([super().start()[: self.count - 2], [PRIOR_GLOSS[0], PRIOR_WIDTH[0]]])
+        more = self.like is not None and len(self.like.lamps) > 3
+        first = self.parameters(self.like) if self.like and more else super().start()
+        return np.concatenate([first, [PRIOR_GLOSS[0], PRIOR_WIDTH[0]]])
 
     def of_balls(self, values: Floats) -> Floats:
-        lamps = self.lamps(values)
-        shades, upright = zip(*(self._shading(lamp, *np.exp(values[29:])) for lamp in lamps), strict=True)
-        shares = light_shares(np.array([lamp.colour for lamp in lamps]).T, np.stack(upright))
-        seen = np.einsum("klN,lN->kN", shares, np.stack(shades))
-        std = STD_OF_BALLS[0] + STD_OF_BALLS[1] * np.hypot(*self.slopes)
-        return np.asarray((self.ratio - np.maximum(seen, 1e-3) ** (1.0 / values[24])) / std)
+        lamps, others = self.lamps(values), self.parts(values)[1]
+        shades, upright = zip(*(self._shading(lamp, *np.exp(others[5:])) for lamp in lamps), strict=True)
+        return self._off_balls(self._seen(lamps, np.stack(upright), np.stack(shades)), power=float(others[0]))
 
     def _shading(self, lamp: Lamp, gloss: float, width: float) -> tuple[Floats, Floats]:
         """s_l (n,), and the light upright on untouched gel (n,), whatever the lamp's colour."""
@@ -101,7 +100,7 @@ class _GlossyTask(LampTask):
         return self.shadings[key]
 
     def priors(self, values: Floats) -> Floats:
-        pairs = zip(values[29:], (PRIOR_GLOSS, PRIOR_WIDTH), strict=True)
+        pairs = zip(self.parts(values)[1][5:], (PRIOR_GLOSS, PRIOR_WIDTH), strict=True)
         return np.concatenate([super().priors(values), [(value - mean) / std for value, (mean, std) in pairs]])
 
 

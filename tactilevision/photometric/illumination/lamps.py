@@ -1,4 +1,4 @@
-"""Three near lamps, found from balls and the picture of the untouched gel.
+"""Three near lamps or more, found from balls and the picture of the untouched gel.
 
 A lamp l is a strip of length L in a place C_l, its front turned to the pad. At a place P it gives the vector
 
@@ -13,7 +13,12 @@ c_kl is what lamp l gives to channel k (a lamp is not a colour), g the camera's 
 weighted by m; how the untouched picture changes over the pad tells the lamps apart, since each falls off from its
 own side. All is fitted together by least squares, with wide priors of place and size.
 
-Assumes three lamps beside the pad, a matt ink and a surface that hardly lights itself. On three sensors drawn by a
+Two lamps of one colour on different sides look like one between them, to balls that both reach: their light on a
+slope is the same. The untouched picture tells them apart, since it is bright on both sides. So three lamps are
+fitted first; where these leave the untouched picture of one colour unexplained, that colour is given one more lamp
+at a time, which stays if it leaves less of all misfit, and the balls are explained better, too.
+
+Assumes lamps beside the pad, a matt ink and a surface that hardly lights itself. On three sensors drawn by a
 path tracer (strip lamps, gloss, interreflection) azimuths came out within .1 rad, elevations 5 to 15 % low, and
 colours within .06 of a lamp's main one. Source of the near-light model: Quéau et al., J. Math. Imaging Vis. 60
 (2018) 313.
@@ -49,13 +54,18 @@ PRIORS = {  # of ln distance, ln tangent of elevation, ln length, aim; lengths i
     "length": (np.log(1.35), 0.5),
     "aim": (0.3, 0.3),
 }
-PRIOR_CROSS = (
-    -1.5,
-    3.0,
-)  # ln of a lamp's light to another channel over its own, and deviation
+PRIOR_CROSS = (-1.5, 3.0)  # ln of a lamp's light to another channel over its own, and deviation
 PRIOR_POWER = (2.0, 0.3)  # of a camera: sRGB and video, and their deviation
 LENGTHS = (0.3, 3.0)  # of a lamp, in half widths of the pad: from a point to a strip along all of a side
 MAX_POWER = 3.0  # of a camera, beyond all that are in use
+FAINTEST = 1e-6  # of a lamp's light to a channel
+OWN = 8  # unknowns of a lamp: ln distance, tangent, length, its azimuth, aim and three colours
+UNEXPLAINED = 0.05  # of a colour's light, rms: as many lamps as drawn leave .014 to .033, too few .07 to .13
+MAX_LAMPS = 6  # two of each colour
+LESS = 0.8  # of all misfit, the most that a lamp more leaves to stay: where one was missing .3 to .7
+BEST_MISFIT = 3.0  # of balls: what fits worse is lit by something else
+OTHER_LIGHT = 4.5  # of balls by three lamps, beyond which no more are tried: 1.1 to 2.8 of four and six, real 4.7
+TURNS = (0.5, 1.0, 1.5)  # pi, from the colour's first lamp to where its next one is looked for
 
 
 @dataclass(frozen=True)
@@ -105,13 +115,20 @@ class Lamps:
     """The lamps of a sensor, the camera's `power`, and the rms `misfit` of the balls in stated deviations.
 
     `refined`: the same lamps by a fit that knows gloss and raised gel (glossy_lamps.py), by which lengths of
-    shadows are read; None where there is none.
+    shadows are read; None where there is none. `unexplained`: rms share of the untouched picture's
+    light, in its worst colour, off the law; 0 where it is not known.
     """
 
-    lamps: tuple[Lamp, Lamp, Lamp]
+    lamps: tuple[Lamp, ...]
     power: float
     misfit: float
     refined: Lamps | None = None
+    unexplained: float = 0.0
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether they do not explain the untouched picture: there are others, and shadows fall elsewhere."""
+        return self.unexplained > UNEXPLAINED
 
 
 def fit_lamps(
@@ -131,7 +148,8 @@ def fit_lamps(
 
 @dataclass(frozen=True)
 class LampTask:
-    """One fit. Parameters: eight for each lamp, the camera's power, four of the ink's and the lens's fall-off."""
+    """One fit. Parameters: OWN for each lamp, the camera's power, four of the ink's and the lens's fall-off, and
+    those of gloss, where the law has some."""
 
     x_mm: Floats
     y_mm: Floats
@@ -141,8 +159,8 @@ class LampTask:
     free_y_mm: Floats
     free: Floats
     half_mm: float
-    count: int = 29
-    known: dict[Lamp, tuple[Floats, Floats]] = field(default_factory=dict)  # a derivative moves one lamp of three
+    others: int = 5
+    known: dict[Lamp, tuple[Floats, Floats]] = field(default_factory=dict)  # a derivative moves one lamp of all
 
     @classmethod
     def of(cls, change: Floats, slopes: Floats, place: Floats, reference: Reference, mm_per_px: Pair) -> Self:
@@ -160,31 +178,59 @@ class LampTask:
 
     def start(self) -> Floats:
         """Each lamp in the direction in which its channel grows brighter with slope."""
-        values = np.zeros(self.count)
         change = np.linalg.lstsq(self.slopes.T, self.ratio.T**2 - 1.0, rcond=None)[0]
-        for lamp in range(3):
-            own = values[8 * lamp : 8 * lamp + 8]
-            own[0] = np.arctan2(-change[1, lamp], -change[0, lamp])
-            own[1:5] = [PRIORS[name][0] for name in ("distance", "tangent", "length", "aim")]
-            own[5:] = np.log(0.15)
-            own[5 + lamp] = 0.0
-        values[24] = PRIOR_POWER[0]
-        return values
+        own = [_usual_lamp(float(np.arctan2(-change[1, k], -change[0, k])), k) for k in range(3)]
+        return np.concatenate([*own, [PRIOR_POWER[0]], np.zeros(4)])
 
     def solved(self) -> Lamps:
-        """The lamps that leave the least."""
+        """The lamps that leave the least: three, or more where these leave the untouched picture unexplained."""
+        values, left = self._least(self.start())
+        most = MAX_LAMPS if self.misfit(values) < OTHER_LIGHT else 3
+        while len(self.parts(values)[0]) < most and self.unexplained(values).max() > UNEXPLAINED:
+            more, rest = self._with_one_more(values)
+            if rest > LESS * left or self.misfit(more) > self.misfit(values):
+                break
+            values, left = more, rest
+        power, unexplained = float(self.parts(values)[1][0]), float(self.unexplained(values).max())
+        return Lamps(self.lamps(values), power, self.misfit(values), unexplained=unexplained)
+
+    def misfit(self, values: Floats) -> float:
+        """Robust rms of the balls' pixels off the law, in stated deviations."""
+        return float(np.sqrt(np.median(self.of_balls(values) ** 2)) / 0.6745)
+
+    def _least(self, start: Floats) -> tuple[Floats, float]:
+        """The parameters that leave the least, and half the sum of squares that they leave."""
         from scipy.optimize import least_squares
 
-        low, high = np.full(self.count, -np.inf), np.full(self.count, np.inf)
-        low[24], high[24] = 1.0, MAX_POWER
-        low[3:24:8], high[3:24:8] = np.log(LENGTHS)
-        found = least_squares(self.residual, self.start(), bounds=(low, high), x_scale="jac", max_nfev=60)
-        off = self.of_balls(found.x)
-        return Lamps(self.lamps(found.x), float(found.x[24]), float(np.sqrt(np.median(off**2)) / 0.6745))
+        low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
+        camera = OWN * len(self.parts(start)[0])
+        low[camera], high[camera] = 1.0, MAX_POWER
+        low[3:camera:OWN], high[3:camera:OWN] = np.log(LENGTHS)
+        found = least_squares(self.residual, start, bounds=(low, high), x_scale="jac", max_nfev=60)
+        return found.x, float(found.cost)
 
-    def lamps(self, values: Floats) -> tuple[Lamp, Lamp, Lamp]:
+    def _with_one_more(self, values: Floats) -> tuple[Floats, float]:
+        """As `_least`, with a lamp more of the colour that is explained worst, looked for on other sides."""
+        own, others = self.parts(values)
+        colour = int(np.argmax(self.unexplained(values)))
+        first, best, least = own[np.argmax(own[:, 5 + colour])], values, np.inf
+        for turn in TURNS:
+            lamp = _usual_lamp(float(first[0]) + turn * np.pi, colour)
+            lamp[5:] += first[5 + colour] - np.log(2.0)
+            found, left = self._least(np.concatenate([own.ravel(), lamp, others]))
+            best, least = (found, left) if left < least else (best, least)
+            if self.unexplained(best).max() < UNEXPLAINED:
+                break
+        return best, least
+
+    def parts(self, values: Floats) -> tuple[Floats, Floats]:
+        """Parameters of the lamps (lamps, OWN), and the others."""
+        many = (values.size - self.others) // OWN
+        return values[: many * OWN].reshape(many, OWN), values[many * OWN :]
+
+    def lamps(self, values: Floats) -> tuple[Lamp, ...]:
         found = []
-        for own in values[:24].reshape(3, 8):
+        for own in self.parts(values)[0]:
             distance = float(np.exp(own[1])) * self.half_mm
             red, green, blue = np.exp(own[5:])
             found.append(
@@ -197,7 +243,22 @@ class LampTask:
                     (float(red), float(green), float(blue)),
                 )
             )
-        return found[0], found[1], found[2]
+        return tuple(found)
+
+    def parameters(self, lamps: Lamps) -> Floats:
+        """Parameters of these lamps and their camera, of a lens without fall-off."""
+        own = [
+            [
+                lamp.azimuth_rad,
+                np.log(lamp.distance_mm / self.half_mm),
+                np.log(lamp.height_mm / lamp.distance_mm),
+                np.log(lamp.length_mm / self.half_mm),
+                lamp.aim_mm / self.half_mm,
+                *np.log(np.maximum(lamp.colour, FAINTEST)),
+            ]
+            for lamp in lamps.lamps
+        ]
+        return np.concatenate([*own, [lamps.power], np.zeros(4)])
 
     def _light(self, lamp: Lamp) -> tuple[Floats, Floats]:
         """Its light on the balls (3, n), and upright on the untouched picture, whatever its colour."""
@@ -212,32 +273,57 @@ class LampTask:
         """Misfit (3, n) of the balls' pixels in stated deviations."""
         lamps = self.lamps(values)
         vectors = np.stack([self._light(lamp)[0] for lamp in lamps])
-        shares = light_shares(np.array([lamp.colour for lamp in lamps]).T, vectors[:, 2])
-        seen = np.einsum("klN,lN->kN", shares, shading(vectors[:, :2] / vectors[:, 2:], *self.slopes))
-        std = STD_OF_BALLS[0] + STD_OF_BALLS[1] * np.hypot(*self.slopes)
-        return np.asarray((self.ratio - np.maximum(seen, 1e-3) ** (1.0 / values[24])) / std)
+        seen = self._seen(lamps, vectors[:, 2], shading(vectors[:, :2] / vectors[:, 2:], *self.slopes))
+        return self._off_balls(seen, power=float(self.parts(values)[1][0]))
 
-    def residual(self, values: Floats) -> Floats:
-        off = self.of_balls(values)
-        balls = np.sign(off) * ROBUST * (np.sqrt(1.0 + 2.0 * np.abs(off) / ROBUST) - 1.0)
-        lamps = self.lamps(values)
+    def _seen(self, lamps: tuple[Lamp, ...], upright: Floats, shades: npt.NDArray[np.floating]) -> Floats:
+        """Light (3, n) of lamps that shine (lamps, n) upright, on slopes where each is a ratio (lamps, n)."""
+        shares = light_shares(np.array([lamp.colour for lamp in lamps]).T, upright)
+        return np.asarray(np.einsum("klN,lN->kN", shares, shades))
+
+    def _off_balls(self, seen: Floats, *, power: float) -> Floats:
+        std = STD_OF_BALLS[0] + STD_OF_BALLS[1] * np.hypot(*self.slopes)
+        return np.asarray((self.ratio - np.maximum(seen, 1e-3) ** (1.0 / power)) / std)
+
+    def of_free(self, values: Floats) -> Floats:
+        """Misfit (3, blocks) of the untouched picture in STD_OF_FREE."""
+        lamps, others = self.lamps(values), self.parts(values)[1]
         light = np.stack([self._light(lamp)[1] for lamp in lamps])
-        x, y, fall_off = self.free_x_mm / self.half_mm, self.free_y_mm / self.half_mm, values[25:29]
+        x, y, fall_off = self.free_x_mm / self.half_mm, self.free_y_mm / self.half_mm, others[1:5]
         lens = fall_off[0] + fall_off[1] * x + fall_off[2] * y + fall_off[3] * (x * x + y * y)
         shown = np.log(np.array([lamp.colour for lamp in lamps]).T @ light) + lens
-        free = (self.free - shown / values[24]) / STD_OF_FREE
+        return np.asarray((self.free - shown / others[0]) / STD_OF_FREE)
+
+    def unexplained(self, values: Floats) -> Floats:
+        """Rms (3,) share of the untouched picture's light, by colour, that the lamps do not explain."""
+        of_light = STD_OF_FREE * self.parts(values)[1][0]
+        return np.asarray(of_light * np.sqrt(np.mean(self.of_free(values) ** 2, axis=1)))
+
+    def residual(self, values: Floats) -> Floats:
+        off, free = self.of_balls(values), self.of_free(values)
+        balls = np.sign(off) * ROBUST * (np.sqrt(1.0 + 2.0 * np.abs(off) / ROBUST) - 1.0)
         weight = np.sqrt(10.0 * 6.0 / free.shape[1]), np.sqrt(600.0 / off.shape[1])  # as if so many told apart
         return np.concatenate([(weight[1] * balls).ravel(), (weight[0] * free).ravel(), self.priors(values)])
 
     def priors(self, values: Floats) -> Floats:
-        found = []
-        for own in values[:24].reshape(3, 8):
+        found: list[float] = []
+        lamps, others = self.parts(values)
+        for own in lamps:
             pairs = zip(own[1:5], (PRIORS[name] for name in ("distance", "tangent", "length", "aim")), strict=True)
             found += [(value - mean) / std for value, (mean, std) in pairs]
             cross = np.delete(own[5:], np.argmax(own[5:])) - own[5:].max()
             found += list((cross - PRIOR_CROSS[0]) / PRIOR_CROSS[1])
-        found.append((values[24] - PRIOR_POWER[0]) / PRIOR_POWER[1])
-        return np.array([*found, *(values[26:29] / 0.1), 0.05 * values[5:24:8].sum()])
+        found.append((others[0] - PRIOR_POWER[0]) / PRIOR_POWER[1])
+        return np.array([*found, *(others[2:5] / 0.1), 0.05 * lamps[:, 5].sum()])
+
+
+def _usual_lamp(azimuth_rad: float, colour: int) -> Floats:
+    """Parameters (OWN,) of a usual lamp of one colour on a side."""
+    own = np.full(OWN, np.log(0.15))
+    own[0] = azimuth_rad
+    own[1:5] = [PRIORS[name][0] for name in ("distance", "tangent", "length", "aim")]
+    own[5 + colour] = 0.0
+    return own
 
 
 def shading(
