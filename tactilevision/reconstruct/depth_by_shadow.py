@@ -59,6 +59,7 @@ MIN_DARK = 25  # of them in shadow
 DARK = 0.8  # of a lamp's light: less is shadow
 MIN_DEPTH_MM = 0.2  # mm: gentler faces throw shadows of three or four readings
 LAMPS_STD = 0.03  # of the depth: faces of four sensors of the path tracer about the truth
+MORE_STD = 0.06  # of the depth, where more than three lamps were told: 48 faces of six sensors of a ray caster
 MIN_WHOLE = 0.9  # of a face that lies in the picture
 FARTHEST = 0.35  # of the map's depth: what differs more is no reading of this face
 
@@ -103,8 +104,8 @@ def depth_by_shadow(
         return None
     jacobian = np.asarray(found.jac)
     own = float(np.linalg.inv(jacobian.T @ jacobian)[0, 0]) * max(1.0, misfit)
-    w = beside.depth_mm * size
-    return ShadowDepth(w, w * float(np.sqrt(own + LAMPS_STD**2)))
+    w, of_lamps = beside.depth_mm * size, LAMPS_STD if len(lamps.lamps) == 3 else MORE_STD
+    return ShadowDepth(w, w * float(np.sqrt(own + of_lamps**2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -106,7 +106,7 @@ FALSE = {
     "a camera's power lies above 0": lambda files: files.update(
         {"lamps.json": as_bytes(asdict(LAMPS) | {"power": 0.0})}
     ),
-    "do not fit together: ValueError not enough": lambda files: files.update(
+    "a sensor has three to 6 lamps": lambda files: files.update(
         {"lamps.json": as_bytes(asdict(LAMPS) | {"lamps": []})}
     ),
     "the array is damaged": lambda files: files.update({"compliance.npz": b"PK"}),

@@ -190,7 +190,8 @@ def test_a_method_keeps_what_its_reader_knows_of_walls() -> None:
 
 def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -> None:
     laws = {False: DepthScale((1.2,), (0.05, 0.5), 0.01), True: DepthScale((1.0,), (0.05, 0.5), 0.01)}
-    lamps = replace(LAMPS, refined=replace(LAMPS, power=1.8))
+    four = (*LAMPS.lamps, replace(LAMPS.lamps[0], azimuth_rad=-1.2))
+    lamps = replace(LAMPS, lamps=four, refined=replace(LAMPS, power=1.8))
     held = replace(profile(), face_law=laws[False], lamps=lamps, undone_face_law=laws[True])
     there = write_profile(held, tmp_path / "a.tvs")
     assert read_profile(there).lamps == lamps
@@ -211,6 +212,15 @@ def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -
     for one in (again, fresh):
         assert one.reconstructor.shadows is not None
         assert one.reconstructor.lean == by_hand.lean
+
+
+def test_lamps_that_do_not_explain_the_light_undo_nothing_and_flag_deep_maps(tmp_path: Path) -> None:
+    method = replace(profile().method, lamps=replace(LAMPS, unexplained=0.2))
+    sensor = load_sensor(write_profile(replace(profile(), method=method), tmp_path / "a.tvs"), shadows=True)
+    assert sensor.reconstructor.shadows is None
+    assert sum("unknown_lamps" in one for one in sensor.reconstructor.warnings) == 1
+    assert "unknown_lamps" in read_one(sensor, pressed(4, 2.0)).flags
+    assert "unknown_lamps" not in read_one(sensor, free(3)).flags
 
 
 def test_without_e_and_nu_there_is_depth_and_no_force(tmp_path: Path) -> None:

@@ -54,6 +54,20 @@ def test_lamps_come_back_as_they_went() -> None:
     assert lamps_of(lamp_arrays(refined), where=Path("m.npz")) == refined
     assert lamps_of(lamp_arrays(LAMPS), where=Path("m.npz")) == LAMPS
     assert lamps_of({}, where=Path("m.npz")) is None
+    four = dataclasses.replace(LAMPS, lamps=(*LAMPS.lamps, Lamp(1.1, 19.0, 8.0, 15.0, 0.0, (0.5, 0.1, 0.1))))
+    doubtful = dataclasses.replace(four, refined=LAMPS, unexplained=0.2)
+    assert lamps_of(lamp_arrays(doubtful), where=Path("m.npz")) == doubtful
+    assert doubtful.doubtful
+    assert not four.doubtful
+
+
+@pytest.mark.parametrize("count", [0, 2, 7])
+def test_no_sensor_has_two_lamps_or_seven(count: int) -> None:
+    arrays = lamp_arrays(LAMPS)
+    for name in ("lamps_places", "lamps_colours"):
+        arrays[name] = np.tile(arrays[name], (3, 1))[:count]
+    with pytest.raises(InputError, match="three to 6 lamps"):
+        lamps_of(arrays, where=Path("m.npz"))
 
 
 @pytest.mark.parametrize(

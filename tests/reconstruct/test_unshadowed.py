@@ -11,8 +11,8 @@ from shared_scenes import shared
 
 from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, shadow_share
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps
-from tactilevision.reconstruct import Reconstructor, build_reconstructor, calibrate_light
-from tactilevision.reconstruct.shadows_seen import share_seen
+from tactilevision.reconstruct import Reconstructor, build_reconstructor, calibrate_light, shadows_seen
+from tactilevision.reconstruct.shadows_seen import share_seen, with_shadows
 from tactilevision.reconstruct.unshadowed import Mapped, undo_shadows
 from tactilevision.recording import read_frame, read_image, read_recording
 from tactilevision.records import Bytes, Floats
@@ -63,6 +63,30 @@ def test_shadows_that_stay_are_told_in_the_warnings_and_in_deep_maps() -> None:
     undone = unshadowed_reader()
     assert not any("they stay" in one for one in undone.warnings)
     assert "shadow" not in undone.height_map(read_frame(recording, 8)).flags
+
+
+def test_lamps_that_do_not_explain_the_light_widen_faces(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording, reader = read_recording(SAMPLE), calibrate_light(read_recording(SAMPLE))
+    frame = read_frame(recording, 6)
+    plain = reader.height_map(frame)
+    lamp = Lamp(0.1, 20.0, 9.0, 15.0, 0.5, (0.9, 0.2, 0.1))
+    some = Lamps((lamp, lamp, lamp), 2.2, 1.0, unexplained=0.08)
+    monkeypatch.setattr(shadows_seen, "find_lamps", lambda *_: some)
+    assert with_shadows(recording, reader).shadows is None
+    assert sum("unknown_lamps" in one for one in reader.warnings) == 1
+    seen = reader.height_map(frame)
+    assert "unknown_lamps" in seen.flags
+    assert np.array_equal(seen.depth_mm, plain.depth_mm)
+    assert seen.std_mm is not None
+    assert plain.std_mm is not None
+    face = beyond_mm(6, seen.depth_mm.shape) < -0.8
+    more = np.sqrt(seen.std_mm**2 - plain.std_mm**2)[face] / seen.depth_mm[face]
+    assert np.median(more) == pytest.approx(0.1, abs=0.01)
+    assert reader.error is not None
+    few = (slice(None, None, reader.error.every),) * 2
+    whole = np.hypot.reduce(list(reader.depth_terms(seen).values()))
+    assert np.allclose(whole[face[few]], seen.std_mm[few][face[few]], rtol=0.05), "its terms hold that"
+    assert "unknown_lamps" not in reader.height_map(read_frame(recording, 0)).flags
 
 
 @pytest.mark.slow
