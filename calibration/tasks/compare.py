@@ -244,7 +244,7 @@ def _read_anew(seen: Fit, data: Observations | None) -> Fit:
     if data is None:
         raise InputError(
             "its cure is to read the frames anew, and they show none of it or were not read anew",
-            remedy="It needs ball presses that three near lamps explain, and frames of deep presses.",
+            remedy="It needs ball presses that near lamps explain, and frames of deep presses.",
         )
     begin = fit_vision_depth(data)
     assert begin is not None

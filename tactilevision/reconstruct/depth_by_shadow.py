@@ -50,9 +50,8 @@ STD = 0.03  # of light: what a place is off by
 HEAVY = 2.0  # of the loss HEAVY (sqrt(1 + |off|) - 1): a large error counts by its root
 INDEPENDENT = 300  # readings: neighbouring places err alike, so that more of them tell no more
 USUAL_SHARE = 0.6  # beta of most gels
-# of ln w over the map's, beta, ln G and ln E: usual values and their spread
-START = (0.0, USUAL_SHARE, 0.0, 0.0, 0.0, 0.0)
-SPREAD = (0.3, 0.5, 0.01, 0.01, 0.01, 0.3)
+START = (0.0, USUAL_SHARE, 0.0, 0.0, 0.0, 0.0)  # of ln w over the map's, beta, ln G and ln E: usual values
+SPREAD = (0.3, 0.5, 0.01, 0.01, 0.01, 0.3)  # of the same, as wide as they are usually spread
 COLOUR_SPREAD = 0.3  # of ln of what a lamp gives to a channel
 MIN_PLACES = 300  # that are read
 MIN_DARK = 25  # of them in shadow

@@ -14,7 +14,7 @@ deviation holds, along with how far the last map lies off that mean. All else is
 part of the depth that their shadows' reach tells (`faces_by_shadow.py`). What certified faces taught of walls
 comes last of all: within the rounds it would move the forecast, and some maps would jump.
 
-Assumes three near lamps found from balls. What it does to faces and the gel beside is measured on pictures of a
+Assumes near lamps found from balls. What it does to faces and the gel beside is measured on pictures of a
 path tracer in docs/evidence/rendered.md.
 """
 

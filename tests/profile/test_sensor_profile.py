@@ -19,6 +19,7 @@ from tactilevision.certificate.depth.wall_lessons import with_walls
 from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.live import Stream
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.profile.make import stated_material
 from tactilevision.profile.read import read_profile
 from tactilevision.profile.seen import Seen, SeenBatch
@@ -215,7 +216,9 @@ def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -
 
 
 def test_lamps_that_do_not_explain_the_light_undo_nothing_and_flag_deep_maps(tmp_path: Path) -> None:
-    method = replace(profile().method, lamps=replace(LAMPS, unexplained=0.2))
+    kept = profile().method
+    assert isinstance(kept, CalibratedMethod)
+    method = replace(kept, lamps=replace(LAMPS, unexplained=0.2))
     sensor = load_sensor(write_profile(replace(profile(), method=method), tmp_path / "a.tvs"), shadows=True)
     assert sensor.reconstructor.shadows is None
     assert sum("unknown_lamps" in one for one in sensor.reconstructor.warnings) == 1
