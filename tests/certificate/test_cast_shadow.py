@@ -16,6 +16,7 @@ from tactilevision.certificate import poisson_from_rise
 from tactilevision.certificate.depth.cast_shadow import FLAG, LIT_NU_STD, NU_STD, fall_growth, shows_shadow
 from tactilevision.certificate.poisson_from_rise import surfaces_beside_punch, with_nu
 from tactilevision.mechanics.surface_view import SurfaceView
+from tactilevision.photometric.illumination.lamps import Lamps
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Curve, Frame, SlopeMap
 
@@ -57,7 +58,7 @@ def test_where_lamps_are_known_nu_has_room_for_the_light_that_the_gel_sends_to_i
 ) -> None:
     made = line_up([Made(height) for height in HEIGHTS])
     record = recording(tmp_path, made)[0]
-    monkeypatch.setattr(poisson_from_rise, "find_lamps", lambda recording, reconstructor: ())
+    monkeypatch.setattr(poisson_from_rise, "find_lamps", lambda recording, reconstructor: Lamps((), 2.0, 1.0))
     monkeypatch.setattr(poisson_from_rise, "LightField", SimpleNamespace(of=lambda *_: ()))
     monkeypatch.setattr(poisson_from_rise, "lit_slopes", lambda reader, *_, **__: reader)
     certificate, nu = with_nu(record, cast(Reconstructor, Shadowed(made)), certificate=certified(made, record))
@@ -69,12 +70,13 @@ def test_where_lamps_are_known_nu_has_room_for_the_light_that_the_gel_sends_to_i
     assert "places that all lamps reach" in certificate.warnings[0]
 
 
+@pytest.mark.parametrize("lamps", [None, Lamps((), 2.0, 1.0, unexplained=0.2)], ids=["none", "doubtful"])
 def test_where_lamps_are_not_known_nu_says_what_shadows_may_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    lamps: Lamps | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = line_up([Made(height) for height in HEIGHTS])
     record = recording(tmp_path, made)[0]
-    monkeypatch.setattr(poisson_from_rise, "find_lamps", lambda recording, reconstructor: None)
+    monkeypatch.setattr(poisson_from_rise, "find_lamps", lambda recording, reconstructor: lamps)
     certificate, nu = with_nu(record, cast(Reconstructor, Shadowed(made)), certificate=certified(made, record))
     assert nu is not None
     assert nu.std is not None
