@@ -84,6 +84,7 @@ def test_where_lamps_are_not_known_nu_says_what_shadows_may_do(
     assert certificate.flags == (FLAG,)
     assert "lamps cast shadows" in certificate.warnings[0]
     assert "5 to 20 % too high" in certificate.warnings[0]
+    assert ("unknown_lamps" in certificate.warnings[0]) is (lamps is not None)
 
 
 def test_a_frame_whose_wall_is_lost_has_the_forces_depth(tmp_path: Path) -> None:
