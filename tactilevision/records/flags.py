@@ -39,8 +39,8 @@ MEANING = {
     "steeply there. `depth` and `force` undo them, `live --shadows` and load_sensor(path, shadows=True) too",
     UNKNOWN_LAMPS: "the lamps that balls tell do not explain the untouched picture: there are others, or the gel "
     "is unevenly bright. Cast shadows stay, so that a flat face may be read a tenth too shallow or a third too "
-    "deep, and gel beside it too steep. Clean the gel and take the reference anew, press balls all over the picture, or hold faces to a "
-    "certificate (--calibration)",
+    "deep, and gel beside it too steep. Clean the gel and take the reference anew, press balls all over the "
+    "picture, or hold faces to a certificate (--calibration)",
     STEEP: "slopes are steeper than any ball that told the light, and belong to no round flat face: what stands "
     "behind them is read too shallow; smaller balls, or deeper presses of them, would tell",
     CONTRARY: "the shadow of a flat face tells another depth of it than its wall's slopes do, by more than both "
