@@ -4,10 +4,11 @@ Drift of the light is undone (`photometric/illumination/drift.py`). What it cann
 block's noise, is small in most of the picture as long as that shows the reference's gel under the reference's
 lamps: its median, the misfit, is compared with what the calibration's own pictures had. It is MAX_MISFIT times
 larger where daylight falls in from a side, where the picture has moved by several pixels, and where a contact, or
-the slopes round it, fill most of the picture, so that no untouched gel tells the drift. What passes for drift and
-is none (a lamp was moved) bends the untouched gel instead, so that its zero plane is known less well: the product
-of both may be MAX_PRODUCT times the usual. A shift is seen from 1.5 px on by the gel's grain
-(`quality/image_shift.py`), which takes longer: asked for once.
+the slopes round it, fill most of the picture, so that no untouched gel tells the drift. Where gentle slopes beside
+a contact make it large they are taken off (`gel_beside_contact.py`). What passes for drift and is none (a lamp was
+moved) bends the untouched gel instead, so that its zero plane is known less well: the product of both may be
+MAX_PRODUCT times the usual. A shift is seen from 1.5 px on by the gel's grain (`quality/image_shift.py`), which
+takes longer: asked for once.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from tactilevision.photometric.illumination.light_match import light_of, other_l
 from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.photometric.reference import Reference
 from tactilevision.quality.fitness import scale_is_assumed, unfit
+from tactilevision.quality.gel_beside_contact import misfit_beside
 from tactilevision.quality.image_shift import image_shift
 from tactilevision.quality.scene_faults import exchanged, scene_faults
 from tactilevision.records import Bytes, Pair
@@ -117,9 +119,14 @@ class ReferenceMatch:
         if self.assumed_scale:
             lasting.append(ASSUMED_SCALE)
         self.residuals = (drift.misfit if drift is not None else 0.0, zero.std_mm)
-        misfit, flatness = (now / usual for now, usual in zip(self.residuals, self.baseline, strict=True))
-        unlike = self.other_light or max(misfit / MAX_MISFIT, misfit * flatness / MAX_PRODUCT) > 1.0
+        unlike = self.other_light or self._is_unlike(*self.residuals)
+        if drift is not None and unlike and not self.other_light:
+            unlike = self._is_unlike(misfit_beside(drift, self.method.change.tracker), zero.std_mm)
         return (*lasting, LIGHT) if unlike else tuple(lasting)
+
+    def _is_unlike(self, misfit: float, std_mm: float) -> bool:
+        misfit, flatness = misfit / self.baseline[0], std_mm / self.baseline[1]
+        return max(misfit / MAX_MISFIT, misfit * flatness / MAX_PRODUCT) > 1.0
 
 
 def baseline(residuals: Callable[[Bytes], tuple[float, ...]], pictures: Sequence[Bytes]) -> dict[str, float]:

@@ -220,3 +220,27 @@ def test_what_is_usual_is_told_by_the_calibration() -> None:
 def test_flags_have_a_meaning_and_an_order() -> None:
     assert add((LIGHT,), [MOVED, LIGHT]) == (MOVED, LIGHT)
     assert all(len(said) > 20 for said in MEANING.values())
+
+
+def face(radius_mm: float, length_mm: float, place: Pair) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[type-arg]
+    """Slopes of a face in a steep wall, beside which the gel slopes by .1 at first, over `length_mm`."""
+    x, y = (at - own for at, own in zip(places(), place, strict=True))
+    r = np.hypot(x, y)
+    beside = np.where(r < radius_mm, 0.0, 0.1 * np.exp(-np.maximum(r - radius_mm, 0.0) / length_mm))
+    steep = (beside + 0.5 * np.exp(-0.5 * ((r - radius_mm) / 0.2) ** 2)) / np.maximum(r, 1e-9)
+    return -steep * x, -steep * y
+
+
+@pytest.mark.parametrize(("radius_mm", "length_mm"), [(2.2, 4.0), (2.8, 2.5)])
+@pytest.mark.parametrize("place", [(0.0, 0.0), (-2.0, 1.0)])
+def test_gel_that_slopes_beside_a_face_is_no_other_light(radius_mm: float, length_mm: float, place: Pair) -> None:
+    rng = np.random.default_rng(SEED + 12)
+    slopes, found = face(radius_mm, length_mm, place), reader()
+    match = found.reference_match
+    assert match is not None
+    assert LIGHT not in found.rectified_map(picture(*slopes, rng, gain=grain())).flags
+    misfit, std_mm = match.residuals
+    usual_misfit, usual_std_mm = match.baseline
+    assert misfit * std_mm > 15 * usual_misfit * usual_std_mm  # more than a lamp that was moved may leave
+    elsewhere = ((-30.0, 14.0, 18.0), *LAMPS[1:])
+    assert LIGHT in found.rectified_map(picture(*slopes, rng, gain=grain(), at=elsewhere)).flags

@@ -55,7 +55,8 @@ class Drift:
 
     `untouched` (h, w): blocks that follow it; `normalised_residual` (h, w) in noise. `covariance` (18, 18): of
     constant, x, y, stray light, and parts of the other two channels, channel by channel; None where nothing has
-    drifted. `misfit`: median residual, of what is touched, too.
+    drifted. `misfit`: median residual, of what is touched, too. `left` (3, blocks): what the drift leaves of each
+    channel, in noise.
     """
 
     gains: Floats
@@ -64,6 +65,7 @@ class Drift:
     undo: Floats | None = None
     covariance: Floats | None = None
     misfit: float = 0.0
+    left: Floats | None = None
 
 
 class DriftTracker:
@@ -118,11 +120,12 @@ class DriftTracker:
                 change *= 1.0 + self._bend * change
             drift, covariance = self._separated(change, weights, gains[:, 0], touched)
             gains, undo = self._inverse(drift)
-        squares = self._squares(change, drift)
+        left = self._left(change, drift)
+        squares = np.add.reduce(left * left)
         shape = (self.size[1], self.size[0])
         untouched = (self.usable & (squares < limit)).reshape(shape)
         misfit = float(median(self._among_usable(squares))) ** 0.5
-        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit)
+        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit, left)
 
     def _reweighted(self, change: Floats, gains: Floats) -> tuple[Floats, Floats, Bools, float]:
         """Gains (3, 3) fitted from a start; the blocks' weights, and which are touched (blocks,); their limit."""
@@ -154,6 +157,13 @@ class DriftTracker:
     def effects(self) -> Floats:
         """Grey levels (3, 6, blocks) that a unit of each coefficient in a drift's covariance adds to a channel."""
         return np.asarray(self._terms * self.noise[:, :, None])
+
+    @property
+    def slope_effects(self) -> Floats:
+        """What a slope of 1 along x and y adds to a channel (3, 2, blocks), in noise; (3, 3, blocks) of 1 each
+        where no ball has told it.
+        """
+        return self._to_slopes
 
     def _update_level(self) -> None:
         """What depends on the level alone: in units of the noise, over the basis, and its normal equations."""
@@ -225,9 +235,12 @@ class DriftTracker:
 
     def _squares(self, change: Floats, gains: Floats) -> Floats:
         """Squared distance of each block from the drift over the channels, `change` in deviations of its noise."""
-        residual = change - np.matmul(gains[:, None, :], self._terms[:, : gains.shape[1]])[:, 0]
+        residual = self._left(change, gains)
         residual *= residual
         return np.asarray(residual.sum(axis=0))
+
+    def _left(self, change: Floats, gains: Floats) -> Floats:
+        return np.asarray(change - np.matmul(gains[:, None, :], self._terms[:, : gains.shape[1]])[:, 0])
 
     def _fit(self, weighted: Floats, weights: Floats, constant: Floats) -> Floats:
         """Weighted ridge regression: the steeper the drift's plane against its mean, the less it is believed."""
