@@ -29,6 +29,7 @@ from tactilevision.profile.seen import Seen, SeenBatch
 from tactilevision.reconstruct import Reconstructor, with_flats
 from tactilevision.records import Bytes, Footprint, Frame, Gel, HeightMap, Indenter, Material, Pair, TractionMap
 from tactilevision.records.flags import add
+from tactilevision.records.maps import as_frame
 from tactilevision.sensors import rectify
 from tactilevision.shear.measure import Untouched, read_untouched
 
@@ -130,15 +131,15 @@ class CalibratedSensor:
         """What is doubtful: when the profile was made, and since."""
         return self.reconstructor.warnings
 
-    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
-        """See by rectified `pictures` (H, W, 3) whether the profile is this sensor's as it is now; the warnings.
+    def look(self, pictures: Sequence[Frame | Bytes]) -> tuple[str, ...]:
+        """See by rectified `pictures` (H, W, 3), in order, whether the profile is this sensor's as it is now.
 
-        They tell another unit or light, a camera or gel that has moved, and a contact in the reference; maps are
-        flagged from then on.
+        The warnings tell another unit or light, a camera or gel that has moved, and a contact in the reference;
+        maps are flagged from then on.
         """
         before = len(self.reconstructor.warnings)
         self.reconstructor.look(pictures)
-        self.reconstructor.warnings += self._unlike(pictures)
+        self.reconstructor.warnings += self._unlike([as_frame(one).rgb for one in pictures])
         return self.reconstructor.warnings[before:]
 
     def look_for_shadows(self, recording: Recording) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from tactilevision.errors import InputError
 from tactilevision.profile.model import Profile
 from tactilevision.profile.sensor import CalibratedSensor
-from tactilevision.quality.reference_match import some_frames
+from tactilevision.quality.reference_match import spread_frames
 from tactilevision.recording import Recording, faults_of_flats, layout, read_flats, read_folder, read_recording
 
 NO_KIND = "custom"  # a kind that says nothing of the sensor
@@ -55,7 +55,7 @@ def sensor_for(recording: Recording, profile: Profile, *, shadows: bool = False)
     if flats:
         with faults_of_flats(recording):
             sensor = sensor.with_reference(flats)
-    sensor.look(some_frames(recording))
+    sensor.look(spread_frames(recording))
     if shadows:
         sensor.look_for_shadows(recording)
     return sensor

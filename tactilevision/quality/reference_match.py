@@ -13,7 +13,7 @@ takes longer: asked for once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,7 @@ from tactilevision.quality.fitness import scale_is_assumed, unfit
 from tactilevision.quality.gel_beside_contact import misfit_beside
 from tactilevision.quality.image_shift import image_shift
 from tactilevision.quality.scene_faults import exchanged, scene_faults
-from tactilevision.records import Bytes, Pair
+from tactilevision.records import Bytes, Frame, Pair
 from tactilevision.records.flags import ASSUMED_SCALE, BALLS, LIGHT, MOVED, REFERENCE, UNFIT
 from tactilevision.sensors import rectify
 
@@ -101,12 +101,15 @@ class ReferenceMatch:
             "or the gel moved since? Depths are false; take a new reference",
         )
 
-    def check_scene(self, pictures: Sequence[Bytes], *, before: Reference | None = None) -> tuple[str, ...]:
-        """See by rectified `pictures` what happened since the reference (scene_faults.py); a warning for each.
+    def check_scene(self, frames: Sequence[Frame], *, before: Reference | None = None) -> tuple[str, ...]:
+        """See by rectified `frames` what happened since the reference (scene_faults.py); a warning for each.
 
-        `before`: the reference as it was taken, where such pictures have renewed it.
+        `before`: the reference as it was taken, where such frames have renewed it. Frames without times are in
+        order.
         """
-        found = scene_faults((before or self.method.reference).rgb, pictures)
+        frames = sorted(frames, key=lambda frame: np.nan_to_num(frame.time_s))
+        names = [frame.name for frame in frames]
+        found = scene_faults((before or self.method.reference).rgb, [frame.rgb for frame in frames], names=names)
         self.other_light |= any(fault.spoils for fault in found)
         return tuple(fault.sentence for fault in found)
 
@@ -144,15 +147,28 @@ def baseline(residuals: Callable[[Bytes], tuple[float, ...]], pictures: Sequence
 
 
 def some_frames(recording: Recording, *, count: int = FRAMES_READ) -> list[Bytes]:
-    """`count` rectified frames spread over a recording, of a video its first; torn ones are passed over."""
-    from tactilevision.recording import read_frame
+    """The rectified pictures (H, W, 3) of `spread_frames`."""
+    return [frame.rgb for frame in spread_frames(recording, count=count)]
 
+
+def spread_frames(recording: Recording, *, count: int = FRAMES_READ) -> list[Frame]:
+    """`count` rectified frames spread over a recording, of a video its first, named as `rectified_frames` does."""
     there = len(recording.frame_names)
     if recording.frames_path is None or not there:
         return []
     last = there - 1 if recording.frames_path.is_dir() else min(count, there) - 1
+    return rectified_frames(recording, np.unique(np.linspace(0, last, count).astype(int)))
+
+
+def rectified_frames(recording: Recording, indices: Iterable[int]) -> list[Frame]:
+    """The rectified frames at `indices`, named with their press; torn ones are passed over."""
+    from tactilevision.recording import read_frame
+
     frames = []
-    for index in np.unique(np.linspace(0, last, count).astype(int)):
-        with suppress(InputError):
-            frames.append(rectify(recording.sensor, read_frame(recording, int(index)).rgb))
+    for index in indices:
+        with suppress(InputError):  # a torn frame is reported where the press is read
+            frame = read_frame(recording, int(index))
+            of = [one.press for one in recording.presses if one.start_s <= frame.time_s <= one.end_s]
+            name = f"{frame.name} (press {of[0]})" if of else frame.name
+            frames.append(Frame(rectify(recording.sensor, frame.rgb), frame.time_s, name))
     return frames

@@ -7,7 +7,7 @@ of its own in ln(picture/reference):
     a lamp failed                one channel is darker than the others by a factor, in some frames or all
     gamma changed                it grows with ln(reference), in all channels alike
     automatic exposure           one number for all blocks and channels, another in each frame
-    torn gel, dirt               a mark at one place in all frames, in all channels alike
+    torn gel, dirt               a mark at one place in all frames, or from one on, in all channels alike
 
 The median over frames stands for the untouched gel, so contacts may cover half of them. A drift of the lamps is
 none of these; `photometric/illumination/drift.py` undoes it.
@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.reference import COLOURS
-from tactilevision.records import Bytes, Floats
+from tactilevision.records import Bools, Bytes, Floats
 from tactilevision.robust import mad_std
 
 BLOCKS = (16, 12)  # across and down: coarse enough that markers and noise tell nothing
@@ -56,11 +56,16 @@ class SceneFault:
     dims: bool = False
 
 
-def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> tuple[SceneFault, ...]:
+def scene_faults(
+    reference: npt.NDArray[np.floating], pictures: Sequence[Bytes], *, names: Sequence[str] = ()
+) -> tuple[SceneFault, ...]:
     """What happened to rectified `pictures` (H, W, 3) since the `reference` (H, W, 3), both in grey levels.
 
-    Empty where they are as the reference is, and where none has its shape.
+    They are in the order of time, and their `names` are told; without names they are counted. Empty where they are
+    as the reference is, and where none has its shape.
     """
+    called = names or [f"number {k + 1}" for k in range(len(pictures))]
+    names = [name for name, rgb in zip(called, pictures, strict=True) if rgb.shape == reference.shape]
     pictures = [rgb for rgb in pictures if rgb.shape == reference.shape]
     if not pictures:
         return ()
@@ -72,7 +77,7 @@ def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes])
         return (SceneFault(told, spoils=True),)
     dark = _failed_lamp(change)
     spoiling = dark or _gamma(before, change)
-    others = ("" if spoiling else _failed_later(change), _exposure(change), _mark(reference, pictures))
+    others = ("" if spoiling else _failed_later(change), _exposure(change), _mark(reference, pictures, names))
     found = [SceneFault(spoiling, spoils=True, dims=bool(dark))] if spoiling else []
     return (*found, *(SceneFault(said, spoils=False) for said in others if said))
 
@@ -206,30 +211,33 @@ def _detail(change: Floats) -> Floats:
     return np.asarray(change - cv2.GaussianBlur(change, (0, 0), MARK_WIDTH))
 
 
-def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> str:
-    """A mark that all frames and channels show at one place and the reference does not.
+def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes], names: Sequence[str]) -> str:
+    """A mark that all frames and channels show at one place from some frame on, and the reference does not.
 
     A contact makes some channels brighter and others darker; a mark changes all alike.
     """
-    if len(pictures) < MIN_FRAMES:
-        return ""
     before = _blocks(reference, FINE_BLOCKS)
-    change = [_blocks(rgb, FINE_BLOCKS) - before for rgb in pictures]
-    detail = np.stack([_detail(one) for one in change])
+    detail = np.stack([_detail(_blocks(rgb, FINE_BLOCKS) - before) for rgb in pictures])
+    limit = max(MARK, MARK_SIGMA * mad_std(np.median(detail, axis=(0, 3))))
     darker, brighter = ((sign * detail).min(axis=3) for sign in (-1, 1))  # in all channels, by at least
-    lasting = np.maximum(darker.min(axis=0), brighter.min(axis=0))
-    seen = lasting > max(MARK, MARK_SIGMA * mad_std(np.median(detail, axis=(0, 3))))
+    for first in range(len(pictures) - MIN_FRAMES + 1):
+        lasting = np.maximum(darker[first:].min(axis=0), brighter[first:].min(axis=0))
+        if (at := _marked(lasting > limit)) is not None:
+            x, y = ((k + 0.5) * n / m for k, n, m in zip(at, reference.shape[1::-1], FINE_BLOCKS, strict=True))
+            which = "all frames" if first == 0 else f"all frames looked at from {names[first]} on"
+            return (
+                f"{which} show a mark near ({x:.0f}, {y:.0f}) px that the reference has not: torn gel or dirt? "
+                "Clean it; else take a new reference, or a new gel"
+            )
+    return ""
+
+
+def _marked(seen: Bools) -> tuple[float, float] | None:
+    """The middle (column, row) of a mark among fine blocks (rows, columns) `seen` to differ; None if none."""
     count, patches, _, centres = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
     for number in range(1, count):
         column, row = centres[number]
         inside = MARK_EDGE <= column < FINE_BLOCKS[0] - MARK_EDGE and MARK_EDGE <= row < FINE_BLOCKS[1] - MARK_EDGE
         if inside and np.count_nonzero(patches == number) >= MARK_BLOCKS:
-            x, y = (
-                (at + 0.5) * n / m
-                for at, n, m in zip((column, row), reference.shape[1::-1], FINE_BLOCKS, strict=True)
-            )
-            return (
-                f"all frames show a mark near ({x:.0f}, {y:.0f}) px that the reference has not: torn gel or dirt? "
-                "Clean it; else take a new reference, or a new gel"
-            )
-    return ""
+            return float(column), float(row)
+    return None

@@ -24,7 +24,7 @@ from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.methods.weights import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.reference import dark_colour_warning, overexposed_warning
-from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, some_frames
+from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, some_frames, spread_frames
 from tactilevision.quality.scene_faults import check_order
 from tactilevision.reconstruct.guessed_reference import with_free_reference
 from tactilevision.reconstruct.own_contacts import calibrated_on_frames, scale_warning
@@ -32,7 +32,7 @@ from tactilevision.reconstruct.picture_order import FRAMES_FOR_ORDER, order_warn
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.reconstruct.shadows_seen import leave, with_shadows
 from tactilevision.reconstruct.tuned import tuned
-from tactilevision.reconstruct.untouched_frames import free_frames
+from tactilevision.reconstruct.untouched_frames import free_frames, press_starts
 from tactilevision.reconstruct.usual_scale import doubt_of_radii
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import may_have_marks, rectify
@@ -83,7 +83,7 @@ def calibrate_light(recording: Recording, method: str | PhotometricMethod | None
         )
     with faults_of_flats(recording):
         found = _built(recording, method)
-    found.look([*some_frames(recording), *free_frames(recording)])
+    found.look([*spread_frames(recording), *press_starts(recording)])
     return found
 
 

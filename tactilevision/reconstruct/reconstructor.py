@@ -255,15 +255,21 @@ class Reconstructor:
             terms["cast shadow"] = np.asarray(self.given_back[::every, ::every], np.float32)
         return terms
 
-    def look(self, pictures: Sequence[Bytes]) -> None:
-        """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not."""
-        if self.reference_match is not None:
-            before = self.calibration.method.reference if self.calibration else None
-            self.warnings += (
-                *self.reference_match.check_scene(pictures, before=before),
-                *self.reference_match.check_shift(pictures),
-                *check_reference(self.reference_match, self.rectified_map, pictures=pictures),
-            )
+    def look(self, pictures: Sequence[Frame | Bytes]) -> None:
+        """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not.
+
+        Frames have a name and a time; pixels alone are in the order of time.
+        """
+        if self.reference_match is None:
+            return
+        frames = [as_frame(one) for one in pictures]
+        pixels = [frame.rgb for frame in frames]
+        before = self.calibration.method.reference if self.calibration else None
+        self.warnings += (
+            *self.reference_match.check_scene(frames, before=before),
+            *self.reference_match.check_shift(pixels),
+            *check_reference(self.reference_match, self.rectified_map, pictures=pixels),
+        )
 
     def _std_mm(
         self,

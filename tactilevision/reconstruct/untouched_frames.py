@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +14,9 @@ from tactilevision.photometric.background import BackgroundSums
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
 from tactilevision.photometric.reference import Reference
+from tactilevision.quality.reference_match import rectified_frames
 from tactilevision.quality.scene_faults import able_to_renew
-from tactilevision.records import Bytes
+from tactilevision.records import Bytes, Frame
 from tactilevision.sensors import rectify
 
 if TYPE_CHECKING:
@@ -77,22 +77,22 @@ def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Byte
 
 
 def free_frames(recording: Recording) -> list[Bytes]:
-    """At most MAX_FREE rectified frames from the beginnings of the presses, when the gel is likely to be free.
-
-    Of a recording without presses, its flats, where they are MIN_FREE or more.
+    """The rectified pictures (H, W, 3) of `press_starts`; of a recording without presses, its flats,
+    where they are MIN_FREE or more.
     """
-    from tactilevision.recording import read_frame, read_reference
+    from tactilevision.recording import read_reference
 
-    times = recording.frame_times_s
     if not recording.presses and len(recording.flats) >= MIN_FREE:
         flats = recording.flats[:MAX_FREE]
         return [rectify(recording.sensor, read_reference(recording, path)) for path in flats]
+    return [frame.rgb for frame in press_starts(recording)]
+
+
+def press_starts(recording: Recording) -> list[Frame]:
+    """At most MAX_FREE rectified frames from the beginnings of the presses, when the gel is likely to be free."""
+    times = recording.frame_times_s
     if recording.frames_path is None or not len(times) or not recording.presses:
         return []
     starts = np.array([press.start_s for press in recording.presses])
     chosen = np.linspace(0, len(starts) - 1, min(MAX_FREE, len(starts))).astype(int)
-    found = []
-    for index in np.unique(np.searchsorted(times, starts[chosen]).clip(0, len(times) - 1)):
-        with suppress(InputError):  # a torn frame is reported where the press is read
-            found.append(rectify(recording.sensor, read_frame(recording, int(index)).rgb))
-    return found
+    return rectified_frames(recording, np.unique(np.searchsorted(times, starts[chosen]).clip(0, len(times) - 1)))

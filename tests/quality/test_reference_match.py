@@ -141,6 +141,20 @@ def test_a_recording_whose_camera_was_knocked_says_by_how_much(tmp_path: Path) -
     assert MOVED in found.rectified_map(knocked[0]).flags
 
 
+@pytest.mark.parametrize("first", [0, 4])
+def test_a_recording_whose_gel_tears_says_from_which_frame_on(tmp_path: Path, first: int) -> None:
+    rng = np.random.default_rng(SEED + 13)
+    frames = [picture(*ball((k - 4.0, 2.0), 1.4, 4.0)[1:], rng, gain=grain()) for k in range(8)]
+    for rgb in frames[first:]:
+        cv2.line(rgb, (60, 140), (90, 150), (20, 20, 20), 9)
+    found = build_reconstructor(recording(tmp_path, frames), made().method)
+    said = [line for line in found.warnings if "torn gel" in line]
+    assert len(said) == 1
+    assert said[0].startswith(
+        f"all frames looked at from {first}.png on show a mark" if first else "all frames show"
+    )
+
+
 def test_a_stream_sees_it_with_its_first_frame() -> None:
     rng = np.random.default_rng(SEED + 6)
     still = Stream(reader(), renew=0.0)
@@ -222,7 +236,7 @@ def test_flags_have_a_meaning_and_an_order() -> None:
     assert all(len(said) > 20 for said in MEANING.values())
 
 
-def face(radius_mm: float, length_mm: float, place: Pair) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[type-arg]
+def face(radius_mm: float, length_mm: float, place: Pair) -> tuple[np.ndarray, np.ndarray]:
     """Slopes of a face in a steep wall, beside which the gel slopes by .1 at first, over `length_mm`."""
     x, y = (at - own for at, own in zip(places(), place, strict=True))
     r = np.hypot(x, y)

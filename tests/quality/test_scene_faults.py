@@ -18,7 +18,7 @@ from tactilevision.quality.reference_match import some_frames
 from tactilevision.quality.scene_faults import able_to_renew, check_order, scene_faults
 from tactilevision.reconstruct import build_reconstructor, calibrate_light
 from tactilevision.reconstruct.build import with_flats
-from tactilevision.reconstruct.untouched_frames import free_frames
+from tactilevision.reconstruct.untouched_frames import free_frames, press_starts
 from tactilevision.recording import read_image, read_recording, write_image
 from tactilevision.records import Bytes
 from tactilevision.sensors import rectify
@@ -68,6 +68,10 @@ FAULTS: dict[str, tuple[str, Callable[[Bytes, int], Bytes]]] = {
     "gamma": ("to the power 1.2", lambda rgb, k: (255 * (rgb / 255.0) ** 1.25).astype(np.uint8)),
     "exposure": ("exposure on automatic", lambda rgb, k: as_light(rgb, lambda x: x * np.float32(1 + 0.04 * k))),
     "torn": (r"a mark near \(27\d, 1[01]\d\) px", lambda rgb, k: torn(rgb)),
+    "torn later": (
+        r"all frames looked at from number 4 on show a mark near \(27\d, 1[01]\d\) px",
+        lambda rgb, k: torn(rgb) if k > 2 else rgb,
+    ),
     "lamp later": (
         "in 2 of 9 frames looked at, red has 0.[23].* a lamp failed",
         lambda rgb, k: as_light(rgb, lambda x: x * np.array([0.05, 1, 1], np.float32)) if k > 6 else rgb,
@@ -76,7 +80,7 @@ FAULTS: dict[str, tuple[str, Callable[[Bytes, int], Bytes]]] = {
 for k, colour in enumerate(("red", "green", "blue")):
     weaker = np.where(np.arange(3) == k, 0.7, 1.0)
     FAULTS[f"{colour} weaker"] = (f"{colour} has 0.7. .* a lamp failed", partial(_times, weaker))
-OF_SOME = ("exposure", "torn", "lamp later")  # the others spoil all maps
+OF_SOME = ("exposure", "torn", "torn later", "lamp later")  # the others spoil all maps
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -160,6 +164,13 @@ def test_spoiled_frames_do_not_renew_the_reference() -> None:
     assert able_to_renew(reference, [*dark[:3], *free[3:]]) == free[3:]
     assert able_to_renew(reference, dark) == dark  # what is left of the light is all there is
     assert able_to_renew(reference, mirrored) == []
+
+
+def test_the_press_of_a_frame_is_told() -> None:
+    recording = read_recording(ROOT / "sample_frames" / "gelslim3")
+    first, frame = recording.presses[0], press_starts(recording)[0]
+    assert first.start_s <= frame.time_s <= first.end_s
+    assert frame.name.endswith(f"(press {first.press})")
 
 
 def test_frames_that_lack_different_colours_name_no_lamp(scene: tuple[Picture, list[Bytes]]) -> None:
