@@ -256,20 +256,16 @@ class Reconstructor:
         return terms
 
     def look(self, pictures: Sequence[Frame | Bytes]) -> None:
-        """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not.
-
-        Frames have a name and a time; pixels alone are in the order of time.
-        """
-        if self.reference_match is None:
-            return
-        frames = [as_frame(one) for one in pictures]
-        pixels = [frame.rgb for frame in frames]
-        before = self.calibration.method.reference if self.calibration else None
-        self.warnings += (
-            *self.reference_match.check_scene(frames, before=before),
-            *self.reference_match.check_shift(pixels),
-            *check_reference(self.reference_match, self.rectified_map, pictures=pixels),
-        )
+        """See by rectified pictures, in order, whether the reference is theirs, and free; warn and flag if not."""
+        if (match := self.reference_match) is not None:
+            frames = [as_frame(one) for one in pictures]
+            pixels = [frame.rgb for frame in frames]
+            before = self.calibration.method.reference if self.calibration else None
+            self.warnings += (
+                *match.check_scene(frames, before=before),
+                *match.check_shift(pixels),
+                *check_reference(match, self.rectified_map, pictures=pixels),
+            )
 
     def _std_mm(
         self,
