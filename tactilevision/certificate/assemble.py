@@ -10,10 +10,12 @@ import numpy as np
 from tactilevision.certificate.certificate import Certificate
 from tactilevision.certificate.certified_point import certified_point, judge_point
 from tactilevision.certificate.common_tilt import tilt_warning
+from tactilevision.certificate.depth.certified_faces import certified_of
 from tactilevision.certificate.depth.curves import press_curve
-from tactilevision.certificate.depth.depth_scale import find_depth_scale, scale_warning
+from tactilevision.certificate.depth.depth_scale import find_depth_scale
 from tactilevision.certificate.depth.pile_up import PileUp
 from tactilevision.certificate.depth.press_pile_ups import press_pile_ups
+from tactilevision.certificate.depth.scale_doubt import doubt_of_scale
 from tactilevision.certificate.evidence import evidence_of
 from tactilevision.certificate.recording_statistics import recording_statistics, tilt_scatter_to_bevel
 from tactilevision.certificate.rejection import Finding, PressEvidence, rejection_reasons
@@ -50,7 +52,9 @@ def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
         if point.accepted and (touch := evidence[point.press].touch) is not None
     ]
     given = next((one.bevel_contact for one in events.values()), None)
-    doubt = scale_warning(faces, [ball.ball_radius_mm for ball in measurements.recording.balls])
+    doubt = doubt_of_scale(
+        measurements.recording, measurements.reconstructor, pairs=faces, certified=certified_of(points)
+    )
     askew = tilt_warning([evidence[point.press] for point in points if point.accepted])
     certificate = Certificate(
         points=points,

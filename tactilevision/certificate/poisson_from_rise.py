@@ -20,7 +20,9 @@ import numpy as np
 
 from tactilevision.certificate.certificate import Certificate
 from tactilevision.certificate.depth.cast_shadow import FLAG, LIT_NU_STD, NU_STD, fall_growth, shows_shadow
+from tactilevision.certificate.depth.certified_faces import certified_of
 from tactilevision.certificate.depth.pile_up import blur_place, combine, computed_ratio, depth_std
+from tactilevision.certificate.depth.scale_doubt import doubt_beside_shadows
 from tactilevision.certificate.depth.slope_gain import ring_gain_std
 from tactilevision.certificate.surface_beside_punch import average_slopes, surface_view
 from tactilevision.errors import InputError, TactilevisionError
@@ -87,8 +89,12 @@ def with_nu(
         seen = (
             f"The fall of the gel beside the punch over depth grows by {growth[0]:.0%}: lamps cast shadows there."
         )
+        told = [f"{seen} {said}"]
+        if not any("gentle faces" in line for line in certificate.warnings):
+            certified = certified_of(certificate.points)
+            told.append(doubt_beside_shadows(recording, reconstructor, certified=certified))
         certificate = replace(
-            certificate, warnings=(*certificate.warnings, f"{seen} {said}"), flags=(*certificate.flags, FLAG)
+            certificate, warnings=(*certificate.warnings, *filter(None, told)), flags=(*certificate.flags, FLAG)
         )
     if found.left_out:
         left_out = f"The gel beside presses {', '.join(found.left_out)} lies beyond the profiles: not used for nu."

@@ -261,11 +261,8 @@ class Reconstructor:
             frames = [as_frame(one) for one in pictures]
             pixels = [frame.rgb for frame in frames]
             before = self.calibration.method.reference if self.calibration else None
-            self.warnings += (
-                *match.check_scene(frames, before=before),
-                *match.check_shift(pixels),
-                *check_reference(match, self.rectified_map, pictures=pixels),
-            )
+            said = match.check_scene(frames, before=before) + match.check_shift(pixels)
+            self.warnings += said + check_reference(match, self.rectified_map, pictures=pixels)
 
     def _std_mm(
         self,

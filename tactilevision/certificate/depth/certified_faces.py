@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.integration.taught_walls import WallFace
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
-from tactilevision.records import Indenter, Pair, Press
+from tactilevision.records import CertifiedPoint, Indenter, Pair, Press
 from tactilevision.records.taught_walls import TaughtWalls
 
 POINTS = "points.csv"
@@ -103,6 +103,11 @@ def read_certified(calibration: Path) -> tuple[Certified, ...]:
         if good and np.isfinite(time_s) and 0 < depth_mm < np.inf:
             found.append(Certified(cell_text(str(row.get("press"))), time_s, depth_mm))
     return tuple(found)
+
+
+def certified_of(points: Iterable[CertifiedPoint]) -> tuple[Certified, ...]:
+    """The accepted ones of a certificate's points."""
+    return tuple(Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted)
 
 
 def read_faces(

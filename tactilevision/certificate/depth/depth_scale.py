@@ -52,27 +52,44 @@ def find_depth_scale(pairs: Sequence[Pair]) -> DepthScale | None:
     )
 
 
+def scale_off(pairs: Sequence[Pair]) -> float | None:
+    """Seen over certified depth of gentle faces (seen, certified); None where they do not contradict 1."""
+    ratios = _ratios(pairs)
+    if len(ratios) < MIN_COUNT:
+        return None
+    off = float(np.median(ratios))
+    scatter = mad_std(ratios, centre=off) / np.sqrt(len(ratios))
+    return None if abs(off - 1.0) < max(MAX_OFF, DETECTION_SIGMA * scatter) else off
+
+
 def scale_warning(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
     """A sentence where gentle faces (seen, certified) contradict the picture's scale; "" where they do not.
 
     `radii_mm` of the balls that made it; none for a method that came ready.
     """
-    ratios = np.array([seen / true for seen, true in pairs if 0 < true <= GENTLE_MM and seen > 0])
-    if len(ratios) < MIN_COUNT:
-        return ""
-    off = float(np.median(ratios))
-    scatter = mad_std(ratios, centre=off) / np.sqrt(len(ratios))
-    if abs(off - 1.0) < max(MAX_OFF, DETECTION_SIGMA * scatter):
-        return ""
+    off = scale_off(pairs)
+    return "" if off is None else scale_question(off, len(_ratios(pairs)), radii_mm=radii_mm)
+
+
+def scale_question(off: float, faces: int, *, radii_mm: Sequence[float], shadows: str | None = None) -> str:
+    """What to ask where the picture's scale is `off`, a ratio, at so many gentle `faces`.
+
+    `shadows`: how they were read where it is known what cast shadows do to them; None: they may be the cause.
+    """
     stated = ", ".join(f"{radius:g}" for radius in sorted(set(radii_mm)))
     implied = ", ".join(f"{off * radius:.2f}" for radius in sorted(set(radii_mm)))
-    why = (
-        f"is the ball radius stated as {stated} mm really {implied}, has the light changed since the balls, or do "
-        "lamps cast shadows beside the faces?"
-        if stated
-        else "balls of this sensor would mend it."
-    )
+    doubts = [
+        f"is the ball radius stated as {stated} mm really {implied}",
+        "has the light changed since the balls",
+    ]
+    doubts += ["do lamps cast shadows beside the faces"] if shadows is None else []
+    why = f"{', '.join(doubts[:-1])}, or {doubts[-1]}?" if stated else "balls of this sensor would mend it."
     return (
-        f"Depth as the picture reads it is {100 * (off - 1):+.0f} % off what the bevel certifies of {len(ratios)} "
-        f"gentle faces: {why}"
+        f"Depth as the picture reads it{shadows or ''} is {100 * (off - 1):+.0f} % off what the bevel certifies "
+        f"of {faces} gentle faces: {why}"
     )
+
+
+def _ratios(pairs: Sequence[Pair]) -> Floats:
+    """Seen over true depth of the gentle faces in pairs of them."""
+    return np.array([seen / true for seen, true in pairs if 0 < true <= GENTLE_MM and seen > 0])
