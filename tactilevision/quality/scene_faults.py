@@ -4,7 +4,7 @@ Blocks of the untouched gel are compared with the reference's, as logarithms of 
 of its own in ln(picture/reference):
 
     channels swapped, mirrored   the reference with its colours or sides exchanged fits, as it is it does not
-    a lamp failed                one channel is darker than the others by a factor, in some frames or all
+    a lamp failed                one channel falls off over the picture by less than others, in some frames or all
     gamma changed                it grows with ln(reference), in all channels alike
     automatic exposure           one number for all blocks and channels, another in each frame
     torn gel, dirt               a mark at one place in all frames, or from one on, in all channels alike
@@ -33,7 +33,11 @@ FINE_BLOCKS = (48, 36)  # across and down, for marks that are small
 DARK_GREY = 4.0  # added to grey levels, so that black has a logarithm
 MIN_CHANGE = 0.08  # ln of grey: lamps that drift, and contacts, change less
 BETTER = 0.5  # share of the change that is left when the right exchange is undone
-FAILED = 0.75  # grey of one channel over that of the others: eleven sensors keep .905, single frames .88
+FAILED = 0.75  # share that a channel keeps over that of the others: seven real sets keep .976, single frames .934
+MIN_FALL = (
+    0.1  # of a channel's brightness, from the darker to the brighter half: less is told by brightness itself
+)
+LEAST_KEPT = 0.01  # share of a channel that is dark
 GAMMA_CHANGE = 0.12  # of the exponent: a camera's own curve keeps it within .05
 GAMMA_SPREAD = 0.15  # ln of grey, deviation over the picture: less shows no exponent
 EXPOSURE = 0.05  # ln of grey between frames: lamps flicker by less
@@ -75,9 +79,10 @@ def scene_faults(
             f"the frames {exchange} against the untouched reference: read both in the same way; depths are false"
         )
         return (SceneFault(told, spoils=True),)
-    dark = _failed_lamp(change)
+    kept = _kept(before, change)
+    dark = _failed_lamp(kept)
     spoiling = dark or _gamma(before, change)
-    others = ("" if spoiling else _failed_later(change), _exposure(change), _mark(reference, pictures, names))
+    others = ("" if spoiling else _failed_later(kept), _exposure(change), _mark(reference, pictures, names))
     found = [SceneFault(spoiling, spoils=True, dims=bool(dark))] if spoiling else []
     return (*found, *(SceneFault(said, spoils=False) for said in others if said))
 
@@ -146,8 +151,24 @@ def _pattern(change: Floats) -> float:
     return mad_std(known) if known.size else float("inf")
 
 
-def _failed_lamp(change: Floats) -> str:
-    grey = np.median(change, axis=(0, 1, 2))
+def _kept(before: Floats, change: Floats) -> Floats:
+    """ln of the share that each frame (frames, 3) keeps of a channel's light, by its fall-off over the picture.
+
+    It is the median slope of brightness over the reference's, from darker to brighter blocks: stray light that
+    lies evenly on both has no part in it. A channel without fall-off is told by its brightness.
+    """
+    grey, now = np.exp(before).reshape(-1, 3), np.exp(before + change).reshape(len(change), -1, 3)
+    order, half, channels = np.argsort(grey, axis=0), len(grey) // 2, np.arange(3)
+    low, high = order[:half], order[-half:]
+    run = grey[high, channels] - grey[low, channels]
+    slopes = (now[:, high, channels] - now[:, low, channels]) / np.maximum(run, np.finfo(float).tiny)
+    falls = np.median(run, axis=0) > MIN_FALL * np.median(grey, axis=0)
+    by_fall = np.log(np.maximum(np.median(slopes, axis=1), LEAST_KEPT))
+    return np.where(falls, by_fall, np.median(change, axis=(1, 2)))
+
+
+def _failed_lamp(kept: Floats) -> str:
+    grey = np.median(kept, axis=0)
     darkest = int(np.argmin(grey))
     others = float(np.delete(grey, darkest).max())
     share = float(np.exp(grey[darkest] - others))
@@ -159,16 +180,15 @@ def _failed_lamp(change: Floats) -> str:
     )
 
 
-def _failed_later(change: Floats) -> str:
+def _failed_later(kept: Floats) -> str:
     """As `_failed_lamp`, of those frames that lack one colour; a contact brightens one where another darkens."""
-    grey = np.median(change, axis=(1, 2))
-    lost = np.sort(grey, axis=1)[:, 1] + np.log(FAILED)  # beside the nearer one of the other colours
-    dark = (grey < np.minimum(lost, np.log(FAILED))[:, None]).any(axis=1)
-    which = np.argmin(grey, axis=1)
+    lost = np.sort(kept, axis=1)[:, 1] + np.log(FAILED)  # beside the nearer one of the other colours
+    dark = (kept < np.minimum(lost, np.log(FAILED))[:, None]).any(axis=1)
+    which = np.argmin(kept, axis=1)
     dark &= which == np.argmax(np.bincount(which[dark], minlength=3))
-    if np.count_nonzero(dark) < MIN_DARK or not _failed_lamp(change[dark]):
+    if np.count_nonzero(dark) < MIN_DARK or not _failed_lamp(kept[dark]):
         return ""
-    return f"in {np.count_nonzero(dark)} of {len(change)} frames looked at, {_failed_lamp(change[dark])}"
+    return f"in {np.count_nonzero(dark)} of {len(kept)} frames looked at, {_failed_lamp(kept[dark])}"
 
 
 def _gamma(before: Floats, change: Floats) -> str:

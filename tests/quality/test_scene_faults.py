@@ -14,6 +14,7 @@ import pytest
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import make_reference
+from tactilevision.photometric.reference import COLOURS
 from tactilevision.quality.reference_match import some_frames
 from tactilevision.quality.scene_faults import able_to_renew, check_order, scene_faults
 from tactilevision.reconstruct import build_reconstructor, calibrate_light
@@ -171,6 +172,18 @@ def test_the_press_of_a_frame_is_told() -> None:
     first, frame = recording.presses[0], press_starts(recording)[0]
     assert first.start_s <= frame.time_s <= first.end_s
     assert frame.name.endswith(f"(press {first.press})")
+
+
+@pytest.mark.parametrize("colour", range(3))
+def test_stray_light_hides_no_lamp(scene: tuple[Picture, list[Bytes]], colour: int) -> None:
+    reference, pictures = scene
+    room = [0.75 * rgb.astype(np.float64) + 40.0 for rgb in (reference, *pictures)]  # all of it in 8 bits
+    weaker = np.where(np.arange(3) == colour, 0.7, 1.0)
+    later = [weaker * (rgb - 40.0) + 40.0 if k > 4 else rgb for k, rgb in enumerate(room[1:])]
+    assert scene_faults(room[0], [np.rint(rgb).astype(np.uint8) for rgb in room[1:]]) == ()
+    said = scene_faults(room[0], [np.rint(rgb).astype(np.uint8) for rgb in later])
+    assert len(said) == 1
+    assert re.search(f"in 4 of 9 .*, {COLOURS[colour]} has 0.(69|7.) .* a lamp failed", said[0].sentence)
 
 
 def test_frames_that_lack_different_colours_name_no_lamp(scene: tuple[Picture, list[Bytes]]) -> None:
