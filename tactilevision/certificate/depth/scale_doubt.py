@@ -91,12 +91,13 @@ def without_shadows(
     some = [gentle[k] for k in np.unique(np.linspace(0, len(gentle) - 1, FACES).astype(int))]
     kept = reconstructor.keeps_shadows
     try:
-        if seen and (lamps := find_lamps(recording, reconstructor)) is not None:
-            undo_by(reconstructor, lamps)
-        elif seen or (share := share_seen(recording, reconstructor)) is None:
+        lamps = find_lamps(recording, reconstructor)
+        if lamps is None or lamps.doubtful:
             return Undone(None)
-        elif not share > SEEN_SHARE:
-            return Undone(False)
+        if seen:
+            undo_by(reconstructor, lamps)
+        elif (share := share_seen(recording, reconstructor)) is None or not share > SEEN_SHARE:
+            return Undone(None if share is None else False)
         faces = read_faces(recording, reconstructor, certified=some)
         return Undone(True, tuple((one.as_taught(None), one.certified_mm) for one in faces))
     except TactilevisionError:  # a torn frame; the certificate names it
