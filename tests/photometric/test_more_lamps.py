@@ -14,7 +14,7 @@ from tactilevision.photometric import make_reference
 from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, visibility
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.illumination.glossy_lamps import fit_glossy_lamps
-from tactilevision.photometric.illumination.lamps import Lamps, fit_lamps
+from tactilevision.photometric.illumination.lamps import BEST_MISFIT, Lamps, fit_lamps
 from tactilevision.records import Floats
 
 RED, GREEN, BLUE = (0.6, 0.07, 0.04), (0.06, 0.5, 0.09), (0.04, 0.08, 0.6)
@@ -26,7 +26,16 @@ Place = tuple[float, float, float]
 
 def shown(p: Floats, q: Floats, rng: np.random.Generator, at: Sequence[Place], stain: Floats | float) -> Floats:
     bright = 6.0 * np.asarray(stain)[..., None]
-    seen = picture(p, q, rng, at=at, tints=TINTS[: len(at)], lamps=[1.0] * len(at), stray_grey=2.0, gain=bright)
+    seen = picture(
+        p,
+        q,
+        rng,
+        at=at,
+        tints=TINTS[: len(at)],
+        lamps=[1.0] * len(at),
+        stray_grey=2.0 * float(np.min(stain)),
+        gain=bright,
+    )
     return np.asarray(seen)
 
 
@@ -81,6 +90,18 @@ def test_three_lamps_stay_three() -> None:
     assert len(found.lamps) == 3
     assert not found.doubtful
     assert all(off_deg(found, at) < 6 for at in AT[:3])
+
+
+def test_lamps_of_a_dim_picture_are_told_within_its_noise() -> None:
+    """At 8 to 10 grey levels a pixel's noise is ten times what lamps are off by."""
+    found = told(AT[:3], stain=0.15)
+    assert found.refined is not None
+    assert max(found.misfit, found.refined.misfit) < BEST_MISFIT
+    for x, y, z in AT[:3]:
+        lamp = min(
+            found.refined.lamps, key=lambda one: abs(np.exp(1j * one.azimuth_rad) - (x + 1j * y) / np.hypot(x, y))
+        )
+        assert lamp.height_mm / lamp.distance_mm == pytest.approx(z / np.hypot(x, y), rel=0.15)
 
 
 @pytest.mark.slow

@@ -149,12 +149,13 @@ def fit_lamps(
 @dataclass(frozen=True)
 class LampTask:
     """One fit. Parameters: OWN for each lamp, the camera's power, four of the ink's and the lens's fall-off, and
-    those of gloss, where the law has some."""
+    those of gloss, where the law has some. `noise` (3, n) of the balls' pixels, a share of their level."""
 
     x_mm: Floats
     y_mm: Floats
     slopes: Floats
     ratio: Floats
+    noise: Floats
     free_x_mm: Floats
     free_y_mm: Floats
     free: Floats
@@ -174,7 +175,8 @@ class LampTask:
         free_x, free_y = (at.ravel() for at in np.meshgrid(across * half[0], down * half[1]))
         free = np.log(np.maximum(blocks.transpose(2, 0, 1).reshape(3, -1), 1.0) / 255.0)
         x, y = (place * half).T
-        return cls(x, y, slopes.T, ratio, free_x, free_y, free, float(half[0]))
+        noise = np.array(reference.noise_grey)[:, None] / level
+        return cls(x, y, slopes.T, ratio, noise, free_x, free_y, free, float(half[0]))
 
     def start(self) -> Floats:
         """Each lamp in the direction in which its channel grows brighter with slope."""
@@ -282,7 +284,7 @@ class LampTask:
         return np.asarray(np.einsum("klN,lN->kN", shares, shades))
 
     def _off_balls(self, seen: Floats, *, power: float) -> Floats:
-        std = STD_OF_BALLS[0] + STD_OF_BALLS[1] * np.hypot(*self.slopes)
+        std = np.hypot(STD_OF_BALLS[0] + STD_OF_BALLS[1] * np.hypot(*self.slopes), self.noise)
         return np.asarray((self.ratio - np.maximum(seen, 1e-3) ** (1.0 / power)) / std)
 
     def of_free(self, values: Floats) -> Floats:
