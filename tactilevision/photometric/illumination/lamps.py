@@ -63,8 +63,7 @@ OWN = 8  # unknowns of a lamp: ln distance, tangent, length, its azimuth, aim an
 UNEXPLAINED = 0.05  # of a colour's light, rms: as many lamps as drawn leave .012 to .040, too few .07 to .14
 MAX_LAMPS = 6  # two of each colour
 LESS = 0.8  # of all misfit, the most that a lamp more leaves to stay: where one was missing .3 to .7
-BEST_MISFIT = 3.0  # of balls: what fits worse is lit by something else
-OTHER_LIGHT = 4.5  # of balls by three lamps, beyond which no more are tried: 1.1 to 2.8 of four and six, real 4.7
+BEST_MISFIT = 3.0  # of balls, by three lamps or all: what fits worse is lit by something else
 TURNS = (0.5, 1.0, 1.5)  # pi, from the colour's first lamp to where its next one is looked for
 
 
@@ -187,7 +186,7 @@ class LampTask:
     def solved(self) -> Lamps:
         """The lamps that leave the least: three, or more where these leave the untouched picture unexplained."""
         values, left = self._least(self.start())
-        most = MAX_LAMPS if self.misfit(values) < OTHER_LIGHT else 3
+        most = MAX_LAMPS if self.misfit(values) < BEST_MISFIT else 3
         while len(self.parts(values)[0]) < most and self.unexplained(values).max() > UNEXPLAINED:
             more, rest = self._with_one_more(values)
             if rest > LESS * left or self.misfit(more) > self.misfit(values):
