@@ -58,6 +58,7 @@ PRIOR_CROSS = (-1.5, 3.0)  # ln of a lamp's light to another channel over its ow
 PRIOR_POWER = (2.0, 0.3)  # of a camera: sRGB and video, and their deviation
 LENGTHS = (0.3, 3.0)  # of a lamp, in half widths of the pad: from a point to a strip along all of a side
 MAX_POWER = 3.0  # of a camera, beyond all that are in use
+BRIGHTEST = 50.0  # ln of a lamp's light to a channel: no number overflows
 FAINTEST = 1e-6  # of a lamp's light to a channel
 OWN = 8  # unknowns of a lamp: ln distance, tangent, length, its azimuth, aim and three colours
 UNEXPLAINED = 0.05  # of a colour's light, rms: as many lamps as drawn leave .012 to .040, too few .07 to .14
@@ -233,7 +234,7 @@ class LampTask:
         found = []
         for own in self.parts(values)[0]:
             distance = float(np.exp(own[1])) * self.half_mm
-            red, green, blue = np.exp(own[5:])
+            red, green, blue = np.exp(np.minimum(own[5:], BRIGHTEST))
             found.append(
                 Lamp(
                     float(own[0]),
