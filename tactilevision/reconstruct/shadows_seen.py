@@ -20,7 +20,7 @@ from tactilevision.records.flags import MEANING, UNKNOWN_LAMPS
 
 FRAMES_READ = 60  # frames of a recording that are looked at: of 15 the deepest of ten presses were missed
 FRAMES_TRIED = 4  # the deepest of these, whose shadows are undone to see whether there are any
-SEEN_SHARE = 0.2  # of the forecast shadow: four sensors showed .31 to 1.26, without shadows -.01 to .08
+SEEN_SHARE = 0.2  # of the forecast shadow: ten sensors showed .21 to 1.26, nine without shadows -.17 to .12
 # of lamps beside walls (steep_edges.py): the dark side of a wall is brightened along with the gel at its foot, so
 # that less is missing there; fitted to faces of two sensors of the family `train`
 UNDONE_LEAN = 1.6

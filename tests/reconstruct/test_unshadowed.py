@@ -122,6 +122,18 @@ def test_shadows_are_looked_for_before_they_are_undone() -> None:
     assert np.isnan(shadow_share(reader.shadows, [(shaded, level)], reference=reference))
 
 
+@pytest.mark.parametrize("number", [3, 6])
+def test_shadows_too_short_to_darken_whole_squares_are_told_by_all_of_them(number: int) -> None:
+    reader, recording = unshadowed_reader(), read_recording(SAMPLE)
+    assert reader.shadows is not None
+    assert reader.referenced is not None
+    reference = reader.referenced.reference.rgb
+    shown = [(read_frame(recording, number).rgb, drawn_mm(number))]
+    assert shadow_share(reader.shadows, shown, reference=reference) > 0.5
+    gentle = [(read_frame(recording, 1).rgb, drawn_mm(1))]
+    assert np.isnan(shadow_share(reader.shadows, gentle, reference=reference)), "hardly any is forecast"
+
+
 def small_field() -> LightField:
     lamps = tuple(
         Lamp(angle, 20.0, 8.0, 10.0, 0.0, tuple(np.eye(3)[k])) for k, angle in enumerate((0.0, 2.09, 4.19))

@@ -19,8 +19,8 @@ def moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> fl
     """The most that the face went deeper from frame `after` to `until`.
 
     A face moves at its rig's pace: what jumps is a wall that is read now one way, now the other. Both ways grow
-    with the face, so the shallower one, of the frames that follow, tells as much. Nor is one frame alone, that
-    reads shallower than both beside it, where the face came from.
+    with the face, so the shallower one, of the frames that follow, tells as much. A
+    single frame that reads shallower than both its neighbours is no start to count from.
     """
     seconds = np.diff(track.time_s)
     paces = (np.abs(np.diff(of_three(track.depth_mm))) / seconds)[phases.onset : phases.hold]

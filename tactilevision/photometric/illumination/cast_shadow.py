@@ -47,7 +47,7 @@ SMOOTH_PX = 1.0  # px, sigma: as the camera blurs the shadow's edge, about
 EVIDENCE_CELL_MM = 0.25  # mm, side of the squares in which shadows are looked for
 LEVEL = 0.25  # slope up to which squares count: the wall's own light is another matter
 # root of the sum of squares of light forecast to be missing, over all squares: as of 25 that miss .08. Less tells
-# nothing: squares are off by .03, as their neighbours are, and the share would be known to worse than .15
+# nothing. Five sensors of another ray caster have .5 to 1.8, and without shadows show shares of -.17 to .12
 MIN_SHADE = 0.4
 
 Picture = npt.NDArray[np.float32]
