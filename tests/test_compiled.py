@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import tactilevision.compiled as switch
-from tactilevision.integration import circle, circular_edges, steep_edges, two_grid_poisson, zero_plane
+from tactilevision.integration import circle, circular_edges, steep_edges, two_grid_poisson, wall_law, zero_plane
 from tactilevision.integration.punch_edge import PunchEdge
 from tactilevision.photometric.illumination import drift
 from tactilevision.photometric.illumination.colour_change import ColourChange, strips
@@ -171,7 +171,7 @@ def test_the_fit_of_a_wall(noise: float, both: Any) -> None:
     rng = np.random.default_rng(5)
     px, radius = 0.06, 2.5
     s = np.concatenate([np.arange(-5.5, -1.5, 0.5), np.arange(2.5, 17, 0.5)]) * px
-    law = steep_edges._Law(radius, px, 1.0, steep_edges.wall_light(2.1), s)
+    law = wall_law.Law(radius, px, 1.0, wall_law.wall_light(2.1), s)
     seen, _ = law._shown(np.array([0.02, np.log(0.6 * px), np.log(0.9 * px), 0.25, 0.02, -0.01]))
     std = 0.01 + 0.03 * np.abs(seen)
     seen = seen + noise * rng.standard_normal(seen.size)

@@ -13,6 +13,7 @@ from tactilevision.records import Floats, Pair
 from tactilevision.records.taught_walls import TaughtWalls
 
 LEAN = 2.1  # 1/tan of 25 degrees: lamps of these sensors stand at 15 to 35
+GENTLER = 0.5  # of the limit, from which walls are told where nothing of them is steeper than it
 LEAST_MM = 1e-6  # mm: smaller changes of depth are carried as this one
 
 
@@ -28,6 +29,11 @@ class WallLaw:
     lean: float = LEAN
     strict: bool = True
     taught: TaughtWalls | None = None
+
+    @property
+    def gentlest(self) -> float:
+        """The slope that a wall has somewhere, at least: a camera blurs even a steep one that is narrow."""
+        return GENTLER * self.limit
 
 
 @dataclass(frozen=True, slots=True)

@@ -136,8 +136,8 @@ def fitted(
 ) -> tuple[Floats, Floats, Floats]:
     """The unknowns (6,), their normal equations (6, 6), and how many deviations (n,) the law lies off.
 
-    As `_Law.fitted` from `start` under a `prior`. The law's places begin at `first`; `table` (6, m): S, C, dS, dC,
-    h and dh.
+    As `Law.fitted` of wall_law.py from `start` under a `prior`. The law's places begin at `first`;
+    `table` (6, m): S, C, dS, dC, h and dh.
     """
     least, unknown, trial = damping, start.copy(), start.copy()
     uphill, normal, off, squares = np.zeros(6), np.zeros((6, 6)), np.zeros(len(s)), np.inf

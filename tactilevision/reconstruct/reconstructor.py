@@ -220,7 +220,7 @@ class Reconstructor:
         """As `_mapped`, gentle gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
         tiles = self.elsewhere.read_tiles(rgb) if self.elsewhere else reader.read_tiles(rgb)
         walls: list[PunchEdge] = []
-        if tiles.steepest >= law.limit:
+        if tiles.steepest >= law.gentlest:
             walls = restore_windows(
                 tiles.fine, tiles.windows, valid=tiles.valid, mm_per_px=self.sensor.mm_per_px, law=law
             )
@@ -299,7 +299,7 @@ class Reconstructor:
 
     def _walls(self, slopes: SlopeMap, steepest: float, law: WallLaw) -> list[PunchEdge]:
         """The walls in `slopes`, which are restored there, in place."""
-        if steepest < law.limit or not np.isfinite(law.limit):
+        if not law.gentlest <= steepest < np.inf:
             return []
         walls = find_punch_edges(slopes, self.sensor.mm_per_px, law=law)
         restore(slopes, walls, mm_per_px=self.sensor.mm_per_px)
