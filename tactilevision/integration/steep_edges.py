@@ -63,7 +63,7 @@ MIN_FACE = 50  # pixels of a face; with fewer it counts as not known
 def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, law: WallLaw) -> list[PunchEdge]:
     """The walls round flat faces in `slopes` (H, W)."""
     edges = [
-        _fit_edge(circle, law, px=min(mm_per_px))
+        fit_edge(circle, law, px=min(mm_per_px))
         for circle in find_circular_edges(slopes, mm_per_px, limit=law.limit, gentlest=law.gentlest)
     ]
     return [edge if law.taught is None else edge.taught_by(law.taught) for edge in edges if edge is not None]
@@ -141,7 +141,7 @@ def restore_windows(
     return edges
 
 
-def _fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | None:
+def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     mean, s = edge.slopes, edge.places_mm - edge.radius_mm
     known = np.isfinite(mean)
