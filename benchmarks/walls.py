@@ -26,12 +26,12 @@ from tactilevision.records import Floats
 
 THICKNESS_MM = 3.0
 FINE_MM = 0.002
-INK_MM = 0.004  # sigma: how ink rounds the surface
+INKS_MM = (0.0, 0.015, 0.03)  # sigma: how ink rounds the surface; the simulator has the last
 LIMITS = (0.45, 0.6)  # steepest slopes that are read
 PIXELS_MM = (0.045, 0.065, 0.095)
 BLURS_PX = (0.5, 0.8)
 DEPTHS = (0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.175, 0.2)  # w/h
-EDGES = (1 / 60, 1 / 45, 1 / 30)  # edge radius over h
+EDGES = (1 / 60, 1 / 30)  # edge radius over h
 POISSON = (0.40, 0.43, 0.46, 0.487, 0.499)
 RADII = (0.5, 0.67, 0.85, 1.0)  # a/h
 FRICTIONS = (0.15, 0.3, 0.6)
@@ -43,6 +43,7 @@ class Wall:
 
     case: PunchCase
     edge_over_h: float
+    ink_mm: float
     r_mm: Floats
     z_mm: Floats
     radius_mm: float
@@ -55,6 +56,7 @@ class Carried:
 
     case: PunchCase
     edge_over_h: float
+    ink_mm: float
     px_mm: float
     depth_mm: float
     error_mm: float
@@ -76,7 +78,8 @@ def walls() -> Iterator[Wall]:
             continue
         fillet = e - np.sqrt(np.maximum(e * e - np.clip(r[~beside] - (a - e), 0.0, e) ** 2, 0.0))
         z = np.concatenate([np.maximum(w - fillet, outside[0]), outside])
-        yield Wall(case, edge, r, gaussian_filter1d(z, INK_MM / FINE_MM), a, w)
+        for ink in INKS_MM:
+            yield Wall(case, edge, ink, r, gaussian_filter1d(z, max(ink / FINE_MM, 1.0)), a, w)
 
 
 def shown(wall: Wall, places: Floats, *, px: float, blur_px: float) -> Floats:
@@ -102,7 +105,7 @@ def carried(wall: Wall, *, px: float, blur_px: float, limit: float) -> Carried |
         return None
     inside, beyond = np.interp([a - 9 * px, found.radius_mm + found.reach_mm], wall.r_mm, wall.z_mm)
     error = found.fall_at_reach_mm - (inside - beyond)
-    return Carried(wall.case, wall.edge_over_h, px, wall.depth_mm, float(error), found.std_mm)
+    return Carried(wall.case, wall.edge_over_h, wall.ink_mm, px, wall.depth_mm, float(error), found.std_mm)
 
 
 def read(every: list[Wall]) -> list[Carried]:
@@ -120,6 +123,7 @@ def table(readings: list[Carried]) -> None:
         "nu": lambda one: one.case.poisson_ratio,
         "friction": lambda one: one.case.friction,
         "edge/h": lambda one: round(one.edge_over_h, 4),
+        "ink, mm": lambda one: one.ink_mm,
         "px, mm": lambda one: one.px_mm,
     }
     off = np.array([one.error_mm / one.depth_mm for one in readings])
