@@ -32,8 +32,11 @@ class WallLaw:
 
     @property
     def gentlest(self) -> float:
-        """The slope that a wall has somewhere, at least: a camera blurs even a steep one that is narrow."""
-        return GENTLER * self.limit
+        """The slope that a wall shows somewhere, at least: a camera blurs even a steep one that is narrow.
+
+        Where shadows may be left these look like such walls, and only what is steeper than the limit is told.
+        """
+        return self.limit if self.strict else GENTLER * self.limit
 
 
 @dataclass(frozen=True, slots=True)

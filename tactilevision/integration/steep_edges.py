@@ -14,8 +14,8 @@ small slopes. By finite elements, shown in the same light, the law carries less 
 which is added at the edge: 1.4 for EDGE_FALL where the surface follows the punch's edge, .3 where ink rounds it
 over .03 mm. The value here lies between; the deviation holds both (benchmarks/walls.py: neo-Hooke, nu .40 to .499,
 a/h .5 to 1, w/h to .2, friction .15 to .6, edges of h/60 to h/30, pixels of .045 to .095 mm). A camera blurs even
-a steep wall where it is narrow. So walls are told from half the limit up where nothing of them is steeper: faces
-of 3 to 8 % of the thickness else lose 3 to 9 % of their depth.
+a steep wall where it is narrow. So walls are told from half the limit up where nothing of them is steeper and
+cast shadows are undone: faces of 3 to 8 % of the thickness else lose 3 to 9 % of their depth.
 
 A cast shadow beside the wall looks like slope, and a law through it may double a face's depth. It bends otherwise
 than the law, so walls that the slopes outside do not keep to are left as they are: faces of .3 to .55 mm beside

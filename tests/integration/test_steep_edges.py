@@ -84,7 +84,7 @@ def true_over_gel(depth: Floats, centre: tuple[float, float] = (7.3, 5.9)) -> fl
 
 
 @pytest.mark.parametrize(
-    ("w", "nu", "friction"), [(0.25, 0.43, 0.6), (0.4, 0.47, 0.3), (0.4, 0.43, 0.15), (0.5, 0.487, 0.3)]
+    ("w", "nu", "friction"), [(0.3, 0.43, 0.6), (0.4, 0.47, 0.3), (0.4, 0.43, 0.15), (0.5, 0.487, 0.3)]
 )
 @pytest.mark.parametrize("blur_px", [0.5, 1.0])
 def test_the_hidden_step_is_found(w: float, nu: float, friction: float, blur_px: float) -> None:
@@ -107,9 +107,10 @@ def test_a_wall_so_narrow_that_its_blurred_slope_can_be_read_hides_depth_too(w: 
     slopes = photographed(depth, 1.0)
     assert np.hypot(slopes.dz_dx, slopes.dz_dy).max() < LIMIT
     true, plain = true_over_gel(depth), face_over_gel(slopes)
-    walls = find_punch_edges(slopes, (STEP, STEP), law=WallLaw(LIMIT))
+    walls = find_punch_edges(slopes, (STEP, STEP), law=WallLaw(LIMIT, strict=False))
     restore(slopes, walls, mm_per_px=(STEP, STEP))
     assert len(walls) == 1
+    assert find_punch_edges(photographed(depth, 1.0), (STEP, STEP), law=WallLaw(LIMIT)) == [], "a shadow, maybe"
     assert plain < 0.97 * true
     assert face_over_gel(slopes) == pytest.approx(true, rel=0.03)
 
@@ -120,7 +121,7 @@ def test_a_gentle_face_on_a_half_space_is_found() -> None:
     unit = (2 / np.pi) * np.arcsin(np.minimum(1.0, 2.0 / np.maximum(r, 1e-9)))
     depth = np.asarray(0.25 * cv2.GaussianBlur(unit, (0, 0), 0.03 * FINER / STEP))
     slopes = photographed(depth)
-    walls = find_punch_edges(slopes, (STEP, STEP), law=WallLaw(LIMIT))
+    walls = find_punch_edges(slopes, (STEP, STEP), law=WallLaw(LIMIT, strict=False))
     restore(slopes, walls, mm_per_px=(STEP, STEP))
     assert len(walls) == 1
     assert face_over_gel(slopes) == pytest.approx(true_over_gel(depth), rel=0.03)
