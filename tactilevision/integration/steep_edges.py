@@ -12,9 +12,9 @@ small slopes. By finite elements, shown in the same light, the law carries less 
     D = EDGE_FALL (w^2/a) sqrt(px/a)        px: mm of a pixel
 
 which is added at the edge: 1.4 for EDGE_FALL where the surface follows the punch's edge, .3 where ink rounds it
-over .03 mm. The value here lies between; the deviation holds both (benchmarks/walls.py: neo-Hooke, nu .40 to .499,
-a/h .5 to 1, w/h to .2, friction .15 to .6, edges of h/60 to h/30, pixels of .045 to .095 mm). A camera blurs even
-a steep wall where it is narrow. So walls are told from half the limit up where nothing of them is steeper and
+over .03 mm. The value here lies between; the deviation holds both (benchmarks/steep_edges.py: neo-Hooke, nu .40 to
+.499, a/h .5 to 1, w/h to .2, friction .15 to .6, edges of h/60 to h/30, pixels of .045 to .095 mm). A camera blurs
+even a steep wall where it is narrow. So walls are told from half the limit up where nothing of them is steeper and
 cast shadows are undone: faces of 3 to 8 % of the thickness else lose 3 to 9 % of their depth.
 
 A cast shadow beside the wall looks like slope, and a law through it may double a face's depth. It bends otherwise
@@ -54,7 +54,7 @@ SLOPE_FLOOR = 0.01  # mm/mm: deviation of the mean slope round the edge where it
 # mean square, in stated deviations, that slopes outside may lie off the law, and where the wall hides more than
 # half of FAR: punches' own .0 to .2, a path tracer's .35 after shadows were undone; beside shadows .4 to 2
 MAX_MISFIT = (0.45, 0.3)
-EDGE_FALL = 0.8  # of what the edge adds: benchmarks/walls.py
+EDGE_FALL = 0.8  # of what the edge adds: benchmarks/steep_edges.py
 EDGE_FALL_STD = 1.0  # of it: what ink, frictions and edges differ by
 MIN_READ = 8  # bins outside the edge that can be read; with fewer it is not fitted
 MIN_FACE = 50  # pixels of a face; with fewer it counts as not known

@@ -1,6 +1,6 @@
 """How much of a face's depth does the wall's law carry, where light and camera are just what it assumes?
 
-    python -m benchmarks.walls
+    python -m benchmarks.steep_edges
 
 Surfaces are the finite elements' (mechanics/tables); lamps all round, half a pixel to .8 px of blur, a pixel's
 mean. So what is printed is the law's own error: of D = EDGE_FALL (w^2/a) sqrt(px/a) as it stands, and without it.
