@@ -19,10 +19,11 @@ import numpy as np
 from benchmarks.own_contacts import FOLDS
 from benchmarks.peers import calibrated, judged, own_reader
 from benchmarks.real_frames import REAL, SETS, real_balls
-from tactilevision.photometric import BallPicture, Reference
-from tactilevision.photometric.ball.detection import Ball
-from tactilevision.records import Floats, Pair
-from tactilevision.uncertainty.ball_validation import dent_mm
+from tactilevision.heightmap.ball_validation import dent_mm
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.reference import Reference
+from tactilevision.records.measured import Floats, Pair
 
 PARTITIONS = 5
 

@@ -17,11 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from tactilevision.certificate import Certificate, certify
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.recording import read_recording
-from tactilevision.synthetic import GelOptions, IndenterOptions, RigOptions, SimulationOptions, simulate
-from tactilevision.synthetic.optics import CameraOptions
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.press.certificate import Certificate
+from tactilevision.press.certification import certify
+from tactilevision.recording.read import read_recording
+from tactilevision.synthetic.camera import CameraOptions
+from tactilevision.synthetic.options import GelOptions, IndenterOptions, RigOptions, SimulationOptions
+from tactilevision.synthetic.simulation import simulate
 
 KINDS: dict[str, SimulationOptions] = {
     "as the sample": SimulationOptions(),

@@ -19,9 +19,11 @@ import numpy as np
 
 from tactilevision import read_recording
 from tactilevision.contact.region import find_contact
-from tactilevision.reconstruct import Reconstructor, calibrate_light
-from tactilevision.recording import iter_frames
-from tactilevision.records import Bools, Bytes, Floats, Frame, HeightMap
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.recording.pictures import iter_frames
+from tactilevision.records.maps import Frame, HeightMap
+from tactilevision.records.measured import Bools, Bytes, Floats
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 FIRST, COUNT = 66, 60  # frames: the end of one press, free gel, the next press

@@ -20,9 +20,9 @@ from benchmarks.real_frames import ROOT
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.card import provenance
 from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.network_training import fit_network
+from tactilevision.photometric.random_lights import draw_samples
 from tactilevision.photometric.storage import save_network
-from tactilevision.photometric.training.network_training import fit_network
-from tactilevision.photometric.training.random_samples import draw_samples
 
 SCENES, HELD_OUT, STEPS = 8000, 400, 2000
 SEED = 20261124  # any number would do: the same seed gives the same network
@@ -33,7 +33,7 @@ def make(kind: str = "gelslim3", clones: str = "") -> None:
     card = {
         "sensor": kind,
         **provenance("drawn lights: benchmarks/default_method.py", licence="MIT"),
-        "shadows": "cast by every drawn body, for each lamp: photometric/training/random_surfaces.py",
+        "shadows": "cast by every drawn body, for each lamp: photometric/random_lights.py",
         "scenes": SCENES,
         "held_out_scenes": HELD_OUT,
         "seed": SEED,

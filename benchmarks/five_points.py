@@ -23,7 +23,7 @@ import numpy as np
 from calibration.laws.paper import modulus_at, poisson_from_beta
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.material import neo_hooke
-from tactilevision.records import Floats, Material
+from tactilevision.records.measured import Floats, Material
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -179,7 +179,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 def solve() -> None:
     """Solve every case as deep as it goes, and write the file."""
-    from tactilevision.files import replacing
+    from tactilevision.files.writing import replacing
 
     with replacing(ROWS) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
@@ -196,16 +196,10 @@ def solve() -> None:
 def solve_case(case: Case) -> Floats:
     """P/(E w) (k,) by finite elements at as many of the five depths as there is an equilibrium."""
     from tactilevision.errors import ConvergenceError
-    from tactilevision.mechanics.punch_fem import (
-        Gent,
-        Hencky,
-        Law,
-        NeoHooke,
-        PunchProblem,
-        RoundedPunch,
-        Yeoh,
-        press_to_depths,
-    )
+    from tactilevision.mechanics.punch_fem.contact import RoundedPunch
+    from tactilevision.mechanics.punch_fem.laws import Gent, Hencky, Law, NeoHooke, Yeoh
+    from tactilevision.mechanics.punch_fem.press import press_to_depths
+    from tactilevision.mechanics.punch_fem.problem import PunchProblem
 
     laws: dict[str, Law] = {"neo-hooke": NeoHooke(), "yeoh": Yeoh(c2=0.05), "gent": Gent(30.0), "hencky": Hencky()}
     punch = RoundedPunch(RADIUS_MM, case.edge_mm, case.friction)

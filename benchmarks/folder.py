@@ -23,11 +23,11 @@ from benchmarks.stream import DEPTHS_MM, resident_kB
 from benchmarks.vision import QUALITY, calibrated
 from tactilevision.batch import folder as batch
 from tactilevision.batch.folder import DepthJob, Form, reconstruct_folder
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording, frames as reading
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.recording import pictures as reading
+from tactilevision.recording.model import Recording
 from tactilevision.synthetic.gel import Flat
-from tactilevision.synthetic.profile import punch_profile
-from tactilevision.synthetic.punch import PunchPress
+from tactilevision.synthetic.punch import PunchPress, punch_profile
 
 WIDTH_PX, HEIGHT_PX = 427, 320
 FRAMES = 400  # timed: some seconds

@@ -14,7 +14,8 @@ import numpy as np
 from benchmarks.force_cases import KINDS, Forward, View, draw_case, seen
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.force.nodes import cell_means
-from tactilevision.records import Floats, Gel, Material
+from tactilevision.records.measured import Floats, Material
+from tactilevision.records.rig import Gel
 
 VIEWS = {"160 x 120": View((120, 160), 0.171, 4), "320 x 240": View((240, 320), 0.0855, 2)}
 GEL, MATERIAL = Gel(3.0), Material(0.2, 0.48)

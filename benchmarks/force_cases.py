@@ -14,7 +14,9 @@ import numpy as np
 from scipy import fft
 
 from tactilevision.mechanics.layer import surface_compliance
-from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearMap
+from tactilevision.records.maps import HeightMap, ShearMap
+from tactilevision.records.measured import Floats, Material, Pair
+from tactilevision.records.rig import Gel
 
 KINDS = ("Hertz", "flat punch", "two contacts", "ridge")
 

@@ -15,12 +15,12 @@ from benchmarks.force_cases import View, seen
 from tactilevision.errors import ConvergenceError
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
-from tactilevision.mechanics.punch_fem.hencky import Hencky
-from tactilevision.mechanics.punch_fem.laws import Law, NeoHooke
-from tactilevision.mechanics.punch_fem.mesh import MeshSettings
+from tactilevision.mechanics.punch_fem.discretisation import MeshSettings
+from tactilevision.mechanics.punch_fem.laws import Hencky, Law, NeoHooke
 from tactilevision.mechanics.punch_fem.press import press_to_depths
 from tactilevision.mechanics.punch_fem.problem import PunchProblem
-from tactilevision.records import Floats, Gel, Material
+from tactilevision.records.measured import Floats, Material
+from tactilevision.records.rig import Gel
 
 VIEW = View((240, 320), 0.0855, 1)
 GEL = Gel(3.0, shape="disc", radius_mm=15.0)

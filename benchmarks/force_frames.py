@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from tactilevision.force.calibrated import read_clock_offset, read_material
-from tactilevision.force.compare import residuals
+from tactilevision.force.comparison import residuals
 from tactilevision.force.field import CUT
 from tactilevision.force.folder import force_folder, force_job
 from tactilevision.force.frame import FrameForce
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.recording import read_recording
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.recording.read import read_recording
 
 BANDS_MM = (0.03, 0.12, 0.2, 0.3, 0.4, 0.8)
 FREE_N, MIN_N = 0.02, 0.05

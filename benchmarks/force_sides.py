@@ -13,7 +13,8 @@ import numpy as np
 
 from benchmarks.force_cases import View, seen
 from tactilevision.force.field import ForceField, ForceSettings
-from tactilevision.records import Floats, Gel, Material
+from tactilevision.records.measured import Floats, Material
+from tactilevision.records.rig import Gel
 
 RADIUS_MM, THICKNESS_MM, PATCH_MM = 15.0, 3.0, 1.5
 GEL, MATERIAL = Gel(THICKNESS_MM, shape="disc", radius_mm=RADIUS_MM), Material(0.2, 0.48)

@@ -22,12 +22,12 @@ from scipy.stats import spearmanr
 from benchmarks.peers import calibrated, clicked
 from benchmarks.public_frames import i_digit
 from benchmarks.real_frames import circles, real_balls
-from tactilevision.photometric import Reference
-from tactilevision.photometric.ball.detection import Ball, ball_slopes
+from tactilevision.photometric.ball_detection import Ball, ball_slopes
+from tactilevision.photometric.ball_pictures import locate
 from tactilevision.photometric.calibrate import direction_error_deg
-from tactilevision.photometric.found_balls import locate
-from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.records import Bytes, Floats, Pair
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.reference import Reference
+from tactilevision.records.measured import Bytes, Floats, Pair
 
 CORE_PX = 16  # px from the middle within which changes are compared
 SEARCH_PX = 28  # px from the clicked centre that a middle may lie

@@ -24,18 +24,22 @@ import cv2
 import numpy as np
 
 from benchmarks.light_kinds import KINDS, drawn_gel, drifted, uneven
-from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
-from tactilevision.reconstruct import Reconstructor, tuned
-from tactilevision.records import Bools, Bytes, Frame, Gel, HeightMap, Pair
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.untouched_frames import tuned
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.maps import Frame, HeightMap
+from tactilevision.records.measured import Bools, Bytes, Pair
+from tactilevision.records.rig import Gel
 from tactilevision.sensors import get_sensor
 from tactilevision.synthetic.ball import BallPress
-from tactilevision.synthetic.camera import Camera
+from tactilevision.synthetic.camera import Camera, CameraOptions, build_camera
 from tactilevision.synthetic.gel import Area, Flat, Grid, Singles
-from tactilevision.synthetic.optics import CameraOptions, build_camera
 from tactilevision.synthetic.options import GelOptions
-from tactilevision.synthetic.profile import PunchProfile, punch_profile
-from tactilevision.synthetic.punch import PunchPress
-from tactilevision.synthetic.reference import picture_still, plan_balls
+from tactilevision.synthetic.punch import PunchPress, PunchProfile, punch_profile
+from tactilevision.synthetic.simulation import picture_still, plan_balls
 
 FIRST_SEED, SIZE, VIEW_MM, THICKNESS_MM, NU = 2101, (427, 320), 27.1, 3.0, 0.48
 PLACES: tuple[Pair, ...] = ((1.0, -0.7), (-4.0, 2.0), (4.5, 3.0))

@@ -10,12 +10,11 @@ import dataclasses
 
 import numpy as np
 
-from tactilevision.records import Pair
+from tactilevision.records.measured import Pair
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Camera
 from tactilevision.synthetic.gel import Singles
-from tactilevision.synthetic.profile import PunchProfile, punch_profile
-from tactilevision.synthetic.punch import PunchPress
+from tactilevision.synthetic.punch import PunchPress, PunchProfile, punch_profile
 
 KINDS = tuple((what, leans) for leans in (False, True) for what in ("alike", "own", "whole"))
 FADED: Pair = (0.04, 0.08)  # of the light, up or down

@@ -15,16 +15,17 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.vision import WIDTH_MM, calibrated
-from tactilevision.live import Stream
 from tactilevision.profile.make import stated_material, with_compliance
 from tactilevision.profile.model import Profile
 from tactilevision.profile.sensor import load_sensor
-from tactilevision.profile.write import write_profile
-from tactilevision.records import Bytes, Frame, Gel
+from tactilevision.profile.storage import write_profile
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Gel
+from tactilevision.robots.live import Stream
 from tactilevision.synthetic.camera import Camera
 from tactilevision.synthetic.gel import Flat
-from tactilevision.synthetic.profile import punch_profile
-from tactilevision.synthetic.punch import PunchPress
+from tactilevision.synthetic.punch import PunchPress, punch_profile
 
 SIZE = (427, 320)
 GEL = Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.005, youngs_modulus_MPa=0.2, youngs_modulus_std_MPa=0.003)

@@ -20,7 +20,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tactilevision.synthetic import SimulationOptions, simulate
+from tactilevision.synthetic.options import SimulationOptions
+from tactilevision.synthetic.simulation import simulate
 
 FIRST_SEED = 4200
 SIDES: tuple[Literal["right", "left", "top", "bottom"], ...] = ("right", "left", "top", "bottom")
@@ -52,10 +53,10 @@ def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     """Simulate, calibrate, hold against the truth."""
     from calibration.inputs.observations import Measured
     from calibration.tasks.calibrate import calibrate
-    from tactilevision.certificate.certify import certify
-    from tactilevision.certificate.poisson_from_rise import with_nu
-    from tactilevision.reconstruct import calibrate_light
-    from tactilevision.recording import read_recording
+    from tactilevision.heightmap.build import calibrate_light
+    from tactilevision.press.certification import certify
+    from tactilevision.press.poisson_from_rise import with_nu
+    from tactilevision.recording.read import read_recording
 
     with tempfile.TemporaryDirectory() as folder:
         place = simulate(Path(folder) / "made", seed=seed, options=options_of(seed, dwell_s))

@@ -19,13 +19,14 @@ import numpy as np
 from benchmarks.main_job import SIDES
 from calibration.inputs.observations import Measured
 from calibration.tasks.calibrate import calibrate
-from tactilevision.certificate.certify import certify
-from tactilevision.certificate.poisson_from_rise import with_nu
 from tactilevision.errors import ConvergenceError, TactilevisionError
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.recording import read_recording
-from tactilevision.records import Estimate
-from tactilevision.synthetic import SimulationOptions, simulate
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.press.certification import certify
+from tactilevision.press.poisson_from_rise import with_nu
+from tactilevision.recording.read import read_recording
+from tactilevision.records.measured import Estimate
+from tactilevision.synthetic.options import SimulationOptions
+from tactilevision.synthetic.simulation import simulate
 
 HEIGHTS_MM = (0.15, 0.22, 0.28, 0.34, 0.39)  # as deep as finite elements go at any nu
 RECORDINGS, FIRST_SEED = 10, 7000

@@ -17,10 +17,12 @@ import numpy as np
 from tactilevision.errors import ConvergenceError
 from tactilevision.mechanics.poisson_from_surface import fit_poisson_ratio
 from tactilevision.mechanics.profile import PunchCase, seen_profile
-from tactilevision.mechanics.punch_fem import PunchProblem, PunchSolution, RoundedPunch, press_to_depths
+from tactilevision.mechanics.punch_fem.contact import RoundedPunch
+from tactilevision.mechanics.punch_fem.press import PunchSolution, press_to_depths
+from tactilevision.mechanics.punch_fem.problem import PunchProblem
 from tactilevision.mechanics.surface_view import SurfaceView
-from tactilevision.mechanics.tables.profile import TABULATED
-from tactilevision.records import Floats, Material
+from tactilevision.mechanics.tables.punch import TABULATED
+from tactilevision.records.measured import Floats, Material
 
 RADIUS_MM, THICKNESS_MM, EDGE_MM, PAD_MM = 2.5, 3.0, 0.05, 15.0
 DEPTHS_MM = (0.06, 0.15, 0.225, 0.3, 0.375)

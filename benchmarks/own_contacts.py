@@ -19,14 +19,15 @@ import numpy as np
 
 from benchmarks.public_frames import SETS as PUBLIC
 from benchmarks.real_frames import OBJECTS, REAL, ROOT, SETS, circles, objects_of, real_balls
-from tactilevision.photometric import BallPicture, Reference, load_network
-from tactilevision.photometric.ball.samples import Samples, ball_samples
+from tactilevision.heightmap.self_calibration import Contact, Prior, calibrate_on_contacts, contact_of, contradict
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_samples import Samples, ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
-from tactilevision.photometric.contacts.moments import Contact, contact_of
-from tactilevision.photometric.contacts.self_calibration import Prior, calibrate_on_contacts, contradict
-from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.records import Bytes, Floats, Pair
+from tactilevision.photometric.reference import Reference
+from tactilevision.photometric.storage import load_network
+from tactilevision.records.measured import Bytes, Floats, Pair
 
 KINDS = dict(zip("ABCDEFGHI", 4 * ["gelslim3"] + 2 * ["gelsight_mini"] + 3 * ["digit"], strict=True))
 FOLDS = 3

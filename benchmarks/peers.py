@@ -30,14 +30,20 @@ from benchmarks.own_contacts import FOLDS
 from benchmarks.real_frames import MINI, OBJECTS, REAL, ROOT, SETS, objects_of, real_balls
 from benchmarks.vision import milliseconds
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, Reference, calibrate_from_balls
-from tactilevision.photometric.ball.detection import Ball, ball_slopes
-from tactilevision.photometric.ball.samples import INSIDE, far_from
-from tactilevision.photometric.calibrate import direction_error_deg
-from tactilevision.reconstruct import Reconstructor, calibrate_light, tuned
-from tactilevision.records import Bytes, Floats, Frame, Pair
-from tactilevision.sensors import get_sensor, rectify
-from tactilevision.uncertainty.ball_validation import dent_mm
+from tactilevision.heightmap.ball_validation import dent_mm
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.untouched_frames import tuned
+from tactilevision.photometric.ball_detection import Ball, ball_slopes
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_samples import INSIDE, far_from
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls, direction_error_deg
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.reference import Reference
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.sensors import get_sensor
+from tactilevision.sensors.rectification import rectify
 
 ABSENT = (
     "gs_sdk is not there: clone github.com/joehjhuang/gs_sdk and name its folder in PYTHONPATH behind this one "
@@ -231,7 +237,8 @@ def trained(
 
 def speed(peer: Any) -> None:
     """Raw frames of the sample to height maps by both, in turns; how long a network takes rests on no training."""
-    from tactilevision.recording import read_frame, read_recording
+    from tactilevision.recording.pictures import read_frame
+    from tactilevision.recording.read import read_recording
 
     recording = read_recording(ROOT / "sample_frames" / "gelslim3")
     reader = calibrate_light(recording)

@@ -21,8 +21,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tactilevision.photometric import BallPicture, Reference, make_reference
-from tactilevision.records import Bytes, Pair
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.reference import Reference, make_reference
+from tactilevision.records.measured import Bytes, Pair
 
 Balls = tuple[Reference, list[BallPicture], Pair]  # untouched picture, ball presses, mm per px
 _MINI_SCALE, _DIGIT_SCALE = (0.0634, 0.0634), (0.0583, 0.0583)

@@ -11,9 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactilevision.mechanics.punch_fem import GluedFace, MeshSettings, PunchProblem, RoundedPunch, press_to_depths
-from tactilevision.mechanics.punch_fem.problem import default_mesh
-from tactilevision.records import Material
+from tactilevision.mechanics.punch_fem.contact import RoundedPunch
+from tactilevision.mechanics.punch_fem.discretisation import MeshSettings
+from tactilevision.mechanics.punch_fem.press import press_to_depths
+from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem, default_mesh
+from tactilevision.records.measured import Material
 
 GEL = Material(1.0, 0.4797)
 TARGETS_S = {"no slip": 4.0, "mu = .3": 6.0, "frictionless": 10.0, "glued nodes": 2.0}

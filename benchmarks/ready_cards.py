@@ -20,9 +20,10 @@ import numpy as np
 from benchmarks.own_contacts import KINDS, direction_errors, gain, seen
 from benchmarks.public_frames import SETS as PUBLIC, Balls
 from benchmarks.real_frames import REAL, ROOT, SETS, real_balls
-from tactilevision.files import write_json
-from tactilevision.photometric import calibrate_from_balls, load_network
+from tactilevision.files.writing import write_json
+from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.methods.polynomial import fit_polynomial
+from tactilevision.photometric.storage import load_network
 
 SENSORS = {
     "A": "GelSlim 3.0 of mcubelab, no markers, held out",

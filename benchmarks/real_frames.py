@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 
 from benchmarks.public_frames import Balls
-from tactilevision.photometric import BallPicture, make_reference
-from tactilevision.photometric.ball.detection import Ball
-from tactilevision.photometric.found_balls import collect_balls, refine_balls
-from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.records import Bytes, Pair
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture, collect_balls, refine_balls
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.measured import Bytes, Pair
 
 ROOT = Path(__file__).parents[1]
 REAL = ROOT / ".." / "shared" / "real"

@@ -18,10 +18,12 @@ import numpy as np
 
 from benchmarks.force_cases import Forward, View, at_camera, draw_case
 from tactilevision.force.field import ForceField, ForceSettings
-from tactilevision.records import Floats, Gel, HeightMap, Material
-from tactilevision.shear.measure import read_untouched
+from tactilevision.records.maps import HeightMap
+from tactilevision.records.measured import Floats, Material
+from tactilevision.records.rig import Gel
+from tactilevision.shear.displacement import read_untouched
+from tactilevision.synthetic.camera import CameraOptions, build_camera
 from tactilevision.synthetic.gel import Area, Flat, Grid, Singles
-from tactilevision.synthetic.optics import CameraOptions, build_camera
 
 VIEW = View((240, 320), 0.0855, 2)
 GEL, MATERIAL = Gel(3.0), Material(0.2, 0.48)

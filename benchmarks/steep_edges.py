@@ -16,13 +16,12 @@ from unittest import mock
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.integration import steep_edges
-from tactilevision.integration.circular_edges import CircularEdge
-from tactilevision.integration.punch_edge import LEAN, WallLaw
-from tactilevision.integration.wall_law import wall_light
+from tactilevision.heightmap import walls as steep_edges
+from tactilevision.heightmap.circular_edges import CircularEdge
+from tactilevision.heightmap.walls import LEAN, WallLaw, wall_light
 from tactilevision.mechanics.profile import PunchCase, seen_profile
-from tactilevision.mechanics.tables.profile import TableProfile
-from tactilevision.records import Floats
+from tactilevision.mechanics.tables.punch import TableProfile
+from tactilevision.records.measured import Floats
 
 THICKNESS_MM = 3.0
 FINE_MM = 0.002

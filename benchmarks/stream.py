@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.vision import calibrated
-from tactilevision.live import Stream
-from tactilevision.records import Frame, Indenter
+from tactilevision.records.maps import Frame
+from tactilevision.records.rig import Indenter
+from tactilevision.robots.live import Stream
 from tactilevision.synthetic.gel import Flat
-from tactilevision.synthetic.profile import punch_profile
-from tactilevision.synthetic.punch import PunchPress
+from tactilevision.synthetic.punch import PunchPress, punch_profile
 
 DEPTHS_MM = (*[0.0] * 40, 0.05, 0.1, 0.2, 0.4, 0.3, 0.05)  # one touch in half a second
 WARM = 200  # frames until all buffers are made

@@ -15,19 +15,23 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from tactilevision.integration.poisson import integrate
-from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
-from tactilevision.reconstruct import Reconstructor, tuned
-from tactilevision.records import Bytes, Frame, Gel
+from tactilevision.heightmap.poisson import integrate
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.untouched_frames import tuned
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Gel
 from tactilevision.sensors import get_sensor
 from tactilevision.synthetic.ball import BallPress
-from tactilevision.synthetic.camera import Camera
+from tactilevision.synthetic.camera import Camera, CameraOptions, build_camera
 from tactilevision.synthetic.gel import Flat
-from tactilevision.synthetic.optics import CameraOptions, build_camera
 from tactilevision.synthetic.options import GelOptions
-from tactilevision.synthetic.profile import punch_profile
-from tactilevision.synthetic.punch import PunchPress
-from tactilevision.synthetic.reference import picture_still, plan_balls
+from tactilevision.synthetic.punch import PunchPress, punch_profile
+from tactilevision.synthetic.simulation import picture_still, plan_balls
 
 SIZES = ((320, 240), (427, 320), (640, 480))
 WIDTH_MM = 27.1

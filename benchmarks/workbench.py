@@ -15,16 +15,14 @@ import numpy as np
 
 from calibration.inputs.gather import observe_all
 from calibration.inputs.observations import Measured
-from calibration.session import History
+from calibration.tasks.session import History
+from calibration.workbench.analysis import Models
 from calibration.workbench.bench import Bench, Shown
-from calibration.workbench.curve_view import curve_view
-from calibration.workbench.frames import Frames
-from calibration.workbench.models import Models
-from calibration.workbench.opened import Opened
-from calibration.workbench.state_view import state_view
-from tactilevision.files import as_json
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.recording import read_recording
+from calibration.workbench.opened import Frames, Opened
+from calibration.workbench.views import curve_view, state_view
+from tactilevision.files.writing import as_json
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.recording.read import read_recording
 
 SAMPLES = Path(__file__).parents[1] / "sample_frames"
 SAMPLE = SAMPLES / "hidden_material"

@@ -2,8 +2,13 @@ from .effects import EFFECTS as EFFECTS
 from .effects.viscoelasticity import Viscoelasticity as Viscoelasticity
 from .inputs.observations import Measured as Measured, Observations as Observations
 from .laws import LAWS as LAWS
-from .model.parameters import Parameter as Parameter
-from .model.stages import Effect as Effect, EffectBase as EffectBase, Stage as Stage, State as State
+from .model.stages import (
+    Effect as Effect,
+    EffectBase as EffectBase,
+    Parameter as Parameter,
+    Stage as Stage,
+    State as State,
+)
 from .tasks.calibrate import calibrate as calibrate, observe as observe
 from .tasks.compare import compare as compare
 from .tasks.diagnose import diagnose as diagnose

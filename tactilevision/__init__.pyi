@@ -1,5 +1,4 @@
 from .batch.folder import reconstruct_folder as reconstruct_folder
-from .certificate.certify import certify as certify
 from .contact.region import find_contact as find_contact
 from .errors import (
     ConvergenceError as ConvergenceError,
@@ -9,50 +8,46 @@ from .errors import (
     RecordingError as RecordingError,
     TactilevisionError as TactilevisionError,
 )
-from .exports.tiff import read_tiff as read_tiff, write_tiff as write_tiff
+from .files.tiff import read_tiff as read_tiff, write_tiff as write_tiff
 from .force.calibrated import read_material as read_material
 from .force.field import ForceField as ForceField
-from .live import Stream as Stream
-from .mechanics.export import write_material as write_material
+from .heightmap.build import build_reconstructor as build_reconstructor
+from .heightmap.reconstructor import Reconstructor as Reconstructor
 from .mechanics.flat_contact import FlatContact as FlatContact
 from .mechanics.kappa import kappa as kappa
+from .mechanics.material import write_material as write_material
 from .mechanics.punch_curve import punch_curve as punch_curve
-from .profile.seen import Seen as Seen, SeenBatch as SeenBatch
+from .press.certification import certify as certify
+from .profile.model import Seen as Seen, SeenBatch as SeenBatch
 from .profile.sensor import CalibratedSensor as CalibratedSensor, load_sensor as load_sensor
-from .reconstruct import Reconstructor as Reconstructor, build_reconstructor as build_reconstructor
-from .recording import (
-    BadFrame as BadFrame,
-    Recording as Recording,
-    iter_frames as iter_frames,
-    read_folder as read_folder,
-    read_frame as read_frame,
-    read_recording as read_recording,
+from .recording.folder import read_folder as read_folder
+from .recording.model import BadFrame as BadFrame, Recording as Recording
+from .recording.pictures import iter_frames as iter_frames, read_frame as read_frame
+from .recording.read import read_recording as read_recording
+from .records.certified import CertifiedPoint as CertifiedPoint
+from .records.maps import (
+    Footprint as Footprint,
+    Frame as Frame,
+    HeightMap as HeightMap,
+    SlopeMap as SlopeMap,
+    TractionMap as TractionMap,
 )
-from .records import (
-    CertifiedPoint as CertifiedPoint,
+from .records.measured import (
     Curve as Curve,
     Estimate as Estimate,
     Floats as Floats,
-    Footprint as Footprint,
     ForceSeries as ForceSeries,
-    Frame as Frame,
-    Gel as Gel,
-    HeightMap as HeightMap,
-    Indenter as Indenter,
     Material as Material,
-    Press as Press,
-    Sensor as Sensor,
-    SlopeMap as SlopeMap,
-    TractionMap as TractionMap,
     Wrench as Wrench,
 )
-from .sensors import (
+from .records.rig import Gel as Gel, Indenter as Indenter, Press as Press, Sensor as Sensor
+from .robots.live import Stream as Stream
+from .sensors import get_sensor as get_sensor
+from .sensors.rectification import (
     find_grid as find_grid,
-    get_sensor as get_sensor,
     rectify as rectify,
     save_rectification as save_rectification,
     sensor_from_corners as sensor_from_corners,
     sensor_from_grid as sensor_from_grid,
 )
-from .shear.measure import read_untouched as read_untouched
-from .synthetic import simulate as simulate
+from .shear.displacement import read_untouched as read_untouched

@@ -20,9 +20,9 @@ from types import TracebackType
 from typing import Any, Self
 from urllib.parse import parse_qs, urlsplit
 
-from tactilevision.door.documents import parse_json
 from tactilevision.errors import InputError, TactilevisionError
-from tactilevision.files import as_json
+from tactilevision.files.documents import parse_json
+from tactilevision.files.writing import as_json
 
 LOCALHOST = "127.0.0.1"
 MAX_BODY = 65536  # bytes of a request; an action has less than a thousand

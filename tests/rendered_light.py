@@ -9,10 +9,11 @@ from typing import Any
 
 from shared_scenes import shared
 
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.lamps import find_lamps
+from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.illumination.lamps import Lamps
-from tactilevision.reconstruct import Reconstructor, calibrate_light
-from tactilevision.reconstruct.lamps import find_lamps
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "rendered_shadows"
 TRUTH: dict[str, Any] = tomllib.loads((SAMPLE / "truth.toml").read_text())

@@ -11,10 +11,11 @@ from typing import ParamSpec, TypeVar
 
 from filelock import FileLock
 
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.storage import save_method
-from tactilevision.reconstruct import Reconstructor, calibrate_light
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 P = ParamSpec("P")

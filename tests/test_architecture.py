@@ -51,7 +51,7 @@ def test_a_file_imports_what_its_package_may(path: Path) -> None:
     package, names = path.relative_to(ROOT).parts, imported(path)
     used = {name.split(".")[1] for name in names if name.startswith("tactilevision.")}
     if package[0] == "calibration" and package[1] not in ("report", "workbench"):
-        allowed = {"records", "errors", "mechanics", "files", "recording", "robust", "door"}
+        allowed = {"records", "errors", "mechanics", "files", "recording", "robust"}
         assert used <= allowed, f"calibration stands on {sorted(allowed)} only"
     if "plots" not in package and package[1] != "plots.py":
         drawing = {name for name in names if name.startswith("matplotlib")} - {"matplotlib.figure"}  # the type

@@ -14,19 +14,29 @@ import numpy as np
 import pytest
 
 import tactilevision.compiled as switch
-from tactilevision.integration import circle, circular_edges, steep_edges, two_grid_poisson, wall_law, zero_plane
-from tactilevision.integration.punch_edge import PunchEdge
-from tactilevision.photometric.illumination import drift
-from tactilevision.photometric.illumination.colour_change import ColourChange, strips
+from tactilevision.heightmap import (
+    circular_edges,
+    circular_edges as circle,
+    two_grid_poisson,
+    walls as steep_edges,
+    walls as wall_law,
+    zero_plane,
+)
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.walls import PunchEdge
+from tactilevision.photometric import drift
+from tactilevision.photometric.colour_change import ColourChange, strips
 from tactilevision.photometric.methods.polynomial import MAX_ORDER, POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.reference import Reference
-from tactilevision.reconstruct import Reconstructor, calibrate_light
-from tactilevision.recording import Recording, read_frame, read_recording
-from tactilevision.records import Frame, SlopeMap
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.records.maps import Frame, SlopeMap
 
 ROOT = Path(__file__).parents[1]
 FRAMES = {"free": 126, "gentle": 109, "deep": 308, "shallow": 137}  # of the sample, by what presses there
-KEPT_OUT = "import tactilevision.photometric.illumination.change_kernels as k; print(k.changes.signatures)"
+KEPT_OUT = "import tactilevision.photometric.frame_kernels as k; print(k.changes.signatures)"
 
 
 @pytest.fixture
@@ -124,7 +134,7 @@ def test_colour_changes(both: Any) -> None:
 
 def test_blocks_near_a_contact() -> None:
     pytest.importorskip("numba")
-    from tactilevision.photometric.illumination.drift_kernels import _near_contact
+    from tactilevision.photometric.frame_kernels import _near_contact
 
     rng = np.random.default_rng(2)
     for share in (0.05, 0.3, 0.8, 1.0):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import OutputError
-from tactilevision.files import append_text, make_folder, replacing, staged, write_json, write_text
+from tactilevision.files.writing import append_text, make_folder, replacing, staged, write_json, write_text
 
 
 def test_an_interrupted_write_leaves_the_old_file(tmp_path: Path) -> None:

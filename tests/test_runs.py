@@ -15,11 +15,11 @@ import pytest
 
 from tactilevision.cli import main
 from tactilevision.errors import OutputError, Terminated
-from tactilevision.runs import LOCK, output_lock
+from tactilevision.files.runs import LOCK, output_lock
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_frames"
-HOLD = "import sys, time; from tactilevision.runs import output_lock\nwith output_lock(sys.argv[1]):\n  "
+HOLD = "import sys, time; from tactilevision.files.runs import output_lock\nwith output_lock(sys.argv[1]):\n  "
 
 
 @contextmanager
@@ -122,7 +122,7 @@ def test_threads_that_take_turns_never_meet(tmp_path: Path) -> None:
 
 
 def test_without_flock_the_number_of_the_process_decides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactilevision.runs._flock", lambda handle, *, shared: None)
+    monkeypatch.setattr("tactilevision.files.runs._flock", lambda handle, *, shared: None)
     with another_process(tmp_path), pytest.raises(OutputError, match="being written"), output_lock(tmp_path):
         pass
     with output_lock(tmp_path):

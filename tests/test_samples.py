@@ -16,7 +16,7 @@ from benchmarks.digest.compare import differences
 from benchmarks.digest.record import read_record
 from tactilevision.cli import main
 from tactilevision.compiled import SWITCH, compiled
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "sample_frames" / "gelslim3"

@@ -16,7 +16,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="th
 HEAD = """
 import os, sys, threading, time
 import cv2, numpy as np
-from tactilevision.runs import Ticker, output_lock, worker_pool
+from tactilevision.files.runs import Ticker, output_lock, worker_pool
 
 def told(number):
     time.sleep(0.05)

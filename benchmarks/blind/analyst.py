@@ -16,8 +16,8 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.noise.model import Noise
 from tactilevision.errors import ConvergenceError
-from tactilevision.recording import read_recording
-from tactilevision.records import Pair
+from tactilevision.recording.read import read_recording
+from tactilevision.records.measured import Pair
 
 SEED = 7
 

@@ -12,7 +12,7 @@ from benchmarks.blind.record import write
 from benchmarks.blind.rig import Noise, add_noise, read
 from benchmarks.blind.signal import NU_STD, Stage, apart, set_stage, sized
 from benchmarks.blind.world import HIDDEN, World, draw_world
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 LEVELS = {"half": 0.5, "one": 1.0, "double": 2.0}
 STRENGTH = (9.0, 20.0)  # the targets are stated for signals above 8

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.blind import figures, layer
 from benchmarks.blind.design import Touch
 from benchmarks.blind.world import World
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 _EXPANSION = 3.0e-4  # 1/K, of silicone's length
 REFERENCE_C = 23.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 AIR_MM = -0.04
 

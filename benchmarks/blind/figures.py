@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
     from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator

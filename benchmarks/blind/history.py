@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.blind.contact import REFERENCE_C, Curves, clinging_mm, elastic_N
 from benchmarks.blind.design import Design, Motion
 from benchmarks.blind.world import World
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 _ZERO_C_IN_K = 273.15
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 NU = 0.48  # only ratios of forces are taken from here; they hardly know nu
 

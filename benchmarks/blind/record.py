@@ -14,9 +14,11 @@ from benchmarks.blind.design import Design
 from benchmarks.blind.rig import Noise, Reads
 from benchmarks.blind.signal import NU_STD, beta_of
 from benchmarks.blind.world import HIDDEN, World
-from tactilevision.files import write_text
-from tactilevision.recording import Recording, write_recording
-from tactilevision.records import Curve, Gel, Indenter, Press, Sensor
+from tactilevision.files.writing import write_text
+from tactilevision.recording.model import Recording
+from tactilevision.recording.write import write_recording
+from tactilevision.records.measured import Curve
+from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 
 FIRST_DAY = datetime.date(2026, 11, 2)
 

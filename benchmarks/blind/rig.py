@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.blind.design import Design, Motion, move
 from benchmarks.blind.history import gel_force_N
 from benchmarks.blind.world import World
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 
 @dataclass(frozen=True, slots=True)

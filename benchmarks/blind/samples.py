@@ -20,12 +20,13 @@ from benchmarks.blind.design import Design, rich
 from benchmarks.blind.record import write
 from benchmarks.blind.rig import Noise, add_noise, read
 from benchmarks.blind.world import World, draw_world
-from tactilevision.files import write_text
-from tactilevision.recording import read_recording, write_balls
-from tactilevision.synthetic.optics import CameraOptions
+from tactilevision.files.writing import write_text
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.write import write_balls
+from tactilevision.synthetic.camera import CameraOptions
 from tactilevision.synthetic.options import GelOptions, IndenterOptions, RigOptions, SimulationOptions
 from tactilevision.synthetic.rig import Protocol
-from tactilevision.synthetic.simulate import simulate
+from tactilevision.synthetic.simulation import simulate
 
 SEED = 20261122
 TWO = {"viscoelasticity": 0.05, "thickness_wedge": 0.03}  # of one gel, a share and mm/mm

@@ -17,7 +17,7 @@ from benchmarks.blind.contact import Curves, elastic_N
 from benchmarks.blind.design import Design
 from benchmarks.blind.rig import AR1, Noise, Reads, read
 from benchmarks.blind.world import HIDDEN, World
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 NU_STD = 0.005
 

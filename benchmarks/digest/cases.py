@@ -176,7 +176,7 @@ CASES: Mapping[str, Case] = MappingProxyType({
     "validate paper_points": Case(_validate(SAMPLES / "paper_points")),
     "train polynomial": Case(_train(RIG, "polynomial")),
     "train lookup": Case(_train(RIG, "lookup")),
-    "train either": Case(_train(RIG, "either")),
+    "train auto": Case(_train(RIG, "auto")),
     "simulated points": Case(_simulated_points),
     "simulated pictures": Case(_simulated_pictures("--seed", 13, "--frames", "jpeg", "--no-faults")),
     "simulated pictures with markers": Case(

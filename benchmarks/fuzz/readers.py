@@ -9,26 +9,24 @@ from pathlib import Path
 from typing import Any, Literal
 
 from benchmarks.fuzz import seeds
-from calibration.session import load_history
+from calibration.tasks.session import load_history
 from tactilevision.batch.folder import COLUMNS, DepthJob, FrameResult
 from tactilevision.batch.jobs import Journal
-from tactilevision.certificate.depth.certified_faces import read_certified
-from tactilevision.door.archives import read_archive
-from tactilevision.door.arrays import read_arrays
-from tactilevision.exports.tiff import read_tiff
+from tactilevision.files.arrays import read_archive, read_arrays
+from tactilevision.files.tiff import read_tiff
 from tactilevision.force.calibrated import check_gel, read_clock_offset, read_material
-from tactilevision.logs.lerobot.dataset import read_dataset
-from tactilevision.logs.lerobot.pictures import pictures
-from tactilevision.logs.log import Log
-from tactilevision.logs.messages import WrenchReading, decode_picture, decode_wrench
 from tactilevision.photometric.storage import digest, load_method, load_network
-from tactilevision.profile import contents
+from tactilevision.press.certified_faces import read_certified
+from tactilevision.profile import storage as contents
 from tactilevision.profile.model import Profile
-from tactilevision.profile.read import read_profile, unpack_profile
-from tactilevision.recording import read_recording
-from tactilevision.recording.frames import iter_frames
+from tactilevision.profile.storage import read_profile, unpack_profile
 from tactilevision.recording.images import read_image
-from tactilevision.records import Gel
+from tactilevision.recording.pictures import iter_frames
+from tactilevision.recording.read import read_recording
+from tactilevision.records.rig import Gel
+from tactilevision.robots.lerobot_dataset import pictures, read_dataset
+from tactilevision.robots.logs import Log
+from tactilevision.robots.messages import WrenchReading, decode_picture, decode_wrench
 
 TACTILE = "observation.images.tactile"
 Form = Literal["table", "toml", "json", "npy", "npz", "tiff", "picture", "bytes"]

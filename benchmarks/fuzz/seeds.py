@@ -11,27 +11,27 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration.session import History, Step
+from calibration.tasks.session import History, Step
 from tactilevision.batch.folder import FrameResult
 from tactilevision.batch.jobs import Journal
-from tactilevision.certificate.depth.depth_scale import DepthScale
-from tactilevision.door.archives import read_archive
-from tactilevision.exports.npz import write_npz
-from tactilevision.exports.tiff import write_tiff
-from tactilevision.logs.write import depth_message, open_writer, wrench_message
+from tactilevision.files.arrays import read_archive
+from tactilevision.files.exports import write_npz
+from tactilevision.files.tiff import write_tiff
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.storage import load_method, save_method
+from tactilevision.press.certified_faces import DepthScale
 from tactilevision.profile.model import Profile
-from tactilevision.profile.write import write_profile
+from tactilevision.profile.storage import write_profile
 from tactilevision.recording import layout
 from tactilevision.recording.model import BallPress
-from tactilevision.recording.write import MAPS, write_image
-from tactilevision.recording.write_tables import write_balls, write_frame_table, write_table
-from tactilevision.records import Gel, HeightMap, Indenter, Sensor
-from tactilevision.synthetic.writing import write_toml
+from tactilevision.recording.write import MAPS, write_balls, write_frame_table, write_image, write_table
+from tactilevision.records.maps import HeightMap
+from tactilevision.records.rig import Gel, Indenter, Sensor
+from tactilevision.robots.log_export import depth_message, open_writer, wrench_message
+from tactilevision.synthetic.simulation import write_toml
 
 FINGERPRINT = "0" * 64
 HEIGHT, WIDTH = 10, 12  # px

@@ -14,7 +14,7 @@ from benchmarks.others_curves.recording import Made, make
 from benchmarks.others_curves.strength import SEEN, TOLD_APART
 from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured, Observations
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 SEED = 7
 LEVELS = (0.01, 0.05, 0.10)

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.rendered.families import Response, Rig, field_mm, stream
 from benchmarks.rendered.path_tracer import PathTracer, Transport
-from tactilevision.records import Bytes, Floats
+from tactilevision.records.measured import Bytes, Floats
 from tactilevision.synthetic.gel import Flat, Grid, Singles, Surface
 from tactilevision.synthetic.punch import PunchPress
 

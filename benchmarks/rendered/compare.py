@@ -15,13 +15,12 @@ import numpy as np
 from benchmarks.rendered.camera import build_camera, mix
 from benchmarks.rendered.families import Rig, draw_rig
 from benchmarks.rendered.sets import draw_gel, plan_steps
-from tactilevision.records import Bools, Bytes, Floats
+from tactilevision.records.measured import Bools, Bytes, Floats
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Camera
 from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, Surface
-from tactilevision.synthetic.lights import Finish, Triple
+from tactilevision.synthetic.lights import Finish, Strip, Triple
 from tactilevision.synthetic.punch import PunchPress
-from tactilevision.synthetic.strips import Strip
 
 DARKER = 5  # grey levels by which a shadow must darken a value for it to count
 _SAMPLES = 64

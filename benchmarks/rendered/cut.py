@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 import tomli_w
 
-from tactilevision.files import write_text
-from tactilevision.recording import read_recording
+from tactilevision.files.writing import write_text
+from tactilevision.recording.read import read_recording
 
 QUALITY = 88  # of JPEG: its noise in a slope is then a tenth of the path tracer's
 NEAR_S = 1.0  # s of forces before and after a press: enough for its zero

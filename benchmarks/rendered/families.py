@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from tactilevision.records import Pair
-from tactilevision.synthetic.strips import Strip
+from tactilevision.records.measured import Pair
+from tactilevision.synthetic.lights import Strip
 
 Family = Literal["train", "bench"]
 _TEETH = 16

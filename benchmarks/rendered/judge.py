@@ -15,10 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.rendered.sets import TRUTH
-from tactilevision.reconstruct import Reconstructor, calibrate_light
-from tactilevision.reconstruct.shadows_seen import with_shadows
-from tactilevision.recording import Recording, read_frame, read_image, read_recording
-from tactilevision.records import HeightMap, Pair
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.shadows_seen import with_shadows
+from tactilevision.recording.images import read_image
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.records.maps import HeightMap
+from tactilevision.records.measured import Pair
 
 Array = npt.NDArray[np.floating]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.records import Bools, Floats
+from tactilevision.records.measured import Bools, Floats
 from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 
 _FINER = 3  # places for each pixel where it is steep

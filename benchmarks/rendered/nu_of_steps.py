@@ -17,15 +17,18 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rendered.judge import FACE, distance_mm, true_depth_mm
-from tactilevision.certificate.poisson_from_rise import fit_nu
-from tactilevision.certificate.surface_beside_punch import average_slopes, surface_view
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.lamps import find_lamps
+from tactilevision.heightmap.lit_slopes import lit_slopes
+from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.photometric.illumination.cast_shadow import LightField
-from tactilevision.reconstruct import Reconstructor, calibrate_light
-from tactilevision.reconstruct.lamps import find_lamps
-from tactilevision.reconstruct.lit_slopes import lit_slopes
-from tactilevision.recording import Recording, read_frame, read_recording
-from tactilevision.records import Indenter, SlopeMap
+from tactilevision.press.poisson_from_rise import average_slopes, fit_nu, surface_view
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.rig import Indenter
 
 DEPTH_STD = 0.01  # of the depth, one sigma: as well as bevels certify it
 

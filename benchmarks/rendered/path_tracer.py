@@ -19,9 +19,9 @@ import numpy as np
 
 from benchmarks.rendered.families import Ink, Rig
 from benchmarks.rendered.mesh import HeightField, height_field
-from tactilevision.files import replacing
+from tactilevision.files.writing import replacing
 from tactilevision.synthetic.gel import Grid, Singles, Surface
-from tactilevision.synthetic.strips import Strip
+from tactilevision.synthetic.lights import Strip
 
 Transport = Literal["path", "direct", "unshadowed"]
 _BOUNCES = 4  # longest path: lamp, gel, gel, gel, camera

@@ -13,11 +13,11 @@ from pathlib import Path
 from benchmarks.rendered.camera import RenderedCamera
 from benchmarks.rendered.families import Rig, stream
 from benchmarks.rendered.sets import draw_gel, truth_of
-from tactilevision.synthetic import writing
-from tactilevision.synthetic.optics import CameraOptions
+from tactilevision.synthetic import simulation as writing
+from tactilevision.synthetic.camera import CameraOptions
 from tactilevision.synthetic.options import FAULTS, IndenterOptions, RigOptions, SimulationOptions
 from tactilevision.synthetic.scenario import Scenario, draw_scenario
-from tactilevision.synthetic.simulate import write_scenario
+from tactilevision.synthetic.simulation import write_scenario
 
 RENDERING = "rendering.toml"
 

@@ -12,16 +12,17 @@ import numpy as np
 
 from benchmarks.rendered.camera import RenderedCamera
 from benchmarks.rendered.families import Rig, field_mm, stream
-from tactilevision.files import replacing
-from tactilevision.recording import Recording, layout, write_recording
-from tactilevision.records import Gel, Sensor
-from tactilevision.synthetic import writing
+from tactilevision.files.writing import replacing
+from tactilevision.recording import layout
+from tactilevision.recording.model import Recording
+from tactilevision.recording.write import write_recording
+from tactilevision.records.rig import Gel, Sensor
+from tactilevision.synthetic import simulation as writing
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.gel import Flat, Singles, Surface
 from tactilevision.synthetic.options import GelOptions
-from tactilevision.synthetic.profile import punch_profile
-from tactilevision.synthetic.punch import PunchPress
-from tactilevision.synthetic.reference import plan_balls
+from tactilevision.synthetic.punch import PunchPress, punch_profile
+from tactilevision.synthetic.simulation import plan_balls
 
 TRUTH = "truth"
 _AVERAGED = 16  # frames in one reference picture

@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rendered.judge import Step, judge_step, true_depth_mm
-from tactilevision.certificate.depth.certified_faces import wall_at
-from tactilevision.integration.taught_walls import WallFace, teach
-from tactilevision.reconstruct import Reconstructor, calibrate_light
-from tactilevision.reconstruct.shadows_seen import with_shadows
-from tactilevision.recording import read_frame, read_recording
-from tactilevision.records.taught_walls import WallLessons
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.shadows_seen import with_shadows
+from tactilevision.heightmap.walls import WallFace, teach
+from tactilevision.press.certified_faces import wall_at
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.records.certified import WallLessons
 
 BAND = (0.96, 1.02)  # of the true depth: where faces are asked to be
 DEPTHS = 4  # depths of one radius in a set, in a row

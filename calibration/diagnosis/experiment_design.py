@@ -1,27 +1,31 @@
-"""What to measure next: which action would tell two candidates apart, and in how many minutes.
-
-Each action is a handful of presses that could be made. The candidates' forces are worked out for them, at what
-was fitted, and the separation d of the presses so far and these together says what they would bring:
-    d = min over the rival's and the law's parameters of |L^-1 (f_i - f_j)|,    linear about the fit.
-"""
+"""Choose the next measurements: presses and manual checks that distinguish candidate effects."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
+from calibration.diagnosis.unexplained import Unexplained
+from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit, Problem, linearise
-from calibration.inputs.join import join
-from calibration.inputs.observations import Observations, Presses
-from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
+from calibration.fit.outlying_presses import OutlyingPresses
+from calibration.inputs.observations import TYPICAL_GAIN, TYPICAL_ZERO_MM, Observations, Presses, join
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
+from calibration.model.stages import Effect, ManualCheck
 from calibration.noise.model import Whitener
-from tactilevision.records import Floats, Indenter
+from tactilevision.records.measured import Floats
+from tactilevision.records.rig import Indenter
+
+# What to measure next: which action would tell two candidates apart, and in how many minutes.
+#
+# Each action is a handful of presses that could be made. The candidates' forces are worked out for them, at what
+# was fitted, and the separation d of the presses so far and these together says what they would bring:
+#     d = min over the rival's and the law's parameters of |L^-1 (f_i - f_j)|,    linear about the fit.
 
 SAMPLES = 17  # of a forecast ramp: the shape of every effect's curve is met; more change no order
 
@@ -177,3 +181,109 @@ def _force(model: Model, values: Floats, old: Observations, data: Observations) 
     each = values[start:end].reshape(-1, had.size)[:, nearest]
     longer = np.concatenate([values[:start], each.ravel(), values[end:]])
     return model.predict(longer, data), longer
+
+
+# What a person can do about an effect without many presses: a direct look at it, and how sharp that look is.
+#
+# A check settles one effect by itself: an amplitude `a` that it measures to `std` is told from none by a/std. For
+# effects that these data cannot show, the check that takes most off E's possible bias in a minute comes first.
+# What no effect explains is followed by way of what it depends on.
+
+NAN = float("nan")
+MIN_BIAS = 0.002  # of E: less is not worth a look
+_OTHER_PUNCH = ManualCheck(
+    "press the same depths with a punch of another radius: does it follow depth or force?", 10.0
+)
+FOLLOW: Mapping[str, ManualCheck] = {
+    **dict.fromkeys(("w", "w/h", "1/w", "P"), _OTHER_PUNCH),
+    "t": ManualCheck("leave a dead weight on the force sensor for a minute: does its reading creep?", 3.0),
+    "load/unload": ManualCheck("go down and up in steps, and wait at each: do the two ways meet?", 5.0),
+    "scatter while loading": ManualCheck("wet the punch with soapy water: does the force still jump?", 5.0),
+    "log rate": ManualCheck("repeat one press at five speeds", 8.0),
+    "wait": ManualCheck("vary the waits from 3 s to 10 min", 25.0),
+    "T": ManualCheck("press once with the gel five degrees warmer", 30.0),
+    **dict.fromkeys(
+        ("x", "y", "azimuth"), ManualCheck("turn the gel by 90 degrees: does it turn with the gel?", 10.0)
+    ),
+    **dict.fromkeys(("Fx", "Fy"), ManualCheck("turn the force sensor by 90 degrees and press again", 10.0)),
+    **dict.fromkeys(("a", "indenter"), ManualCheck("measure each indenter's face and edge", 10.0)),
+    **dict.fromkeys(
+        ("order", "recording date"), ManualCheck("repeat the first press: is it still the same?", 3.0)
+    ),
+}
+
+
+def check_of(effect: Effect) -> ManualCheck | None:
+    """What a person can do about it, as the effect states it."""
+    return getattr(effect, "check", None)
+
+
+def of_candidates(group: Sequence[Candidate]) -> list[NextMeasurement]:
+    """Checks of the candidates of a set, each with how far it would tell the amplitude found from none."""
+    found = []
+    for one in group:
+        check = check_of(one.effect)
+        if check is not None and np.isfinite(check.std):
+            size = abs(float(one.own_values[0]) - one.effect.parameters[0].default)
+            found.append(NextMeasurement(check.action, check.minutes, size / check.std))
+    return found
+
+
+def of_left(covariates: Iterable[str]) -> list[NextMeasurement]:
+    """What to do about something that depends on these covariates, the most telling first."""
+    checks = dict.fromkeys(FOLLOW[name] for name in covariates if name in FOLLOW)
+    return [NextMeasurement(check.action, check.minutes, NAN) for check in checks]
+
+
+def of_hidden(bias: Mapping[str, float]) -> list[NextMeasurement]:
+    """Checks of effects that these data cannot show, what takes most off E's possible bias in a minute first."""
+    checks = {key: check_of(EFFECTS[key]) for key in bias if key in EFFECTS}
+    worth = {check: abs(bias[key]) for key, check in checks.items() if check and abs(bias[key]) > MIN_BIAS}
+    ranked = sorted(worth, key=lambda check: -worth[check] / check.minutes)
+    return [NextMeasurement(check.action, check.minutes, NAN) for check in ranked]
+
+
+# What to measure next: presses that tell candidates apart, or follow what is left.
+
+WORTH = 0.5  # std: an action that brings less is not worth its minutes
+MAX_SIGMA = 10.0  # std: one that brings more is no better for it
+
+
+def plan_next(
+    base: Fit,
+    sets: Sequence[Sequence[tuple[Candidate, ...]]],
+    *,
+    odd: OutlyingPresses,
+    left: Unexplained | None,
+    instead: Sequence[Candidate],
+    bias: Mapping[str, float],
+) -> tuple[NextMeasurement, ...]:
+    """Odd presses first, then what tells candidates apart or follows what is left, then what nothing shows.
+
+    `sets`: for each search, the candidates of each step; `instead`: those of a beta out of theory.
+    """
+    open_sets = [group for one in sets for group in one]
+    if not open_sets and instead:
+        open_sets = [tuple(instead)]
+    plans = [plan for group in open_sets for plan in of_candidates(group)]
+    for group in sets[0] or ([tuple(instead)] if instead else []):  # of forces: a picture is no press
+        if len(group) > 1:
+            plans += measure_next(base, group[0], rivals=group[1:])
+            break
+    worth = [plan for plan in plans if plan.separation_sigma > WORTH]
+    worth.sort(key=lambda plan: -min(plan.separation_sigma, MAX_SIGMA) / plan.minutes)
+    follow = of_left(left.covariates) if left is not None else []
+    found = [*press_again(odd), *follow, *worth, *of_hidden(bias)]
+    return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]
+
+
+def press_again(odd: OutlyingPresses) -> tuple[NextMeasurement, ...]:
+    """Presses that do not repeat the others are pressed again before anything else is asked of them."""
+    if odd.presses:
+        names = ", ".join(odd.presses)
+        action, minutes = f"press {names} again: the same indenter at the same place", 2.0 * len(odd.presses)
+    elif odd.wanders:
+        action, minutes = "repeat the first press after the last one: is it still the same?", 3.0
+    else:
+        return ()
+    return (NextMeasurement(action, minutes, float("nan")),)

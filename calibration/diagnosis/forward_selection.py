@@ -19,28 +19,31 @@ from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.confirmation import (
+from calibration.diagnosis.refit import (
     AS_GOOD,
+    CANNOT_FIT,
+    Candidate,
+    adopt,
     by_one_reading,
     chance,
     equals,
     inside,
+    refit_with,
     rests_on_one_reading,
     skill,
     weighed_again,
 )
-from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, ScoreTest, scatter_unknown, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
+from calibration.fit.repeats import refit_with_pure_noise
 from calibration.inputs.deadline import UNWATCHED, Each, Watch
 from calibration.laws.flat_punch import FlatPunch
-from calibration.laws.theory.admissible_range import beta_outside_theory
+from calibration.laws.theory import beta_outside_theory
 from calibration.model.composition import Model
 from calibration.model.stages import Effect, EffectBase
 from calibration.noise.model import Whitener
-from calibration.repeats.repeat_noise import refit_with_pure_noise
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 REFITTED = 8  # candidates of a round that are fitted, the best by score; the others are far behind
 MAX_EFFECTS = 3  # effects in one model: the data of one recording bear no more

@@ -21,7 +21,7 @@ from calibration.inputs.observations import Observations
 from calibration.model.composition import Model
 from calibration.model.stages import THICKNESS, Effect
 from calibration.noise.model import Noise, Whitener
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 THEORY_BETA = 0.85  # beta of finite elements, neo-Hookean and sticking, at AT_RATIO
 AT_RATIO = 2.5 / 3  # a/h at which THEORY_BETA was computed

@@ -21,15 +21,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT
-from calibration.diagnosis.sensitivity import NOTHING, change_of_force
-from calibration.diagnosis.typical_sizes import absent, largest, to_be_expected, typical
-from calibration.fit.absorbed import Absorbed
-from calibration.fit.alternative_fits import stuck
-from calibration.fit.identifiability import identify
+from calibration.diagnosis.sensitivity import (
+    NOTHING,
+    Absorbed,
+    absent,
+    change_of_force,
+    largest,
+    to_be_expected,
+    typical,
+)
+from calibration.fit.depth_noise import at_denoised_depth
+from calibration.fit.identifiability import identify, stuck
 from calibration.fit.least_squares import Fit
 from calibration.model.stages import STICKING, Effect
-from calibration.repeats.at_denoised_depth import at_denoised_depth
-from tactilevision.records import Estimate, Floats
+from tactilevision.records.measured import Estimate, Floats
 
 ANY = 0.5  # chance that a rig has an effect that nobody knows of
 NODES = 41  # sizes of an effect that are averaged over, of equal weight

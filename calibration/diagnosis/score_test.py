@@ -19,23 +19,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis.covariate_steps import covariate_steps, form_errors
-from calibration.diagnosis.projection import Cast
-from calibration.diagnosis.sensitivity import as_it_holds
-from calibration.diagnosis.smallest_visible import smallest_visible
-from calibration.diagnosis.tail_probability import Tail
+from calibration.diagnosis.covariates import covariate_steps, form_errors
+from calibration.diagnosis.score_statistics import Cast, Tail
+from calibration.diagnosis.sensitivity import as_it_holds, smallest_visible
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
+from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit
+from calibration.fit.outlying_presses import PressLooks
+from calibration.fit.repeats import renewed_noise
 from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
-from calibration.noise.heteroscedasticity import Scatter
-from calibration.noise.model import Noise
-from calibration.repeats.at_denoised_depth import at_denoised_depth
-from calibration.repeats.outlying_presses import PressLooks
-from calibration.repeats.repeat_noise import renewed_noise
+from calibration.noise.model import Noise, Scatter
 from tactilevision.errors import InputError
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 DRAWS = 399  # of the bootstrap: p to .0025, finer by the tail's fit
 FIRST_DRAWS = 99  # after which it ends where all is decided

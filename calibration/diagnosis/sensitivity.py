@@ -1,24 +1,142 @@
-"""By how much an effect that these data cannot show could still put E off.
-
-The model is refitted, linearly (`calibration/fit/absorbed.py`), to the force that the effect would bring at a
-given size; what of it goes into E is the bias.
-"""
+"""Sensitivity of E to effects, and the minimum detectable size of each effect."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 
-from calibration.diagnosis.typical_sizes import absent, largest, typical
-from calibration.fit.absorbed import Absorbed
-from calibration.fit.least_squares import Fit
+from calibration.diagnosis.score_statistics import Cast, Tail
+from calibration.fit.least_squares import Fit, inverse_information
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Model
 from calibration.model.stages import Effect, EffectBase
-from tactilevision.records import Floats
+from calibration.noise.model import Whitener
+from tactilevision.records.measured import Bools, Floats
+
+# The least size of each effect that four of five such data would show.
+#
+# Where many presses tell the noise, that is 3.6 std. Few hardly do: the limit is then the one that draws of the
+# model put on each effect's likelihood ratio, and a larger gain of the presses may stand for part of what is
+# there.
+
+KNOWN = 3.6  # std that stand beyond the level in four of five such data, where presses tell the noise
+FOUR_OF_FIVE = 0.84  # std beyond a limit: a normal's four fifths
+MOST = 1e6  # of a statistic
+
+
+def smallest_visible(
+    cast: Cast, effects: Sequence[Effect], keys: Sequence[str], *, level: float, drawn: Floats | None
+) -> dict[str, float]:
+    """Amplitude of the first parameter of each effect of these `keys`, whose tables are the first of `cast`; inf
+    where the model takes all of it.
+
+    It is that of the most visible start; of those where no other size (of the same unit) is off, if there are any.
+    `drawn` (n, k), dimensionless: their statistics where nothing is there, of few presses; None of many.
+    `level` of all of them.
+    """
+    by_key, found = {e.key: e for e in effects}, {}
+    ends, std = np.concatenate([[0], cast.ends]), np.full(cast.sizes.size, KNOWN)
+    if drawn is not None and drawn.shape[1]:
+        ratio = (np.sqrt(_limits(drawn, level)) + FOUR_OF_FIVE) ** 2
+        each = np.repeat(ratio, np.diff(ends[: len(keys) + 1]))
+        std = cast.shown(np.pad(each, (0, std.size - each.size)))
+    for k, key in enumerate(keys):
+        mine, table = slice(ends[k], ends[k + 1]), by_key[key].parameters
+        off = np.abs(by_key[key].starts(cast.fitted.data) - np.array([p.default for p in table]))
+        others = [q for q in range(1, len(table)) if table[q].unit == table[0].unit]
+        alone = (off[:, others] == 0).all(axis=1) & (off[:, 0] > 0)
+        may = cast.left[k] & (cast.sizes[mine] > 1e-9) & (off[:, 0] > 0) & (alone | ~alone.any())
+        best = int(np.argmax(np.where(may, cast.sizes[mine], 0.0)))
+        found[key] = float(off[best, 0] * std[mine][best] / cast.sizes[mine][best]) if may[best] else float("inf")
+    return found
+
+
+def _limits(drawn: Floats, level: float) -> Floats:
+    """Of each statistic (k,) where it comes to the level of all, by drawn ones (n, k)."""
+    tails = [Tail(column) for column in drawn.T]
+    seen = [tail.of_each() for tail, column in zip(tails, drawn.T, strict=True) if column.any()]
+    family = Tail(-np.log(np.min(seen, axis=0, initial=1.0)))
+    p = float(np.exp(-_crossing(family, level)))
+    return np.array([_crossing(tail, p) for tail in tails])
+
+
+def _crossing(tail: Callable[[float], float], p: float) -> float:
+    """Where p, which falls, comes down to this one."""
+    low, high = 0.0, 1.0
+    while tail(high) > p and high < MOST:
+        high *= 2
+    for _ in range(30):
+        middle = (low + high) / 2
+        low, high = (middle, high) if tail(middle) > p else (low, middle)
+    return high
+
+
+# How large effects are on rigs and gels, as each states it, in the unit of its first parameter.
+#
+# A fit may go farther (its bounds); what is expected, and what an effect that cannot be seen could do, ends here.
+
+
+def absent(effect: Effect, data: Observations) -> bool:
+    """Whether these data hold nothing of it, for their depth comes from elsewhere."""
+    return isinstance(effect, EffectBase) and effect.absent(data)
+
+
+def largest(effect: Effect) -> float:
+    """The end of its range, from where it vanishes; that of its bounds where nobody judged it."""
+    first, stated = effect.parameters[0], getattr(effect, "largest", None)
+    low, high = first.bounds
+    return max(high - first.default, first.default - low) if stated is None else float(stated)
+
+
+def typical(effect: Effect) -> float:
+    """The size that it has where it is there and nothing shows how large."""
+    stated = getattr(effect, "typical", None)
+    return effect.parameters[0].scale if stated is None else float(stated)
+
+
+def to_be_expected(effect: Effect, data: Observations) -> bool:
+    """Whether some of it is on any rig like the one that these data come from."""
+    return isinstance(effect, EffectBase) and effect.to_be_expected(data)
+
+
+# What a fit absorbs of a change of the force, linear about it, beside what is known of its parameters.
+#
+# d theta = (J^T V^-1 J + P)^-1 J^T V^-1 d f,    P the parameters' priors
+
+
+class Absorbed:
+    """About a fit whose parameters `free` (p,) may move: `white` makes forces (N,) in N white, `rows` are J and
+    priors, white (N + q, q), and `inverse` is (J^T V^-1 J + P)^-1.
+    """
+
+    def __init__(self, fitted: Fit, free: Bools) -> None:
+        self._free = free
+        self.white = Whitener(fitted.data, fitted.noise, fitted.about).apply
+        known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])
+        self.known = known[free]
+        self.rows = np.vstack([self.white(fitted.jacobian[:, free]), np.diag(self.known)])
+        self.inverse = inverse_information(self.rows)
+
+    def row_of(self, parameter: int) -> int:
+        """Where a parameter that is free stands among the free ones."""
+        return int(np.flatnonzero(np.flatnonzero(self._free) == parameter)[0])
+
+    def padded(self, change_N: Floats) -> Floats:
+        """A change (N,), N, white (N + q,), beside priors that ask for none."""
+        return np.concatenate([self.white(change_N), np.zeros(self.known.size)])
+
+    def moved(self, padded: Floats) -> Floats:
+        """By how much the free parameters (q,), each in its unit, follow a padded change (N + q,)."""
+        return np.asarray(self.inverse @ (self.rows.T @ padded))
+
+
+# By how much an effect that these data cannot show could still put E off.
+#
+# The model is refitted, linearly (`calibration/diagnosis/sensitivity.py`), to the force that the effect would
+# bring at a given size; what of it goes into E is the bias.
 
 NOTHING = 1e-9  # of the largest force
 

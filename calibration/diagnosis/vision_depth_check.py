@@ -14,16 +14,15 @@ import numpy as np
 
 from calibration.diagnosis.refit import Candidate, fit_without, press_folds
 from calibration.effects import EFFECTS
-from calibration.effects.support.in_picture import InPicture
+from calibration.effects.in_picture import InPicture
 from calibration.fit.least_squares import Fit, Problem, fit
+from calibration.fit.repeats import refit_with_pure_noise
 from calibration.inputs.observations import Observations
-from calibration.laws.reconstructed_depth import ReconstructedDepth, beside_face
-from calibration.laws.slopes_beside_face import with_slopes
+from calibration.laws.reconstructed_depth import ReconstructedDepth, beside_face, with_slopes
 from calibration.model.composition import Model
 from calibration.model.stages import EffectBase
 from calibration.noise.model import Whitener
-from calibration.repeats.repeat_noise import refit_with_pure_noise
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 MIN_COUNT = 4  # samples: fewer leave nothing to hold against each other
 

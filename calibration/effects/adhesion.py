@@ -19,13 +19,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.inputs.checks import pull_level_N
 from calibration.inputs.denoised_depth import drawn_off
 from calibration.inputs.observations import Observations
-from calibration.inputs.pull import pull_level_N
-from calibration.laws.theory.stiffness import punch_stiffness
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from calibration.laws.theory import punch_stiffness
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from tactilevision.records.measured import Floats
 
 SPREAD = 0.1  # std of the depth at which the face lets go, over w_c
 OPEN = 16.0  # of these std in ln w about w_c: from a fifth to five times it the reading says what holds

@@ -13,12 +13,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.effects.support.in_picture import InPicture
+from calibration.effects.in_picture import InPicture
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter, Prior
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Prior, Stage, State
 from tactilevision.mechanics.profile import exact_profile
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 USUAL_DISTANCE = 2.0  # of the punch's radius, from its axis
 TYPICAL_RISE = 0.1  # of the depth, beside a punch as wide as most: where the bevel stands is not known

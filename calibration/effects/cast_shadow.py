@@ -19,11 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.effects.support.in_picture import BesideFaces, InPicture, OfPicture
+from calibration.effects.in_picture import BesideFaces, InPicture, OfPicture
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter, Prior
-from calibration.model.stages import ManualCheck, Stage
-from tactilevision.records import Floats
+from calibration.model.stages import ManualCheck, Parameter, Prior, Stage
+from tactilevision.records.measured import Floats
 
 REACH = 2.7  # cotangent of a lamp's elevation: of 20 degrees
 REACH_STD = 0.7  # of it: 15 to 35 degrees lie within two

@@ -16,9 +16,8 @@ import numpy as np
 from calibration.inputs.denoised_depth import denoised_depth
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from tactilevision.records.measured import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from tactilevision.records.measured import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ S from the linear layer at the stated nu, .48 where none is; s1 and s2 from fini
 neo-Hooke, nu .48, edge h/30, pad 5 h, no slip over no friction, w/h .017 to .2; the ratio within .0012, and its
 start within .004 of S). Coulomb's mu = .3 lies within 5 % of no slip in all three. For a/h .4 to 1.2 and beyond as
 at the ends. On one radius S is E. Vanishes at q = 0.
-Source: calibration.laws.theory.sticking (Spence, Proc. R. Soc. A 305 (1968) 55).
+Source: calibration.laws.theory (Spence, Proc. R. Soc. A 305 (1968) 55).
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.inputs.observations import Observations
-from calibration.laws.theory.sticking import sticking_surplus
-from calibration.model.parameters import Parameter
-from calibration.model.stages import STICKING, EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from calibration.laws.theory import sticking_surplus
+from calibration.model.stages import STICKING, EffectBase, ManualCheck, Parameter, Stage, State
+from tactilevision.records.measured import Floats
 
 RATIOS = (0.4, 0.6, 0.85, 1.2)  # a/h of the finite elements behind LINES and CURVES
 LINES = (0.093, 0.277, 0.526, 0.796)  # s1, per unit of w/h

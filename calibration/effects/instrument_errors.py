@@ -20,13 +20,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from calibration.effects.support.hereditary import relaxed
+from calibration.effects.viscoelasticity import relaxed
 from calibration.inputs.conditions import running_share
 from calibration.inputs.denoised_depth import UNLOAD, branches
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
-from tactilevision.records import Bools, Floats
+from calibration.model.stages import EffectBase, Parameter, Stage, State
+from tactilevision.records.measured import Bools, Floats
 
 TAU_S = (0.05, 100.0)  # s, from a few samples to a long hold: what a press can show
 TAUS = (0.2, 1.0, 5.0, 25.0)  # s, where the fits begin, one to each factor of five

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.effects.support.in_picture import BesideFaces, InPicture, OfPicture
+from calibration.effects.in_picture import BesideFaces, InPicture, OfPicture
 from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import ManualCheck, Stage
-from tactilevision.records import Floats
+from calibration.model.stages import ManualCheck, Parameter, Stage
+from tactilevision.records.measured import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from tactilevision.records.measured import Floats
 
 SAME_MM = 0.5  # distances from rim to edge nearer than this are one
 

@@ -17,9 +17,8 @@ import numpy as np
 
 from calibration.inputs.denoised_depth import nominal_depth
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
-from tactilevision.records import Floats
+from calibration.model.stages import EffectBase, Parameter, Stage, State
+from tactilevision.records.measured import Floats
 
 KEPT = 8  # data sets of which a history is kept: a fit asks at every step
 SPOT_MM = 0.5  # presses nearer than this share what the gel went through

@@ -10,13 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.effects.in_picture import InPicture
 from calibration.effects.photometric_gain import NOT_VISION
-from calibration.effects.support.in_picture import InPicture
 from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from tactilevision.records.measured import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,11 +20,10 @@ from math import exp
 import numpy as np
 
 from calibration.effects.mullins import KEPT, spots
-from calibration.effects.support.hereditary import relaxed
+from calibration.effects.viscoelasticity import relaxed
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from tactilevision.records.measured import Floats
 
 
 @dataclass(frozen=True, slots=True)

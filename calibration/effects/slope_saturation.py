@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.effects.in_picture import InPicture
 from calibration.effects.photometric_gain import NOT_VISION
-from calibration.effects.support.in_picture import InPicture
 from calibration.inputs.observations import Observations
-from calibration.laws.theory.wall_ceiling import WALLS_PER_MM, WALLS_PER_MM_STD, of_walls, read_share
-from calibration.model.parameters import Parameter, Prior
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from calibration.laws.reconstructed_depth import WALLS_PER_MM, WALLS_PER_MM_STD, of_walls, read_share
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Prior, Stage, State
+from tactilevision.records.measured import Floats
 
 
 @dataclass(frozen=True, slots=True)

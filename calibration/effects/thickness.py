@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter, Prior
-from calibration.model.stages import THICKNESS, EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from calibration.model.stages import THICKNESS, EffectBase, ManualCheck, Parameter, Prior, Stage, State
+from tactilevision.records.measured import Floats
 
 JUDGED = 0.1  # of the thickness, its std where nobody stated one
 

@@ -10,11 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.effects.support.untold_axes import told_starts, with_told
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Bools, Floats
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State, told_starts, with_told
+from tactilevision.records.measured import Bools, Floats
 
 APART_MM = 1.0  # mm that places lie apart along an axis which tells a slope
 

@@ -18,10 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
 from tactilevision.mechanics.tilted_punch import upright
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 
 @dataclass(frozen=True, slots=True)

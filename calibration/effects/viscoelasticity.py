@@ -1,25 +1,64 @@
-"""The gel relaxes: a Prony series on the elastic force.
-
-    P(t) = Int G(t - s) dP_e(s),    G(t) = 1 - sum_i g_i (1 - exp(-t/tau_i))
-
-P_e is the elastic force with the instantaneous modulus; each press begins from a gel at rest. Small g: the law's
-nonlinearity and the relaxation separate (quasi-linear). A punch drawn back faster than the gel follows leaves it
-and bears nothing: P >= 0 where P_e > 0, and what P_e is elsewhere (0 in air, tension where the gel clings)
-stays. Vanishes at g_i = 0.
-Source: Fung, Biomechanics (1993), sec. 7.6, eqs. 7.6:1-5.
-"""
+"""Relaxation of the gel: a Prony series on the elastic force, by the hereditary integral."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
-from calibration.effects.support.hereditary import relaxed
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State
-from tactilevision.records import Floats
+from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from tactilevision.records.measured import Floats
+
+# The hereditary integral of linear viscoelasticity over many presses at once.
+#
+#     q(t) = P_e(t) - Int_0^t exp(-(t - s)/tau) dP_e(s),    so that P = P_e - sum_i g_i q_i
+#
+# P_e elastic force (instantaneous modulus), taken as straight between samples, so each step is exact:
+# h_new = h exp(-dt/tau) + dP tau/dt (1 - exp(-dt/tau)). A press starts from 0 at its
+# first sample.
+# Source: Fung, Biomechanics (1993), sec. 7.6 (quasi-linear viscoelasticity); Taylor, Pister, Goudreau,
+# Int. J. Numer. Meth. Eng. 2 (1970) 45 (the recursion).
+
+KEPT = 8  # steps of time that are kept: a fit asks for them again and again
+
+
+def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:
+    """q (N,): the part of the elastic force that a Prony term of this time constant has let go of."""
+    from scipy.linalg.lapack import dtbtrs
+
+    decay, gain = _step(data, tau_s)
+    innovation = np.diff(force_N, prepend=0.0) * gain
+    innovation[data.first] = force_N[data.first]
+    held, _ = dtbtrs(
+        np.array([np.ones(data.size), np.append(-decay[1:], 0)]), innovation[:, None], uplo="L", diag="U"
+    )
+    return np.asarray(force_N - held[:, 0])
+
+
+@lru_cache(maxsize=KEPT)
+def _step(data: Observations, tau_s: float) -> tuple[Floats, Floats]:
+    """What is left of the memory over each step, and of a force that rises straight over it; (N,) each.
+
+    Nothing is left from one press to the next.
+    """
+    ratio = np.maximum(np.diff(data.time_s, prepend=data.time_s[0]), 0) / tau_s
+    gain = np.where(ratio > 1e-8, -np.expm1(-ratio) / np.maximum(ratio, 1e-300), 1.0)
+    decay = np.exp(-ratio)
+    decay[data.first] = 0
+    return decay, gain
+
+
+# The gel relaxes: a Prony series on the elastic force.
+#
+#     P(t) = Int G(t - s) dP_e(s),    G(t) = 1 - sum_i g_i (1 - exp(-t/tau_i))
+#
+# P_e is the elastic force with the instantaneous modulus; each press begins from a gel at rest. Small g: the law's
+# nonlinearity and the relaxation separate (quasi-linear). A punch drawn back faster than the gel follows leaves it
+# and bears nothing: P >= 0 where P_e > 0, and what P_e is elsewhere (0 in air, tension where the gel clings)
+# stays. Vanishes at g_i = 0.
+# Source: Fung, Biomechanics (1993), sec. 7.6, eqs. 7.6:1-5.
 
 TAU_S = (0.05, 100.0)  # s, from a few samples to a long hold: what a press can show
 MAX_TERMS = 3  # of the Prony series: three decades of time

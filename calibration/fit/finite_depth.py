@@ -1,15 +1,4 @@
-"""What the law makes of the stiffness of a gel that is pressed to finite depth, held against finite elements.
-
-    F(nu) = E by the law / E of the elements,    P_elements = E_law k(w) w (1 + beta w/h)
-
-k is the law's stiffness at E = 1: Hayes' for a frictionless sharp punch at small depth, with the edge where it is
-stated. A dry punch has friction and an edge, and P/w of elements is no straight line: at h = 3 mm, a/h = .83 and
-depths of .15 to .6 mm the law's E is 3.2 % low at nu = .40, .5 % at .48, and 1.9 % high at .4999. So E is taken
-over F, at the presses' own depths, of a gel of the neo-Hookean law under a usual dry punch. What other frictions
-and a sharp edge would do to F is `low` and `high`.
-
-For dry presses with one radius, at nu, a/h and depths of the tables of mechanics. Source: mechanics/tables.
-"""
+"""Stiffness at finite depth and with a rounded edge, compared with finite elements."""
 
 from __future__ import annotations
 
@@ -19,19 +8,77 @@ from functools import lru_cache
 import numpy as np
 
 from calibration.fit.least_squares import Fit
-from calibration.fit.rounded_edge import stated_edge_mm
-from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
+from calibration.inputs.observations import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from calibration.laws.flat_punch import FlatPunch
-from calibration.laws.theory.admissible_range import beta_outside_theory
-from calibration.laws.theory.stiffness import punch_stiffness
+from calibration.laws.theory import beta_outside_theory, punch_stiffness
 from calibration.model.stages import EDGE, STICKING
 from tactilevision.errors import InputError
 from tactilevision.mechanics.filleted_punch import rounded_contact
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.blocks import hayes_stiffness
-from tactilevision.mechanics.tables.profile import EDGE_OVER_H, POISSON_RANGE
-from tactilevision.mechanics.tables.punch import force_ratio
-from tactilevision.records import Estimate, Floats, Material, Pair
+from tactilevision.mechanics.tables.punch import EDGE_OVER_H, POISSON_RANGE, force_ratio
+from tactilevision.records.measured import Estimate, Floats, Material, Pair
+
+# What a rounded edge makes of the line through P/w: less at small depth, so a smaller c and a larger beta.
+#
+# The law knows the edge where it is stated, and its E and beta are the sharp punch's. c and beta are reported as
+# the line through the measurements has them; where no edge is stated, E may be higher by what the usual one takes
+# away.
+
+
+def stated_edge_mm(fitted: Fit, radius_mm: float) -> float | None:
+    """The rounding of this radius's indenters, the largest where they differ; None where one is not stated."""
+    edges = [i.edge_radius_mm for i in fitted.data.indenters if i.radius_mm == radius_mm]
+    known = [edge for edge in edges if edge is not None]
+    return max(known) if edges and len(known) == len(edges) else None
+
+
+def straight_line(fitted: Fit, radius_mm: float, *, edge_mm: float, poisson_ratio: float, beta: float) -> Pair:
+    """Intercept over the sharp punch's c, and slope over intercept, of the line through P/w at this radius."""
+    h = fitted.data.gel.thickness_mm
+    depth = fitted.data.depth_mm[(fitted.data.radius_mm == radius_mm) & (fitted.data.depth_mm > 0)]
+    if edge_mm <= 0 or np.ptp(depth) <= 0:
+        return 1.0, beta
+    met, share = rounded_contact(
+        depth,
+        radius_mm,
+        edge_mm=edge_mm,
+        thickness_mm=h,
+        poisson_ratio=poisson_ratio,
+        sticking=float(not fitted.data.lubricated),
+    )
+    share = share * _stiffness(poisson_ratio, met, h) / _stiffness(poisson_ratio, np.array([radius_mm]), h)
+    ones, strain = np.ones(depth.size), depth / h
+    start, slope = np.linalg.lstsq(np.column_stack([ones, strain]), share * (1 + beta * strain), rcond=None)[0]
+    return float(start), float(slope / start)
+
+
+def usual_softening(fitted: Fit, radius_mm: float, *, poisson_ratio: float) -> float:
+    """By what share E may be higher because an edge that is not stated is rounded as machined ones are."""
+    if not isinstance(fitted.model.law, FlatPunch) or stated_edge_mm(fitted, radius_mm) is not None:
+        return 0.0
+    edge = EDGE_OVER_H * fitted.data.gel.thickness_mm
+    start, _ = straight_line(fitted, radius_mm, edge_mm=edge, poisson_ratio=poisson_ratio, beta=0.0)
+    return max(1 / start - 1, 0.0)
+
+
+def _stiffness(poisson_ratio: float, radius_mm: Floats, thickness_mm: float) -> Floats:
+    return punch_stiffness(
+        1.0, poisson_ratio, radius_mm=radius_mm, thickness_mm=np.full(radius_mm.size, thickness_mm)
+    )
+
+
+# What the law makes of the stiffness of a gel that is pressed to finite depth, held against finite elements.
+#
+#     F(nu) = E by the law / E of the elements,    P_elements = E_law k(w) w (1 + beta w/h)
+#
+# k is the law's stiffness at E = 1: Hayes' for a frictionless sharp punch at small depth, with the edge where it
+# is stated. A dry punch has friction and an edge, and P/w of elements is no straight line: at h = 3 mm, a/h = .83
+# and depths of .15 to .6 mm the law's E is 3.2 % low at nu = .40, .5 % at .48, and 1.9 % high at .4999. So E is
+# taken over F, at the presses' own depths, of a gel of the neo-Hookean law under a usual dry punch. What other
+# frictions and a sharp edge would do to F is `low` and `high`.
+#
+# For dry presses with one radius, at nu, a/h and depths of the tables of mechanics. Source: mechanics/tables.
 
 SMALLEST_MM = 1e-4  # mm: depths of less are contact's first touch, and round to 0
 USUAL_FRICTION = 0.3  # Coulomb's coefficient of gel on a dry face; above it hardly anything changes

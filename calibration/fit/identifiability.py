@@ -1,30 +1,117 @@
-"""What these data can fix, and what only a prior or an assumption supplies.
-
-One punch fixes its stiffness c and the curve E(nu) = c (1 - nu^2) / (2 a kappa(nu, a/h)), not nu: E falls by
-about 4 % for .01 of nu. nu comes from a stated prior, from the bulge beside the punch, or from several radii.
-Where none of them fixes it, E and nu have no value but still an interval: what the range that silicones span
-allows. A dry punch of one radius has the elements' E at the presses' depths (finite_depth.py) where beta is one
-that contact laws have; kappa's is then in the interval. Elsewhere sticking, where friction is unknown, lowers E's
-lower end only.
-"""
+"""Which parameters the data determine, and which rest on a prior or an assumption."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.fit.alternative_fits import Rival, rivals
-from calibration.fit.finite_depth import FiniteDepth, finite_depth
-from calibration.fit.least_squares import Fit
-from calibration.fit.rounded_edge import stated_edge_mm, straight_line
+from calibration.fit.finite_depth import FiniteDepth, finite_depth, stated_edge_mm, straight_line
+from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU, FlatPunch
-from calibration.laws.theory.plausible import GEL_MODULUS_MPA
-from calibration.laws.theory.sticking import sticking_surplus
-from calibration.laws.theory.stiffness import punch_stiffness
+from calibration.laws.theory import GEL_MODULUS_MPA, punch_stiffness, sticking_surplus
+from calibration.model.composition import Model
+from calibration.model.stages import EDGE, STICKING
 from tactilevision.errors import ConvergenceError
-from tactilevision.records import Estimate, Floats, Pair
+from tactilevision.mechanics.tables.punch import EDGE_OVER_H
+from tactilevision.records.measured import Estimate, Floats, Pair
+
+# What several radii would say of nu if the gel stuck to the face, or if the edges were rounded.
+#
+# Friction and an edge stiffen or soften each radius by another share, which looks like another nu; where nothing
+# is said of them, nu and E are to hold for each. What fits worse by chi^2 = D can be there in part: a share t of
+# it costs t^2 D, so that intervals of 95 % reach a share 1.96/sqrt(D) of the way.
+
+_KEPT: deque[tuple[Fit, Fit]] = deque(maxlen=4)
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """Another fit of the same presses (None: it cannot be fitted), and how much of the way to it is open."""
+
+    fitted: Fit | None
+    share: float
+
+
+_RIVALS: deque[tuple[Fit, tuple[Rival, ...]]] = deque(maxlen=4)
+
+
+def rivals(fitted: Fit) -> tuple[Rival, ...]:
+    """A gel that sticks, rounded edges, and both, as far as they may be; none where nu is fixed.
+
+    Kept for the last few fits, since more than one judgement asks for them. Raises ConvergenceError.
+    """
+    for known, found in _RIVALS:
+        if known is fitted:
+            return found
+    others = tuple(_rivals(fitted))
+    _RIVALS.append((fitted, others))
+    return others
+
+
+def _rivals(fitted: Fit) -> Iterator[Rival]:
+    law, data = fitted.model.law, fitted.data
+    fixed = fitted.parameters[fitted.index("poisson_ratio")].fixed
+    if fixed or np.unique(data.presses.radius_mm).size == 1 or not isinstance(law, FlatPunch):
+        return
+    known = _fits(fitted, EDGE) or all(i.edge_radius_mm is not None for i in data.indenters)
+    glued = stuck(fitted)
+    laws = [law] if glued is None else [law, replace(law, sticking=1.0)]
+    fits = [] if known else [_again(fitted, one, with_usual_edges(data)) for one in laws]
+    fits += [] if glued is None else [glued]
+    for one in fits:
+        yield Rival(one, min(1.96 / max(one.chi2 - fitted.chi2, 1e-9) ** 0.5, 1.0))
+
+
+def stuck(fitted: Fit) -> Fit | None:
+    """The same on a gel that sticks to the face; None where it does already, slides, or has its friction fitted.
+    Kept for the last few fits, since more than one judgement asks for it.
+
+    Raises ConvergenceError where that cannot be fitted.
+    """
+    law = fitted.model.law
+    slides = fitted.data.lubricated or _fits(fitted, STICKING)
+    if slides or not isinstance(law, FlatPunch) or law.sticking == 1:
+        return None
+    for known, found in _KEPT:
+        if known is fitted:
+            return found
+    found = _again(fitted, replace(law, sticking=1.0), fitted.data)
+    _KEPT.append((fitted, found))
+    return found
+
+
+def _fits(fitted: Fit, condition: str) -> bool:
+    return any(getattr(effect, "condition", "") == condition for effect in fitted.model.effects)
+
+
+def _again(fitted: Fit, law: FlatPunch, data: Observations) -> Fit:
+    model = Model(law, fitted.model.effects)
+    return fit(model, data, noise=fitted.noise, starts=fitted.values[None], tolerances=False)
+
+
+def with_usual_edges(data: Observations) -> Observations:
+    """The data with the usual rounding for each indenter that states none."""
+    usual = EDGE_OVER_H * data.gel.thickness_mm
+    return replace(
+        data,
+        indenters=tuple(
+            replace(i, edge_radius_mm=usual) if i.edge_radius_mm is None else i for i in data.indenters
+        ),
+    )
+
+
+# What these data can fix, and what only a prior or an assumption supplies.
+#
+# One punch fixes its stiffness c and the curve E(nu) = c (1 - nu^2) / (2 a kappa(nu, a/h)), not nu: E falls by
+# about 4 % for .01 of nu. nu comes from a stated prior, from the bulge beside the punch, or from several radii.
+# Where none of them fixes it, E and nu have no value but still an interval: what the range that silicones span
+# allows. A dry punch of one radius has the elements' E at the presses' depths (finite_depth.py) where beta is one
+# that contact laws have; kappa's is then in the interval. Elsewhere sticking, where friction is unknown, lowers
+# E's lower end only.
 
 NODES = 201  # of nu that E's interval is taken over, a quarter of a thousandth apart
 UNFIXED = 0.6  # of silicones' range: nu from radii is taken to be fixed where its interval is shorter

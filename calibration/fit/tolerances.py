@@ -14,9 +14,8 @@ import numpy as np
 
 from calibration.inputs.observations import Observations, Shared
 from calibration.model.composition import Model
-from calibration.model.parameters import Parameter, Prior
-from calibration.model.stages import EffectBase, Stage, State
-from tactilevision.records import Floats
+from calibration.model.stages import EffectBase, Parameter, Prior, Stage, State
+from tactilevision.records.measured import Floats
 
 HEIGHTS, DIMENSIONS, CERTIFICATE = "heights", "dimensions", "certificate"
 TOLERANCES = (HEIGHTS, DIMENSIONS, CERTIFICATE)

@@ -1,22 +1,129 @@
-"""What measurements must satisfy before a contact law is fitted to them; each fault has its own sentence."""
+"""Check that measurements are fit for a contact law; each fault has its own message."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.special import ndtr
 
-from calibration.inputs.copies import check_times, without_copies
 from calibration.inputs.denoised_depth import BRANCHES, branches, drawn_off, nominal_depth
-from calibration.inputs.observations import Observations
-from calibration.inputs.phase import in_phase, with_one_clock
-from calibration.inputs.press_noise import TYPICAL_ZERO_MM
-from calibration.inputs.pull import pull_level_N
+from calibration.inputs.depth_path import in_phase, with_one_clock
+from calibration.inputs.observations import TYPICAL_FORCE_N, TYPICAL_ZERO_MM, Observations
 from tactilevision.errors import InputError
-from tactilevision.records import Bools, Floats, Indenter
+from tactilevision.recording.layout import some
+from tactilevision.records.measured import Bools, Floats
+from tactilevision.records.rig import Indenter
+from tactilevision.robust import mad_std
+
+# Presses that are no measurements of their own, and times in another unit.
+#
+# A press whose samples are all those of another one, but for its times, was copied: in a table, or from another
+# recording. Two presses differ by their noise. As a repeat it would claim that presses scatter less than they do.
+
+MIN_SAMPLES = 5  # of a press: fewer may be equal by rounding
+SLOWEST_MM_S = 5e-4  # mm/s: motion stages press a hundred times as fast, and motors stick below
+NEARLY_IN = 0.9  # of the largest depth: the rest may be a hold, which noise makes deeper at its end
+WHOLE_WAY = 0.5  # of the largest depth: presses begin in air, so that the way in is longer
+OFF = (100.0, 10000.0)  # times: a stated speed over the one that depths show, where times are in ms
+
+
+def without_copies(data: Observations) -> Observations:
+    """Curves without presses that are copies of earlier ones; a warning names each.
+
+    A point that equals an earlier one stays, since rounded numbers may agree: a warning names it.
+    """
+    if not data.is_curves:
+        return _with_equal_points_named(data)
+    first: dict[bytes, int] = {}
+    keep, said = np.ones(data.count, bool), []
+    for k, (start, end) in enumerate(_spans(data)):
+        if end - start < MIN_SAMPLES:
+            continue
+        samples = np.column_stack([data.depth_mm[start:end], data.normal_N[start:end]]).tobytes()
+        if samples in first:
+            keep[k] = False
+            said.append(
+                f"press {_named(data, k)} has the samples of press {_named(data, first[samples])}: left out"
+            )
+        first.setdefault(samples, k)
+    return data if keep.all() else replace(data.take(keep), warnings=(*data.warnings, *said))
+
+
+def _with_equal_points_named(data: Observations) -> Observations:
+    first: dict[tuple[float, ...], int] = {}
+    said = []
+    numbers = np.column_stack([data.presses.radius_mm[data.press], data.depth_mm, data.normal_N]).tolist()
+    for k, point in zip(data.press.tolist(), numbers, strict=True):
+        earlier = first.setdefault(tuple(point), k)
+        if earlier != k:
+            said.append(f"{_named(data, k)} of {_named(data, earlier)}")
+    if not said:
+        return data
+    warning = f"presses with the very depth and force of another, copies if not rounded alike: {some(said)}"
+    return replace(data, warnings=(*data.warnings, warning))
+
+
+def check_times(data: Observations) -> None:
+    """Raise InputError where depths grow so slowly that times are in ms: beside the stated speed, or by far."""
+    if not data.is_curves:
+        return
+    seen, stated = (_median(column) for column in np.reshape(list(_speeds(data)), (-1, 2)).T)
+    if OFF[0] < stated / seen < OFF[1] or seen < SLOWEST_MM_S:
+        raise InputError(
+            "presses go deeper too slowly for times in seconds",
+            where="time_s",
+            value=f"{1e3 * seen:.2g} um/s",
+            remedy="Times are in s: are these in ms? Divide them by 1000.",
+        )
+
+
+def _speeds(data: Observations) -> Iterator[tuple[float, float]]:
+    """Of each press how fast its depth grows until it is nearly in, and the speed that is stated.
+
+    A press that is caught deeper than half way in has no such speed: a clock may have cut the way short.
+    """
+    for k, (start, end) in enumerate(_spans(data)):
+        depth, deepest = data.depth_mm[start:end], float(np.max(data.depth_mm[start:end]))
+        top = int(np.argmax(depth >= NEARLY_IN * deepest))
+        time, way = data.time_s[start + top] - data.time_s[start], depth[top] - depth[0]
+        if time > 0 and way > WHOLE_WAY * max(deepest, 0.0):
+            yield float(way / time), float(data.presses.speed_mm_s[k])
+
+
+def _median(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else np.nan
+
+
+def _spans(data: Observations) -> Iterator[tuple[int, int]]:
+    return zip(data.first.tolist(), [*data.first[1:].tolist(), data.size], strict=True)
+
+
+def _named(data: Observations, press: int) -> str:
+    label, number = data.presses.label[press], int(data.presses.recording[press])
+    return label if len(data.recordings) == 1 else f"{label} of {data.recordings[number]}"
+
+
+# From which force on a reading pulls: so far below the forces of air no reading lies by chance.
+
+MIN_AIR = 5  # samples of air on the way in: fewer do not tell how forces scatter there
+PULL_SIGMA = 4.0  # std of them: a force that lies farther below is none of air
+KEPT = 8  # data sets of which it is kept: a fit asks at every step
+
+
+@lru_cache(maxsize=KEPT)
+def pull_level_N(data: Observations) -> float:
+    """The force, N, below which a reading pulls; NaN where too little air was read on the way in."""
+    air = data.normal_N[~drawn_off(data) & (data.depth_mm < 0)]
+    if air.size < MIN_AIR:
+        return float("nan")
+    return float(np.median(air) - PULL_SIGMA * max(mad_std(air), TYPICAL_FORCE_N))
+
+
+# What measurements must satisfy before a contact law is fitted to them; each fault has its own sentence.
 
 TOUCH = 3.0  # std of a press zero
 HIDDEN = 1 / 3  # of a force's noise: what adds less to it adds a twentieth

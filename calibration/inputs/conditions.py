@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from calibration.inputs.denoised_depth import BRANCHES, HOLD, SAME_MM, branches, clusters
 from calibration.inputs.observations import Ints, Observations
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 PAUSE_S = 3600.0  # s, what a longer pause counts as: the rig does not work meanwhile
 APART = 0.1  # of a covariate's range: groups narrower than this and as far apart are one setting each

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.inputs.observations import Ints, Observations
-from tactilevision.records import Bools, Floats
+from tactilevision.records.measured import Bools, Floats
 from tactilevision.robust import mad_std
 
 LOAD, HOLD, UNLOAD, FREE = range(4)

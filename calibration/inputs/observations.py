@@ -1,20 +1,25 @@
-"""Depth and force of many presses as flat arrays, with everything that was recorded beside them.
-
-A sample is one reading of depth and force; a press is one touch of one indenter. Points have one sample a press,
-curves have many. Several recordings of one sensor stand in one Observations, ordered in time.
-"""
+"""Depth and force of many presses as flat arrays, with the conditions recorded with them."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import accumulate
 from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.records import Bools, CertifiedPoint, Curve, Floats, Gel, Indenter, Press, Sensor
+from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.measured import Bools, Curve, Floats
+from tactilevision.records.rig import Gel, Indenter, Press, Sensor
+
+# Depth and force of many presses as flat arrays, with everything that was recorded beside them.
+#
+# A sample is one reading of depth and force; a press is one touch of one indenter. Points have one sample a press,
+# curves have many. Several recordings of one sensor stand in one Observations, ordered in time.
 
 Ints = npt.NDArray[np.int64]
 DepthSource = Literal["vision", "stage", "gauge"]
@@ -262,3 +267,76 @@ def as_sets(measured: Measured | Sequence[Measured]) -> list[Measured]:
                 remedy="Of a recording: Measured(recording, recording.points, recording.curves).",
             )
     return several
+
+
+# Presses by name, and measurements without some of them: what a person judges to be an accident.
+
+
+def press_names(data: Observations) -> tuple[str, ...]:
+    """One name a press: its label, with the recording's name before it where the label comes twice.
+
+    Of recordings of one name the later ones have their number behind it.
+    """
+    labels, numbers = data.presses.label, data.presses.recording
+    twice = {label for label, count in Counter(labels).items() if count > 1}
+    folders = [
+        name if name not in data.recordings[:k] else f"{name} {k + 1}" for k, name in enumerate(data.recordings)
+    ]
+    return tuple(
+        f"{folders[int(k)]}/{label}" if label in twice else label for label, k in zip(labels, numbers, strict=True)
+    )
+
+
+def leave_out(data: Observations, presses: Sequence[str]) -> Observations:
+    """The measurements without these presses. Raises InputError for a press that is not there, and for all."""
+    names = press_names(data)
+    unknown = [press for press in presses if press not in names]
+    if unknown:
+        raise InputError(
+            "there is no such press to leave out",
+            where="--leave-out",
+            value=unknown[0],
+            remedy=f"There are {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}.",
+        )
+    kept = np.array([name not in presses for name in names])
+    if not kept.any():
+        raise InputError("no press is left", where="--leave-out", remedy="Keep some.")
+    return data if kept.all() else data.take(kept)
+
+
+# Several sets of measurements on one gel as one.
+
+OF_SAMPLES = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_std_mm", "force_std_N")
+
+
+def join(*sets: Observations) -> Observations:
+    """The presses of these sets in turn, indenters and order renumbered; what a picture read is left out."""
+    indenters = tuple(indenter for one in sets for indenter in one.indenters)
+    first_indenter = accumulate((len(one.indenters) for one in sets), initial=0)
+    first_press = accumulate((one.count for one in sets), initial=0)
+
+    def whole(name: str) -> Floats:
+        return np.concatenate([getattr(one.presses, name) for one in sets])
+
+    kept: dict[str, Any] = {
+        f.name: whole(f.name) for f in fields(Presses) if f.name not in ("label", "indenter", "order")
+    }
+    presses = Presses(
+        label=tuple(label for one in sets for label in one.presses.label),
+        indenter=np.concatenate([one.presses.indenter + k for one, k in zip(sets, first_indenter, strict=False)]),
+        order=np.arange(float(sum(one.count for one in sets))),
+        **kept,
+    )
+    press = np.concatenate([one.press + k for one, k in zip(sets, first_press, strict=False)])
+    samples: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in sets]) for name in OF_SAMPLES}
+    return replace(
+        sets[0], indenters=indenters, presses=presses, press=press,
+        reconstructed_mm=None, reconstructed_std_mm=None, falls=(), slopes=None, **samples,
+    )  # fmt: skip
+
+
+# What a press adds at random where its data do not tell: the size of gain and zero on a usual rig.
+
+TYPICAL_GAIN = 0.005  # relative force from press to press; centre of the weak prior, which fades with repeats
+TYPICAL_ZERO_MM = 0.004  # mm: scatter of a press's zero of depth; centre of the weak prior likewise
+TYPICAL_FORCE_N = 0.005  # N: noise of one force reading where none is stated; as the sample recordings state it

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
-from calibration.laws.cone import Cone
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
-from calibration.laws.sphere import Sphere
+from calibration.laws.round_bodies import Cone, Sphere
 from calibration.model.stages import Law
 from tactilevision.errors import InputError
 

@@ -23,15 +23,13 @@ from functools import lru_cache
 import numpy as np
 
 from calibration.inputs.observations import Observations
-from calibration.laws.theory.admissible_range import RUBBING, bend_range, beta_range
-from calibration.laws.theory.sticking import sticking_surplus
-from calibration.laws.theory.stiffness import punch_stiffness
+from calibration.laws.theory import RUBBING, bend_range, beta_range, punch_stiffness, sticking_surplus
 from calibration.model.composition import Composable
-from calibration.model.parameters import Parameter, Prior
-from calibration.model.stages import State
+from calibration.model.stages import Parameter, Prior, State
 from tactilevision.errors import InputError
 from tactilevision.mechanics.filleted_punch import rounded_contact
-from tactilevision.records import Floats, Gel, Pair
+from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.rig import Gel
 
 SILICONE_NU: Pair = (0.45, 0.4999)  # of all silicones: the range where nothing states nu
 OPEN_NU: Pair = (0.3, 0.4999)  # of any gel: the range of the tables, where no bound is to be used

@@ -16,10 +16,9 @@ import numpy as np
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import NOMINAL_NU, betas, on_its_edge, radius_number, starting_modulus
 from calibration.model.composition import Composable
-from calibration.model.parameters import Parameter
-from calibration.model.stages import State
+from calibration.model.stages import Parameter, State
 from tactilevision.mechanics.kappa import fast_kappa
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 A_OVER_H = 0.8  # at which the publication takes kappa, whatever the gel
 SLOPE = 0.0813  # of nu over ln beta, as published

@@ -12,12 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from calibration.inputs.observations import Observations
-from calibration.inputs.press_noise import TYPICAL_ZERO_MM
-from calibration.model.parameters import Parameter
-from calibration.model.stages import Effect, Law, Stage, State
+from calibration.inputs.observations import TYPICAL_ZERO_MM, Observations
+from calibration.model.stages import Effect, Law, Parameter, Stage, State
 from tactilevision.errors import InputError
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 KEPT = 8  # data sets of which the state at rest is kept: a fit begins from it at every step
 

@@ -1,33 +1,88 @@
-"""The stages that every model passes in one fixed order, and the two protocols that fill them.
-
-    depth -> geometry -> (law) -> material -> history -> instrument
-
-depth        what was read as depth becomes the depth of the punch in the gel
-geometry     radius, thickness, and a factor on the stiffness (the surroundings)
-law          elastic force of the punch on that geometry
-material     the elastic force changes with strain, age, temperature
-history      the force depends on what happened before (relaxation, recovery, softening, pull-off)
-instrument   the force becomes what the force sensor reads
-
-Within a stage effects act in the order of the catalogue, private ones last. An effect at its defaults returns the
-state as it came.
-"""
+"""The stages of a model in their fixed order, its parameters, and the protocols of laws and effects."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import inf, nan
 from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from calibration.model.parameters import Parameter
-from tactilevision.records import Floats
+from tactilevision.errors import InputError
+from tactilevision.records.measured import Bools, Floats, Pair
 
 if TYPE_CHECKING:
     from calibration.inputs.observations import DepthSource, Observations
 
+
+# One number that a fit may change: its unit, where it rests, how far it may go, and what it means.
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of a parameter beforehand: a normal distribution, and where that knowledge comes from."""
+
+    mean: float
+    std: float
+    source: str
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.mean) and math.isfinite(self.std) and self.std > 0):
+            raise InputError(
+                "a prior has a finite mean and a std above 0", where=self.source, value=(self.mean, self.std)
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a law or an effect.
+
+    `default` is where a fit starts; for an effect it is the value at which the effect vanishes, or, for a shape
+    (a time constant, an angle), any place inside the bounds. `scale` is a typical size: the step of numerical
+    derivatives and the unit of the optimiser. Equal bounds hold the parameter fixed.
+    """
+
+    name: str
+    unit: str
+    default: float
+    bounds: Pair
+    meaning: str
+    scale: float
+    prior: Prior | None = None
+
+    def __post_init__(self) -> None:
+        low, high = self.bounds
+        if not low <= self.default <= high:
+            raise InputError(
+                "the default of a parameter lies within its bounds",
+                where=self.name,
+                value=(self.default, self.bounds),
+            )
+        if not (math.isfinite(self.scale) and self.scale > 0):
+            raise InputError("the scale of a parameter lies above 0", where=self.name, value=self.scale)
+
+    @property
+    def fixed(self) -> bool:
+        """True where the bounds leave no room."""
+        return self.bounds[0] == self.bounds[1]
+
+
+# The stages that every model passes in one fixed order, and the two protocols that fill them.
+#
+#     depth -> geometry -> (law) -> material -> history -> instrument
+#
+# depth        what was read as depth becomes the depth of the punch in the gel
+# geometry     radius, thickness, and a factor on the stiffness (the surroundings)
+# law          elastic force of the punch on that geometry
+# material     the elastic force changes with strain, age, temperature
+# history      the force depends on what happened before (relaxation, recovery, softening, pull-off)
+# instrument   the force becomes what the force sensor reads
+#
+# Within a stage effects act in the order of the catalogue, private ones last. An effect at its defaults returns
+# the state as it came.
 
 STICKING, EDGE, THICKNESS = "sticking", "edge", "thickness"  # conditions that an effect may fit; else stated
 
@@ -213,3 +268,17 @@ class EffectBase:
     def in_picture(self, data: Observations | None = None) -> Effect | None:
         """The effect as the picture's depth shows it, on these data; None where a picture knows nothing of it."""
         return None
+
+
+# Two parameters, one an axis: an axis along which nothing varies tells nothing of its own, which is then 0.
+
+
+def with_told(parameters: Sequence[Parameter], told: Bools) -> tuple[Parameter, ...]:
+    """The parameters, held at 0 in their unit where their axis is not `told` (p,)."""
+    pairs = zip(parameters, told, strict=True)
+    return tuple(p if seen else replace(p, bounds=(0.0, 0.0)) for p, seen in pairs)
+
+
+def told_starts(starts: Floats, told: Bools) -> Floats:
+    """Those of the starts (s, p), in their unit, that leave axes alone that are not `told` (p,)."""
+    return np.asarray(starts[~(starts[:, ~told] != 0).any(axis=1)])

@@ -1,23 +1,66 @@
-"""The error model: what one sample, and what one press, adds at random.
-
-    y = f + G u + e,    G = [f, df/dw],    u ~ N(0, diag(gain^2, zero^2)) anew for each press,
-    e_i ~ N(0, scale^2 b_i^2),             correlation (1 - white) rho^k between samples k apart in one press
-
-f is the model's force. b is the stated noise, depth carried over by the slope: b^2 = std_F^2 + (df/dw)^2 std_w^2
-(effective variance: Orear, Am. J. Phys. 50 (1982) 912), or 1 N where nobody stated any: scale is then in N.
-Samples of one press are no repeats: whitening takes their common part out.
-"""
+"""The error model: what one sample and one press add at random, and a test for equal variances."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from calibration.inputs.observations import Observations
-from calibration.noise.rectangles import Rectangle, rectangles
-from tactilevision.records import Floats
+from calibration.inputs.denoised_depth import LOAD, branches
+from calibration.inputs.observations import Ints, Observations
+from tactilevision.records.measured import Bools, Floats
+
+# Samples of presses as rectangles, one row a press: one for all, unless presses much longer than most would make
+# it mostly padding.
+
+KEPT = 8  # data sets of which the rectangles are kept: a fit asks for them at every step
+ROOMY = 200_000  # cells that one rectangle may have, however much of it is padding
+MOST_PADDED = 2  # times as long as the shortest press of its rectangle is the longest, beyond that
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangle:
+    """Some presses as (m, t): `rows` indices into all samples, `real` False where padded."""
+
+    rows: Ints
+    real: Bools
+
+    def padded(self, values: Floats) -> Floats:
+        """Columns (N, k) as (m, t, k), 0 where there is no sample."""
+        return np.asarray(values[self.rows] * self.real[:, :, None])
+
+
+@lru_cache(maxsize=KEPT)
+def rectangles(data: Observations) -> tuple[Rectangle, ...]:
+    """All presses, each in one of them, padded at its end by its last sample."""
+    first = data.first
+    length = np.diff(np.append(first, data.size))
+    if length.max() * length.size <= max(ROOMY, MOST_PADDED * data.size):
+        return (_rectangle(first, length),)
+    order, parts = np.argsort(-length, kind="stable"), []
+    while order.size:
+        count = int(np.count_nonzero(length[order] * MOST_PADDED >= length[order[0]]))
+        parts.append(_rectangle(first[order[:count]], length[order[:count]]))
+        order = order[count:]
+    return tuple(parts)
+
+
+def _rectangle(first: Ints, length: Ints) -> Rectangle:
+    offset = np.arange(int(length.max()))
+    rows = first[:, None] + np.minimum(offset, (length - 1)[:, None])
+    return Rectangle(rows, offset < length[:, None])
+
+
+# The error model: what one sample, and what one press, adds at random.
+#
+#     y = f + G u + e,    G = [f, df/dw],    u ~ N(0, diag(gain^2, zero^2)) anew for each press,
+#     e_i ~ N(0, scale^2 b_i^2),             correlation (1 - white) rho^k between samples k apart in one press
+#
+# f is the model's force. b is the stated noise, depth carried over by the slope: b^2 = std_F^2 + (df/dw)^2 std_w^2
+# (effective variance: Orear, Am. J. Phys. 50 (1982) 912), or 1 N where nobody stated any: scale is then in N.
+# Samples of one press are no repeats: whitening takes their common part out.
 
 STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
 
@@ -211,3 +254,49 @@ class Alike:
     def log_volume(self, parts: Sequence[Rectangle]) -> float:
         """ln det of the covariance of such noise."""
         return float(sum(2 * np.sum(part.real * np.log(self.std[: part.rows.shape[1]])) for part in parts))
+
+
+# Does the scatter itself depend on what the punch does? What comes at random places has no mean to be seen.
+#
+# A gel that sticks and slips, a contact that rattles: the force jumps at another depth in each press, so no
+# covariate's mean shows it, but the samples of loading scatter more than those of the hold and the way back. For
+# each press
+#
+#     d = mean v_i^2 over loading less the same over the rest,
+#
+# v the white residual. Student's t of d over the presses, where above 0, squared.
+# A heavy tail widens t's own spread and noise that is correlated throughout cancels, so neither passes for it. The
+# mean under the model comes from its bootstrap.
+
+MIN_PRESSES = 6  # that show both loading and rest; fewer cannot say that one scatters more
+MIN_SAMPLES = 3  # of each in a press, to have a scatter at all
+
+
+class Scatter:
+    """The statistic for residuals of one set of measurements; `seen` False where they cannot show it."""
+
+    def __init__(self, data: Observations) -> None:
+        loading = branches(data) == LOAD
+        self._parts = [(p, loading[p.rows] & p.real, ~loading[p.rows] & p.real) for p in rectangles(data)]
+        enough = [_enough(load) & _enough(rest) for _, load, rest in self._parts]
+        self._use = np.concatenate(enough)
+        self.seen = bool(np.count_nonzero(self._use) >= MIN_PRESSES)
+
+    def differences(self, white: Floats) -> Floats:
+        """d of each press (M',), for a white residual (N,)."""
+        tables = [(white[part.rows] ** 2, load, rest) for part, load, rest in self._parts]
+        d = np.concatenate([_mean(table, load) - _mean(table, rest) for table, load, rest in tables])
+        return np.asarray(d[self._use])
+
+    def statistic(self, d: Floats, expected: float) -> float:
+        """t^2 of `differences` d against the mean that the model lets expect; 0 where loading scatters less."""
+        error = max(float(d.std(ddof=1)) / np.sqrt(d.size), 1e-300)
+        return float(max((d.mean() - expected) / error, 0.0) ** 2)
+
+
+def _enough(where: Bools) -> Bools:
+    return np.asarray(where.sum(axis=1) >= MIN_SAMPLES)
+
+
+def _mean(values: Floats, where: Bools) -> Floats:
+    return np.asarray(np.sum(values * where, axis=1) / np.maximum(where.sum(axis=1), 1))

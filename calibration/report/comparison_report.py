@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from calibration.diagnosis.press_trends import LEVEL, press_trends
+from calibration.diagnosis.covariates import LEVEL, press_trends
 from calibration.report import page, wording
-from calibration.report.error_fall import AS_READ, BASE
+from calibration.report.misfit import AS_READ, BASE
 from calibration.report.report import Picture
 from calibration.report.verdict import in_words
 from calibration.tasks.compare import Compared, Comparison

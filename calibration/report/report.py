@@ -11,7 +11,7 @@ import numpy as np
 from calibration.fit.identifiability import main_radius
 from calibration.report import page, wording
 from calibration.result.result import CalibrationResult
-from tactilevision.records import CertifiedPoint
+from tactilevision.records.certified import CertifiedPoint
 
 DEPTHS = (
     "As machined: how far the bevel stands back from the punch's face. Certified: that, less what the gel "

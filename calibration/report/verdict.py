@@ -10,8 +10,8 @@ from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.score_test import few_presses
 from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.effects.instrument_errors import InstrumentError
-from calibration.laws.theory.plausible import stated_outside_gels
-from calibration.model.parameters import Parameter
+from calibration.laws.theory import stated_outside_gels
+from calibration.model.stages import Parameter
 from calibration.report import wording
 
 NEAR = 0.1  # of a misfit: an effect that explains less is not near it

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from tactilevision.records import Estimate
+from tactilevision.records.measured import Estimate
 
 COVARIATES = {
     "w": "the depth",

@@ -1,24 +1,331 @@
-"""From a fit to the material: E, nu, c and beta by the law that was fitted."""
+"""Derive E, nu, c and beta from a fit, by the law that was fitted."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
-from calibration.fit.identifiability import beta_name, identify, main_radius
-from calibration.fit.least_squares import Fit
+from calibration.fit.identifiability import bend_of, beta_name, identify, main_radius, stiffness_of
+from calibration.fit.least_squares import Fit, fit
+from calibration.fit.repeats import allow_for_indenters, repeatability_rms
+from calibration.fit.tolerances import TOLERANCES
+from calibration.inputs.checks import at_one_depth
 from calibration.laws import FLAT, shape_of
-from calibration.laws.paper import Paper
-from calibration.laws.theory.admissible_range import beta_outside_theory, deeper_than_elements
-from calibration.laws.theory.plausible import FLAG, NU_FLAG, outside_gels, stated_outside_gels
-from calibration.repeats.pure_error import repeatability_rms
-from calibration.result.by_radius import own_lines
-from calibration.result.poisson_routes import contradictions, holding_each, of_fit
-from calibration.result.published_route import published_route
-from calibration.result.radii_apart import FLAG as APART, radii_apart
+from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU, FlatPunch
+from calibration.laws.paper import A_OVER_H, Paper, modulus_at, modulus_from, poisson_from_beta
+from calibration.laws.theory import (
+    FLAG,
+    LEAST_POISSON_RATIO,
+    NU_FLAG,
+    beta_outside_theory,
+    deeper_than_elements,
+    outside_gels,
+    stated_outside_gels,
+)
+from calibration.model.composition import Model
+from calibration.result.poisson_routes import CONTRARY, HIGHEST, contradictions, holding_each, of_fit
 from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
-from calibration.result.round_result import of_round
+from tactilevision.mechanics.kappa import fast_kappa
+from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
+from tactilevision.records.measured import Estimate, Floats, Pair
+from tactilevision.records.rig import Gel, Indenter
+
+# c and beta of each of several radii: of the line through its own points.
+#
+# One law for all radii ties their stiffnesses by E, nu and a/h. Friction and a rounded edge, of which it knows
+# nothing, change them by some per cent, each its own way: what one punch shows is the line of its own presses.
+
+LEAST = 3  # presses, or samples of a curve, that a line and its scatter need
+Line = tuple[float, Estimate, Estimate]
+
+
+def own_lines(fitted: Fit) -> tuple[Line, ...]:
+    """(radius, c, beta) of every radius; by the common law where one has too few points or one depth, and where
+    effects are fitted along, since one radius seldom fixes them."""
+    return tuple(_line(fitted, float(radius)) for radius in np.unique(fitted.data.presses.radius_mm))
+
+
+def _line(fitted: Fit, radius: float) -> Line:
+    plain = isinstance(fitted.model.law, FlatPunch) and not fitted.model.effects
+    alone = line_alone(fitted, radius) if plain else None
+    return alone or (radius, stiffness_of(fitted, radius), bend_of(fitted, radius))
+
+
+def line_alone(fitted: Fit, radius: float) -> Line | None:
+    """(radius, c, beta) of the line through this radius' presses; None where they are all or fix none."""
+    mine = fitted.data.take(fitted.data.presses.radius_mm == radius)
+    if mine.count == fitted.data.count or mine.size < LEAST or at_one_depth(mine):
+        return None
+    # a line knows no nu: any one serves
+    gel = replace(mine.gel, poisson_ratio=SILICONE_NU[0], poisson_ratio_std=0.0)
+    alone = allow_for_indenters(fit(Model(FlatPunch()), replace(mine, gel=gel)))
+    return radius, stiffness_of(alone, radius), bend_of(alone, radius)
+
+
+# Whether punches of several radii press one gel: stiffness grows with the radius as that of a bonded layer.
+#
+#     c_b / c_a = (b / a) kappa(nu, b/h) / kappa(nu, a/h),    a < b
+#
+# kappa grows with a/h, and the faster the larger nu is. So a gel's c/a grows at least as of the least nu that gels
+# have, and at most as of nu = .5. Source: mechanics/kappa.py.
+
+RADII_FLAG = "radii_apart"
+ALLOWED = 0.15  # of c: an edge of .1 mm that is not stated takes up to 13 % off (docs/explanation/limits.md)
+
+
+def radii_apart(fitted: Fit) -> str:
+    """A sentence with the pair of radii whose stiffness no one gel has, the worst; else empty.
+
+    Of the flat punch alone: an effect that is fitted along may change c with the radius.
+    """
+    if not isinstance(fitted.model.law, FlatPunch) or not set(fitted.model.keys) <= set(TOLERANCES):
+        return ""
+    gel = fitted.data.gel
+    alone = (line_alone(fitted, float(radius)) for radius in np.unique(fitted.data.presses.radius_mm))
+    worst = max(_contrary([line for line in alone if line], gel), default=None)
+    if worst is None:
+        return ""
+    _, a, b, found, low, high = worst
+    return (
+        f"from radius_mm = {a:g} to {b:g} the stiffness c grows {found:.3g} times; one gel of thickness_mm = "
+        f"{gel.thickness_mm:g} lets it grow {low:.3g} to {high:.3g} times: do not trust E. Check these radii (is "
+        "one a diameter?), which presses are of which, the thickness, and whether the rig gives"
+    )
+
+
+def _contrary(lines: list[Line], gel: Gel) -> Iterator[tuple[float, ...]]:
+    """How far beyond what theory allows (ln), both radii, the growth of c, its least and its most."""
+    for (a, c_a, _), (b, c_b, _) in combinations(lines, 2):
+        ratios = np.array([a, b]) / gel.thickness_mm
+        inside = A_OVER_H_RANGE[0] <= ratios[0] and ratios[1] <= A_OVER_H_RANGE[1]
+        if not inside or not c_a.value or not c_b.value or min(c_a.value, c_b.value) <= 0:
+            continue
+        low, high = (
+            b / a * float(np.divide(*fast_kappa(nu, ratios)[::-1])) for nu in (LEAST_POISSON_RATIO, HIGHEST)
+        )
+        found = c_b.value / c_a.value
+        std = float(np.hypot((c_a.std or 0.0) / c_a.value, (c_b.std or 0.0) / c_b.value))
+        beyond = max(np.log(low / found), np.log(found / high)) - max(CONTRARY * std, ALLOWED)
+        if beyond > 0:
+            yield beyond, a, b, found, low, high
+
+
+# The published route from c and beta to nu and E, with the intervals that its formulas alone give.
+
+Route = Callable[[float, float], float]
+
+
+def published_route(fitted: Fit) -> CalibrationResult:
+    """The material as the publication reads it from a fit of the Paper law."""
+    radius, data = main_radius(fitted), fitted.data
+    ratio = radius / float(np.min(data.presses.radius_mm))  # c is the smallest radius's
+    routes: dict[str, tuple[Route, str]] = {
+        "c": (lambda c, b: ratio * c, "N/mm"),
+        "beta": (lambda c, b: b, "1"),
+        "nu": (lambda c, b: poisson_from_beta(b), "1"),
+        "E": (lambda c, b: modulus_from(ratio * c, b, radius_mm=radius), "MPa"),
+        "reduced": (
+            lambda c, b: modulus_from(ratio * c, b, radius_mm=radius) / (1 - poisson_from_beta(b) ** 2),
+            "MPa",
+        ),
+    }
+    gradients = {name: _gradient(fitted, route, radius) for name, (route, _) in routes.items()}
+    found = {name: _estimate(fitted, *routes[name], gradients[name], radius) for name in routes}
+    rows = np.array([gradients[name] for name in ("E", "nu", "c", "beta")])
+    c, beta = found["c"], found["beta"]
+    assert c.value is not None
+    outside = beta_outside_theory(
+        beta, replace(found["nu"], interval95=None), a_over_h=radius / data.gel.thickness_mm
+    )
+    return CalibrationResult(
+        youngs_modulus=found["E"], poisson_ratio=found["nu"], poisson_ratio_source="beta", c=c, beta=beta,
+        reduced_modulus=found["reduced"],
+        youngs_modulus_of_nu=tuple((nu, modulus_at(c.value, nu, radius_mm=radius)) for nu in NU_TABLE),
+        covariance=np.asarray(rows @ fitted.covariance @ rows.T), law="paper", r_squared=r_squared(fitted),
+        rms_error_N=fitted.rms_error_N, noise_floor_N=repeatability_rms(fitted), clock_offset=NO_CLOCK,
+        fitted=fitted, presses_accepted=data.presses.label,
+        assumptions=(*_assumptions(fitted, radius), *common_assumptions(fitted)),
+        warnings=(*fitted.warnings, *data.warnings, *([outside] if outside else [])),
+        flags=("beta_outside_theory",) if outside else (),
+    )  # fmt: skip
+
+
+def _assumptions(fitted: Fit, radius: float) -> list[str]:
+    true_ratio = radius / fitted.data.gel.thickness_mm
+    return [
+        "a reproduction of the published route, not a measurement of nu",
+        "nu = 0.0813 ln(beta) + 0.4464, a line through five points (R^2 = 0.98)",
+        f"kappa is taken at a/h = {A_OVER_H:g}; this gel has {true_ratio:.3f}",
+        "the intervals hold the scatter of the measurements alone, not the errors of the route",
+    ]
+
+
+def _estimate(fitted: Fit, route: Route, unit: str, gradient: Floats, radius: float) -> Estimate:
+    value = route(*_c_and_beta(fitted, fitted.values, radius))
+    if not np.isfinite(value):
+        return Estimate(None, None, None, unit, "the published law gives no nu in [0, 0.5) for this beta")
+    std = float(np.sqrt(gradient @ fitted.covariance @ gradient))
+    reach = fitted.reach(gradient) * std
+    return Estimate(value, std, (value - reach, value + reach), unit)
+
+
+def _gradient(fitted: Fit, route: Route, radius: float) -> Floats:
+    gradient = np.zeros(fitted.values.size)
+    for name in ("c_N_per_mm", beta_name(fitted, radius)):
+        k = fitted.index(name)
+        step = 1e-5 * fitted.parameters[k].scale
+        sides = [fitted.values.copy() for _ in range(2)]
+        sides[0][k] += step
+        sides[1][k] -= step
+        high, low = (route(*_c_and_beta(fitted, values, radius)) for values in sides)
+        gradient[k] = (high - low) / (2 * step)
+    return np.nan_to_num(gradient)
+
+
+def _c_and_beta(fitted: Fit, values: Floats, radius: float) -> tuple[float, float]:
+    return float(values[fitted.index("c_N_per_mm")]), float(values[fitted.index(beta_name(fitted, radius))])
+
+
+# By how much a ball or a cone reads a gel too soft when the gel sticks to it.
+#
+# At small strain a round body hardly feels friction; at large strain the gel that would slide outward is held, and
+#
+#     P_stick/P_free - 1 = k(nu) (w/h)^2 R/h,     k = .10 .47 1.0 1.45 at nu = .40 .45 .48 .4999
+#
+# From finite elements of balls with R = 1 to 3 h (punch_fem: an edge as round as the punch is wide makes a ball)
+# to w/h = .2, within a third of the surplus. A cone counts as the ball that would touch as far out as deep. The
+# law's free beta takes up part of it and tilts E the other way, so that E is found too low.
+
+NU = (0.40, 0.45, 0.48, 0.4999)  # at which SURPLUS was computed
+SURPLUS = (0.10, 0.47, 1.00, 1.45)  # k(nu) of the equation above, by finite elements
+
+
+def stuck_surplus(poisson_ratio: float, radius_over_h: Floats | float, *, w_over_h: Floats) -> Floats:
+    """P_stick/P_free - 1 of a ball, any shape."""
+    return np.asarray(np.interp(poisson_ratio, NU, SURPLUS) * np.square(w_over_h) * radius_over_h)
+
+
+def stuck_shift(fitted: Fit) -> float:
+    """The share by which E is found off where the gel sticks: what the fit of E and beta makes of the surplus.
+
+    beta keeps its prior; all samples count alike.
+    """
+    data, e, k = fitted.data, fitted.index("youngs_modulus_MPa"), fitted.index("beta")
+    strain = np.maximum(data.depth_mm, 0) / data.gel.thickness_mm
+    radius = np.array(
+        [
+            ball_radius_mm(data.indenters[i], w)
+            for i, w in zip(data.presses.indenter[data.press], data.depth_mm, strict=True)
+        ]
+    )
+    nu = float(fitted.values[fitted.index("poisson_ratio")])
+    surplus = fitted.force_N * stuck_surplus(nu, radius / data.gel.thickness_mm, w_over_h=strain)
+    prior = fitted.parameters[k].prior
+    held = 0.0 if prior is None else fitted.rms_error_N / prior.std
+    matrix = np.vstack([fitted.jacobian[:, [e, k]], [0.0, held]])
+    return float(np.linalg.lstsq(matrix, np.append(surplus, 0.0), rcond=None)[0][0] / fitted.values[e])
+
+
+def ball_radius_mm(indenter: Indenter, depth_mm: float) -> float:
+    """The ball's; for a cone of the ball that touches as far out at this depth, a^2/w with a = (2/pi) w tan."""
+    if indenter.half_angle_deg is None:
+        return indenter.radius_mm
+    return float((2 / np.pi * np.tan(np.radians(indenter.half_angle_deg))) ** 2 * max(depth_mm, 0.0))
+
+
+# The material behind a fit of a ball or a cone.
+#
+# Such a body has no stiffness c at depth 0 and no place on a curve beta(nu): E follows from the force at a known
+# nu, E(nu) = E F(nu_0)/F(nu) at the deepest sample. Where nothing fixes nu, E has no value but the interval over
+# what silicones span.
+
+NO_C = "a ball or a cone has no stiffness at depth 0: its force grows as a power of the depth"
+
+
+def of_round(fitted: Fit) -> CalibrationResult:
+    """E and nu with intervals, and what they rest on."""
+    curve = tuple((nu, _modulus_at(fitted, nu)) for nu in NU_TABLE)
+    nu, modulus = fitted.estimate("poisson_ratio"), fitted.estimate("youngs_modulus_MPa")
+    stated = fitted.data.gel.poisson_ratio is not None
+    low_nu, high_nu = SILICONE_NU
+    modulus, about = _if_stuck(fitted, modulus)
+    lines = [about, *common_assumptions(fitted)]
+    if not stated:
+        nu = Estimate(
+            None, None, SILICONE_NU, "1", "a round body hardly feels nu: its force gives E at a known nu"
+        )
+        values = [_modulus_at(fitted, one) for one in SILICONE_NU]
+        reach = 1 + _reach(modulus)
+        span = (min(values) / reach, max(values) * reach)
+        modulus = Estimate(None, None, span, "MPa", "it needs Poisson's ratio: see youngs_modulus_of_nu")
+        lines.insert(0, f"nothing fixes poisson_ratio; silicone gels lie in [{low_nu:g}, {high_nu:g}]")
+    return CalibrationResult(
+        youngs_modulus=modulus, poisson_ratio=nu, poisson_ratio_source="prior",
+        c=Estimate(None, None, None, "N/mm", NO_C), beta=fitted.estimate("beta"),
+        reduced_modulus=_reduced(fitted, modulus), youngs_modulus_of_nu=curve, covariance=_covariance(fitted),
+        law=fitted.model.law.key, r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N,
+        noise_floor_N=repeatability_rms(fitted), clock_offset=NO_CLOCK, fitted=fitted,
+        presses_accepted=fitted.data.presses.label, assumptions=tuple(lines),
+        warnings=(*fitted.warnings, *fitted.data.warnings),
+    )  # fmt: skip
+
+
+def _if_stuck(fitted: Fit, modulus: Estimate) -> tuple[Estimate, str]:
+    """E with its interval wide enough for a gel that sticks to the body, unless the presses were lubricated."""
+    if np.all(fitted.data.presses.lubricated == 1):
+        return modulus, "frictionless: the presses were lubricated"
+    shift = stuck_shift(fitted)
+    assert modulus.interval95 is not None
+    low, high = modulus.interval95
+    wide = (min(low, low / (1 + shift)), max(high, high / (1 + shift)))
+    way = "higher" if shift < 0 else "lower"
+    return replace(modulus, interval95=wide), (
+        f"friction is unknown: the law is frictionless, and E may be {way} by up to {100 * abs(shift):.1f} % "
+        "where the gel sticks to the body; E's interval reaches that far"
+    )
+
+
+def _modulus_at(fitted: Fit, nu: float) -> float:
+    """E that gives the same force at the deepest sample with another nu."""
+    k, e = fitted.index("poisson_ratio"), fitted.index("youngs_modulus_MPa")
+    deepest = int(np.argmax(fitted.data.depth_mm))
+    other: Floats = fitted.values.copy()
+    other[k] = nu
+    forces = [fitted.model.predict(values, fitted.data)[deepest] for values in (fitted.values, other)]
+    return float(fitted.values[e] * forces[0] / forces[1])
+
+
+def _reach(modulus: Estimate) -> float:
+    """Half of the relative interval of E at known nu."""
+    assert modulus.value is not None
+    assert modulus.interval95 is not None
+    return (modulus.interval95[1] - modulus.interval95[0]) / (2 * modulus.value)
+
+
+def _reduced(fitted: Fit, modulus: Estimate) -> Estimate:
+    """E/(1 - nu^2), nearly the same at any nu: of the ends where nu is open."""
+    k = fitted.index("poisson_ratio")
+    if modulus.value is None:
+        low, high = modulus.interval95 or (np.nan, np.nan)
+        span: Pair = (low / (1 - SILICONE_NU[1] ** 2), high / (1 - SILICONE_NU[0] ** 2))
+        return replace(modulus, interval95=span)
+    factor = 1 / (1 - float(fitted.values[k]) ** 2)
+    low, high = modulus.interval95 or (np.nan, np.nan)
+    return Estimate(factor * modulus.value, factor * (modulus.std or 0.0), (factor * low, factor * high), "MPa")
+
+
+def _covariance(fitted: Fit) -> Floats:
+    """(4, 4) of E, nu, c, beta; nothing for c, which there is not."""
+    places = [fitted.index(name) for name in ("youngs_modulus_MPa", "poisson_ratio", "beta")]
+    found = np.zeros((4, 4))
+    found[np.ix_([0, 1, 3], [0, 1, 3])] = fitted.covariance[np.ix_(places, places)]
+    return found
+
+
+# From a fit to the material: E, nu, c and beta by the law that was fitted.
 
 AT_BOUND = "beta_at_bound"  # the flag of a slope that the fit pushed as far as it may go
 
@@ -40,7 +347,7 @@ def determine_material(fitted: Fit) -> CalibrationResult:
         (FLAG, outside_gels(found.youngs_modulus)),
         (NU_FLAG, stated_outside_gels(fitted.data.gel)),
         (AT_BOUND, _at_bound(fitted)),
-        (APART, radii_apart(fitted)),
+        (RADII_FLAG, radii_apart(fitted)),
     )
     for flag, said in told:
         if said:

@@ -30,7 +30,8 @@ from calibration.laws.flat_punch import SILICONE_NU, STATED_NU_STD, FlatPunch
 from calibration.laws.paper import poisson_from_beta
 from calibration.model.composition import Model
 from tactilevision.errors import ConvergenceError
-from tactilevision.records import Estimate, Gel, Pair
+from tactilevision.records.measured import Estimate, Pair
+from tactilevision.records.rig import Gel
 
 HIGHEST = 0.4999  # nu that the tables reach; .5 has no finite stiffness of a thin layer
 AT_BOUND = 1e-4  # of nu: nearer to its bound a fit stands at it

@@ -1,8 +1,9 @@
-"""The outcome of a calibration, and its form on disk."""
+"""The result of a calibration, determined or undetermined, and its form on disk."""
 
 from __future__ import annotations
 
 import platform
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from typing import Any
@@ -10,8 +11,13 @@ from typing import Any
 import numpy as np
 
 from calibration.fit.least_squares import Fit
+from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result.poisson_routes import Route, apart
-from tactilevision.records import Estimate, Floats, Material, Pair
+from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.measured import Estimate, Floats, Material, Pair
+from tactilevision.records.rig import Gel
+
+# The outcome of a calibration, and its form on disk.
 
 NO_CLOCK = Estimate(None, None, None, "s", "points and curves come on one clock: there was none to align")
 COVARIANCE_OF = ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm", "beta")
@@ -24,7 +30,7 @@ class CalibrationResult:
     `covariance` (4, 4) is of COVARIANCE_OF; `youngs_modulus_of_nu` pairs (nu, E) at the fitted c; `fitted` the fit
     behind it; `presses_rejected` pairs (press, reason); `by_radius` (radius, c, beta) where there are several;
     `routes` what each way to nu says, whether it was used or not. `held_out_N` the rms error on presses left out
-    of the fit and `noise_floor_N` the repeatability: see tasks/fit_errors.py.
+    of the fit and `noise_floor_N` the repeatability: see tasks/compare.py.
     """
 
     youngs_modulus: Estimate
@@ -135,3 +141,82 @@ def r_squared(fitted: Fit) -> float:
     per_depth, model = data.normal_N / data.depth_mm, fitted.force_N / data.depth_mm
     total = float(np.sum((per_depth - per_depth.mean()) ** 2))
     return 1 - float(np.sum((per_depth - model) ** 2)) / total if total > 0 else float("nan")
+
+
+# What calibration.json says where these presses fix no material: the same keys, null with the reason why.
+
+Rejected = tuple[tuple[str, str], ...]
+
+
+def unfixed_as_json(
+    gel: Gel | None,
+    points: Sequence[CertifiedPoint],
+    *,
+    why: str,
+    law: str,
+    clock_offset: Estimate | None = None,
+    warnings: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Every key of a calibration that found something, so that one program reads both.
+
+    E and nu keep the interval that the recording states of its gel beforehand; an unstated nu that of silicones.
+    """
+    gel = gel or Gel(float("nan"))
+    modulus = _interval(gel.youngs_modulus_MPa, gel.youngs_modulus_std_MPa)
+    poisson = _interval(gel.poisson_ratio, gel.poisson_ratio_std)
+    stated = [name for name, found in (("E", modulus), ("nu", poisson)) if found]
+    assumptions = [f"the interval of {name} is what the recording states beforehand" for name in stated]
+    if poisson is None:
+        assumptions.append("the interval of nu is what silicones have")
+    return {
+        "law": law,
+        "youngs_modulus_MPa": _open("MPa", why, modulus),
+        "poisson_ratio": _open("1", why, poisson or SILICONE_NU),
+        "poisson_ratio_source": "prior",
+        "c_N_per_mm": _open("N/mm", why),
+        "beta": _open("1", why),
+        "reduced_modulus_MPa": _open("MPa", why),
+        "youngs_modulus_of_nu": [],
+        "poisson_ratio_routes": [],
+        "routes_apart_sigma": None,
+        "clock_offset_s": (clock_offset or NO_CLOCK).as_json(),
+        "covariance": None,
+        "by_radius": [],
+        "r_squared": None,
+        "rms_error_N": None,
+        "held_out_N": None,
+        "noise_floor_N": None,
+        "presses_accepted": [point.press for point in points if point.accepted],
+        "presses_rejected": [{"press": press, "reason": reason} for press, reason in rejected(points)],
+        "gel": {"thickness_mm": gel.thickness_mm, "shape": gel.shape},
+        "effects": [],
+        "assumptions": assumptions,
+        "warnings": [why, *warnings],
+        "flags": ["not_fixed"],
+        "versions": versions(),
+    }
+
+
+def rejected(points: Sequence[CertifiedPoint]) -> Rejected:
+    """(press, reason) of each press that is not trusted."""
+    return tuple((point.press, point.reason or "rejected") for point in points if not point.accepted)
+
+
+def in_words(points: Sequence[CertifiedPoint]) -> list[str]:
+    """How many presses were accepted, and of each other one what speaks against it."""
+    refused = [point for point in points if not point.accepted]
+    lines = [f"{len(points) - len(refused)} of {len(points)} presses accepted"]
+    return lines + [f"  rejected {point.press}: {_findings(point)}" for point in refused]
+
+
+def _findings(point: CertifiedPoint) -> str:
+    return (point.details.findings or point.reason or "rejected").replace("_", " ")
+
+
+def _open(unit: str, why: str, interval95: Pair | None = None) -> dict[str, Any]:
+    return Estimate(None, None, interval95, unit, why).as_json()
+
+
+def _interval(value: float | None, std: float | None) -> Pair | None:
+    half = 1.96 * (std or 0.0)
+    return None if value is None else (max(value - half, 0.0), value + half)

@@ -13,18 +13,16 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.fit.least_squares import fit
-from calibration.inputs.checks import at_one_depth, check, of_several_depths, of_shape
-from calibration.inputs.copies import check_times, without_copies
+from calibration.fit.repeats import allow_for_indenters
+from calibration.inputs.checks import at_one_depth, check, check_times, of_several_depths, of_shape, without_copies
+from calibration.inputs.depth_path import in_phase
 from calibration.inputs.gather import observe_curves, observe_points
 from calibration.inputs.observations import Measured, Observations, as_sets
-from calibration.inputs.phase import in_phase
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
-from calibration.laws.theory.plausible import apart_from_stated
+from calibration.laws.theory import apart_from_stated
 from calibration.model.composition import Model
 from calibration.model.stages import Law
-from calibration.repeats.pure_error import allow_for_indenters
-from calibration.result.edge_allowance import allow_for_edge
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import (
     BELOW_BOUND,
@@ -40,9 +38,10 @@ from calibration.result.poisson_routes import (
     tightest,
 )
 from calibration.result.result import NO_CLOCK, CalibrationResult
-from calibration.tasks.fit_errors import fit_errors, judged, with_errors, with_stated_noise
+from calibration.result.uncertainty import allow_for_edge
+from calibration.tasks.compare import fit_errors, judged, with_errors, with_stated_noise
 from tactilevision.errors import NothingCertified
-from tactilevision.records import Estimate, Pair
+from tactilevision.records.measured import Estimate, Pair
 
 ONE_DEPTH = "one_depth"  # the flag of a result whose curvature is theory's
 OUT_OF_PHASE = "out_of_phase"  # the reason against a press too fast for clocks that lie far apart

@@ -1,14 +1,4 @@
-"""From a misfit to its cause: what is missing from the model, what cannot be told apart, what to measure next.
-
-    testable? -> base model -> search (test, refit, confirm, add) -> is anything left? -> does it matter?
-
-Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. One test,
-at one level, stands before anything but ADEQUATE, calibrated by one bootstrap (score_test.py); two searches share
-it. Evidence ranks what it lets through, held-out presses confirm it. The verdict is ADEQUATE (nothing stands out,
-or what does is harmless), IDENTIFIED (an effect, and no other that fits as well), AMBIGUOUS (several fit as well,
-or beta is not one that theory allows), UNKNOWN (something is left that no effect of the catalogue explains, and E,
-a force or a depth may be off by more than its interval says).
-"""
+"""Find the cause of a misfit: missing effects, indistinguishable effects, next measurements."""
 
 from __future__ import annotations
 
@@ -19,36 +9,123 @@ from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.change_point import change_point
-from calibration.diagnosis.confirmation import TOLD_APART
-from calibration.diagnosis.diagnosis import Added, Diagnosis, Errors
-from calibration.diagnosis.forward_selection import Step, forward_selection
+from calibration.diagnosis.covariates import change_point
+from calibration.diagnosis.diagnosis import (
+    Added,
+    Diagnosis,
+    Errors,
+    Outcome,
+    against_instrument_errors,
+    odd_presses,
+    outcome,
+)
+from calibration.diagnosis.experiment_design import plan_next, press_again
+from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
-from calibration.diagnosis.outcome import Outcome, against_instrument_errors, odd_presses, outcome
-from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, freed, held_out_rms, refit_with
+from calibration.diagnosis.refit import (
+    CANNOT_FIT,
+    TOLD_APART,
+    Candidate,
+    adopt,
+    freed,
+    held_out_rms,
+    inside,
+    refit_with,
+)
 from calibration.diagnosis.score_test import LEVEL, effect_directions
 from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
-from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture
+from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
 from calibration.effects import EFFECTS
-from calibration.fit.errors_in_variables import with_errors_in_depth
+from calibration.fit.depth_noise import with_errors_in_depth
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.deadline import UNWATCHED, Watch
+from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
-from calibration.inputs.phase import in_phase
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
 from calibration.result.material import AT_BOUND, material_by_routes
 from calibration.result.poisson_routes import informed, of_bulge, of_prior, tightest
 from calibration.result.result import CalibrationResult
-from calibration.tasks.compare import base_fit, base_model, fit_alone
-from calibration.tasks.fit_errors import fit_errors, with_stated_noise
-from calibration.tasks.interval_reach import bent_or, spanning, tried, unconfirmed, unrisen
-from calibration.tasks.next_measurements import plan_next, press_again
-from tactilevision.records import Estimate, Pair
+from calibration.tasks.compare import base_fit, base_model, fit_alone, fit_errors, with_stated_noise
+from tactilevision.records.measured import Estimate, Pair
+
+# How far E's interval reaches to what other explanations would make of E.
+#
+# Each names E with it over E of the fit that stands; the interval is stretched by that, its value stays.
+
+
+def tried(searched: Searched) -> tuple[Candidate, ...]:
+    """The base, then what screened beyond chance at first: where nothing is named, E may be any of theirs."""
+    first = searched.rounds[0]
+    beyond = [c for c in first.candidates if first.scored[c.effect.key].p_adjusted < LEVEL]
+    if not beyond:
+        return ()
+    here = searched.base
+    return (Candidate(beyond[0].effect, here.model, here.values, here.chi2, here.force_N), *beyond)
+
+
+def unconfirmed(searched: Searched) -> tuple[Candidate, ...]:
+    """The last fit, then what stands beyond the level on it but not beyond doubt, or not on presses left out."""
+    here, last = searched.current, searched.rounds[-1]
+    found = [
+        c for c in last.candidates
+        if last.scored[c.effect.key].p_adjusted < LEVEL and inside(c) and c.cost < here.chi2
+        and c.model.without(c.effect.key).keys == here.model.keys
+    ]  # fmt: skip
+    return (Candidate(found[0].effect, here.model, here.values, here.chi2, here.force_N), *found) if found else ()
+
+
+def spanning(
+    after: CalibrationResult, sets: Sequence[tuple[Candidate, ...]], others: Sequence[float]
+) -> CalibrationResult:
+    """E's interval stretched to what the candidates that cannot be told apart, and `others`, would make of it."""
+    E = after.youngs_modulus
+    others = [*others, *(c.values[0] / s[0].values[0] for s in sets for c in s[1:])]  # of the first of each set
+    if not others or E.interval95 is None:
+        return after
+    low, high = E.interval95[0] * min(1.0, *others), E.interval95[1] * max(1.0, *others)
+    warning = "E's interval reaches to what effects that cannot be told apart, or are not beyond doubt, make of E"
+    return replace(after, youngs_modulus=replace(E, interval95=(low, high)), warnings=(*after.warnings, warning))
+
+
+def bent_or(after: CalibrationResult, searched: Searched) -> CalibrationResult:
+    """E's interval stretched to what the effects make of it that explain a bend within theory's as well."""
+    E, others = after.youngs_modulus, searched.bend_or
+    if not others or E.interval95 is None:
+        return after
+    key = max(others, key=lambda one: abs(np.log(others[one])))
+    low, high = E.interval95[0] * min(1.0, *others.values()), E.interval95[1] * max(1.0, *others.values())
+    what, off = key.replace("_", " "), 100 * (others[key] - 1)
+    warning = f"what was taken for a bend that theory allows may be {what} as well: E is then {off:+.0f} %"
+    wide = replace(E, interval95=(low, high))
+    return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
+
+
+def unrisen(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
+    """E's interval stretched to what it would be if the certified depth forgot the gel's rise."""
+    share = max((risen(c, sight.fitted.data) for s in sight.sets for c in s), default=0.0)
+    E = after.youngs_modulus
+    if share <= 0 or E.interval95 is None:
+        return after
+    wide = replace(E, interval95=(E.interval95[0], E.interval95[1] / (1 - share)))
+    warning = f"if the bevel met the gel early, depths are {100 * share:.1f} % too large and E that much too small"
+    return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
+
+
+# From a misfit to its cause: what is missing from the model, what cannot be told apart, what to measure next.
+#
+#     testable? -> base model -> search (test, refit, confirm, add) -> is anything left? -> does it matter?
+#
+# Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. One test,
+# at one level, stands before anything but ADEQUATE, calibrated by one bootstrap (score_test.py); two searches
+# share it. Evidence ranks what it lets through, held-out presses confirm it. The verdict is ADEQUATE (nothing
+# stands out, or what does is harmless), IDENTIFIED (an effect, and no other that fits as well), AMBIGUOUS (several
+# fit as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect of the catalogue
+# explains, and E, a force or a depth may be off by more than its interval says).
 
 POINTS_ALONE = "curves_not_used"  # of presses that a camera saw
 WHY_POINTS = (

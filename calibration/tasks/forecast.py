@@ -18,15 +18,22 @@ import numpy as np
 from calibration.fit.least_squares import Fit, fit, linearise
 from calibration.fit.tolerances import with_tolerances
 from calibration.inputs.checks import check
-from calibration.inputs.observations import Observations, Presses, Shared
-from calibration.inputs.press_noise import TYPICAL_FORCE_N, TYPICAL_GAIN, TYPICAL_ZERO_MM
+from calibration.inputs.observations import (
+    TYPICAL_FORCE_N,
+    TYPICAL_GAIN,
+    TYPICAL_ZERO_MM,
+    Observations,
+    Presses,
+    Shared,
+)
 from calibration.model.composition import Model
 from calibration.noise.model import STATED_DOF, Noise
-from calibration.result.edge_allowance import allow_for_edge
 from calibration.result.material import determine_material
+from calibration.result.uncertainty import allow_for_edge
 from calibration.tasks.compare import base_model
 from tactilevision.errors import InputError
-from tactilevision.records import Estimate, Floats, Gel, Indenter, Pair
+from tactilevision.records.measured import Estimate, Floats, Pair
+from tactilevision.records.rig import Gel, Indenter
 
 USUAL_MODULUS_MPA: Pair = (0.2, 0.2)  # MPa: guess of E where none is given; soft silicone gels lie about it
 USUAL_NU: Pair = (0.48, 0.48)  # guess of Poisson's ratio where none is given

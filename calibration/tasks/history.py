@@ -21,7 +21,7 @@ from calibration.inputs.observations import Measured
 from calibration.model.stages import Law
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import calibrate
-from tactilevision.records import Estimate, Pair
+from tactilevision.records.measured import Estimate, Pair
 
 LEVEL = 0.05  # chance, over all recordings, of a change where there is none
 

@@ -19,7 +19,8 @@ import numpy as np
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.tasks.forecast import Design, Forecast, check_design, forecast, forecast_fit
 from tactilevision.errors import InputError
-from tactilevision.records import Bools, Floats, Indenter
+from tactilevision.records.measured import Bools, Floats
+from tactilevision.records.rig import Indenter
 
 MAX_REPEATS = 1000  # repeats of a face: what so many do not reach, no number does
 MAX_HEIGHTS = 8  # heights offered up to which every set of them is tried: 247 sets

@@ -1,32 +1,87 @@
-"""Finite elements against the measurements: at the measured forces, and at the measured depths.
-
-    depth error = w_fem(P) / w - 1,      force error = P_fem(w) / P - 1
-
-for each friction and law, with the material that a calibration gave. Such agreement is a test of the law's form
-along depth; it does not prove Poisson's ratio, since E(nu) at the same initial stiffness agrees as well: `rivals`
-shows by how much. Assumes first loading of a flat punch on a bonded gel. Source: mechanics/punch_curve.py.
-"""
+"""Compare finite elements with the measurements, and report the differences."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf
-from typing import Protocol
+from math import inf, isfinite, isinf
+from typing import Any, Protocol
 
 import numpy as np
 
-from calibration.fit.depth_trend import Trend, find_trend
 from calibration.inputs.checks import check
+from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
-from calibration.inputs.phase import in_phase
+from calibration.result.result import versions
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_curve import PunchCurve, punch_curve, tabulated_curve
-from tactilevision.mechanics.tables.profile import EDGE_OVER_H
-from tactilevision.records import Floats, Indenter, Material
+from tactilevision.mechanics.tables.punch import EDGE_OVER_H
+from tactilevision.records.measured import Floats, Material, Pair
+from tactilevision.records.rig import Indenter
+
+# Does an error grow or fall with depth? A straight line through the errors, and Student's test of its slope.
+
+LEVEL = 0.01  # below this chance of a mere coincidence a trend is said to be one
+SAME = 1e-6  # errors that leave the line by less than this are on it: rounding, not scatter
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """`over_range` is the line's rise from the shallowest to the deepest sample, `interval95` its interval;
+    `p_value` the chance of such a slope where there is none; all None where `why` says what is missing."""
+
+    over_range: float | None
+    interval95: Pair | None
+    p_value: float | None
+    why: str = ""
+
+    @property
+    def found(self) -> bool:
+        """True where the error follows the depth."""
+        return self.p_value is not None and self.p_value < LEVEL
+
+    def as_json(self) -> dict[str, Any]:
+        """For validation.json."""
+        return {
+            "over_range": self.over_range,
+            "interval95": None if self.interval95 is None else list(self.interval95),
+            "p_value": self.p_value,
+            "found": self.found if self.p_value is not None else None,
+        } | ({"why": self.why} if self.why else {})
+
+
+def find_trend(depth_mm: Floats, error: Floats) -> Trend:
+    """The trend of `error` (N,) along `depth_mm` (N,); samples with an error that is not finite are left out.
+
+    Least squares, t = slope / std with N - 2 degrees of freedom; the samples count as independent and alike.
+    """
+    from scipy.stats import t as student
+
+    use = np.isfinite(error)
+    x, y = depth_mm[use], error[use]
+    if np.unique(x).size < 3:
+        return Trend(None, None, None, "fewer than three depths: a trend cannot be told from scatter")
+    span = float(np.ptp(x))
+    x = (x - x.mean()) / span
+    slope = float(x @ y / (x @ x))
+    left = y - y.mean() - slope * x
+    dof = x.size - 2
+    std = max(float(np.sqrt(left @ left / dof)), SAME) / float(np.sqrt(x @ x))
+    reach = float(student.ppf(0.975, dof)) * std
+    return Trend(slope, (slope - reach, slope + reach), float(2 * student.sf(abs(slope) / std, dof)))
+
+
+# Finite elements against the measurements: at the measured forces, and at the measured depths.
+#
+#     depth error = w_fem(P) / w - 1,      force error = P_fem(w) / P - 1
+#
+# for each friction and law, with the material that a calibration gave. Such agreement is a test of the law's form
+# along depth; it does not prove Poisson's ratio, since E(nu) at the same initial stiffness agrees as well:
+# `rivals` shows by how much. Assumes first loading of a flat punch on a bonded gel. Source:
+# mechanics/punch_curve.py.
 
 LAWS = ("neo-hooke", "hencky")
 FRICTIONS = (0.0, 0.15, 0.3, 0.6, inf)  # Coulomb's mu, from sliding freely to sticking
@@ -261,3 +316,128 @@ def _assumptions(data: Observations, material: Material) -> Iterator[str]:
         yield f"the pad's outline is not stated: it counts as {WIDE:g} thicknesses wide at least"
     if data.is_curves:
         yield f"of the curves the loading is compared, as means over {LEVELS - 1} ranges of depth"
+
+
+# What a validation says: in sentences, as a table for the terminal, and as validation.json.
+
+NOT_PROVEN = "Agreement at equal force, or at equal depth, does not prove Poisson's ratio"
+
+
+def as_json(found: Validation) -> dict[str, Any]:
+    """The content of validation.json; a value that the elements did not reach is null, with its `why`."""
+    return {
+        **found.material.as_json(),
+        "models": [_model(found, one) for one in found.comparisons],
+        "rivals": [_rival(rival) for rival in found.rivals],
+        "statements": list(statements(found)),
+        "assumptions": list(found.assumptions),
+        "versions": versions(),
+    }
+
+
+def statements(found: Validation) -> Iterator[str]:
+    """What the errors say and what they do not, one sentence each."""
+    for one in found.comparisons:
+        yield f"{one.law}, {one.name}: {_errors(one.depth_error)} in depth at equal force; {_trend(one)}"
+    lost = {
+        law: sum(bool(why) for one in found.comparisons if one.law == law for why in one.ended)
+        for law in dict.fromkeys(one.law for one in found.comparisons)
+    }
+    if any(lost.values()):
+        where = ", ".join(f"{count} of {law}" for law, count in lost.items() if count)
+        yield f"beyond what the elements reach, and left empty: {where}; validation.json says why of each"
+    yield _not_proven(found)
+
+
+def table(found: Validation, law: str) -> list[str]:
+    """Depth errors in per cent, one line a sample, one column a friction; '-' where the elements did not get."""
+    mine = [one for one in found.comparisons if one.law == law]
+    lines = [f"{law}: FE depth at the measured force, error in % of the measured depth"]
+    lines.append(f"{'press':>12s} {'w (mm)':>8s} {'P (N)':>8s} " + " ".join(f"{one.name:>12s}" for one in mine))
+    samples = found.samples
+    for k, press in enumerate(samples.press):
+        values = (
+            f"{round(100 * one.depth_error[k], 1) + 0.0:+12.1f}" if isfinite(one.depth_error[k]) else f"{'-':>12s}"
+            for one in mine
+        )
+        lines.append(f"{press:>12s} {samples.depth_mm[k]:8.3f} {samples.force_N[k]:8.4f} " + " ".join(values))
+    return lines
+
+
+def _errors(error: Floats) -> str:
+    kept = error[np.isfinite(error)]
+    if not kept.size:
+        return "nothing that can be compared"
+    low, high = (f"{100 * end:+.1f}".replace("-0.0", "+0.0") for end in (kept.min(), kept.max()))
+    return f"{low} %" if low == high else f"{low} to {high} %"
+
+
+def _trend(one: Comparison) -> str:
+    trend = one.depth_trend
+    if trend.p_value is None or trend.over_range is None:
+        return f"whether it trends with depth cannot be told ({trend.why})"
+    chance = f"p = {trend.p_value:.2g}"
+    if not trend.found:
+        return f"no trend with depth that shows at {100 * LEVEL:.0f} % ({chance})"
+    way = "grows" if trend.over_range > 0 else "falls"
+    return (
+        f"it {way} with depth, by {100 * abs(trend.over_range):.1f} points over the range ({chance}): "
+        "the form of the model is at fault, not scatter"
+    )
+
+
+def _not_proven(found: Validation) -> str:
+    if len(found.rivals) < 2:
+        return NOT_PROVEN + "."
+    low, high = found.rivals[0], found.rivals[-1]
+    errors = [rival.rms_depth_error for rival in found.rivals]
+    return (
+        f"{NOT_PROVEN}: with E at the same initial stiffness every nu from {low.poisson_ratio:g} to "
+        f"{high.poisson_ratio:g} comes within {100 * min(errors):.1f} to {100 * max(errors):.1f} % rms of the "
+        f"{low.compared} depths that the table reaches (neo-Hooke, mu = 0.3)."
+    )
+
+
+def _model(found: Validation, one: Comparison) -> dict[str, Any]:
+    samples = found.samples
+    rows = []
+    for k, press in enumerate(samples.press):
+        row = {
+            "press": press,
+            "radius_mm": float(samples.radius_mm[k]),
+            "depth_mm": float(samples.depth_mm[k]),
+            "force_N": float(samples.force_N[k]),
+            "fem_depth_mm": _number(one.fem_depth_mm[k]),
+            "depth_error": _number(one.depth_error[k]),
+            "fem_force_N": _number(one.fem_force_N[k]),
+            "force_error": _number(one.force_error[k]),
+        }
+        rows.append(row | ({"why": one.ended[k]} if one.ended[k] else {}))
+    return {
+        "law": one.law,
+        "friction": "no slip" if isinf(one.friction) else one.friction,
+        "source": one.source,
+        "points": rows,
+        "rms_depth_error": _rms(one.depth_error),
+        "rms_force_error": _rms(one.force_error),
+        "depth_trend": one.depth_trend.as_json(),
+        "force_trend": one.force_trend.as_json(),
+    }
+
+
+def _rival(rival: Rival) -> dict[str, float | int | None]:
+    return {
+        "poisson_ratio": rival.poisson_ratio,
+        "youngs_modulus_MPa": rival.youngs_modulus_MPa,
+        "rms_depth_error": _number(rival.rms_depth_error),
+        "compared": rival.compared,
+    }
+
+
+def _rms(error: Floats) -> float | None:
+    kept = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(kept**2))) if kept.size else None
+
+
+def _number(value: float) -> float | None:
+    return float(value) if isfinite(value) else None

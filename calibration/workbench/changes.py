@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from calibration.inputs.excluded_presses import press_names
-from calibration.report.error_fall import BASE
-from calibration.session import History, Labelled, Step
+from calibration.inputs.observations import press_names
+from calibration.report.misfit import BASE
+from calibration.tasks.session import History, Labelled, Step
 from calibration.workbench.opened import Opened
 from tactilevision.errors import InputError
 

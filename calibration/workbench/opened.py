@@ -1,18 +1,125 @@
-"""What a workbench was opened on: measurements, what was rejected of them, and the effects that can be added."""
+"""Measurements, frames and available effects of an open workbench."""
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
 
 from calibration.effects import EFFECTS, PLAIN, get_effect
 from calibration.inputs.observations import Measured, Observations
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
-from calibration.workbench.frames import Frames
-from tactilevision.records import Estimate, Pair
+from tactilevision.errors import InputError
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.press.certificate import Evidence
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import read_frame
+from tactilevision.records.maps import Frame, HeightMap
+from tactilevision.records.measured import Bytes, Estimate, Floats, Pair
+
+# Frames of a recording for a page: the picture and the height map of one frame, made when they are asked for.
+
+READINGS = 400  # of the force, at most, drawn of one press: more than a screen has places
+SMALL_PX = 240  # width of the pictures that follow the slider while it moves
+KEPT = 64  # height maps held: a scrub back and forth over a press costs nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One frame (H, W, 3), grey levels, and its height map."""
+
+    rgb: Bytes
+    height: HeightMap
+
+
+@dataclass(slots=True)
+class Frames:
+    """The frames of one recording; one turns into heights at a time. `evidence`: its certificate's, by press."""
+
+    recording: Recording
+    reconstructor: Reconstructor
+    evidence: Mapping[str, Evidence] = field(default_factory=dict)
+    _kept: OrderedDict[int, Seen] = field(default_factory=OrderedDict)
+    _turn: threading.Lock = field(default_factory=threading.Lock)
+
+    def of_press(self, press: str) -> list[int]:
+        """Numbers of the frames taken during a press; none where the press has no times."""
+        row = next((one for one in self.recording.presses if one.press == press), None)
+        if row is None:
+            return []
+        times = self.recording.frame_times_s
+        return [int(k) for k in np.flatnonzero((times >= row.start_s) & (times <= row.end_s))]
+
+    def view(self, press: str) -> dict[str, Any]:
+        """The frames of a press, s after the first; of its certificate the event, face, bevel and force."""
+        numbers = self.of_press(press)
+        times = self.recording.frame_times_s[numbers]
+        first = float(times[0]) if numbers else 0.0
+        found = {"frames": numbers, "times": (times - first).tolist()}
+        evidence = self.evidence.get(press)
+        return found if evidence is None or not numbers else found | _certified(evidence, times, first)
+
+    def small(self, number: int) -> Bytes:
+        """A frame in small (h, w, 3), grey levels, without heights: quick. Raises InputError as `see` does."""
+        rgb = self.reconstructor.rectified(self._read(number))
+        size = (SMALL_PX, max(round(SMALL_PX * rgb.shape[0] / rgb.shape[1]), 1))
+        return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def _read(self, number: int) -> Frame:
+        if not 0 <= number < len(self.recording.frame_names):
+            raise InputError("there is no such frame", where=self.recording.name, value=number)
+        return read_frame(self.recording, number)
+
+    def see(self, number: int) -> Seen:
+        """One frame. Raises InputError for a number that is not there, or a picture that cannot be read."""
+        with self._turn:
+            if number not in self._kept:
+                frame = self._read(number)
+                self._kept[number] = Seen(
+                    self.reconstructor.rectified(frame), self.reconstructor.height_map(frame)
+                )
+                if len(self._kept) > KEPT:
+                    self._kept.popitem(last=False)
+            self._kept.move_to_end(number)
+            return self._kept[number]
+
+
+def _certified(evidence: Evidence, times: Floats, first_s: float) -> dict[str, Any]:
+    """What the certificate says of a press: times (N,) s, after `first_s`; `event` an index of them."""
+    every = slice(None, None, evidence.force_time_s.size // READINGS + 1)
+    touch, depth = evidence.touch, evidence.depth_mm[np.isfinite(evidence.depth_mm)]
+    return {
+        "event": None if touch is None else int(np.argmin(np.abs(times - touch.time_s))),
+        "event_s": None if touch is None else touch.time_s - first_s,
+        "force_s": (evidence.force_time_s[every] - first_s).tolist(),
+        "force_N": evidence.force_N[every, 2].tolist(),
+        "deepest_mm": float(depth.max()) if depth.size else None,
+        **_places(evidence),
+    }
+
+
+def _places(evidence: Evidence) -> dict[str, list[float]]:
+    """Face (x, y, half width, half height) and bevel (x, y, width, height), as shares of the picture."""
+    height, face, bevel = evidence.height_map, evidence.footprint, evidence.bevel_window_mm
+    if height is None or face is None:
+        return {}
+    rows, columns = height.depth_mm.shape
+    size = np.array([columns, rows]) * height.mm_per_px
+    found = {"face": [*(np.array(face.centre_mm) / size + 0.5), *(face.radius_mm / size)]}
+    if bevel is not None:
+        found["bevel"] = [*(np.array(bevel[0]) / size + 0.5), *((np.array(bevel[1]) - bevel[0]) / size)]
+    return {name: [float(one) for one in place] for name, place in found.items()}
+
+
+# What a workbench was opened on: measurements, what was rejected of them, and the effects that can be added.
 
 Marks = tuple[tuple[str, int, int], ...]
 

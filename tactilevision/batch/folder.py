@@ -16,24 +16,23 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.batch.fingerprint import fingerprint_of
-from tactilevision.batch.jobs import Journal, Row, run_job, way_of_reading
-from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
+from tactilevision.batch.jobs import Journal, Row, fingerprint_of, run_job, way_of_reading
 from tactilevision.cluster.connect import check_cluster
 from tactilevision.contact.region import contact_flags, find_contact
-from tactilevision.door.cells import csv_text
-from tactilevision.door.numbers import read_cells
 from tactilevision.errors import InputError
-from tactilevision.exports.tiff import masked, write_tiff
-from tactilevision.exports.zarr_store import begin_frames, end_frames, settle, write_frame
-from tactilevision.files import make_folder, write_text
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import BadFrame, Recording
-from tactilevision.records import Bools, Frame, HeightMap
-from tactilevision.records.flags import add
+from tactilevision.files.documents import csv_text
+from tactilevision.files.opening import read_cells
+from tactilevision.files.runs import output_lock
+from tactilevision.files.tiff import masked, write_tiff
+from tactilevision.files.writing import make_folder, write_text
+from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
+from tactilevision.heightmap.deviation import DepthError
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
+from tactilevision.recording.model import BadFrame, Recording
+from tactilevision.records.maps import Frame, HeightMap, add
+from tactilevision.records.measured import Bools
 from tactilevision.robust import median
-from tactilevision.runs import output_lock
-from tactilevision.uncertainty.depth import DepthError
 
 TABLE = "depth.csv"
 MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"
@@ -146,7 +145,7 @@ def reconstruct_folder(
     `workers` is the number of processes (None: one a core); `cluster` the address of a Dask scheduler, or its
     file, whose workers see the same folders. A frame that cannot be read is listed and passed
     over. An earlier, unfinished run into the same folder with the same recording and method is continued.
-    `anchor` holds the faces of certified presses (certificate/depth/face_depth.py).
+    `anchor` holds the faces of certified presses (press/certified_faces.py).
     """
     place = Path(out).absolute()  # workers elsewhere are in another folder
     if cluster is not None:

@@ -1,9 +1,4 @@
-"""Frames through a job: streamed, on all cores, taken up again where they were cut off.
-
-A worker writes what a frame gives whole, then notes the frame in the journal, itself and at once. Killing any
-process at any moment therefore loses no frame, and a second run does only what is left, and again the one frame
-a worker was at.
-"""
+"""Run a job on every frame on all cores, and resume it by the fingerprint of its inputs."""
 
 from __future__ import annotations
 
@@ -11,6 +6,7 @@ import csv
 import ctypes
 import hashlib
 import io
+import json
 import os
 import time
 from collections import deque
@@ -25,12 +21,19 @@ import numpy as np
 
 from tactilevision.cluster.pool import ClusterPool, EndsWorkers, cluster_pool
 from tactilevision.compiled import compile_all
-from tactilevision.door.documents import read_text
 from tactilevision.errors import InputError
-from tactilevision.files import append_text, write_text
-from tactilevision.recording import BadFrame, Recording, iter_frames
-from tactilevision.records import Frame, HeightMap
-from tactilevision.runs import join_lock, worker_pool
+from tactilevision.files.documents import read_text
+from tactilevision.files.runs import join_lock, worker_pool
+from tactilevision.files.writing import append_text, write_text
+from tactilevision.recording.model import BadFrame, Recording
+from tactilevision.recording.pictures import iter_frames
+from tactilevision.records.maps import Frame, HeightMap
+
+# Frames through a job: streamed, on all cores, taken up again where they were cut off.
+#
+# A worker writes what a frame gives whole, then notes the frame in the journal, itself and at once. Killing any
+# process at any moment therefore loses no frame, and a second run does only what is left, and again the one frame
+# a worker was at.
 
 Row = tuple[str, ...]
 Timed = tuple[list[Row], float]  # rows of a task, and the seconds that it took
@@ -336,3 +339,25 @@ def _bare(recording: Recording) -> Recording:
     """Without what no frame needs: it travels to every worker."""
     return replace(recording, indenters={}, presses=(), forces=None, stage=None, curves=(), points=(), extra={},
                    settings={}, warnings=())  # fmt: skip
+
+
+# What a run is known by: its frames as they stand on disk, and what else decides its result.
+
+
+def fingerprint_of(recording: Recording, *parts: object) -> str:
+    """Of the recording's place and frames as they stand there, and of what else decides the result."""
+    about = [str(recording.path.resolve()), *recording.frame_names, *as_they_stand(recording), *map(repr, parts)]
+    return hashlib.sha256(json.dumps(about).encode()).hexdigest()
+
+
+def as_they_stand(recording: Recording) -> Iterator[str]:
+    """Size and time of every picture, or of the video: of one that was changed nothing is taken over."""
+    path, names = recording.frames_path, recording.frame_names
+    pictures = () if path is None else [path / name for name in names] if path.is_dir() else [path]
+    for file in (*pictures, *recording.flats):
+        try:
+            about = file.stat()
+        except OSError:
+            yield "gone"
+        else:
+            yield f"{about.st_size} {about.st_mtime_ns}"

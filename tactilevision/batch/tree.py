@@ -13,17 +13,17 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from tactilevision.batch.fingerprint import fingerprint_of
 from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, cells, reconstruct_folder
+from tactilevision.batch.jobs import fingerprint_of
 from tactilevision.cluster.connect import check_cluster
-from tactilevision.door.cells import cell_text, csv_text
-from tactilevision.door.documents import read_text
 from tactilevision.errors import ClusterError, InputError, OutputError, RecordingError
-from tactilevision.files import write_text
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording, layout
+from tactilevision.files.documents import cell_text, csv_text, read_text
+from tactilevision.files.runs import output_lock
+from tactilevision.files.writing import write_text
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.recording import layout
+from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import find_frames
-from tactilevision.runs import output_lock
 
 REFERENCE = layout.FLATS.split("/")[0]  # folder of the untouched gel's pictures and the balls
 Open = Callable[[Path], Recording]

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
     from calibration.inputs.observations import Observations
     from calibration.model.stages import Effect
-    from calibration.session import History, Step
     from calibration.tasks.compare import Comparison
+    from calibration.tasks.session import History, Step
     from tactilevision.cli.measure import Taken
-    from tactilevision.records import Estimate
+    from tactilevision.records.measured import Estimate
 
 ANSWERED = "gentle faces"  # of the certificate's warning about the picture's scale: a diagnosis has its number
 UNDO_SHADOWS = "undo_shadows"  # the treatment that an effect of the picture may ask for
@@ -54,7 +54,7 @@ def taken_with_nu(paths: Sequence[Path], *, cluster: str | None) -> tuple[list[T
     """`with_nu` of recordings read and certified; on a cluster each is a task of its own, which writes nothing."""
     if cluster is None:
         return with_nu(take(paths, answered=ANSWERED))
-    from tactilevision.cli.on_cluster import each_on_cluster
+    from tactilevision.cli.measure import each_on_cluster
 
     given = oldest_first(paths)
     read = each_on_cluster(_there, given, cluster=cluster, title="certifying recordings")
@@ -79,8 +79,8 @@ def _sharpest(read: Sequence[tuple[Taken, Estimate | None]]) -> tuple[list[Taken
 
 def observed(taken: Sequence[Taken], left_out: Sequence[str] = ()) -> Observations:
     """The curves of these recordings where there are any, else the certified points, without some presses."""
-    from calibration.inputs.excluded_presses import leave_out
     from calibration.inputs.gather import observe_all
+    from calibration.inputs.observations import leave_out
     from calibration.tasks.calibrate import observe
 
     sets = [one.measured for one in taken]
@@ -101,7 +101,7 @@ def treated(
 def not_in_frames(taken: Sequence[Taken], found: Diagnosis) -> tuple[str, ...]:
     """Keys of effects that the diagnosis names or leaves open, whose cause no frame of any recording shows."""
     from calibration.effects import EFFECTS
-    from tactilevision.reconstruct.shadows_seen import shows_none
+    from tactilevision.heightmap.shadows_seen import shows_none
 
     named = {effect.key for effect in found.effects} | set(found.candidates)
     keys = [key for key in named if getattr(EFFECTS.get(key), "treatment", "") == UNDO_SHADOWS]
@@ -114,7 +114,7 @@ def not_in_frames(taken: Sequence[Taken], found: Diagnosis) -> tuple[str, ...]:
 def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dict[str, str]]:
     """Effects in the order named, by key or by the file of one's own; and the file of each that has one."""
     from calibration.effects import get_effect
-    from calibration.effects.support.private import load_effect
+    from calibration.effects.private import load_effect
 
     effects, files = [], {}
     for name in names or ():
@@ -134,7 +134,7 @@ def compare_command(
     left_out: Sequence[str] = (),
 ) -> str:
     """The command that adds these effects, as a shell takes it."""
-    from calibration.session import as_path
+    from calibration.tasks.session import as_path
 
     options = [
         word for name in names for word in (("--effect", files[name]) if name in files else ("--with", name))
@@ -148,7 +148,7 @@ def keep_history(
     recordings: Sequence[Path], steps: Sequence[Step], folder: Path, *, out: Path, settings: Settings
 ) -> None:
     """history.json, and the script that repeats these steps from wherever it is run; both end up in `out`."""
-    from calibration.session import History
+    from calibration.tasks.session import History
 
     names, how = tuple(str(path.resolve()) for path in recordings), settings
     history = History(names, applied=how.applied, seed=how.seed, prior=how.prior, left_out=how.left_out)
@@ -159,7 +159,7 @@ def keep_history(
 
 def write_history(history: History, folder: Path, out: Path) -> None:
     """The same of a history that is there."""
-    from tactilevision.files import write_text
+    from tactilevision.files.writing import write_text
 
     history.save(folder / "history.json")
     write_text(folder / "repeat.sh", history.script(again_in(out)))
@@ -180,7 +180,7 @@ def next_commands(
 ) -> list[tuple[str, str]]:
     """What to try after a comparison: of the plain law alone a diagnosis, then the plain errors worth a try."""
     from calibration.effects import PLAIN
-    from calibration.session import steps_of_comparison
+    from calibration.tasks.session import steps_of_comparison
 
     added = [step.key for step in steps_of_comparison(found, files)]
     said: list[tuple[str, str]] = []

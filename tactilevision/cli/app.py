@@ -9,27 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from tactilevision.cli import (
-    calibrate,
-    calibrate_sensor,
-    compare,
-    depth,
-    diagnose,
-    export_log,
-    force,
-    import_log,
-    lerobot,
-    live,
-    plan,
-    simulate,
-    steps,
-    tabulate,
-    train,
-    validate,
-    view,
-    workbench,
-)
-from tactilevision.runs import output_lock
+from tactilevision.cli import calibrate, compare, depth, diagnose, live, logs, simulate, train, view, workbench
+from tactilevision.files.runs import output_lock
 
 app = typer.Typer(
     help="Mechanics you can trust from vision-based tactile sensors.",
@@ -52,22 +33,22 @@ def alone(command: Callable[..., None], *, into: str = "out", file: bool = False
 
 
 app.command("calibrate")(alone(calibrate.calibrate))
-app.command("calibrate-sensor")(alone(calibrate_sensor.calibrate_sensor, file=True))
+app.command("calibrate-sensor")(alone(train.calibrate_sensor, file=True))
 app.command("depth")(alone(depth.depth))
 app.command("view")(alone(view.view))
 app.command("diagnose")(alone(diagnose.diagnose))
-app.command("compare")(alone(compare.compare))
-app.command("steps")(alone(steps.steps, into="folder"))
+app.command("compare")(alone(compare.compare_effects))
+app.command("steps")(alone(compare.steps, into="folder"))
 app.command("workbench")(alone(workbench.workbench))
 app.command("new-effect")(diagnose.new_effect)
 app.command("live")(live.live)
-app.command("force")(alone(force.force))
-app.command("import")(alone(import_log.import_log))
-app.command("export")(alone(export_log.export_log, file=True))
-app.command("lerobot")(alone(lerobot.lerobot))
-app.command("plan")(plan.plan)
-app.command("validate")(alone(validate.validate))
-app.command("tabulate")(alone(tabulate.tabulate))
+app.command("force")(alone(depth.force))
+app.command("import")(alone(logs.import_log))
+app.command("export")(alone(logs.export_log, file=True))
+app.command("lerobot")(alone(logs.lerobot))
+app.command("plan")(calibrate.plan)
+app.command("validate")(alone(simulate.validate))
+app.command("tabulate")(alone(simulate.tabulate))
 app.command("train")(alone(train.train, file=True))
 app.command("simulate")(alone(simulate.simulate))
 

@@ -1,4 +1,4 @@
-"""`tactilevision calibrate RECORDING...`: frames and forces, or points, or curves, into E and nu."""
+"""Run the commands `calibrate` and `plan`: E and nu from presses, and presses for a goal."""
 
 from __future__ import annotations
 
@@ -12,11 +12,22 @@ import typer
 
 from tactilevision.cli import console
 from tactilevision.cli.measure import Taken, beside_the_punch, oldest_first, take, with_what_was_read
+from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from calibration.inputs.observations import Measured
     from calibration.result.result import CalibrationResult
+    from calibration.tasks.forecast import Design, Forecast, Margin, PressNoise
+    from calibration.tasks.plan import Goal, Plan
     from tactilevision.cli.pictures import FigureFolder
     from tactilevision.errors import TactilevisionError
+    from tactilevision.records.measured import Pair
+    from tactilevision.records.rig import Gel, Indenter
+
+
+# `tactilevision calibrate RECORDING...`: frames and forces, or points, or curves, into E and nu.
 
 
 class LawName(StrEnum):
@@ -56,7 +67,7 @@ def calibrate(
     history.csv says whether the gel has changed.
     """
     from tactilevision.cli import pictures
-    from tactilevision.files import plain_name, staged
+    from tactilevision.files.writing import plain_name, staged
 
     outcomes = _outcomes(_below(recordings), law.value, prior=prior, cluster=cluster)
     with staged(out) as stage:
@@ -97,7 +108,7 @@ def _outcomes(paths: Sequence[Path], law: str, *, prior: bool, cluster: str | No
     """Of each recording, the oldest first; on a cluster each is a task of its own, which writes nothing."""
     if cluster is None:
         return [calibrate_one(taken, law, prior=prior) for taken in take(paths)]
-    from tactilevision.cli.on_cluster import each_on_cluster
+    from tactilevision.cli.measure import each_on_cluster
 
     given = oldest_first(paths)
     found = each_on_cluster(_there, given, law, prior, cluster=cluster, title="calibrating recordings")
@@ -135,7 +146,7 @@ def calibrate_one(taken: Taken, law: str, *, prior: bool = True) -> Outcome:
 
 def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
     """calibration.json of a recording whose presses fix no material."""
-    from calibration.result.undetermined import unfixed_as_json
+    from calibration.result.result import unfixed_as_json
 
     gel, clock = taken.recording.sensor.gel, taken.certificate.clock_offset if taken.certificate else None
     return unfixed_as_json(gel, taken.points, why=why, law=law, clock_offset=clock, warnings=taken.warnings)
@@ -144,8 +155,8 @@ def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
 def _write(outcome: Outcome, folder: Path, form: str) -> None:
     from calibration.report.report import calibration_page
     from tactilevision.cli import pictures
-    from tactilevision.files import write_json, write_text
-    from tactilevision.recording import write_curves, write_points
+    from tactilevision.files.writing import write_json, write_text
+    from tactilevision.recording.write import write_curves, write_points
 
     taken, result = outcome.taken, outcome.result
     recording, certificate = taken.recording, taken.certificate
@@ -201,7 +212,7 @@ def _describe(taken: Taken, folder: Path) -> None:
 def _write_history(outcomes: Sequence[Outcome], law: str, figures: FigureFolder) -> None:
     from calibration.tasks.history import history
     from tactilevision.cli import pictures
-    from tactilevision.recording import write_table
+    from tactilevision.recording.write import write_table
 
     rows = history([outcome.taken.measured for outcome in outcomes if outcome.result is not None], law=law)
     flat = [row.as_row() for row in rows]
@@ -214,7 +225,7 @@ def _write_history(outcomes: Sequence[Outcome], law: str, figures: FigureFolder)
 
 def _tell(outcome: Outcome, out: Path) -> None:
     from calibration.report.report import summary
-    from calibration.result.undetermined import in_words
+    from calibration.result.result import in_words
 
     if outcome.result is not None:
         console.warn([line for line in outcome.result.warnings if line not in outcome.taken.warnings])
@@ -222,3 +233,225 @@ def _tell(outcome: Outcome, out: Path) -> None:
     else:
         console.say(*in_words(outcome.taken.points))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
+
+
+# `tactilevision plan`: how many presses of which heights give E within a goal, before any is made.
+
+Numbers = Annotated[str | None, typer.Option(metavar="LIST", help="Numbers (mm) with commas between.")]
+Range = Annotated[str | None, typer.Option(metavar="VALUE", help="A guess, or the two ends of a range: .1,.4")]
+Size = Annotated[float | None, typer.Option(help="A length in mm; left out: as the recording states, or unknown.")]
+
+
+def plan(
+    recording: Annotated[
+        Path | None, typer.Argument(metavar="[RECORDING]", help="Takes gel, indenters and noise from its files.")
+    ] = None,
+    radius: Numbers = None,
+    heights: Numbers = None,
+    thickness: Size = None,
+    thickness_std: Size = None,
+    pad_radius: Size = None,
+    edge_radius: Size = None,
+    height_std: Size = None,
+    modulus: Range = None,
+    poisson_ratio: Range = None,
+    poisson_ratio_std: Annotated[
+        float | None, typer.Option(help="nu is known beforehand with this std; left out: it is not.")
+    ] = None,
+    lubricated: Annotated[bool, typer.Option("--lubricated", help="The presses will be.")] = False,
+    repeats: Annotated[
+        int | None, typer.Option(help="Presses of each height as given; left out: the recording's, or 3.")
+    ] = None,
+    depth_noise: Annotated[float | None, typer.Option(help="Std of one press's depth, mm.")] = None,
+    force_noise: Annotated[float | None, typer.Option(help="Std of one press's force, N.")] = None,
+    gain_noise: Annotated[float | None, typer.Option(help="Std of one press's force, percent of it.")] = None,
+    within: Annotated[float, typer.Option(help="Half width of E's 95 % interval to reach, percent.")] = 3.0,
+    within_nu: Annotated[float | None, typer.Option(help="Also that of nu, in units of nu.")] = None,
+    within_c: Annotated[float | None, typer.Option(help="Also that of c, percent.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the plan here too, as JSON.")] = None,
+) -> None:
+    """Forecast E, nu and c from a design, and find the fewest presses that reach a goal.
+
+    Give --radius, --heights and --thickness, or a RECORDING that states them.
+    """
+    from calibration.tasks.plan import Goal, plan as find_plan
+    from tactilevision.files.writing import write_json
+
+    design = _read(recording) if recording is not None else _blank(thickness)
+    gel = _gel(design.gel, thickness, thickness_std, pad_radius)
+    guess = _range("--poisson-ratio", poisson_ratio, design.poisson_ratio)
+    if poisson_ratio_std is not None:
+        gel = replace(gel, poisson_ratio=sum(guess) / 2, poisson_ratio_std=poisson_ratio_std)
+    design = replace(
+        design,
+        gel=gel,
+        indenters=_faces(
+            design, _numbers("--radius", radius), _numbers("--heights", heights), edge_radius, height_std
+        ),
+        repeats=design.repeats if repeats is None else repeats,
+        youngs_modulus_MPa=_range("--modulus", modulus, design.youngs_modulus_MPa),
+        poisson_ratio=guess,
+        noise=_noise(design.noise, depth_noise, force_noise, gain_noise),
+        lubricated=lubricated or design.lubricated,
+    )
+    found = find_plan(design, goal=Goal(within / 100, within_nu, None if within_c is None else within_c / 100))
+    console.say(*_report(found))
+    if out is not None:
+        write_json(out, found.as_json())
+        console.say(f"wrote {out}")
+
+
+def _blank(thickness_mm: float | None) -> Design:
+    from calibration.tasks.forecast import Design
+    from tactilevision.records.rig import Gel
+
+    if thickness_mm is None:
+        raise InputError(
+            "the gel's thickness is needed", where="--thickness", remedy="Give it in mm, or name a recording."
+        )
+    return Design(Gel(thickness_mm), ())
+
+
+def _read(path: Path) -> Design:
+    """Gel, punch faces, noise, and what its points say of E."""
+    from calibration.inputs.observations import TYPICAL_FORCE_N, TYPICAL_ZERO_MM, Measured
+    from calibration.tasks.forecast import Design, PressNoise
+    from tactilevision.recording.read import read_recording
+
+    recording = read_recording(path)
+    console.warn(recording.warnings)
+    gel = recording.sensor.gel
+    if gel is None:
+        raise InputError("the recording states no gel", where=path, remedy="Add [sensor.gel] to recording.toml.")
+    faces = tuple(one for one in recording.indenters.values() if one.shape == "flat_cylinder")
+    force = recording.force_std_N
+    noise = PressNoise(recording.depth_std_mm or TYPICAL_ZERO_MM, force[2] if force else TYPICAL_FORCE_N)
+    nu = gel.poisson_ratio
+    design = Design(gel, faces, noise=noise)
+    if recording.presses and faces:
+        design = replace(design, repeats=max(round(len(recording.presses) / len(recording.indenters)), 1))
+    if nu is not None:
+        design = replace(design, poisson_ratio=(nu, nu))
+    wet = bool(recording.presses) and all(press.lubricated == 1 for press in recording.presses)
+    design = replace(design, lubricated=wet)
+    return _from_points(design, Measured(recording, recording.points)) if recording.points else design
+
+
+def _from_points(design: Design, measured: Measured) -> Design:
+    """The design with E of the size that certified points have, and the errors that they share."""
+    from calibration.inputs.gather import observe_points
+    from calibration.laws.flat_punch import starting_modulus
+
+    data = observe_points(measured)
+    modulus = starting_modulus(data)
+    return replace(design, youngs_modulus_MPa=(modulus, modulus), shared=data.shared)
+
+
+def _gel(gel: Gel, thickness: float | None, std: float | None, pad_radius: float | None) -> Gel:
+    gel = replace(gel, thickness_mm=gel.thickness_mm if thickness is None else thickness)
+    gel = replace(gel, thickness_std_mm=gel.thickness_std_mm if std is None else std)
+    return gel if pad_radius is None else replace(gel, shape="disc", radius_mm=pad_radius)
+
+
+def _faces(
+    design: Design,
+    radii: tuple[float, ...],
+    heights: tuple[float, ...],
+    edge_mm: float | None,
+    height_std_mm: float | None,
+) -> tuple[Indenter, ...]:
+    """A face for each radius and height, else as the recording states it; its own where neither is given."""
+    from tactilevision.records.rig import Indenter
+
+    stated = {one.radius_mm: one for one in design.indenters}
+    faces = tuple(one for one in design.indenters if one.height_mm is not None)
+    if radii or heights:
+        heights = heights or tuple(sorted({one.height_mm for one in faces if one.height_mm is not None}))
+        faces = tuple(
+            replace(stated.get(a, Indenter("")), name=f"radius {a:g} height {h:g}", radius_mm=a, height_mm=h)
+            for a in radii or sorted(stated)
+            for h in heights
+        )
+    if not faces:
+        raise InputError(
+            "radii and step heights are needed",
+            where="--radius, --heights",
+            remedy="Give both in mm: --heights .2,.4",
+        )
+    if edge_mm is not None:
+        faces = tuple(replace(face, edge_radius_mm=edge_mm) for face in faces)
+    return faces if height_std_mm is None else tuple(replace(face, height_std_mm=height_std_mm) for face in faces)
+
+
+def _noise(noise: PressNoise, depth: float | None, force: float | None, gain: float | None) -> PressNoise:
+    return replace(
+        noise,
+        depth_std_mm=noise.depth_std_mm if depth is None else depth,
+        force_std_N=noise.force_std_N if force is None else force,
+        gain=noise.gain if gain is None else gain / 100,
+    )
+
+
+def _numbers(name: str, text: str | None) -> tuple[float, ...]:
+    """Numbers between commas, each once, in rising order."""
+    if text is None:
+        return ()
+    try:
+        return tuple(sorted({float(part) for part in text.split(",")}))
+    except ValueError as fault:
+        raise InputError("numbers with commas between are needed", where=name, value=text) from fault
+
+
+def _range(name: str, text: str | None, usual: Pair) -> Pair:
+    numbers = _numbers(name, text)
+    if len(numbers) > 2:
+        raise InputError("one number, or the two ends of a range, are needed", where=name, value=text)
+    return (numbers[0], numbers[-1]) if numbers else usual
+
+
+def _report(found: Plan) -> Iterator[str]:
+    """The table, the answer, and what it rests on."""
+    rows = [("as given", found.as_given), ("all heights", found.all_heights), ("fewest presses", found.fewest)]
+    shown = [(name, row) for name, row in (*rows, ("any number", found.limit)) if row is not None]
+    yield f"{'':<15}{'heights (mm)':<26}{'presses':>9}{'E':>9}{'nu':>10}{'c':>9}"
+    for name, row in shown:
+        yield _row(name, row, endless=row is found.limit)
+    yield "half widths of 95 % intervals (*: there is no value; half of what stays possible)"
+    yield ""
+    yield from _answer(found)
+    yield from (f"assumed: {line}" for line in found.assumptions)
+
+
+def _row(name: str, row: Forecast, *, endless: bool) -> str:
+    heights = ", ".join(f"{height:g}" for height in row.design.heights_mm)
+    size = "" if endless else f"{len(row.design.indenters)} x {row.design.repeats}"
+    nu = "open" if row.nu_is_open else f"{row.poisson_ratio.half_width:.4f}"
+    return f"{name:<15}{heights:<26}{size:>9}{_percent(row.youngs_modulus):>9}{nu:>10}{_percent(row.c):>9}"
+
+
+def _percent(margin: Margin) -> str:
+    return f"{100 * margin.half_width:.1f} %" + ("" if margin.std is not None else "*")
+
+
+def _answer(found: Plan) -> Iterator[str]:
+    goal = _goal(found.goal)
+    if found.fewest is not None:
+        design = found.fewest.design
+        heights = ", ".join(f"{height:g}" for height in design.heights_mm)
+        each = "each height" if len(design.radii_mm) == 1 else "each height and radius"
+        yield f"{design.presses} presses reach {goal}: {design.repeats} of {each}, {heights} mm"
+        return
+    yield f"no number of presses reaches {goal}"
+    if found.limit.nu_is_open:
+        yield "nu stays open, and E with it: they fix the stiffness c and the curve E(nu), not both"
+    for remedy in found.remedies:
+        least = remedy.least
+        told = f"{least.design.presses} presses" if least is not None else "not enough"
+        yield f"  {remedy.action}: {told} (E {_percent(remedy.limit.youngs_modulus)} with any number)"
+
+
+def _goal(goal: Goal) -> str:
+    parts = [f"E within {100 * goal.youngs_modulus:g} %"] if goal.youngs_modulus is not None else []
+    parts += [f"nu within {goal.poisson_ratio:g}"] if goal.poisson_ratio is not None else []
+    parts += [f"c within {100 * goal.c:g} %"] if goal.c is not None else []
+    return " and ".join(parts)

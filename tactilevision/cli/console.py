@@ -14,10 +14,10 @@ from typing import Annotated, Any, Protocol, TextIO
 
 import typer
 
-from tactilevision.door.names import as_plain
 from tactilevision.errors import InputError, OutputError, TactilevisionError, Terminated
-from tactilevision.files import write_json
-from tactilevision.runs import Ticker
+from tactilevision.files.opening import as_plain
+from tactilevision.files.runs import Ticker
+from tactilevision.files.writing import write_json
 
 
 class FigureFormat(StrEnum):

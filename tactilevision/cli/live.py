@@ -16,14 +16,12 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
-from tactilevision.runs import output_lock
+from tactilevision.files.runs import output_lock
 
 if TYPE_CHECKING:
-    from tactilevision.camera.audit import Audit
-    from tactilevision.camera.loop import Counts, Told
-    from tactilevision.camera.sources import Shot, Source
-    from tactilevision.live import Stream
-    from tactilevision.reconstruct import Reconstructor
+    from tactilevision.heightmap.reconstructor import Reconstructor
+    from tactilevision.robots.camera import Audit, Shot, Source
+    from tactilevision.robots.live import Counts, Stream, Told
 
 EVERY_S = 1.0  # s between two lines on the terminal
 TABLE = "live.csv"
@@ -71,7 +69,7 @@ def live(
     json: console.JsonOption = None,
 ) -> None:
     """Read frames live: depth, contact and wrench, rate and latency. Frames are dropped, never queued."""
-    from tactilevision.camera.foxglove import check_installed
+    from tactilevision.robots.preview import check_installed
 
     if foxglove or mcap is not None:
         check_installed()  # before the camera is looked at
@@ -93,9 +91,8 @@ def _play(
     json: Path | None,
 ) -> None:
     """Audit what was opened, then read it frame by frame `until` so many frames or seconds; say both."""
-    from tactilevision.camera.audit import audit
-    from tactilevision.camera.loop import Counts, run
-    from tactilevision.camera.newest import Newest
+    from tactilevision.robots.camera import Newest, audit
+    from tactilevision.robots.live import Counts, run
 
     found = audit(opened.first, timed=not opened.source.waits)
     _tell_audit(opened, found)
@@ -124,9 +121,8 @@ class _Opened:
 def _open(
     camera: str, chosen: source.Choice, indenter: str | None, form: Format | None, *, rate: float | None
 ) -> _Opened:
-    from tactilevision.camera.audit import FRAMES
-    from tactilevision.camera.sources import Played, open_camera
-    from tactilevision.live import Stream
+    from tactilevision.robots.camera import FRAMES, Played, open_camera
+    from tactilevision.robots.live import Stream
 
     numbered = re.fullmatch(r"(?:/dev/video)?(\d+)", camera)
     if numbered:
@@ -153,7 +149,9 @@ def _open(
 
 def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
     from tactilevision.profile.sensor import sensor_of
-    from tactilevision.recording import faults_of_reference, list_references, read_image
+    from tactilevision.recording.folder import list_references
+    from tactilevision.recording.images import read_image
+    from tactilevision.recording.model import faults_of_reference
 
     if chosen.profile is None:
         raise InputError(
@@ -171,7 +169,7 @@ def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
 
 def _tell_audit(opened: _Opened, found: Audit) -> None:
     """What the first frames say of the camera, of the reference, and of the sensor."""
-    from tactilevision.records import Frame
+    from tactilevision.records.maps import Frame
 
     reader = opened.stream.reconstructor
     pictures = [reader.rectified(Frame(shot.rgb)) for shot in opened.first[:: max(1, len(opened.first) // 5)]]
@@ -189,13 +187,13 @@ def _shows(
     """What each moment is handed to: a page, Foxglove, a file; open until the stack ends."""
     found: list[Callable[[Told, float], None]] = []
     if preview is not None:
-        from tactilevision.camera.preview import Preview
+        from tactilevision.robots.preview import Preview
 
         page = stack.enter_context(Preview(stream.reconstructor, preview))
         console.say(f"preview: {page.address}")
         found.append(page.show)
     if foxglove or mcap is not None:
-        from tactilevision.camera.foxglove import Foxglove
+        from tactilevision.robots.preview import Foxglove
 
         outlet = stack.enter_context(Foxglove(stream.reconstructor, serve=foxglove, mcap=mcap))
         found.append(outlet.show)
@@ -204,8 +202,8 @@ def _shows(
 
 def _table(stack: ExitStack, out: Path | None) -> Path | None:
     """live.csv with its header, in a folder that is held until the stack ends; None where none is asked for."""
-    from tactilevision.camera.loop import COLUMNS
-    from tactilevision.files import write_text
+    from tactilevision.files.writing import write_text
+    from tactilevision.robots.live import COLUMNS
 
     if out is None:
         return None
@@ -228,9 +226,9 @@ class _Teller:
     named: bool = False
 
     def __call__(self, told: Told) -> bool:
-        from tactilevision.camera.preview import words
-        from tactilevision.files import append_text
-        from tactilevision.records.flags import LIGHT
+        from tactilevision.files.writing import append_text
+        from tactilevision.records.maps import LIGHT
+        from tactilevision.robots.preview import words
 
         if LIGHT in told.moment.height.flags and not self.named:
             self.named = True  # once: it takes longer than a frame
@@ -249,8 +247,8 @@ class _Teller:
 
 def _faults(reader: Reconstructor, shot: Shot) -> list[str]:
     """What happened since the reference to the picture of a shot, by name."""
-    from tactilevision.quality.scene_faults import scene_faults
-    from tactilevision.records import Frame
+    from tactilevision.heightmap.scene_faults import scene_faults
+    from tactilevision.records.maps import Frame
 
     if reader.referenced is None:
         return []
@@ -259,7 +257,7 @@ def _faults(reader: Reconstructor, shot: Shot) -> list[str]:
 
 
 def _tell_end(counts: Counts, came: int, dropped: int) -> None:
-    from tactilevision.records.flags import told
+    from tactilevision.records.maps import told
 
     if counts.read:
         console.say(
@@ -273,7 +271,7 @@ def _tell_end(counts: Counts, came: int, dropped: int) -> None:
 
 
 def _as_json(counts: Counts, found: Audit, dropped: int) -> dict[str, Any]:
-    from tactilevision.live import EDGES_MS
+    from tactilevision.robots.live import EDGES_MS
 
     return {
         "frames": counts.read,

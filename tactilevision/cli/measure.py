@@ -1,21 +1,28 @@
-"""What several commands begin with: recordings turned into points or curves, by the vision side where needed."""
+"""Certify recordings into points or curves for several commands, locally or on a cluster."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import io
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactilevision.cli import console
 
 if TYPE_CHECKING:
     from calibration.inputs.observations import Measured
     from calibration.result.result import CalibrationResult
-    from tactilevision.certificate.certificate import Certificate
-    from tactilevision.reconstruct import Reconstructor
-    from tactilevision.recording import Recording
-    from tactilevision.records import CertifiedPoint, Estimate
+    from tactilevision.errors import TactilevisionError
+    from tactilevision.heightmap.reconstructor import Reconstructor
+    from tactilevision.press.certificate import Certificate
+    from tactilevision.recording.model import Recording
+    from tactilevision.records.certified import CertifiedPoint
+    from tactilevision.records.measured import Estimate
+
+
+# What several commands begin with: recordings turned into points or curves, by the vision side where needed.
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +54,7 @@ class Taken:
 
 def oldest_first(paths: Sequence[Path]) -> list[Recording]:
     """The recordings by their dates."""
-    from tactilevision.recording import read_recording
+    from tactilevision.recording.read import read_recording
 
     return sorted((read_recording(path) for path in paths), key=lambda one: str(one.date or ""))
 
@@ -57,7 +64,7 @@ def take(paths: Sequence[Path], *, answered: str = "") -> list[Taken]:
 
     `answered`: words of a warning that is not said, since the command answers what it asks.
     """
-    from tactilevision.recording import require
+    from tactilevision.recording.model import require
 
     opened = oldest_first(paths)
     for recording in opened:
@@ -72,8 +79,8 @@ def shadows_undone(taken: Taken) -> Taken | None:
 
     Its reconstructor undoes them from then on; faces stay as deep as their walls have them.
     """
-    from tactilevision.certificate.certify import certify
-    from tactilevision.reconstruct.shadows_seen import with_shadows
+    from tactilevision.heightmap.shadows_seen import with_shadows
+    from tactilevision.press.certification import certify
 
     reader = taken.reconstructor
     field = with_shadows(taken.recording, reader).shadows if reader else None
@@ -86,7 +93,7 @@ def shadows_undone(taken: Taken) -> Taken | None:
 
 def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
     """Poisson's ratio from the rise beside the punch, and the depths corrected by it where no better is stated."""
-    from tactilevision.certificate.poisson_from_rise import with_nu
+    from tactilevision.press.poisson_from_rise import with_nu
 
     if taken.certificate is None or taken.reconstructor is None:
         return taken, None
@@ -110,8 +117,8 @@ def with_what_was_read(
 
 
 def _certified(recording: Recording, answered: str) -> Taken:
-    from tactilevision.certificate.certify import certify, require_all
-    from tactilevision.reconstruct import calibrate_light
+    from tactilevision.heightmap.build import calibrate_light
+    from tactilevision.press.certification import certify, require_all
 
     require_all(recording)
     with console.progress_bar("calibrating the light"):
@@ -127,3 +134,45 @@ def _certified(recording: Recording, answered: str) -> Taken:
 def _unanswered(lines: Sequence[str], answered: str) -> list[str]:
     """The lines that do not ask what the command itself answers."""
     return [line for line in lines if not answered or answered not in line]
+
+
+# Each recording as a task of its own on a Dask cluster: what comes of it and its warnings travel back.
+
+T = TypeVar("T")
+MARK = "warning: "  # how console.warn begins a line
+
+
+def each_on_cluster(
+    act: Callable[..., T], given: Sequence[Recording], *told: Any, cluster: str, title: str
+) -> list[T]:
+    """`act(path, *told)` of each recording, in their order; what it warns of is said here, what it raises raised.
+
+    It writes nothing, so a task that is lost is done again. Raises ClusterError as `cluster_pool` does.
+    """
+    from tactilevision.cluster.pool import cluster_pool
+    from tactilevision.errors import TactilevisionError
+
+    with cluster_pool(cluster) as pool, console.progress_bar(title) as progress:
+        tasks = [pool.submit(_listened, act, one.path.absolute(), *told) for one in given]
+        found: list[T] = []
+        for task in tasks:
+            outcome, warnings = task.result()
+            console.warn(warnings)
+            if isinstance(outcome, TactilevisionError):
+                raise outcome
+            found.append(outcome)
+            progress(len(found), len(given))
+    return found
+
+
+def _listened(act: Callable[..., T], *given: Any) -> tuple[T | TactilevisionError, list[str]]:
+    """What came of it, or why nothing did, and its warnings."""
+    from tactilevision.errors import TactilevisionError
+
+    outcome: T | TactilevisionError
+    with redirect_stderr(io.StringIO()) as said:
+        try:
+            outcome = act(*given)
+        except TactilevisionError as fault:
+            outcome = fault
+    return outcome, [line.removeprefix(MARK) for line in said.getvalue().splitlines() if line.startswith(MARK)]

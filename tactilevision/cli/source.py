@@ -1,23 +1,28 @@
-"""What several commands begin with: frames of a recording or a bare folder, and the way from them to depth."""
+"""Open frames of a recording or folder and build their reconstructor for several commands."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 from tactilevision.cli import console
 from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
-    from tactilevision.certificate.depth.face_depth import FaceDepthCorrection
+    from tactilevision.heightmap.reconstructor import Reconstructor
+    from tactilevision.press.certified_faces import FaceDepthCorrection
     from tactilevision.profile.model import Profile
     from tactilevision.profile.sensor import CalibratedSensor
-    from tactilevision.reconstruct import Reconstructor
-    from tactilevision.recording import Recording
+    from tactilevision.recording.model import Recording
+
+
+# What several commands begin with: frames of a recording or a bare folder, and the way from them to depth.
 
 SensorOption = Annotated[
     str | None,
@@ -87,8 +92,7 @@ class Choice:
     @cached_property
     def profile(self) -> Profile | None:
         """The sensor profile that was named. Raises InputError where it cannot be used with the rest."""
-        from tactilevision.profile.contents import SUFFIX
-        from tactilevision.profile.read import read_profile
+        from tactilevision.profile.storage import SUFFIX, read_profile
 
         if self.sensor is None or not self.sensor.lower().endswith(SUFFIX):
             return None
@@ -102,7 +106,7 @@ class Choice:
     @property
     def way(self) -> str:
         """What decides how frames are read: the method's name or content, or the profile's; scale and shadows."""
-        from tactilevision.photometric import PHOTOMETRIC
+        from tactilevision.photometric.catalogue import PHOTOMETRIC
         from tactilevision.photometric.storage import digest
 
         name, path = self.method or "", None if self.profile is None else self.profile.path
@@ -116,10 +120,11 @@ class Choice:
 
         Not `needs_frames`: one that holds ball presses alone will do.
         """
-        from tactilevision.recording import read_folder, require
+        from tactilevision.recording.folder import read_folder
+        from tactilevision.recording.model import require
 
         if self.profile is not None:
-            from tactilevision.profile.use import open_with_profile
+            from tactilevision.profile.sensor import open_with_profile
 
             recording = open_with_profile(path, self.profile, reference=self.reference)
         elif self._is_recording(path):
@@ -155,7 +160,7 @@ class Choice:
         With `shadows`, those that lamps cast are undone where the frames show them. Not `even_so`: raises
         InputError for a calibration that fails its own balls.
         """
-        from tactilevision.quality.fitness import check_fit, unfit_warnings
+        from tactilevision.heightmap.ball_validation import check_fit, unfit_warnings
 
         sensor = self.calibrated(recording)
         made = self._built(recording) if sensor is None else sensor.reconstructor
@@ -167,8 +172,8 @@ class Choice:
         return made
 
     def _built(self, recording: Recording) -> Reconstructor:
-        from tactilevision.reconstruct import calibrate_light
-        from tactilevision.reconstruct.shadows_seen import with_shadows
+        from tactilevision.heightmap.build import calibrate_light
+        from tactilevision.heightmap.shadows_seen import with_shadows
 
         made = calibrate_light(recording, self.method)
         return with_shadows(recording, made) if self.shadows else made
@@ -177,7 +182,7 @@ class Choice:
         """The profile's sensor, once it has looked at some of the frames; None where no profile was named."""
         if self.profile is None:
             return None
-        from tactilevision.profile.use import sensor_for
+        from tactilevision.profile.sensor import sensor_for
 
         return sensor_for(recording, self.profile, shadows=self.shadows)
 
@@ -194,7 +199,8 @@ class Choice:
         return self.method is not None and Path(self.method).with_suffix(".npz").is_file()
 
     def _of_recording(self, path: Path) -> Recording:
-        from tactilevision.recording import read_folder, read_recording
+        from tactilevision.recording.folder import read_folder
+        from tactilevision.recording.read import read_recording
 
         if self.reference is None and self.mm_per_px is None:
             return read_recording(path)
@@ -203,7 +209,8 @@ class Choice:
 
 def open_balls(path: Path, chosen: Choice, ball_radius_mm: float | None) -> Recording:
     """Read a recording, or a bare folder of ball presses whose sensor is named."""
-    from tactilevision.recording import layout, read_ball_folder
+    from tactilevision.recording import layout
+    from tactilevision.recording.ball_folder import read_ball_folder
 
     if chosen.profile is not None:
         raise InputError(
@@ -234,9 +241,13 @@ def open_face_correction(
     recording: Recording, reconstructor: Reconstructor, *, calibration: Path | None
 ) -> FaceDepthCorrection:
     """What holds the faces of presses that `calibration` certified; a warning where it knows too few."""
-    from tactilevision.certificate.depth.certified_faces import read_certified, read_faces
-    from tactilevision.certificate.depth.face_depth import NO_CORRECTION, face_depth_correction
-    from tactilevision.certificate.depth.wall_lessons import teach_walls
+    from tactilevision.press.certified_faces import (
+        NO_CORRECTION,
+        face_depth_correction,
+        read_certified,
+        read_faces,
+        teach_walls,
+    )
 
     if calibration is None:
         return NO_CORRECTION
@@ -251,3 +262,27 @@ def open_face_correction(
         console.warn([anchor.doubt] if anchor.doubt else [])
         console.say("faces are as deep as the certificate beside the calibration has them")
     return anchor
+
+
+# Which of many frames are worth a picture.
+
+
+def telling(recording: Recording, size: Sequence[float], *, most: int) -> list[int]:
+    """Numbers of at most `most` frames, in order: the one of greatest `size` (NaN: none) of each press, the
+    greatest of these; where no presses or times are known, of each of `most` stretches of the frames."""
+    values = np.asarray(size, dtype=float)
+    best = []
+    for part in _parts(recording, max(min(most, len(values)), 1)):
+        known = part[np.isfinite(values[part])]
+        if known.size:
+            best.append(int(known[np.argmax(values[known])]))
+    best.sort(key=lambda number: -values[number])
+    return sorted(best[:most])
+
+
+def _parts(recording: Recording, most: int) -> list[np.ndarray[tuple[int], np.dtype[np.intp]]]:
+    times = recording.frame_times_s
+    presses = [np.flatnonzero((times >= press.start_s) & (times <= press.end_s)) for press in recording.presses]
+    if any(part.size for part in presses):
+        return presses
+    return np.array_split(np.arange(len(recording.frame_names)), most)

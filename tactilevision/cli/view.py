@@ -1,7 +1,8 @@
-"""`tactilevision view PATH`: look at a height map, hold two against each other, film a press, export."""
+"""Run the command `view`: show, compare, film and export height maps."""
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -10,18 +11,98 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console, source
-from tactilevision.cli.maps import Maps, find_maps, is_tiff, read_map
-from tactilevision.records.flags import MEANING
+from tactilevision.errors import InputError
+from tactilevision.files.documents import cell_text
+from tactilevision.records.maps import MEANING
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
     from matplotlib.figure import Figure
 
-    from tactilevision.plots.window import Window
-    from tactilevision.reconstruct import Reconstructor
-    from tactilevision.recording import Recording
-    from tactilevision.records import Bytes, HeightMap
+    from tactilevision.heightmap.reconstructor import Reconstructor
+    from tactilevision.plots.viewer import Window
+    from tactilevision.recording.model import Recording
+    from tactilevision.records.maps import HeightMap
+    from tactilevision.records.measured import Bytes
+
+
+# Height maps that `depth` has written, as `view` looks through them.
+
+
+class Maps:
+    """The TIFF files of a folder of results by their names; `root` holds depth/ and depth.csv."""
+
+    def __init__(self, root: Path, mm_per_px: float | None = None) -> None:
+        from tactilevision.batch.folder import MAPS
+        from tactilevision.recording.pictures import list_images
+
+        self.root, self.folder, self._scale = root, root / MAPS, mm_per_px
+        self.names = [name for name in list_images(self.folder) if is_tiff(Path(name))]
+
+    def number(self, name: str) -> int:
+        """The place of a map by its file's name, or its frame's. Raises InputError where there is none."""
+        stems = [Path(one).stem for one in self.names]
+        for known in (self.names, stems):
+            for asked in (name, Path(name).stem):
+                if asked in known:
+                    return known.index(asked)
+        remedy = f"It has {self.names[0]} to {self.names[-1]}."
+        raise InputError("has no such map", where=self.folder, value=name, remedy=remedy)
+
+    def named(self, name: str) -> tuple[HeightMap, None]:
+        """The map (H, W), in mm, with its deviation where `depth --std` kept one; no picture."""
+        from tactilevision.batch.folder import STDS
+
+        file = self.names[self.number(name)]
+        height, beside = read_map(self.folder / file, self._scale), self.root / STDS / file
+        if beside.is_file():
+            std_mm = read_map(beside, self._scale).depth_mm
+            if std_mm.shape == height.depth_mm.shape:
+                height = replace(height, std_mm=std_mm)
+        return height, None
+
+    def stretch(self, what: str) -> list[int]:
+        """Numbers of frames to film: a film needs frames, and raises InputError here."""
+        raise InputError("a film needs frames, not depth TIFFs", where="--film", value=what)
+
+    def best(self) -> tuple[HeightMap, None]:
+        """The deepest, by depth.csv; else the first."""
+        from tactilevision.batch.folder import TABLE
+
+        deepest, peak_mm = self.names[0], 0.0
+        with (self.root / TABLE).open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                said = row.get("peak_mm") or "nan"
+                if said.replace(".", "", 1).isdecimal() and float(said) > peak_mm:
+                    deepest, peak_mm = cell_text(row["frame"]), float(said)
+        return self.named(deepest)
+
+
+def find_maps(path: Path, mm_per_px: float | None = None) -> Maps | None:
+    """The maps in a folder of results, or in its depth/; None where `path` is neither."""
+    from tactilevision.batch.folder import MAPS, TABLE
+
+    for root in (path, path.parent):
+        if (root / TABLE).is_file() and (root / MAPS).is_dir() and path in (root, root / MAPS):
+            found = Maps(root, mm_per_px)
+            return found if found.names else None
+    return None
+
+
+def is_tiff(path: Path) -> bool:
+    """Whether it is called as a depth TIFF is."""
+    return path.suffix.lower() in (".tif", ".tiff")
+
+
+def read_map(path: Path, mm_per_px: float | None) -> HeightMap:
+    """A depth TIFF (H, W), in mm; `mm_per_px` overrides its own scale."""
+    from tactilevision.files.tiff import read_tiff
+
+    return read_tiff(path, mm_per_px=None if mm_per_px is None else (mm_per_px, mm_per_px))
+
+
+# `tactilevision view PATH`: look at a height map, hold two against each other, film a press, export.
 
 TRIED = 12  # frames to find the deepest among where none is named
 
@@ -67,7 +148,7 @@ def view(
     ] = False,
 ) -> None:
     """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""
-    from tactilevision.exports import export as write
+    from tactilevision.files.exports import export as write
     from tactilevision.plots import style
 
     _check(export or [], screen=window)
@@ -86,7 +167,7 @@ def view(
     other = None if minus is None else _other(minus, opened, mm_per_px)
     figures = _draw(height, rgb, other)
     if told:
-        from tactilevision.plots.depth_terms import draw_terms
+        from tactilevision.plots.height import draw_terms
 
         figures["terms"] = draw_terms(height, told)
     stem = Path(height.name).stem
@@ -95,7 +176,7 @@ def view(
         style.save_figure(figure, path_out)
         console.say(f"wrote {path_out}")
     if html:
-        from tactilevision.plots.surface_page import write_surface_page
+        from tactilevision.plots.viewer import write_surface_page
 
         flat = [out / f"{stem}_{name}.png" for name in figures if name != "surface"]
         console.say(f"wrote {write_surface_page(out, height, flat)}")
@@ -109,7 +190,7 @@ def view(
 
 def _window(height: HeightMap, opened: _Opened | Maps | None, other: HeightMap | None) -> Window:
     """The window on all frames beside this one; on a depth TIFF alone there is one frame."""
-    from tactilevision.plots.window import Window
+    from tactilevision.plots.viewer import Window
 
     if opened is None:
         return Window([height.name], lambda _: height, marked=other)
@@ -120,7 +201,7 @@ def _window(height: HeightMap, opened: _Opened | Maps | None, other: HeightMap |
 def _check(forms: list[str], *, screen: bool) -> None:
     """Whether all forms are known, and a screen is there where one is needed; before anything is drawn."""
     from tactilevision.errors import InputError
-    from tactilevision.exports import EXPORTS
+    from tactilevision.files.exports import EXPORTS
     from tactilevision.plots import style
 
     if screen:
@@ -154,7 +235,7 @@ def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict
 def _terms(height: HeightMap, opened: _Opened | Maps | None) -> dict[str, npt.NDArray[np.float32]]:
     """The terms of a map's deviation, told on the way. Raises InputError where nothing is known of them."""
     from tactilevision.errors import InputError
-    from tactilevision.uncertainty.depth import contributions_mm
+    from tactilevision.heightmap.deviation import contributions_mm
 
     found = opened.reconstructor.depth_terms(height) if isinstance(opened, _Opened) else {}
     if not found:
@@ -189,7 +270,7 @@ class _Opened:
         return made
 
     def named(self, name: str) -> tuple[HeightMap, Bytes]:
-        from tactilevision.recording import read_frame
+        from tactilevision.recording.pictures import read_frame
 
         number = self.number(name)
         frame = read_frame(self.recording, number)
@@ -240,7 +321,7 @@ class _Opened:
         import numpy as np
 
         from tactilevision.errors import InputError
-        from tactilevision.recording import read_frame
+        from tactilevision.recording.pictures import read_frame
 
         found: list[tuple[float, int]] = []
         last: InputError | None = None
@@ -270,10 +351,10 @@ def _other(minus: str, opened: _Opened | Maps | None, mm_per_px: float | None) -
 
 def _film(opened: _Opened | Maps | None, what: str, numbers: list[int], out: Path) -> None:
     from tactilevision.errors import InputError
-    from tactilevision.force.readings import Readings
-    from tactilevision.plots.film import Shot, draw_film, write_film
-    from tactilevision.recording import iter_frames
-    from tactilevision.records import Frame
+    from tactilevision.force.comparison import Readings
+    from tactilevision.plots.viewer import Shot, draw_film, write_film
+    from tactilevision.recording.pictures import iter_frames
+    from tactilevision.records.maps import Frame
 
     if not isinstance(opened, _Opened):
         raise InputError("a film needs frames, not depth TIFFs", where="--film", value=what)

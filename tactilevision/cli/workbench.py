@@ -24,10 +24,9 @@ from tactilevision.cli.analysis import (
 from tactilevision.cli.measure import Taken, take
 
 if TYPE_CHECKING:
-    from calibration.session import History
+    from calibration.tasks.session import History
     from calibration.workbench.bench import Shown
-    from calibration.workbench.frames import Frames
-    from calibration.workbench.opened import Opened
+    from calibration.workbench.opened import Frames, Opened
 
 Opening = Annotated[
     list[Path] | None, typer.Argument(metavar="RECORDING...", help="Recordings of one sensor; none with --state.")
@@ -68,7 +67,7 @@ def workbench(
 
 def _history(recordings: Sequence[Path], state: Path | None, *, seed: int, prior: bool) -> History:
     """What was kept, or a new one. Raises InputError for both a state and recordings, and for neither."""
-    from calibration.session import History, load_history
+    from calibration.tasks.session import History, load_history
     from tactilevision.errors import InputError
 
     if (state is None) == (not recordings):
@@ -107,7 +106,7 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
 
 
 def _frames(taken: Taken) -> Frames | None:
-    from calibration.workbench.frames import Frames
+    from calibration.workbench.opened import Frames
 
     if taken.reconstructor is None or not taken.recording.frame_names:
         return None
@@ -132,10 +131,9 @@ def _check_steps(history: History, opened: Opened) -> None:
 
 def _export(shown: Shown, opened: Opened, out: Path) -> Path:
     """The report, calibration.json, the history and the script that repeats it, all or none."""
-    from tactilevision.cli.comparison import write_comparison
+    from tactilevision.cli.compare import forget_found, keep_calibration, write_comparison
     from tactilevision.cli.pictures import FigureFolder
-    from tactilevision.cli.steps import forget_found, keep_calibration
-    from tactilevision.files import staged, write_json
+    from tactilevision.files.writing import staged, write_json
 
     assert shown.now is not None
     found = replace(shown.now.found, suggested=shown.suggested)

@@ -8,7 +8,7 @@ from typing import Any
 
 from distributed import Worker, WorkerPlugin
 
-from tactilevision.cluster.versions import refusal, versions
+from tactilevision.cluster.connect import refusal, versions
 
 Start = Callable[..., None]
 Given = tuple[Any, ...]

@@ -1,7 +1,7 @@
 """Whether numba is there to compile loops: what takes a frame many short calls of numpy then takes one.
 
     if compiled():
-        from tactilevision.integration.wall_kernels import fitted
+        from tactilevision.heightmap.edge_kernels import fitted
 
 Files of kernels are named *_kernels.py and use this file's `kernel`; they are imported where `compiled()` says so
 and nowhere else. Every kernel stands for numpy code beside its call and gives the same to float rounding.

@@ -19,12 +19,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.records import Bools, HeightMap, Pair
+from tactilevision.heightmap.deviation import DepthError, map_noise_mm, untouched_std
 from tactilevision.records.contact_thresholds import CONTACT, depth_limit_mm, wide_depth_limit_mm
-from tactilevision.records.flags import BEYOND_BALLS, BORDER
+from tactilevision.records.maps import BEYOND_BALLS, BORDER, HeightMap
+from tactilevision.records.measured import Bools, Pair
 from tactilevision.robust import median
-from tactilevision.uncertainty.depth import DepthError
-from tactilevision.uncertainty.untouched_noise import map_noise_mm, untouched_std
 
 STEEPEST = 0.9  # of the greatest mean slope: where the edge is; tests/contact/test_region.py
 LEVELS = 20  # of depth, between the shallowest and the deepest of a region

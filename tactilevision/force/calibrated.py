@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from tactilevision.door.documents import read_json
-from tactilevision.door.numbers import check_numbers, number
 from tactilevision.errors import InputError
+from tactilevision.files.documents import read_json
+from tactilevision.files.opening import check_numbers, number
 from tactilevision.force.field import ForceField
-from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap, TractionMap
+from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
+from tactilevision.records.measured import Floats, Material
+from tactilevision.records.rig import Gel
 
 MAX_POISSON = 0.4999  # Poisson's ratio beyond which a layer counts as incompressible
 SAME_GEL = 0.01  # of the thickness: gels that differ by more are not the same

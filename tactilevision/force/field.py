@@ -29,17 +29,17 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.force.border import force_beyond, is_cut
 from tactilevision.force.compliance import CalibratedGel, GelCompliance, gel_compliance
-from tactilevision.force.contact import candidate_cells, overlooked_cells
-from tactilevision.force.inverse import Cells, Solution, solve_all, solve_normal
+from tactilevision.force.inverse import Cells, Solution, candidate_cells, overlooked_cells, solve_all, solve_normal
 from tactilevision.force.large_depth import depth_factors
 from tactilevision.force.nodes import NodeGrid, lay_grid
-from tactilevision.force.observe import Observation, PixelNoise, observe
+from tactilevision.force.observation import Observation, PixelNoise, force_beyond, is_cut, observe
 from tactilevision.force.wrench import MeasuredForce, constrain, triple, wrench_weights
 from tactilevision.mechanics.profile import LIKELY_SHARE, SHARE_STD
-from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearMap, TractionMap
 from tactilevision.records.contact_thresholds import CONTACT
+from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
+from tactilevision.records.measured import Floats, Material, Pair
+from tactilevision.records.rig import Gel
 
 # of the force, for fx, fy, fz: what cells and linear theory leave wrong; benchmarks.force
 MODEL_STD = np.array([0.002, 0.002, 0.008])

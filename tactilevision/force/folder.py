@@ -11,25 +11,24 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.batch.fingerprint import fingerprint_of
-from tactilevision.batch.jobs import Journal, run_job, way_of_reading
+from tactilevision.batch.jobs import Journal, fingerprint_of, run_job, way_of_reading
 from tactilevision.cluster.connect import check_cluster
-from tactilevision.door.cells import csv_text
 from tactilevision.errors import InputError
-from tactilevision.files import write_text
+from tactilevision.files.documents import csv_text
+from tactilevision.files.runs import output_lock
+from tactilevision.files.writing import write_text
+from tactilevision.force.comparison import Readings
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import ForceField, ForceSettings
-from tactilevision.force.frame import ForceJob, FrameForce
-from tactilevision.force.readings import Readings
-from tactilevision.force.store import Form, TractionStore
+from tactilevision.force.frame import ForceJob, Form, FrameForce, TractionStore
 from tactilevision.force.wrench import triple
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording, is_bare, read_flats
-from tactilevision.recording.write_tables import table_cell
-from tactilevision.records import Bytes, Material
-from tactilevision.runs import output_lock
-from tactilevision.sensors import rectify
-from tactilevision.shear.measure import Untouched, read_untouched
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.recording.model import Recording, is_bare
+from tactilevision.recording.pictures import read_flats
+from tactilevision.recording.write import table_cell
+from tactilevision.records.measured import Bytes, Material
+from tactilevision.sensors.rectification import rectify
+from tactilevision.shear.displacement import Untouched, read_untouched
 
 TABLE, JOURNAL = "resultants.csv", ".force-journal.csv"
 AXES = ("fx", "fy", "fz")

@@ -1,19 +1,9 @@
-"""How far one loaded cell moves every other one, on an unbounded layer: the exact compliance, cell to cell.
-
-A cell's constant traction and a cell's mean displacement are both the field filtered with the cell's box b, so
-
-    K(x) = d^2/(2 pi)^2 Int C(k) b(k)^2 exp(i k x) d^2k,     b = sinc(kx d/2) sinc(ky d/2),
-
-with C the layer's compliance. K depends on the offset alone, is symmetric and positive definite. The integral is
-a sum over waves up to `WAVES` times the grid's own, on a period that is longer than the view by `REACH`
-thicknesses: the layer forgets a load within two, so that the images of the period are not felt. The traction is
-padded with nothing; the displacement is never padded.
-Modulus 1 MPa: divide by E. (2 rows - 1, 2 columns - 1, 3, 3), mm/MPa, displacement by traction over x, y, z.
-"""
+"""Displacement and stress in an unbounded bonded layer under a loaded cell."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +11,19 @@ from scipy import fft
 
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.mechanics.layer import surface_compliance
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
+
+# How far one loaded cell moves every other one, on an unbounded layer: the exact compliance, cell to cell.
+#
+# A cell's constant traction and a cell's mean displacement are both the field filtered with the cell's box b, so
+#
+#     K(x) = d^2/(2 pi)^2 Int C(k) b(k)^2 exp(i k x) d^2k,     b = sinc(kx d/2) sinc(ky d/2),
+#
+# with C the layer's compliance. K depends on the offset alone, is symmetric and positive definite. The integral is
+# a sum over waves up to `WAVES` times the grid's own, on a period that is longer than the view by `REACH`
+# thicknesses: the layer forgets a load within two, so that the images of the period are not felt. The traction is
+# padded with nothing; the displacement is never padded.
+# Modulus 1 MPa: divide by E. (2 rows - 1, 2 columns - 1, 3, 3), mm/MPa, displacement by traction over x, y, z.
 
 WAVES = 4  # times the grid's own: shorter ones average out over a cell
 REACH = 8.0  # thicknesses of gel between a load and its next image, so that they do not feel each other
@@ -74,3 +76,137 @@ def layer_cells(grid: NodeGrid, *, thickness_mm: float, poisson_ratio: float) ->
             field = fft.irfft2(compliance[..., i, j] * weight, counts)
             table[..., i, j] = field[np.ix_(*steps)]
     return CellCompliance(grid, np.ascontiguousarray(table.reshape(-1, 9)))
+
+
+# Stress inside an unbounded bonded layer under a loaded cell on its face, at modulus 1 MPa.
+#
+# Wave by wave, with k along L and z into the gel: u = (i a, b) exp(i k L) from four solutions of Navier's
+# equations,
+#
+#   (a, b) = (1, -1) e^(-kz),  (-kz, kappa + kz) e^(-kz),  (1, 1) e^(-ks),  (ks, kappa + ks) e^(-ks),   s = h - z,
+#
+# kappa = 3 - 4 nu, fitted to u = 0 at the base and to the load at the face; across k, u = sinh(ks)/(mu k cosh kh).
+# Stresses are even or odd in place and real; they are read from a fine grid of offsets, from the load to the
+# place.
+#
+# Source: Papkovich-Neuber solutions; Johnson, Contact Mechanics (1985), section 3.1.
+
+STEP_MM_OF_CELL = 0.5  # of a cell: step of the table over distance
+Waves = npt.NDArray[np.inexact[Any]]
+# components of a symmetric tensor, in Voigt's order but for the shears
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+@dataclass(frozen=True, slots=True)
+class LayerStress:
+    """`stress` (levels, n, n, 3 loads, 6) on offsets of `step_mm`, the load in the middle; xx yy zz xy xz yz."""
+
+    stress: Floats
+    step_mm: float
+
+    def at(self, level: int, offset_mm: Floats) -> Floats:
+        """Stress (P, 3 loads, 3, 3) at `offset_mm` (P, 2) from the load; 0 beyond the grid, where the layer
+        forgets.
+        """
+        half = self.stress.shape[1] // 2
+        place = offset_mm / self.step_mm + half
+        low = np.floor(place).astype(np.intp)
+        inside = ((low >= 0) & (low < 2 * half - 1)).all(axis=1)
+        low = np.where(inside[:, None], low, 0)
+        part = np.where(inside[:, None], place - low, 0.0)
+        field = self.stress[level]
+        total = np.zeros((len(offset_mm), 3, 6))
+        for dy in (0, 1):
+            for dx in (0, 1):
+                weight = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) * inside
+                total += weight[:, None, None] * field[low[:, 1] + dy, low[:, 0] + dx]
+        tensor = np.empty((len(offset_mm), 3, 3, 3))
+        for k, (i, j) in enumerate(PAIRS):
+            tensor[:, :, i, j] = tensor[:, :, j, i] = total[:, :, k]
+        return tensor
+
+
+def layer_stress(
+    depths_mm: Floats, cell_mm: float, *, thickness_mm: float, poisson_ratio: float, reach_mm: float
+) -> LayerStress:
+    """Stress (MPa) at `depths_mm` (n,) of a cell `cell_mm` wide that carries the force 1 N (traction 1/cell^2)."""
+    step = STEP_MM_OF_CELL * cell_mm
+    count = fft.next_fast_len(2 * int(np.ceil(1.5 * reach_mm / step)))
+    k_y = 2 * np.pi * np.fft.fftfreq(count, step)[:, None]
+    k_x = 2 * np.pi * np.fft.fftfreq(count, step)[None, : count // 2 + 1]
+    k = np.hypot(k_x, k_y)
+    k[0, 0] = 1e-2 / thickness_mm  # the mean wave: as slow as the numbers stay exact
+    cosine, sine = k_x / k, k_y / k
+    cosine[0, 0], sine[0, 0] = 1.0, 0.0
+    box = np.sinc(k_x * cell_mm / (2 * np.pi)) * np.sinc(k_y * cell_mm / (2 * np.pi)) / step**2
+    field = np.empty((len(depths_mm), count, count, 3, 6))
+    for level, depth in enumerate(depths_mm):
+        waves = wave_stress(k, depth, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+        beside = _across(k, depth, thickness_mm)
+        for load, entries in enumerate(_turned(waves, beside, cosine, sine)):
+            for which, entry in enumerate(entries):
+                field[level, :, :, load, which] = np.fft.fftshift(fft.irfft2(entry * box, (count, count)))
+    return LayerStress(field, step)
+
+
+def wave_stress(k: Floats, depth_mm: float, *, thickness_mm: float, poisson_ratio: float) -> Floats:
+    """(8, ...) real parts: LL, TT, zz, Lz by a normal load, the same by one along L, in that order.
+
+    For the normal load LL, TT, zz are real and Lz imaginary (i times the number given); for the load along L
+    the other way round with LL, TT, zz = -i times, Lz = 1 times the number given.
+    """
+    mu = 1 / (2 * (1 + poisson_ratio))
+    lame = 2 * mu * poisson_ratio / (1 - 2 * poisson_ratio)
+    kappa, h = 3 - 4 * poisson_ratio, thickness_mm
+
+    def basis(z: float) -> tuple[Floats, Floats, Floats, Floats]:
+        down, up, t, s = np.exp(-k * z), np.exp(-k * (h - z)), k * z, k * (h - z)
+        a = np.stack([down, -t * down, up, s * up])
+        b = np.stack([-down, (kappa + t) * down, up, (kappa + s) * up])
+        a_z = k * np.stack([-down, (t - 1) * down, up, (s - 1) * up])
+        b_z = k * np.stack([down, (1 - kappa - t) * down, up, (kappa + s - 1) * up])
+        return a, b, a_z, b_z
+
+    a, b, a_z, b_z = basis(0.0)
+    base = basis(h)
+    system = np.stack([mu * (a_z + k * b), (lame + 2 * mu) * b_z - lame * k * a, base[0], base[1]])
+    loads = np.zeros((*k.shape, 4, 2))
+    loads[..., 1, 0], loads[..., 0, 1] = -1.0, -1.0
+    weights = np.linalg.solve(np.moveaxis(system, (0, 1), (-2, -1)), loads)
+    a, b, a_z, b_z = (np.einsum("n...,...nl->l...", part, weights) for part in basis(depth_mm))
+    spread = b_z - k * a
+    parts = [(lame * spread[i] - 2 * mu * k * a[i], lame * spread[i], lame * spread[i] + 2 * mu * b_z[i],
+              mu * (a_z[i] + k * b[i])) for i in (0, 1)]  # fmt: skip
+    return np.stack([*parts[0], *parts[1]])
+
+
+def _turned(waves: Floats, across: tuple[Floats, Floats], c: Floats, s: Floats) -> list[list[Waves]]:
+    """Stress entries (as PAIRS) in x, y, z for loads along x, y, z, complex."""
+    zero = np.zeros_like(waves[0])
+    normal = _rotated(waves[0], waves[1], waves[2], zero, 1j * waves[3], zero, c, s)
+    along = _rotated(-1j * waves[4], -1j * waves[5], -1j * waves[6], zero, waves[7], zero, c, s)
+    beside = _rotated(zero, zero, zero, 1j * across[0], zero, across[1], c, s)
+    by_x = [c * one - s * other for one, other in zip(along, beside, strict=True)]
+    by_y = [s * one + c * other for one, other in zip(along, beside, strict=True)]
+    return [by_x, by_y, normal]
+
+
+def _rotated(
+    ll: Waves, tt: Waves, zz: Waves, lt: Waves, lz: Waves, tz: Waves, c: Floats, s: Floats
+) -> list[Waves]:
+    """xx yy zz xy xz yz of a tensor given along L = (c, s) and T = (-s, c)."""
+    return [
+        c * c * ll + s * s * tt - 2 * c * s * lt,
+        s * s * ll + c * c * tt + 2 * c * s * lt,
+        zz,
+        c * s * (ll - tt) + (c * c - s * s) * lt,
+        c * lz - s * tz,
+        s * lz + c * tz,
+    ]
+
+
+def _across(k: Floats, depth_mm: float, thickness_mm: float) -> tuple[Floats, Floats]:
+    """sinh(ks)/cosh(kh) and -cosh(ks)/cosh(kh), s = h - z: LT over i and Tz of a load across k."""
+    down, mirrored = np.exp(-k * depth_mm), np.exp(-k * (2 * thickness_mm - depth_mm))
+    below = 1 + np.exp(-2 * k * thickness_mm)
+    return (down - mirrored) / below, -(down + mirrored) / below

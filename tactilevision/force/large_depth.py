@@ -24,7 +24,8 @@ from scipy.ndimage import label
 
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.mechanics.kappa import fast_kappa
-from tactilevision.records import Floats, Gel
+from tactilevision.records.measured import Floats
+from tactilevision.records.rig import Gel
 
 WIDEST = 3.0  # of the thickness: a wider patch is all thickness, and kappa's table ends
 THINNEST = 0.5  # of the thickness: deeper than that no factor is known

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.records import Bools, Floats, Pair
+from tactilevision.records.measured import Bools, Floats, Pair
 
 Array = npt.NDArray[np.floating[Any]]
 Singles = npt.NDArray[np.float32]

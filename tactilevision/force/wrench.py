@@ -19,7 +19,8 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.force.nodes import NodeGrid
-from tactilevision.records import Floats, TractionMap
+from tactilevision.records.maps import TractionMap
+from tactilevision.records.measured import Floats
 
 Triple = tuple[float, float, float]
 

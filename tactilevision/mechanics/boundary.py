@@ -26,10 +26,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.flat_contact import WIDE, FlatContact
-from tactilevision.mechanics.friction import friction_place
+from tactilevision.mechanics.flat_contact import WIDE, FlatContact, friction_place
 from tactilevision.mechanics.material import positive
-from tactilevision.records import Floats, Pair
+from tactilevision.records.measured import Floats, Pair
 
 TABLE = Path(__file__).with_name("boundary_table.npz")
 DISTANCES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)  # d/h, nodes of the table

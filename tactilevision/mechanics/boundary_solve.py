@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from tactilevision.errors import ConvergenceError
-from tactilevision.files import replacing, write_json
+from tactilevision.files.writing import replacing, write_json
 from tactilevision.mechanics import boundary as b
 from tactilevision.mechanics.flat_contact import WIDE
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
-from tactilevision.mechanics.punch_fem.march import march
-from tactilevision.mechanics.punch_fem.newton import State, equations
+from tactilevision.mechanics.punch_fem.newton import State, equations, march
 from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem, build
-from tactilevision.records import Floats, Material
+from tactilevision.records.measured import Floats, Material
 
 EDGE_OVER_H = 1 / 30  # at h/60 the share is 3 % of itself larger at first touch, the same from w/h = .05 on
 FAR = 12.0  # d/h that stands for infinity

@@ -34,7 +34,7 @@ from tactilevision.mechanics.punch_equation import (
     layer_defect,
     legendre_series,
 )
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

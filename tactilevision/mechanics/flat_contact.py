@@ -1,12 +1,15 @@
-"""A flat punch on a bonded gel pad, as a record that tables and solvers share."""
+"""Describe a flat punch on a bonded gel pad, with the coordinate of friction that tables share."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from tactilevision.errors import InputError
+
+# A flat punch on a bonded gel pad, as a record that tables and solvers share.
 
 WIDE = 5.0  # thicknesses: a pad that reaches farther acts as an unbounded one
 
@@ -53,3 +56,13 @@ class FlatContact:
     def edge_over_h(self) -> float:
         """Edge radius over thickness."""
         return self.edge_radius_mm / self.thickness_mm
+
+
+# The coordinate of friction in every table: mu/(mu + 3), finite where the gel sticks.
+
+HALF_FRICTION = 3.0  # far above where friction has all its effect: nearly straight in mu, yet finite for no slip
+
+
+def friction_place(friction: float) -> float:
+    """mu -> [0, 1), no slip -> 1."""
+    return 1.0 if math.isinf(friction) else friction / (friction + HALF_FRICTION)

@@ -36,7 +36,7 @@ from tactilevision.mechanics.punch_equation import (
     layer_defect_slope,
     solve_punch,
 )
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
     from scipy.interpolate import RectBivariateSpline
@@ -98,7 +98,7 @@ def fast_kappa_gradient(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -
 
 def write_table(path: Path = TABLE) -> None:
     """Compute the table of ln kappa and write it with its card; two seconds."""
-    from tactilevision.files import replacing, write_json
+    from tactilevision.files.writing import replacing, write_json
 
     s, t = _axes()
     nu = np.clip(0.5 + OFFSET - np.exp(-s), *POISSON_RANGE)

@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.material import positive, shear_modulus
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 # u, below which sinh(2u) - 2u comes from its series: the next term left out is below 1e-13 of the sum
 SERIES_BELOW = 0.05

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.mechanics.material import constrained_modulus, positive, shear_modulus
 from tactilevision.mechanics.punch_equation import gauss, solve_punch
-from tactilevision.records import Bools, Floats, Pair
+from tactilevision.records.measured import Bools, Floats, Pair
 
 WAVES = 256  # nodes of the integral over wave numbers
 LAST_WAVE = 40.0  # of u: the stresses at the base fall like u exp(-u)

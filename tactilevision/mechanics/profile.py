@@ -38,7 +38,7 @@ from tactilevision.mechanics.punch_equation import (
     layer_defect,
     solve_punch,
 )
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

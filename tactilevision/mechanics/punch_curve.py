@@ -17,7 +17,7 @@ from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.tables.cases import DEPTHS, Case
 from tactilevision.mechanics.tables.punch import punch_force, punch_reach
 from tactilevision.mechanics.tables.solve import solve_case
-from tactilevision.records import Floats, Material
+from tactilevision.records.measured import Floats, Material
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

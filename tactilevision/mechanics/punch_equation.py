@@ -20,7 +20,7 @@ import numpy as np
 from numpy.polynomial import Legendre
 
 from tactilevision.errors import InputError
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 NODES = 64  # of Gauss and Legendre on the punch's radius
 KERNEL_NODES = 320  # of the kernel's integral

@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.files import write_text
+from tactilevision.files.writing import write_text
 from tactilevision.mechanics.layer import layer_compliance
-from tactilevision.records import Bools, Floats
+from tactilevision.records.measured import Bools, Floats
 
 if TYPE_CHECKING:
     from scipy.interpolate import RectBivariateSpline

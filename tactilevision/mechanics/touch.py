@@ -21,7 +21,7 @@ import numpy as np
 
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.profile import LINEAR, ProfileModel, PunchCase, seen_profile
-from tactilevision.records import Indenter
+from tactilevision.records.rig import Indenter
 
 STEPS = 50  # of the fixed point, at most
 TOLERANCE = 1e-10  # of the height, change of the depth at which the iteration ends

@@ -9,20 +9,40 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.background import BackgroundSums, SlopeBackground
-from tactilevision.photometric.ball.consistency import (
+from tactilevision.photometric.ball_consistency import (
     contradicting_radii,
     coverage_warnings,
     label_warnings,
     odd_balls,
+    pressed_reference,
     reference_warnings,
     scale_warnings,
+    second_look,
 )
-from tactilevision.photometric.ball.cross_validation import (
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import (
+    MIN_BALLS,
+    BallPicture,
+    check_count,
+    collect_balls,
+    refine_balls,
+)
+from tactilevision.photometric.ball_samples import (
+    Observability,
+    Samples,
+    far_from,
+    slope_observability,
+    told_alike,
+    values_at,
+)
+from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.cross_validation import (
     SLOPE_SOFTENING,
     Fitter,
     HeldOutLaw,
     ScaleUncertainty,
+    fit_light_law,
     gain_std,
     gains_of,
     gains_without,
@@ -30,33 +50,13 @@ from tactilevision.photometric.ball.cross_validation import (
     patch_error,
     scale_uncertainty,
 )
-from tactilevision.photometric.ball.detection import Ball
-from tactilevision.photometric.ball.gamma import response_of
-from tactilevision.photometric.ball.observability import Observability, slope_observability
-from tactilevision.photometric.ball.pressed_reference import pressed_reference
-from tactilevision.photometric.ball.samples import (
-    Samples,
-    far_from,
-    told_alike,
-    values_at,
-)
-from tactilevision.photometric.ball.second_look import second_look
-from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.found_balls import (
-    MIN_BALLS,
-    BallPicture,
-    check_count,
-    collect_balls,
-    refine_balls,
-)
-from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.light_law import fit_light_law
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, fit_two_colours
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.photometric.reference import Reference
-from tactilevision.records import Bytes, Floats, Pair
+from tactilevision.photometric.reference import BackgroundSums, Reference, SlopeBackground
+from tactilevision.photometric.shading_law import response_of
+from tactilevision.records.measured import Bytes, Floats, Pair
 
 MAX_SLOPE_NOISE = 0.03  # slope of a pixel's noise, worst direction: real .001 to .006, a tenth as coloured .047
 MAX_EVEN_NOISE = 0.04  # where it is alike in all directions: pure colours, noisy, .033; a fifth as coloured .042

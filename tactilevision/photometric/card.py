@@ -13,9 +13,9 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from tactilevision.door.numbers import number
 from tactilevision.errors import InputError
-from tactilevision.records import Pair
+from tactilevision.files.opening import number
+from tactilevision.records.measured import Pair
 
 MAX_RATIO = 1e6  # of a deviation to the depth itself; more is no deviation, and its square may overflow
 PACKAGES = ("numpy", "torch", "kornia", "onnxruntime")

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tactilevision.records import Bytes, Floats
+from tactilevision.records.measured import Bytes, Floats
 
 MIN_COUNT = 12  # spots that make a pattern; fewer may be dirt that happens to lie evenly
 DARK_GREY = 20  # below which a colour says nothing of marks

@@ -11,20 +11,27 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.background import BackgroundSums, SlopeBackground, damping, darkness, noise_bias
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.illumination.camera_response import response_from_card
-from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, strips
+from tactilevision.photometric.colour_change import ColourChange, Planes, strips
+from tactilevision.photometric.cross_validation import LightLaw
+from tactilevision.photometric.drift import response_from_card
 from tactilevision.photometric.illumination.lamps import Lamps
-from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import fill
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, TwoColourReader
 from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
 from tactilevision.photometric.protocols import ColourLaw, PhotometricMethod, PixelMethod, Reading
-from tactilevision.photometric.reference import Reference
+from tactilevision.photometric.reference import (
+    BackgroundSums,
+    Reference,
+    SlopeBackground,
+    damping,
+    darkness,
+    noise_bias,
+)
 from tactilevision.photometric.windows import Patch, Window, common, inside
-from tactilevision.records import Bools, Bytes, Floats, SlopeMap
-from tactilevision.records.taught_walls import WallLessons
+from tactilevision.records.certified import WallLessons
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bools, Bytes, Floats
 
 Picture = npt.NDArray[np.float32]
 Array = npt.NDArray[np.floating[Any]]

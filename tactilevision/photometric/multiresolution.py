@@ -18,13 +18,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.background import noise_bias
-from tactilevision.photometric.illumination.block_means import means, tile_px_of
-from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, strips
-from tactilevision.photometric.illumination.drift import Drift
+from tactilevision.photometric.colour_change import ChangeMaps, Planes, strips
+from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.protocols import PixelMethod, Reading
-from tactilevision.photometric.windows import Patch, Window
-from tactilevision.records import Bools, Bytes, SlopeMap
+from tactilevision.photometric.reference import noise_bias
+from tactilevision.photometric.windows import Patch, Window, means, tile_px_of
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bools, Bytes
 from tactilevision.robust import median
 
 DETECTION_SIGMA = 4.0  # deviations of a pixel's noise; less reads noise in full, more misses gentle contacts

@@ -8,11 +8,12 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
-from tactilevision.photometric.illumination.drift import Drift
+from tactilevision.photometric.colour_change import ColourChange, Planes
+from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.windows import Patch, Window
-from tactilevision.records import Bools, Bytes, Floats, SlopeMap
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bools, Bytes, Floats
 
 Picture = npt.NDArray[np.float32]
 

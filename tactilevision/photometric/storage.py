@@ -1,8 +1,4 @@
-"""A calibrated method on disk: NAME.npz with its numbers, NAME.json with its card.
-
-The card says what the method is, what it was made from, how far it was off on balls left out, and the hash of the
-numbers; a file that does not match its card is refused.
-"""
+"""Save and load a calibrated method: arrays in NAME.npz, card in NAME.json."""
 
 from __future__ import annotations
 
@@ -14,28 +10,67 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.door.arrays import unpack_arrays
-from tactilevision.door.documents import read_json
-from tactilevision.door.numbers import check_numbers
-from tactilevision.door.opening import read_bytes
 from tactilevision.errors import InputError
-from tactilevision.files import as_json, pack_arrays, replacing, write_json
-from tactilevision.photometric.background import SlopeBackground
-from tactilevision.photometric.ball.shading_fit import TERMS
+from tactilevision.files.arrays import unpack_arrays
+from tactilevision.files.documents import read_json
+from tactilevision.files.opening import check_numbers, read_bytes
+from tactilevision.files.writing import as_json, pack_arrays, replacing, write_json
 from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.cross_validation import LightLaw
 from tactilevision.photometric.illumination.kept_lamps import SHAPES as LAMP_SHAPES, lamp_arrays, lamps_of
-from tactilevision.photometric.illumination.light_match import light_of
-from tactilevision.photometric.kept_walls import SHAPES as WALL_SHAPES, wall_arrays, walls_of
-from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.photometric.methods.lookup import CELLS, Lookup
-from tactilevision.photometric.methods.network import Network
-from tactilevision.photometric.methods.onnx_file import OPSET, open_bytes, run_network
+from tactilevision.photometric.methods.network import OPSET, Network, open_bytes, run_network
 from tactilevision.photometric.methods.polynomial import CUBIC, POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.methods.two_colours import COLOURS, TwoColourLaws, two_colour_laws
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.photometric.reference import Reference
+from tactilevision.photometric.reference import Reference, SlopeBackground, light_of
+from tactilevision.photometric.shading_law import TERMS
+from tactilevision.records.certified import TaughtWalls, WallLessons
+from tactilevision.records.measured import Floats
+
+# What certified faces taught of walls as the arrays of a method's file, and back.
+
+WALL_NUMBERS = 8  # share, growth; their two variances and covariance; least and greatest depth in mm; scatter
+WALL_NAMES = {"left": "walls_left", "undone": "walls_undone"}  # by what became of cast shadows
+WALL_SHAPES: Mapping[str, tuple[int, ...]] = dict.fromkeys(WALL_NAMES.values(), (WALL_NUMBERS,))
+MAX_WALL_CHANGE = (
+    3.0  # of what a wall hides: two thirds of a face are no wall's; light is then to be calibrated anew
+)
+
+
+def wall_arrays(walls: WallLessons) -> dict[str, Floats]:
+    """The numbers (8,) of each lesson by its name in the file, depths in mm; none where nothing was taught."""
+    lessons = {name: getattr(walls, key) for key, name in WALL_NAMES.items()}
+    return {
+        name: np.array([one.share, one.growth, *one.covariance, *one.limits_mm, one.scatter])
+        for name, one in lessons.items()
+        if one is not None
+    }
+
+
+def walls_of(arrays: Mapping[str, npt.NDArray[Any]], *, where: Path) -> WallLessons | None:
+    """The lessons of arrays (8,), finite, depths in mm; older files, and methods that no face taught, have none.
+
+    Raises InputError for numbers that no faces teach.
+    """
+    found = {key: _lesson(arrays[name], where) for key, name in WALL_NAMES.items() if name in arrays}
+    return WallLessons(**found) if found else None
+
+
+def _lesson(numbers: npt.NDArray[Any], where: Path) -> TaughtWalls:
+    share, growth, of_share, of_growth, between, low, high, scatter = (float(one) for one in numbers)
+    known = max(abs(share), abs(growth)) <= MAX_WALL_CHANGE and 0 < low <= high and scatter >= 0
+    if not known or min(of_share, of_growth) < 0 or between**2 > of_share * of_growth:
+        raise InputError("what faces taught of walls is of no face", where=where, value=numbers.tolist())
+    return TaughtWalls(share, growth, (of_share, of_growth, between), (low, high), scatter)
+
+
+# A calibrated method on disk: NAME.npz with its numbers, NAME.json with its card.
+#
+# The card says what the method is, what it was made from, how far it was off on balls left out, and the hash of
+# the numbers; a file that does not match its card is refused.
 
 FORMAT = 1  # version of a method's card; cards of another are refused
 

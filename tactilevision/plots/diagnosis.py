@@ -10,7 +10,7 @@ import numpy as np
 
 from tactilevision.plots import style
 from tactilevision.plots.misfit import LEFT, label_covariate
-from tactilevision.records import Bools, Floats
+from tactilevision.records.measured import Bools, Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

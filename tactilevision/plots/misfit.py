@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.plots import style
-from tactilevision.plots.letters import legible
-from tactilevision.records import Estimate, Floats
+from tactilevision.plots.style import legible
+from tactilevision.records.measured import Estimate, Floats
 from tactilevision.records.misfit import ErrorFall, ForceCurves, PressCurve, ResidualStrips, Strip
 
 if TYPE_CHECKING:

@@ -8,22 +8,22 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
-from tactilevision.certificate.depth.depth_scale import DepthScale
-from tactilevision.certificate.depth.wall_lessons import with_walls
 from tactilevision.errors import InputError
 from tactilevision.force.compliance import gel_compliance
 from tactilevision.force.field import ForceSettings
 from tactilevision.force.folder import untouched_frame
 from tactilevision.force.nodes import lay_grid
+from tactilevision.heightmap.lamps import with_lamps
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.reference_match import some_frames
+from tactilevision.heightmap.shadows_seen import SAID
 from tactilevision.photometric.card import provenance
+from tactilevision.press.certified_faces import DepthScale, with_walls
 from tactilevision.profile.model import Followed, Profile
-from tactilevision.quality.reference_match import some_frames
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.reconstruct.lamps import with_lamps
-from tactilevision.reconstruct.shadows_seen import SAID
-from tactilevision.recording import Recording
-from tactilevision.records import Bytes, Gel
-from tactilevision.shear.measure import read_untouched
+from tactilevision.recording.model import Recording
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Gel
+from tactilevision.shear.displacement import read_untouched
 
 _NO_LAWS: Mapping[bool, DepthScale | None] = MappingProxyType({})
 _INTERVAL = 1.96  # deviations to either end of a 95 % interval

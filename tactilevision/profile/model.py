@@ -1,22 +1,29 @@
-"""What a sensor profile holds: one frozen record."""
+"""Define the records of a sensor profile and of what a calibrated sensor reports."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+import numpy as np
+import numpy.typing as npt
 
 from tactilevision.force.calibrated import material_of
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.photometric.method import ReferencedMethod
-from tactilevision.records import Bytes, Indenter, Material, Sensor
+from tactilevision.records.maps import Footprint, HeightMap, TractionMap
+from tactilevision.records.measured import Bools, Bytes, Floats, Material, Wrench
+from tactilevision.records.rig import Indenter, Sensor
 
 if TYPE_CHECKING:
-    from tactilevision.certificate.depth.depth_scale import DepthScale
     from tactilevision.photometric.illumination.lamps import Lamps
+    from tactilevision.press.certified_faces import DepthScale
 
+
+# What a sensor profile holds: one frozen record.
 
 Followed = Literal["markers", "texture", "nothing"]
 
@@ -68,3 +75,93 @@ class Profile:
     def name(self) -> str:
         """Kind and serial number, as a person would say them."""
         return f"{self.sensor.kind} {self.sensor.serial}".rstrip()
+
+
+# What a calibrated sensor says of a frame, and of many at once.
+
+Singles = npt.NDArray[np.floating]
+AnyFloats = TypeVar("AnyFloats", Singles, Floats)
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One frame.
+
+    `height` is the map; `contact` (H, W) where something presses; `footprint` the face of the indenter that is
+    looked for, None without one; `tractions` None where E and nu are not known, or the force was not solved.
+    `flags` say what makes the frame doubtful: those of the map, then those of the force, in words.
+    """
+
+    height: HeightMap
+    contact: Bools
+    footprint: Footprint | None
+    tractions: TractionMap | None
+    flags: tuple[str, ...]
+
+    @property
+    def std(self) -> Singles | None:
+        """Standard deviation (H, W) of the depth, mm; None where the method states none."""
+        return self.height.std_mm
+
+    @property
+    def wrench(self) -> Wrench | None:
+        """Force (N) and moment (N mm) with their deviations; None where no force is known."""
+        return None if self.tractions is None else self.tractions.wrench
+
+
+@dataclass(frozen=True, slots=True)
+class SeenBatch:
+    """N frames: what `Seen` has, stacked; `frames` has each by itself.
+
+    `height` (N, H, W) depth in mm, NaN where it is not known; `std` alike; `contact` (N, H, W); `tractions`
+    (N, 3, rows, columns) MPa along x, y, z; `wrench` (N, 6), N and N mm. As of one frame, what no frame has is
+    None. NaN stands where some frames have it and one does not: its force was not solved.
+    """
+
+    frames: tuple[Seen, ...]
+
+    @property
+    def height(self) -> Singles:
+        """Depth (N, H, W), mm."""
+        return np.stack([np.where(one.height.valid, one.height.depth_mm, np.nan) for one in self.frames])
+
+    @property
+    def std(self) -> Singles | None:
+        """Standard deviation (N, H, W) of the depth, mm; None where the method states none."""
+        return _stacked([one.std for one in self.frames])
+
+    @property
+    def contact(self) -> Bools:
+        """Mask (N, H, W) of where something presses."""
+        return np.stack([one.contact for one in self.frames])
+
+    @property
+    def footprint(self) -> tuple[Footprint | None, ...]:
+        """The face in each frame."""
+        return tuple(one.footprint for one in self.frames)
+
+    @property
+    def tractions(self) -> Floats | None:
+        """Tractions (N, 3, rows, columns), MPa; None where no frame has any."""
+        known = [one.tractions for one in self.frames]
+        return _stacked([None if one is None else np.stack([one.t_x, one.t_y, one.t_z]) for one in known])
+
+    @property
+    def wrench(self) -> Floats | None:
+        """Force and moment (N, 6), N and N mm; None where no frame has any."""
+        known = [one.wrench for one in self.frames]
+        return _stacked([None if one is None else np.array([*one.force_N, *one.moment_Nmm]) for one in known])
+
+    @property
+    def flags(self) -> Sequence[tuple[str, ...]]:
+        """What makes each frame doubtful."""
+        return tuple(one.flags for one in self.frames)
+
+
+def _stacked(frames: Sequence[AnyFloats | None]) -> AnyFloats | None:
+    """Arrays of one shape, NaN for a frame without; None where no frame has one."""
+    first = next((one for one in frames if one is not None), None)
+    if first is None:
+        return None
+    unknown = np.full_like(first, np.nan)
+    return np.stack([unknown if one is None else one for one in frames])

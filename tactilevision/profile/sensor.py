@@ -1,10 +1,4 @@
-"""A calibrated sensor in one object: a frame in; depth, contact, footprint, tractions and wrench out.
-
-    sensor = load_sensor("my_sensor.tvs")
-    seen = sensor.read(rgb)                 # rgb (H, W, 3) uint8 as the camera gives it, red first
-
-All that does not depend on the frame is made once, when the sensor is loaded.
-"""
+"""Return depth, contact, footprint, tractions and wrench of frames of a calibrated sensor."""
 
 from __future__ import annotations
 
@@ -12,9 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import scipy.interpolate  # noqa: F401 -- kappa's table asks for it: now, not with the first contact
 
 from tactilevision.compiled import compile_all
 from tactilevision.contact.footprint import find_footprint
@@ -22,19 +13,29 @@ from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import ForceField, ForceSettings
+from tactilevision.heightmap.build import with_flats
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.reference_match import spread_frames
 from tactilevision.mechanics.kappa import fast_kappa
-from tactilevision.profile.model import Profile
-from tactilevision.profile.read import read_profile
-from tactilevision.profile.seen import Seen, SeenBatch
-from tactilevision.reconstruct import Reconstructor, with_flats
-from tactilevision.records import Bytes, Footprint, Frame, Gel, HeightMap, Indenter, Material, Pair, TractionMap
-from tactilevision.records.flags import add
-from tactilevision.records.maps import as_frame
-from tactilevision.sensors import rectify
-from tactilevision.shear.measure import Untouched, read_untouched
+from tactilevision.profile.model import Profile, Seen, SeenBatch
+from tactilevision.profile.storage import read_profile
+from tactilevision.recording import layout
+from tactilevision.recording.folder import read_folder
+from tactilevision.recording.model import Recording, faults_of_flats
+from tactilevision.recording.pictures import read_flats
+from tactilevision.recording.read import read_recording
+from tactilevision.records.maps import Footprint, Frame, HeightMap, TractionMap, add, as_frame
+from tactilevision.records.measured import Bytes, Material, Pair
+from tactilevision.records.rig import Gel, Indenter
+from tactilevision.sensors.rectification import rectify
+from tactilevision.shear.displacement import Untouched, read_untouched
 
-if TYPE_CHECKING:
-    from tactilevision.recording import Recording
+# A calibrated sensor in one object: a frame in; depth, contact, footprint, tractions and wrench out.
+#
+#     sensor = load_sensor("my_sensor.tvs")
+#     seen = sensor.read(rgb)                 # rgb (H, W, 3) uint8 as the camera gives it, red first
+#
+# All that does not depend on the frame is made once, when the sensor is loaded.
 
 NOT_SOLVED = "force not solved"
 
@@ -144,7 +145,7 @@ class CalibratedSensor:
 
     def look_for_shadows(self, recording: Recording) -> None:
         """Undo cast shadows from now on where only balls told the lamps and these frames show shadows."""
-        from tactilevision.reconstruct.shadows_seen import with_shadows
+        from tactilevision.heightmap.shadows_seen import with_shadows
 
         lamps = self.profile.told_lamps
         if self.profile.lamps is None and lamps is not None:
@@ -174,7 +175,7 @@ class CalibratedSensor:
         indenter = self.indenter
         if law is None or indenter is None or indenter.shape != "flat_cylinder":
             return height
-        from tactilevision.certificate.depth.face_depth import with_face  # takes a while to load
+        from tactilevision.press.certified_faces import with_face  # takes a while to load
 
         return with_face(height, face, depth_scale=law)
 
@@ -225,11 +226,11 @@ class CalibratedSensor:
 
     def _undo_shadows(self) -> None:
         if self.shadows and self.profile.lamps is not None:
-            from tactilevision.reconstruct.shadows_seen import undo_by
+            from tactilevision.heightmap.shadows_seen import undo_by
 
             undo_by(self.reconstructor, self.profile.lamps)
         if (told := self.profile.told_lamps) is not None and told.doubtful:
-            from tactilevision.reconstruct.shadows_seen import doubt
+            from tactilevision.heightmap.shadows_seen import doubt
 
             doubt(self.reconstructor)
         self.reconstructor.keeps_shadows = self.profile.lamps is not None and not self.shadows
@@ -256,3 +257,79 @@ def _chosen(profile: Profile, indenter: Indenter | str | None) -> Indenter | Non
             remedy=f"It has: {known}. In code an Indenter record may be given instead.",
         )
     return profile.indenters[indenter]
+
+
+# Pictures read with a profile: a recording's, whose own sensor must be the profile's, or a bare folder's.
+
+NO_KIND = "custom"  # a kind that says nothing of the sensor
+
+
+def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = None) -> Recording:
+    """The recording, folder, video or frame at `path`, its sensor the profile's.
+
+    `reference` is a newer picture of the untouched gel, or a folder of such; None: the profile's own, and the
+    recording then has no flats. Raises InputError where the recording is of another unit or kind, or its frames
+    have another size.
+    """
+    if (path / layout.SETTINGS).is_file():
+        own = read_recording(path, sensor=_keys(profile))
+        _check_unit(own, profile)
+        flats = read_folder(path, reference=reference).flats if reference is not None else ()
+        gel = profile.sensor.gel or own.sensor.gel
+        found = replace(
+            own, sensor=replace(profile.sensor, gel=gel), flats=flats, balls=(), white_level=profile.white_level
+        )
+    else:
+        sensor, white = profile.sensor, profile.white_level
+        found = read_folder(path, sensor, reference=reference, white_level=white)
+    size = found.frame_size_px
+    if size is not None and size != profile.frame_size_px:
+        raise InputError(
+            f"frames of {_by(profile.frame_size_px)} are what the profile {profile.name} was made for",
+            where=found.frames_path or path,
+            value=_by(size),
+            remedy="Set the camera as it was, or calibrate the sensor anew.",
+        )
+    return found
+
+
+def sensor_for(recording: Recording, profile: Profile, *, shadows: bool = False) -> CalibratedSensor:
+    """The calibrated sensor, against the recording's own pictures of the untouched gel where it has any.
+
+    With `shadows`, those that lamps cast are undone where the profile knows its lamps; where only its balls told
+    them, if the recording's frames show shadows.
+    Some frames have been looked at: its reconstructor's warnings say where they are another unit's.
+    """
+    sensor = CalibratedSensor(profile, shadows=shadows)
+    flats = read_flats(recording)
+    if flats:
+        with faults_of_flats(recording):
+            sensor = sensor.with_reference(flats)
+    sensor.look(spread_frames(recording))
+    if shadows:
+        sensor.look_for_shadows(recording)
+    return sensor
+
+
+def _keys(profile: Profile) -> dict[str, object]:
+    """What a recording.toml may leave to the profile."""
+    sensor = profile.sensor
+    keys: dict[str, object] = {"kind": sensor.kind, "mm_per_px": list(sensor.mm_per_px)}
+    if sensor.kind == NO_KIND and sensor.rectification is None:
+        keys |= {"width_px": sensor.width_px, "height_px": sensor.height_px}
+    return keys
+
+
+def _check_unit(own: Recording, profile: Profile) -> None:
+    theirs, ours = own.sensor, profile.sensor
+    for what, said, known in (("kind", theirs.kind, ours.kind), ("serial", theirs.serial, ours.serial)):
+        if said != known and not {"", NO_KIND} & {said, known}:
+            raise InputError(
+                f"the profile is of another unit: its {what} is {known}, the recording's {said}",
+                where=profile.path,
+                remedy=f"Calibrate this one: tactilevision calibrate-sensor {own.path}.",
+            )
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]} x {size[1]} px"

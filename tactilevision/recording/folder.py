@@ -1,8 +1,10 @@
-"""A bare folder of pictures, or a video, as a recording without tables: for depth and force."""
+"""Read a bare folder of pictures, or a video, as a recording without tables."""
 
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,12 +13,13 @@ import numpy as np
 
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
-from tactilevision.recording.guess import guess_flats, guess_scale
+from tactilevision.recording.images import count_frames, stated_frames
+from tactilevision.recording.layout import some
 from tactilevision.recording.model import Recording
-from tactilevision.recording.names import some
 from tactilevision.recording.pictures import (
     check_references,
     doubts_of_turning,
+    find_flats,
     find_frames,
     first_look,
     list_images,
@@ -24,12 +27,71 @@ from tactilevision.recording.pictures import (
 )
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.sensor import build_sensor
-from tactilevision.recording.video import count_frames, stated_frames
-from tactilevision.records import Sensor
+from tactilevision.records.rig import Sensor
 from tactilevision.sensors import SENSORS, check_scale
 
 if TYPE_CHECKING:
     from tactilevision.recording.settings import SensorSettings
+
+
+# What a bare folder of pictures does not say and can be guessed: its scale, and a picture of the untouched gel.
+#
+# Each guess comes with a sentence that says so, and the option that states it instead.
+
+SAME_SHAPE = 0.02  # of the ratio of width to height: what a resized picture loses by whole pixels
+_FLAT = re.compile(r"(ref|reference|flat|background|bg|untouched|free|no_?contact|f0)([_.\- ]?\d*)$", re.I)
+
+Notes = tuple[str, ...]
+
+
+def guess_scale(settings: SensorSettings, size_px: tuple[int, int]) -> tuple[SensorSettings, Notes]:
+    """The settings of a sensor with the scale of pictures of `size_px` (width, height), and what was guessed.
+
+    A picture of the sensor's usual shape shows its usual view, however many pixels it has. Raises RecordingError
+    for one of another shape.
+    """
+    usual = SENSORS.get(settings.kind or "")
+    own = {"width_px": settings.width_px or size_px[0], "height_px": settings.height_px or size_px[1]}
+    if settings.rectification is not None:
+        return settings, ()
+    if usual is None or settings.mm_per_px is not None:
+        return (settings.model_copy(update=own) if settings.kind == "custom" else settings), ()
+    width, height = size_px
+    if abs(width * usual.height_px / (height * usual.width_px) - 1) > SAME_SHAPE:
+        raise RecordingError(
+            f"pictures of {width} x {height} are no view of a {usual.kind}, which has {usual.width_px} x "
+            f"{usual.height_px}, so that its scale is not known",
+            where="--sensor",
+            remedy="State it with --mm-per-px.",
+        )
+    scale = [usual.mm_per_px[0] * usual.width_px / width, usual.mm_per_px[1] * usual.height_px / height]
+    note = f"guessed: {scale[0]:.4g} mm per pixel, that of a usual {usual.kind}; --mm-per-px states it"
+    return settings.model_copy(update={"mm_per_px": scale}), (note,)
+
+
+def guess_flats(
+    root: Path, frames_path: Path, names: Sequence[str], *, first: int = 0
+) -> tuple[tuple[Path, ...], tuple[int, ...], Notes]:
+    """Pictures of the untouched gel, or the number of the frame that is taken for one, and what was guessed.
+
+    It is the `first` by number where none is named so. Of no frame `names` nothing is guessed: what the folder
+    `reference` holds is all.
+    """
+    found = find_flats(root)
+    if found or not names:
+        return found, (), ()
+    for folder in dict.fromkeys((root, frames_path, frames_path.parent)):
+        named = [name for name in list_images(folder) if _FLAT.match(Path(name).stem)] if folder.is_dir() else []
+        if named:
+            note = f"guessed: {named[0]} shows the untouched gel, by its name; --reference states it"
+            return (folder / named[0],), (), (note,)
+    which = "the only frame" if len(names) == 1 else "the first frame"
+    flat = ", so that its map is flat" if len(names) == 1 else ""
+    note = f"guessed: {which}, {names[first]}, shows the untouched gel{flat}; --reference states it"
+    return (), (first,), (note,)
+
+
+# A bare folder of pictures, or a video, as a recording without tables: for depth and force.
 
 MAX_LOOKED = 1000  # files and folders below a folder that are looked at for pictures
 # pictures of kinds that are not read; other files beside frames are no one's loss
@@ -169,8 +231,7 @@ def _cut_short(video: Path, count: int) -> tuple[str, ...]:
 
 
 def _sensor_settings(sensor: Path | str) -> tuple[SensorSettings, Path, tuple[str, ...]]:
-    from tactilevision.recording.settings import SensorSettings
-    from tactilevision.recording.settings_file import check_sensor, load_toml
+    from tactilevision.recording.settings import SensorSettings, check_sensor, load_toml
 
     if str(sensor).endswith(".toml"):
         settings, warnings = check_sensor(load_toml(Path(sensor)), Path(sensor))

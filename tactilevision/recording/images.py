@@ -1,27 +1,29 @@
-"""One picture file -> RGB, 8 bits a channel.
-
-The bit depth of the file decides, never its content: 8-bit pictures are taken as they are; integers of 16
-bits are scaled so that `white_level` (left out: the largest number that the file's type can hold) becomes
-255; floating point pictures run from 0 to 1. Transparency is dropped. Pictures that are grey, also as three equal
-colours, or have a palette are refused, since slopes are read from small changes of colour. Orientations that a
-file states are not followed. A .npy file holds (height, width, 3 or 4) in the order red, green, blue.
-"""
+"""Decode picture files and video frames to RGB with 8 bits a channel."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.door.arrays import read_array
-from tactilevision.door.decoding import decode
-from tactilevision.door.limits import check
-from tactilevision.door.opening import IrregularFileError, read_bytes
-from tactilevision.door.pictures import check_picture, is_cut, is_grey, is_stack, upright, why_no_colours
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.records import Bytes
+from tactilevision.files.arrays import read_array
+from tactilevision.files.opening import IrregularFileError, check, check_regular, read_bytes
+from tactilevision.files.pictures import check_picture, decode, is_cut, is_grey, is_stack, upright, why_no_colours
+from tactilevision.records.measured import Bytes
+
+# One picture file -> RGB, 8 bits a channel.
+#
+# The bit depth of the file decides, never its content: 8-bit pictures are taken as they are; integers of 16 bits
+# are scaled so that `white_level` (left out: the largest number that the file's type can hold) becomes 255;
+# floating point pictures run from 0 to 1. Transparency is dropped. Pictures that are grey, also as three equal
+# colours, or have a palette are refused, since slopes are read from small changes of colour. Orientations that a
+# file states are not followed. A .npy file holds (height, width, 3 or 4) in the order red, green, blue.
 
 EVEN_GREY = 8  # grey levels: a picture that is alike all over, black or white, is no grey copy
 _SPARSE = 8  # px: a look at every eighth tells most coloured pictures
@@ -181,3 +183,83 @@ def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
     if damage:
         raise TornImageError("the picture is damaged", where=path, value=damage, remedy=_REMEDY_TORN)
     return picture
+
+
+# Frames of one video file, by their index, exactly.
+#
+# Seeking in a video is not trusted: where the frame rate varies, it lands beside the frame that was asked for.
+# So frames are counted from the start of the file; a reader that has stopped half-way is parked, and the next one
+# that starts behind it goes on from there. Windows that follow each other thus cost one pass in all.
+
+_Key = tuple[Path, int, int]
+_parked: dict[_Key, tuple[cv2.VideoCapture, int]] = {}  # one at most
+_lock = Lock()
+
+
+def iter_video(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Bytes | None]]:
+    """Yield (index, rgb) for rising `indices`; rgb is None where the video ends before, or cannot be decoded."""
+    key = _key(path)
+    capture, position = _take(key, indices[0] if indices else 0)
+    going = True
+    try:
+        for index in indices:
+            while going and position <= index:
+                going = capture.grab()
+                position += 1
+            picture = capture.retrieve()[1] if going else None
+            yield index, None if picture is None else _rgb(np.asarray(picture), path)
+    finally:
+        if going:
+            with _lock:
+                _parked.clear()
+                _parked[key] = (capture, position)
+
+
+def count_frames(path: Path) -> int:
+    """Count the frames by passing over all of them: what a container says of itself is an estimate."""
+    capture, count = _open(path), 0
+    while capture.grab():
+        count += 1
+    return count
+
+
+def stated_frames(path: Path) -> int:
+    """The number of frames as the container has it: often exact, at times an estimate, 0 if unsaid."""
+    return max(int(_open(path).get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+
+
+def _key(path: Path) -> _Key:
+    """The file as it is now: one that was written anew is another video."""
+    about = path.stat()
+    return path, about.st_mtime_ns, about.st_size
+
+
+def _take(key: _Key, first: int) -> tuple[cv2.VideoCapture, int]:
+    with _lock:
+        parked = _parked.pop(key, None)
+    if parked is not None and parked[1] <= first:
+        return parked
+    return _open(key[0]), 0
+
+
+def _open(path: Path) -> cv2.VideoCapture:
+    check_regular(path)
+    capture = cv2.VideoCapture(str(path))
+    if not capture.isOpened():
+        raise RecordingError(
+            "the video cannot be opened",
+            where=path,
+            remedy="FFV1 in .mkv or .avi is read everywhere and loses nothing.",
+        )
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # as the sensor has it, whatever way a phone was held
+    pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    check(pixels, "MAX_PIXELS", what="the pixels of its pictures", where=path)
+    return capture
+
+
+def _rgb(picture: npt.NDArray[Any], path: Path) -> Bytes:
+    if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
+        raise RecordingError(
+            "the video has no colours of 8 bits", where=path, value=f"{picture.shape} {picture.dtype}"
+        )
+    return check_coloured(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8), path)

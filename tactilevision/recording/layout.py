@@ -1,8 +1,13 @@
-"""The names of the files of a recording folder, and the columns of its tables. Said here and nowhere else."""
+"""Names of the files and table columns of a recording, and suggestions for unknown names."""
 
 from __future__ import annotations
 
+import difflib
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+
+# The names of the files of a recording folder, and the columns of its tables. Said here and nowhere else.
 
 SETTINGS = "recording.toml"
 FRAMES = "frames"
@@ -99,3 +104,26 @@ BALL_COLUMNS = Columns(
     numbers=("ball_radius_mm",),
     maybe_numbers=("centre_x_px", "centre_y_px", "contact_radius_px"),
 )
+
+
+# Names in messages: the first of many, and which known one was probably meant by an unknown one.
+
+
+def nearest(name: str, among: Iterable[str]) -> str:
+    """The name that was probably meant: the same but for brackets, a unit or a slip; "" where none is."""
+    plain, folded = _folded(name), {_folded(other): other for other in among}
+    for other in folded:
+        if other.rpartition("_")[0] == plain or plain.rpartition("_")[0] == other:
+            return folded[other]
+    close = difflib.get_close_matches(plain, list(folded), n=1, cutoff=0.8)
+    return folded[close[0]] if close else ""
+
+
+def _folded(name: str) -> str:
+    """In small letters, `Depth (mm)` being depth_mm."""
+    return re.sub(r"[^\w./-]+", "_", name.casefold()).strip("_")
+
+
+def some(names: Sequence[str]) -> str:
+    """The first three, and how many more there are."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -1,10 +1,13 @@
-"""Reading a recording folder: everything but the pictures, checked, in one record."""
+"""Read a recording folder, except its pictures, into one checked record."""
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,17 +16,208 @@ import numpy.typing as npt
 
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout, pictures
-from tactilevision.recording.checks import check_forces_cover, doubts
+from tactilevision.recording.images import count_frames
+from tactilevision.recording.layout import some
 from tactilevision.recording.model import BallPress, Recording
-from tactilevision.recording.protocol import read_curves, read_points, read_presses
+from tactilevision.recording.read_tables import (
+    as_three,
+    read_curves,
+    read_forces,
+    read_points,
+    read_presses,
+    read_stage,
+    rotation,
+)
 from tactilevision.recording.sensor import build_sensor
-from tactilevision.recording.series import as_three, read_forces, read_stage, rotation
 from tactilevision.recording.tables import Table
-from tactilevision.recording.video import count_frames
-from tactilevision.records import Indenter, Sensor
+from tactilevision.records.measured import Curve, Floats
+from tactilevision.records.rig import Indenter, Press, Sensor
 
 if TYPE_CHECKING:
     from tactilevision.recording.settings import IndenterSettings, Settings
+
+
+# What must agree between the files of one recording.
+
+MIN_GAP_S = 2.0  # s without readings; presses last some seconds, so less leaves none out of step
+MIN_GAP_STEPS = 20  # usual steps without readings; loggers lose a few
+SAME_PAUSE = 1.5  # times the frames' longest pause; frames come at presses alone, and end some seconds before
+ALIKE = 0.5  # of the longest gap: the middle one of gaps that recur; a stage changes places more and less quickly
+LONGER = 2.0  # times a press's length that its curve may last; free gel before and after adds little
+_SPARE = 0.1  # share of a press that the readings may miss at its end: free gel, where only the zero is read
+
+
+def check_forces_cover(recording: Recording) -> tuple[str, ...]:
+    """Raise where the force readings miss a part of the first or the last press; warn where it is a small one.
+
+    With an unknown clock offset only lengths can be compared: the readings must last as long as the presses do.
+    """
+    if recording.forces is None or not recording.presses:
+        return ()
+    times = recording.forces.time_s
+    first, last = recording.presses[0], max(recording.presses, key=lambda press: press.end_s)
+    offset_s = recording.clock_offset_s
+    if offset_s is None:
+        lasts, needed = float(times[-1] - times[0]), last.end_s - first.start_s
+        said = f"the readings end early: they last {lasts:.6g} s, the presses {needed:.6g} s"
+        return _judged(recording, last, needed - lasts, said)
+    start, end = first.start_s + offset_s, last.end_s + offset_s
+    here = "of the same clock"
+    early = f"the readings end early: at {times[-1]:.6g} s, but press {last.press} ends at {end:.6g} s {here}"
+    late = f"the readings start late: at {times[0]:.6g} s, but press {first.press} starts at {start:.6g} s {here}"
+    missing_s = (float(times[0]) - start, end - float(times[-1]))
+    return _judged(recording, first, missing_s[0], late) + _judged(recording, last, missing_s[1], early)
+
+
+def _judged(recording: Recording, press: Press, missing_s: float, said: str) -> tuple[str, ...]:
+    assert recording.forces is not None
+    step_s = float(np.median(np.diff(recording.forces.time_s)))
+    if missing_s > max(_SPARE * (press.end_s - press.start_s), 2 * step_s):
+        raise RecordingError(
+            said,
+            where=recording.path / layout.FORCES,
+            remedy="Copy the whole file, or take the presses without force out of presses.csv"
+            + (f"; or correct [clock] offset_s in {layout.SETTINGS}." if recording.clock_offset_s else "."),
+        )
+    # the last reading comes up to one step before the last press ends
+    return (f"{layout.FORCES}: {said}",) if missing_s > 2 * step_s else ()
+
+
+def doubts(recording: Recording) -> Iterator[str]:
+    """What is legal but unlikely, one sentence each, for a person to look at."""
+    yield from _doubts_of_frames(recording)
+    yield from _doubts_of_forces(recording)
+    yield from _doubts_of_depths(recording)
+    rows = Counter(point.press for point in recording.points)
+    twice = [press for press, count in rows.items() if count > 1]
+    if twice:
+        yield f"{layout.POINTS}: more than one row each for press {some(twice)}"
+    back = [after for before, after in pairwise(recording.curves) if after.time_s[0] < before.time_s[0]]
+    if back:
+        yield (
+            f"{layout.CURVES}: time_s starts anew between presses, at {some([curve.press for curve in back])}, so "
+            "rest and order cannot be told: is a press of another recording, or in the place of another one?"
+        )
+    else:
+        yield from _doubts_of_curve_times(recording)
+    yield from _doubts_of_curve_rows(recording)
+
+
+def _doubts_of_curve_rows(recording: Recording) -> Iterator[str]:
+    copies = sum(_repeated(curve) for curve in recording.curves)
+    if copies:
+        where = some([curve.press for curve in recording.curves if _repeated(curve)])
+        yield (
+            f"{layout.CURVES}: {copies} rows are those before them once more, in press {where}: copies tell "
+            "nothing new and narrow the intervals. Take them out"
+        )
+    drawn = {curve.press for curve in recording.curves}
+    without = [press.press for press in recording.presses if press.press not in drawn]
+    if drawn and without:
+        yield f"{layout.CURVES}: no rows of press {some(without)}, which {layout.PRESSES} lists"
+
+
+def _repeated(curve: Curve) -> int:
+    """How many rows of a curve are the rows before them once more."""
+    readings = np.column_stack([curve.time_s, curve.depth_mm, curve.force_N])
+    return int(np.count_nonzero(np.all(np.diff(readings, axis=0) == 0, axis=1)))
+
+
+def _lasting(curve: Curve) -> float:
+    return float(np.ptp(curve.time_s))
+
+
+def _doubts_of_curve_times(recording: Recording) -> Iterator[str]:
+    spans = {press.press: (press.start_s, press.end_s) for press in recording.presses}
+    known = [curve for curve in recording.curves if curve.press in spans]
+    long = [curve for curve in known if _lasting(curve) > LONGER * np.ptp(spans[curve.press]) + MIN_GAP_S]
+    if 2 * len(long) > len(known):
+        first = long[0]
+        yield (
+            f"{layout.CURVES}: {len(long)} of {len(known)} presses last longer than {layout.PRESSES} says, press "
+            f"{first.press} {_lasting(first):.6g} s and not {np.ptp(spans[first.press]):.6g} s. time_s counts "
+            "seconds: is it in milliseconds?"
+        )
+        return
+    for curve in long:
+        yield (
+            f"{layout.CURVES}: press {curve.press} lasts {_lasting(curve):.6g} s, but "
+            f"{np.ptp(spans[curve.press]):.6g} s in {layout.PRESSES}: did its clock jump?"
+        )
+    apart = [c.press for c in known if c.time_s[0] > spans[c.press][1] or c.time_s[-1] < spans[c.press][0]]
+    if 2 * len(apart) > len(known):
+        yield (
+            f"{layout.CURVES}: time_s lies outside of start_s to end_s in {layout.PRESSES} for {some(apart)}: "
+            "is it in milliseconds, or another clock's?"
+        )
+
+
+def _doubts_of_frames(recording: Recording) -> Iterator[str]:
+    times = recording.frame_times_s
+    if times.size == 0 or np.isnan(times).any():
+        return
+    equal = int(np.count_nonzero(np.diff(times) == 0))
+    if equal:
+        yield f"{layout.FRAME_TABLE}: {equal} frames have the very time of the frame before"
+    blind = [p.press for p in recording.presses if p.start_s > times[-1] or p.end_s < times[0]]
+    if blind:
+        of_all = len(blind) == len(recording.presses)
+        clock = f". Is {layout.FRAME_TABLE} in ms, or of another clock?" if of_all else ""
+        yield f"{layout.PRESSES}: no frames were taken during {some(blind)}{clock}"
+
+
+def _doubts_of_forces(recording: Recording) -> Iterator[str]:
+    if recording.forces is None:
+        return
+    times, normal = recording.forces.time_s, recording.forces.force_N[:, 2]
+    step_s = float(np.median(np.diff(times)))
+    rate = recording.force_rate_Hz
+    if rate is not None and step_s > 0 and not math.isclose(1 / step_s, rate, rel_tol=0.1):
+        in_ms = ": is time_s in ms?" if math.isclose(1e3 / step_s, rate, rel_tol=0.1) else ""
+        yield f"{layout.FORCES}: readings come at {1 / step_s:.4g} Hz, not at rate_Hz = {rate:g}{in_ms}"
+    pause_s = float(np.diff(recording.frame_times_s).max(initial=0.0))  # of both: a change of indenter
+    gaps_s = np.diff(times)
+    gaps = np.flatnonzero(gaps_s > max(MIN_GAP_S, MIN_GAP_STEPS * step_s, SAME_PAUSE * pause_s))
+    if gaps.size and not _read_by_press(recording, times[gaps], times[gaps + 1]):
+        longest = int(np.argmax(gaps_s))
+        yield (
+            f"{layout.FORCES}: no readings for {gaps_s[longest]:.3g} s after time_s = {times[longest]:.6g}: where "
+            "the clock jumped, forces after it belong to other moments than they state"
+        )
+    if recording.presses and np.ptp(normal) == 0:
+        yield f"{layout.FORCES}: fz_N is {normal[0]:g} N throughout, also where presses are: was the sensor read?"
+    free = float(np.median(normal))
+    if free - normal.min() > 2 * (normal.max() - free) and free - normal.min() > 20 * recording.forces.std_N[2]:
+        yield f"{layout.FORCES}: fz_N mostly falls where the gel is pressed; it is to grow: see [force] rotation"
+
+
+def _read_by_press(recording: Recording, starts_s: Floats, ends_s: Floats) -> bool:
+    """Whether readings pause again and again between presses: gaps (n,) that hold no press's middle.
+
+    With an unknown clock offset, gaps that are alike: the half of them are at least half as long as the longest.
+    """
+    if starts_s.size < 2:
+        return False
+    offset_s = recording.clock_offset_s
+    if offset_s is None:
+        lasts_s = ends_s - starts_s
+        return float(np.median(lasts_s)) >= ALIKE * float(lasts_s.max())
+    middles = np.array([0.5 * (press.start_s + press.end_s) + offset_s for press in recording.presses])
+    return not np.any((starts_s[:, None] < middles) & (middles < ends_s[:, None]))
+
+
+def _doubts_of_depths(recording: Recording) -> Iterator[str]:
+    gel = recording.sensor.gel
+    if gel is None:
+        return
+    in_points = max((point.depth_mm for point in recording.points if point.accepted), default=0.0)
+    in_curves = max((float(curve.depth_mm.max()) for curve in recording.curves), default=0.0)
+    for table, deepest in ((layout.POINTS, in_points), (layout.CURVES, in_curves)):
+        if deepest > gel.thickness_mm:
+            yield f"{table}: depth_mm = {deepest:g} exceeds the gel's thickness of {gel.thickness_mm:g} mm"
+
+
+# Reading a recording folder: everything but the pictures, checked, in one record.
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -35,7 +229,7 @@ def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None)
     for the first fault found. What is legal but unlikely stands in `Recording.warnings`.
     """
     # pydantic takes a while to load, and looking at the package should cost nothing
-    from tactilevision.recording.settings_file import check_settings, load_toml
+    from tactilevision.recording.settings import check_settings, load_toml
 
     root = Path(path)
     toml = _find_settings(root)

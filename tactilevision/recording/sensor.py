@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.door.arrays import read_arrays
-from tactilevision.door.names import inside
-from tactilevision.door.numbers import check_numbers
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.recording.names import nearest
-from tactilevision.records import Gel, Sensor
+from tactilevision.files.arrays import read_arrays
+from tactilevision.files.opening import check_numbers, inside
+from tactilevision.recording.layout import nearest
+from tactilevision.records.rig import Gel, Sensor
 from tactilevision.sensors import SENSORS, get_sensor
 
 if TYPE_CHECKING:

@@ -1,15 +1,32 @@
-"""What recording.toml may say: every key with its unit and its bounds."""
+"""Settings of recording.toml: keys, units, bounds, and how the file is read."""
 
 from __future__ import annotations
 
 import datetime
 import math
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
-from pydantic import AfterValidator, AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    AliasChoices,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
-from tactilevision.door.limits import limit
+from tactilevision.errors import InputError, RecordingError
+from tactilevision.files.documents import parse_toml, read_text
+from tactilevision.files.opening import limit
+from tactilevision.recording import layout
+from tactilevision.recording.layout import nearest
 from tactilevision.sensors import MAX_SCALE, MIN_SCALE
+
+# What recording.toml may say: every key with its unit and its bounds.
 
 LAST_NS = 2**62  # ns since 1970: far beyond any date that a log holds
 
@@ -164,3 +181,196 @@ class Settings(_Settings):
     clock: ClockSettings = ClockSettings()
     log: LogSettings = LogSettings()
     indenter: dict[str, IndenterSettings] = {}
+
+
+# Reading recording.toml: checked settings, or one message that says what is wrong with which key.
+
+_Place = tuple[str | int, ...]
+
+_TABLES: dict[str, type[BaseModel]] = {
+    "[sensor.gel]": GelSettings,
+    "[sensor]": SensorSettings,
+    "[indenter.NAME]": IndenterSettings,
+}
+
+# beyond these a value was probably written in another unit: key, least, most, what it looks like above
+_PLAUSIBLE = (
+    (("sensor", "gel", "thickness_mm"), 0.05, 50.0, "micrometres"),
+    (("sensor", "gel", "radius_mm"), 0.5, 500.0, "micrometres"),
+    (("sensor", "gel", "youngs_modulus_MPa"), 1e-3, 50.0, "kPa or Pa"),
+    (("sensor", "mm_per_px"), 1e-3, 1.0, "pixels per mm"),
+    (("indenter", "*", "radius_mm"), 0.02, 100.0, "micrometres"),
+    (("indenter", "*", "height_mm"), 1e-3, 20.0, "micrometres"),
+    (("force", "std_N"), 0.0, 5.0, "mN"),
+    (("depth", "std_mm"), 0.0, 1.0, "micrometres"),
+)
+
+
+def load_toml(path: Path) -> dict[str, Any]:
+    """The file's content. Raises RecordingError with the line where it is not TOML, or beyond the limits."""
+    try:
+        return parse_toml(read_text(path), where=path)
+    except OSError as fault:
+        raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
+    except InputError as fault:
+        raise RecordingError(fault.what, where=fault.where, value=fault.value, remedy=fault.remedy) from fault
+
+
+def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, ...]]:
+    """The checked settings, and a warning for each key without a meaning and each implausible value.
+
+    Raises RecordingError for an unknown format, for a key that resembles a known one which is absent (a slip
+    of the pen, or its unit left out), and for values that cannot be.
+    """
+    _check_format(content, path)
+    return _checked(content, path)
+
+
+def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, tuple[str, ...]]:
+    """The table [sensor] alone, of a recording.toml or of a file that holds nothing else; warnings likewise.
+
+    Raises RecordingError as `check_settings` does, and where there is no such table.
+    """
+    if "sensor" not in content:
+        raise RecordingError("the table [sensor] is missing", where=path, remedy="Put kind = ... under [sensor].")
+    alone = {"format": layout.FORMAT, "sensor": content["sensor"]}
+    settings, warnings = _checked(alone, path)
+    return settings.sensor, warnings
+
+
+def _checked(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, ...]]:
+    unknown = list(_unknown(Settings, content, ()))
+    for place, meant in unknown:
+        if meant:
+            raise RecordingError(
+                f"{_key(place)} is not known",
+                where=path,
+                value=_at(content, place),
+                remedy=f"Did you mean {meant}?" + (" Units are part of the name." if "_" in meant else ""),
+            )
+    try:
+        settings = Settings.model_validate(content)
+    except ValidationError as fault:
+        raise _translated(fault, path) from None
+    news = (f"{path.name}: {_key(place)} has no meaning here{_home(place)}" for place, _ in unknown)
+    return settings, (*news, *_implausible(content, path))
+
+
+def _check_format(content: Mapping[str, Any], path: Path) -> None:
+    if "format" not in content:
+        near = nearest("format", [key for key, value in content.items() if isinstance(value, int | str)])
+        raise RecordingError(
+            "the format's number is missing",
+            where=path,
+            value=near or None,
+            remedy=f"Put format = {layout.FORMAT} on its first line.",
+        )
+    if content["format"] is True or content["format"] != layout.FORMAT:
+        raise RecordingError(
+            f"this version reads format = {layout.FORMAT} only",
+            where=path,
+            value=content["format"],
+            remedy="Take a newer version of tactilevision, or convert the recording.",
+        )
+
+
+def _unknown(model: type[BaseModel], content: Mapping[str, Any], place: _Place) -> Iterator[tuple[_Place, str]]:
+    """Every key without a meaning: its place, and the absent known key that it resembles, or ""."""
+    known = {name: name for name in model.model_fields}
+    for name, about in model.model_fields.items():
+        known |= {str(alias): name for alias in getattr(about.validation_alias, "choices", ())}
+    absent = [name for name in model.model_fields if name not in content]
+    for key, value in content.items():
+        if key not in known:
+            yield (*place, key), nearest(key, absent)
+            continue
+        inner = model.model_fields[known[key]].annotation
+        table = _table_of(inner)
+        if table is None or not isinstance(value, dict):
+            continue
+        if get_origin(inner) is dict:
+            for name, one in value.items():
+                yield from _unknown(table, one if isinstance(one, dict) else {}, (*place, key, name))
+        else:
+            yield from _unknown(table, value, (*place, key))
+
+
+def _home(place: _Place) -> str:
+    """Where a key without a meaning would have one."""
+    homes = [table for table, model in _TABLES.items() if place[-1] in model.model_fields]
+    return f"; it has one in {homes[0]}" if homes else " and is left alone"
+
+
+def _table_of(annotation: Any) -> type[BaseModel] | None:
+    """The table that a key opens, also where it is optional or one of many; None for a plain value."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _table_of(part))), None)
+
+
+# pydantic's findings in our words, and what to do
+_WORDS = {
+    "missing": ("is missing", "Add it."),
+    "greater_than": ("must be above {gt:g}", ""),
+    "greater_than_equal": ("must be at least {ge:g}", ""),
+    "less_than": ("must be below {lt:g}", ""),
+    "less_than_equal": ("must be at most {le:g}", ""),
+    "float_type": ("must be a number", "Write the number alone: its unit is in the name."),
+    "int_type": ("must be a whole number", "Write the number alone: its unit is in the name."),
+    "int_from_float": ("must be a whole number", ""),
+    "string_type": ("must be text", "Put it in quotes."),
+    "bool_type": ("must be true or false", "Write it without quotes."),
+    "literal_error": ("must be {expected}", ""),
+    "list_type": ("must be a list such as [1.0, 2.0]", ""),
+    "too_short": ("must hold {min_length} values", ""),
+    "too_long": ("must hold {max_length} values", ""),
+    "model_type": ("must be a table", "Open it with its name in [brackets]."),
+    "dict_type": ("must be a table", "Open it with its name in [brackets]."),
+    "date_type": ("must be a date such as 2026-11-21", ""),
+    "value_error": ("{error}", ""),
+}
+
+
+def _translated(fault: ValidationError, path: Path) -> RecordingError:
+    """Our words for pydantic's first finding."""
+    first = fault.errors()[0]
+    kind, place = first["type"], first["loc"]
+    what, remedy = _WORDS.get(kind, (first["msg"].replace("{", "("), ""))
+    found = None if kind == "missing" or isinstance(first["input"], dict) else first["input"]
+    # a finding about several keys at once has the table for its place
+    whole = kind == "value_error" and isinstance(first["input"], dict)
+    key = f"[{'.'.join(map(str, place))}]" if whole else _key(place)
+    return RecordingError(f"{key} {what.format(**first.get('ctx', {}))}", where=path, value=found, remedy=remedy)
+
+
+def _key(place: _Place) -> str:
+    """How a person finds it in the file: [table.of.it] key, or key[index] in a list."""
+    names = [part for part in place if isinstance(part, str)]
+    index = "".join(f"[{part}]" for part in place if isinstance(part, int))
+    return f"[{'.'.join(names[:-1])}] {names[-1]}{index}" if len(names) > 1 else f"{names[0]}{index}"
+
+
+def _at(content: Any, place: _Place) -> Any:
+    for part in place:
+        content = content[part]
+    return None if isinstance(content, dict) else content
+
+
+def _implausible(content: Mapping[str, Any], path: Path) -> Iterator[str]:
+    for place, least, most, looks_like in _PLAUSIBLE:
+        for found, value in _values(content, place, ()):
+            if value > most:
+                yield f"{path.name}: {_key(found)} = {value:g} is very large: is it in {looks_like}?"
+            elif 0 < value < least:
+                yield f"{path.name}: {_key(found)} = {value:g} is very small: is it in metres, or the inverse?"
+
+
+def _values(content: Any, place: tuple[str, ...], found: _Place) -> Iterator[tuple[_Place, float]]:
+    if not place:
+        for value in content if isinstance(content, list) else [content]:
+            if isinstance(value, int | float):
+                yield found, value
+    elif isinstance(content, dict):
+        for key in content if place[0] == "*" else [place[0]]:
+            if key in content:
+                yield from _values(content[key], place[1:], (*found, key))

@@ -16,15 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.door.cells import cell_text
-from tactilevision.door.limits import check
-from tactilevision.door.names import is_plain
-from tactilevision.door.numbers import check_numbers
-from tactilevision.door.opening import open_regular
 from tactilevision.errors import RecordingError
-from tactilevision.recording.layout import Columns
-from tactilevision.recording.names import nearest
-from tactilevision.records import Floats
+from tactilevision.files.documents import cell_text
+from tactilevision.files.opening import check, check_numbers, is_plain, open_regular
+from tactilevision.recording.layout import Columns, nearest
+from tactilevision.records.measured import Floats
 
 _ROWS_AT_ONCE = 4096  # rows read at once
 _MARKED = re.compile(r"[+-]?[0-9]*(?:[,._'’\s][0-9]+)+")  # a number with a decimal comma, or marked thousands

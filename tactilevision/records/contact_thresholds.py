@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.records.numbers import Floats
+from tactilevision.records.measured import Floats
 
 Array = npt.NDArray[np.floating[Any]]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.records.numbers import Floats, Pair
+from tactilevision.records.measured import Floats, Pair
 
 
 @dataclass(frozen=True, slots=True)

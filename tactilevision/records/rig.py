@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.records.numbers import Pair
+from tactilevision.records.measured import Pair
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,21 @@ import dataclasses
 from typing import Any
 
 from tactilevision.errors import InputError
-from tactilevision.records import Sensor
-from tactilevision.sensors.custom import find_grid, save_rectification, sensor_from_corners, sensor_from_grid
+from tactilevision.records.rig import Sensor
 from tactilevision.sensors.digit import DIGIT
 from tactilevision.sensors.gelsight_mini import GELSIGHT_MINI
 from tactilevision.sensors.gelsight_wedge import GELSIGHT_WEDGE
 from tactilevision.sensors.gelslim3 import GELSLIM3, GELSLIM3_MARKERS
-from tactilevision.sensors.rectification import maps_from_corners, maps_from_grid, maps_from_lookup, rectify
+from tactilevision.sensors.rectification import (
+    find_grid,
+    maps_from_corners,
+    maps_from_grid,
+    maps_from_lookup,
+    rectify,
+    save_rectification,
+    sensor_from_corners,
+    sensor_from_grid,
+)
 
 SENSORS: dict[str, Sensor] = {
     sensor.kind: sensor for sensor in (GELSLIM3, GELSLIM3_MARKERS, GELSIGHT_MINI, DIGIT, GELSIGHT_WEDGE)

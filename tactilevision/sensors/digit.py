@@ -6,6 +6,6 @@ them: red from the upper right, green from the upper left, blue from below.
 Source: Lambeta et al., IEEE RA-L 5 (2020).
 """
 
-from tactilevision.records import Sensor
+from tactilevision.records.rig import Sensor
 
 DIGIT = Sensor(kind="digit", width_px=240, height_px=320, mm_per_px=(0.0640, 0.0600))

@@ -5,6 +5,6 @@ where depth matters. On two sensors that were measured red comes from above, gre
 Source: GelSight Inc., gsrobotics.
 """
 
-from tactilevision.records import Sensor
+from tactilevision.records.rig import Sensor
 
 GELSIGHT_MINI = Sensor(kind="gelsight_mini", width_px=320, height_px=240, mm_per_px=(0.0634, 0.0634))

@@ -5,7 +5,7 @@ finger. Scale about 0.0634 mm/px after it (a lens of 27.4 mm fills the width; 0.
 is wrong). Source: Taylor, Dong, Rodriguez, "GelSlim 3.0", ICRA 2022.
 """
 
-from tactilevision.records import Sensor
+from tactilevision.records.rig import Sensor
 
 GELSLIM3 = Sensor(kind="gelslim3", width_px=427, height_px=320, mm_per_px=(0.0634, 0.0634))
 GELSLIM3_MARKERS = Sensor(

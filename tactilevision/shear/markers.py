@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from scipy.spatial import KDTree
 
-from tactilevision.records import Bools, Bytes, Floats
+from tactilevision.records.measured import Bools, Bytes, Floats
 
 REACH = 0.4  # of the markers' spacing: beyond a half a neighbour is as near
 MAX_ITERATIONS = 12  # rounds of matching, at most

@@ -1,13 +1,4 @@
-"""Gel under a ball, on a layer of finite thickness.
-
-A ball's contact is a pile of flat punches whose radii a grow from 0 to the contact's radius A (Mossakovskii):
-
-    u(r) = ∫₀ᴬ g(r; a) w'(a) da,   g(r; a) = 1 for r < a, else the surface beside a flat punch of radius a
-
-Inside, u is the ball itself, which fixes w'(a) = Σ c_k a^(2k+1); its integral is the depth. On a half-space this
-gives w = (A/2) ln((R + A)/(R - A)), about A²/R. Frictionless linear theory; the ink is taken not to move sideways.
-Source: Mossakovskii, J. Appl. Math. Mech. 27 (1963); Sneddon, Int. J. Eng. Sci. 3 (1965).
-"""
+"""Gel surface under a ball, on a bonded layer of finite thickness."""
 
 from __future__ import annotations
 
@@ -15,10 +6,102 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.special import j0, j1
 
-from tactilevision.records import Floats, Pair
+from tactilevision.records.measured import Floats, Pair
 from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, lookup
-from tactilevision.synthetic.layer import FAR, fade, layer_surface
+
+# The surface of a bonded gel layer beside a flat frictionless punch by linear theory, which balls are built from.
+#
+#     u_z(r)/w = (2a/π) ∫₀^∞ K(kh) Φ(ka) J₀(kr) dk        u_r(r)/w = (2a/π) ∫₀^∞ K_r(kh) Φ(ka) J₁(kr) dk
+#     Φ(ka) = ∫₀¹ φ(x) cos(kax) dx                         φ + (2/π) ∫₀¹ M(x, y) φ(y) dy = 1 with 1 - K in M
+#
+# K and K_r are solved here wave by wave from Navier's equations (four exponentials, a free surface, a bonded
+# base), so nothing is shared with the mechanics that later reads such surfaces. The pad's rim is far away.
+# Source: Hayes et al., J. Biomech. 5 (1972), eqs. 20-24.
+
+FAR = 5.0  # thicknesses beyond the edge at which the surface counts as untouched
+
+
+def fade(reach: Floats) -> Floats:
+    """1 near the contact, 0 from FAR thicknesses on, smooth in between; any shape."""
+    remaining = np.clip((FAR - reach) / 2.0, 0.0, 1.0)
+    return np.asarray(remaining * remaining * (3.0 - 2.0 * remaining))
+
+
+def layer_surface(poisson_ratio: float, a_over_h: float, *, radii: Floats) -> tuple[Floats, Floats]:
+    """u_z/w and u_r/w, ratios (n,), at `radii` (in thicknesses, all outside the punch) by the linear theory."""
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    x, dx = (nodes + 1) / 2, weights / 2
+    u, du, K, K_r, K_r_far = _waves(poisson_ratio)
+    phi = _punch_density(x, dx, u, (1 - K) * du, a_over_h)
+    transform = np.cos(np.outer(u * a_over_h, x)) @ (phi * dx)
+    scale = 2 * a_over_h / np.pi
+    depth = scale * (_half_space(radii, a_over_h, x, phi) - j0(np.outer(radii, u)) @ ((1 - K) * transform * du))
+    far = K_r_far * float(phi @ dx) / radii
+    shift = scale * (far + j1(np.outer(radii, u)) @ ((K_r - K_r_far) * transform * du))
+    return depth, shift
+
+
+def _half_space(radii: Floats, a_over_h: float, x: Floats, phi: Floats) -> Floats:
+    """∫₀¹ φ(x) (r² - a²x²)^(-1/2) dx, with ax = r sin θ to take the root out of it."""
+    even = np.polynomial.polynomial.Polynomial.fit(x * x, phi, 8)
+    limit = np.arcsin(np.minimum(a_over_h / radii, 1.0))
+    nodes, weights = np.polynomial.legendre.leggauss(32)
+    angle = 0.5 * limit[:, None] * (nodes + 1)
+    values = even((radii[:, None] * np.sin(angle) / a_over_h) ** 2)
+    return np.asarray((values @ weights) * 0.5 * limit / a_over_h, dtype=np.float64)
+
+
+def _punch_density(x: Floats, dx: Floats, u: Floats, missing: Floats, a_over_h: float) -> Floats:
+    """φ at the nodes x: solves φ - (2/π) ∫ M φ = 1, M = α ∫ (1 - K) cos(αxu) cos(αyu) du."""
+    waves = np.cos(np.outer(x, u) * a_over_h)
+    M = a_over_h * (waves * missing) @ waves.T
+    return np.asarray(np.linalg.solve(np.eye(x.size) - (2 / np.pi) * M * dx, np.ones(x.size)), dtype=np.float64)
+
+
+@lru_cache(maxsize=8)
+def _waves(poisson_ratio: float) -> tuple[Floats, Floats, Floats, Floats, float]:
+    """Wave numbers (per thickness), their weights, and the kernels there; 1 - K has died out by u = 25."""
+    nodes, weights = np.polynomial.legendre.leggauss(480)
+    u = 12.5 * (nodes + 1)
+    return (u, 12.5 * weights, *_kernels(u, poisson_ratio))
+
+
+def _kernels(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats, float]:
+    """K, K_r at u = kh, and K_r of the half-space: surface displacement over that of a half-space under a wave.
+
+    Each wave is a sum of (U, W) = (1, 1)e^(-kz), (z + s, z)e^(-kz) and their mirror images from the base.
+    """
+    s = -(3 - 4 * poisson_ratio) / u
+    e = np.exp(-u)
+    one = np.ones_like(u)
+    lame = poisson_ratio / (1 - 2 * poisson_ratio)  # λ / 2μ
+    dilatation = -2 * (1 - 2 * poisson_ratio)  # of the second pair: kU + W'
+    rows: list[list[Floats]] = [
+        [e, (1 + s) * e, one, s],  # U at the base, h = 1
+        [e, e, -one, 0 * u],  # W at the base
+        [-2 * u, 1 - u * s, 2 * u * e, (-1 + u * (1 + s) + u) * e],  # U' - kW at the surface
+        [-u, (lame * dilatation + 1) * one, -u * e, (lame * dilatation + 1 - u) * e],  # (λ/2μ) div + W'
+    ]
+    matrix = np.moveaxis(np.array(rows), 2, 0)
+    load = np.zeros((u.size, 4, 1))
+    load[:, 3, 0] = -0.5 / (1 - poisson_ratio)  # -p/2μ for p = E*/2, which makes uW the ratio K
+    A = np.linalg.solve(matrix, load)[..., 0]
+    W = A[:, 0] - A[:, 2] * e - A[:, 3] * e
+    U = A[:, 0] + A[:, 1] * s + (A[:, 2] + A[:, 3] * (1 + s)) * e
+    return u * W, u * U, -(1 - 2 * poisson_ratio) / (2 * (1 - poisson_ratio))
+
+
+# Gel under a ball, on a layer of finite thickness.
+#
+# A ball's contact is a pile of flat punches whose radii a grow from 0 to the contact's radius A (Mossakovskii):
+#
+#     u(r) = ∫₀ᴬ g(r; a) w'(a) da,   g(r; a) = 1 for r < a, else the surface beside a flat punch of radius a
+#
+# Inside, u is the ball itself, which fixes w'(a) = Σ c_k a^(2k+1); its integral is the depth. On a half-space this
+# gives w = (A/2) ln((R + A)/(R - A)), about A²/R. Frictionless linear theory; the ink is taken not to move
+# sideways. Source: Mossakovskii, J. Appl. Math. Mech. 27 (1963); Sneddon, Int. J. Eng. Sci. 3 (1965).
 
 _TERMS = 5  # odd powers of a, see above
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.records import Floats, Pair
+from tactilevision.records.measured import Floats, Pair
 
 Singles = npt.NDArray[np.float32]
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from tactilevision.errors import InputError
-from tactilevision.records import REASONS, Material, Pair
-from tactilevision.synthetic.optics import CameraOptions
-from tactilevision.synthetic.profile import EDGE_RADIUS_MM, FRICTION, PAD_RADIUS_MM
+from tactilevision.records.certified import REASONS
+from tactilevision.records.measured import Material, Pair
+from tactilevision.synthetic.camera import CameraOptions
+from tactilevision.synthetic.lights import SOUND, SlopeResponse
+from tactilevision.synthetic.punch import EDGE_RADIUS_MM, FRICTION, PAD_RADIUS_MM
 from tactilevision.synthetic.rig import Protocol
-from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
 
 FAULTS = REASONS  # a bad press of every kind that a press can be rejected for
 

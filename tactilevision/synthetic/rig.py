@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.records import Floats, Pair
-from tactilevision.synthetic.bevel import Bevel
-from tactilevision.synthetic.profile import PunchProfile
+from tactilevision.records.measured import Floats, Pair
+from tactilevision.synthetic.punch import Bevel, PunchProfile
 
 QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)  # N, steps of the readings fx, fy, fz
 

@@ -6,12 +6,14 @@ import shutil
 import sys
 from pathlib import Path
 
-from tactilevision.files import write_text
-from tactilevision.recording import Recording, write_recording
-from tactilevision.records import CertifiedPoint, Gel, Indenter, Sensor
+from tactilevision.files.writing import write_text
+from tactilevision.recording.model import Recording
+from tactilevision.recording.write import write_recording
+from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.rig import Gel, Indenter, Sensor
 from tactilevision.synthetic.options import GelOptions, IndenterOptions, RigOptions, SimulationOptions
 from tactilevision.synthetic.rig import Protocol
-from tactilevision.synthetic.simulate import simulate
+from tactilevision.synthetic.simulation import simulate
 
 GELSLIM3_SEED = 20261121  # seed of the sample recording
 

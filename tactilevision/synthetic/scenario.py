@@ -1,14 +1,181 @@
-"""What happens in a simulated recording before anybody looks at it."""
+"""Plan the presses of a simulated recording, with its force tables and its truth."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.measured import Curve, Floats, Pair
+from tactilevision.synthetic.lights import SlopeResponse
 from tactilevision.synthetic.options import SimulationOptions
-from tactilevision.synthetic.plan import PlannedPress, gel_law, plan_presses
-from tactilevision.synthetic.rig import ForceSensor, GelLaw
+from tactilevision.synthetic.punch import Bevel, PunchPress, PunchProfile, punch_profile
+from tactilevision.synthetic.rig import ForceSensor, GelLaw, Motion, Protocol, bevel_force_N, move
+
+# Which presses are made, in what order, and what goes wrong in the bad ones.
+
+_RECOVERY = (0.05, 1.0)  # share of the force that a gel lacks right after a press, and its time constant in s
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedPress:
+    """One press in full. `fault` is empty for a good one; `touch_mm` the true depth at the bevel's touch."""
+
+    label: str
+    indenter: str
+    fault: str
+    motion: Motion
+    protocol: Protocol
+    centre_mm: Pair
+    tilt: Pair
+    profile: PunchProfile
+    bevel: Bevel
+    touch_mm: float
+    rest_s: float
+    gain: float
+    tangential: Pair
+
+    @property
+    def start_s(self) -> float:
+        return float(self.motion.time_s[0])
+
+    @property
+    def end_s(self) -> float:
+        return float(self.motion.time_s[-1])
+
+    @property
+    def touch_time_s(self) -> float:
+        """When the bevel first touches; NaN where it never does."""
+        return self.motion.loading_time_s(self.touch_mm)
+
+    def surface(self, time_s: float) -> PunchPress:
+        """The gel at a time on the camera's clock."""
+        return PunchPress(self.profile, float(self.motion.at(time_s)), self.centre_mm, self.tilt, self.bevel)
+
+    def force_N(self, time_s: Floats, law: GelLaw) -> Floats:
+        """True force (T, 3) at evenly spaced times on the camera's clock."""
+        depth = self.motion.at(time_s)
+        normal = law.force_N(self.profile, depth) * self.gain
+        normal = normal + bevel_force_N(
+            self.bevel, self.profile, reduced_modulus_MPa=law.reduced_modulus_MPa, depths_mm=depth
+        )
+        if time_s.size > 1:
+            normal = law.relaxed(normal, float(time_s[1] - time_s[0]))
+        return np.column_stack([self.tangential[0] * normal, self.tangential[1] * normal, normal])
+
+
+def gel_law(options: SimulationOptions) -> GelLaw:
+    """The modulus and the relaxation that the options ask for."""
+    gel = options.gel
+    return GelLaw(gel.youngs_modulus_MPa, gel.youngs_modulus_MPa / (1 - gel.poisson_ratio**2), gel.relaxing)
+
+
+def gel_under(options: SimulationOptions, radius_mm: float) -> PunchProfile:
+    """The options' gel under a punch of this radius."""
+    gel = options.gel
+    return punch_profile(
+        gel.poisson_ratio,
+        radius_mm,
+        gel.thickness_mm,
+        friction=gel.friction,
+        edge_radius_mm=options.indenters.edge_radius_mm,
+        pad_radius_mm=gel.radius_mm,
+    )
+
+
+def true_heights(options: SimulationOptions, rng: np.random.Generator) -> dict[str, float]:
+    """Heights over the bevel as they came out of the workshop, by indenter."""
+    machined = np.asarray(options.indenters.heights_mm)
+    made = machined + options.indenters.height_std_mm * rng.standard_normal(machined.size)
+    return {f"A{i + 1}": float(height) for i, height in enumerate(made)}
+
+
+def plan_presses(options: SimulationOptions, rng: np.random.Generator) -> tuple[PlannedPress, ...]:
+    """Rounds through all indenters, the faults strewn in between, one after the other in time."""
+    heights = true_heights(options, rng)
+    order = [(name, "") for _ in range(options.presses) for name in heights]
+    for i, fault in enumerate(options.faults):
+        name = list(heights)[-1 if fault == "saturated" else i % len(heights)]
+        order.insert(int(rng.integers(1, max(len(order), 1) + 1)), (name, fault))
+    presses: list[PlannedPress] = []
+    clock_s, released_s = 1.0, -20.0
+    for number, (name, fault) in enumerate(order, start=1):
+        hurried = number < len(order) and order[number][1] == "short_rest"
+        press = _press(options, rng, label=f"p{number:02d}", indenter=(name, heights[name]), fault=fault)
+        press = _placed(press, clock_s, released_s, free_after_s=0.25 if hurried else press.protocol.free_s)
+        presses.append(press)
+        released_s = press.motion.released_s()
+        clock_s = press.end_s + (0.02 if hurried else options.rig.protocol.rest_s * rng.uniform(0.9, 1.3))
+    return tuple(presses)
+
+
+def _press(
+    options: SimulationOptions, rng: np.random.Generator, *, label: str, indenter: tuple[str, float], fault: str
+) -> PlannedPress:
+    kit, rig = options.indenters, options.rig
+    tilt = rng.normal(0.0, rig.tilt_std, 2)
+    if fault == "tilt":
+        tilt = _direction(rng) * rng.uniform(0.03, 0.045)
+    radius = kit.radius_mm * (0.8 if fault == "footprint" else 1.0)
+    profile = gel_under(options, radius)
+    bevel = Bevel(kit.bevel, kit.bevel_distance_mm, indenter[1], kit.bevel_angle_deg, kit.radius_mm)
+    slope = (float(tilt[0]), float(tilt[1]))
+    touch = bevel.touch_depth_mm(profile, slope)
+    deepest = touch * 0.75 if fault == "bevel_not_touched" else touch + rig.protocol.overtravel_mm
+    protocol = replace(rig.protocol, free_s=0.05, gap_mm=0.02) if fault == "short_rest" else rig.protocol
+    ratio = rng.uniform(0.2, 0.3) if fault == "tangential" else rig.tangential * rng.uniform(0.3, 1.0)
+    aside = _direction(rng) * ratio
+    centre = _centre(options, rng, cut=fault == "border")
+    gain = 1 + rig.gain_std * rng.standard_normal()
+    return PlannedPress(
+        label,
+        indenter[0],
+        fault,
+        move(protocol, touch, deepest_mm=deepest),
+        protocol,
+        centre,
+        slope,
+        profile,
+        bevel,
+        touch,
+        0.0,
+        float(gain),
+        (float(aside[0]), float(aside[1])),
+    )
+
+
+def _placed(press: PlannedPress, start_s: float, released_s: float, *, free_after_s: float) -> PlannedPress:
+    """The press at its time, with the rest the gel had before it."""
+    motion = press.motion
+    times = motion.time_s + start_s
+    times[-1] = times[-2] + free_after_s
+    moved = replace(motion, time_s=times)
+    rest = moved.loading_time_s(0.0) - released_s
+    share, constant = _RECOVERY
+    return replace(press, motion=moved, rest_s=rest, gain=press.gain * (1 - share * np.exp(-rest / constant)))
+
+
+def _centre(options: SimulationOptions, rng: np.random.Generator, *, cut: bool) -> Pair:
+    """Near the middle, so far from the bevel's side that the bevel is in view; `cut`: over the far border."""
+    kit, camera = options.indenters, options.camera
+    towards = {"right": (1, 0), "left": (-1, 0), "top": (0, -1), "bottom": (0, 1)}[kit.bevel]
+    half = np.array([camera.width_px * camera.mm_per_px[0], camera.height_px * camera.mm_per_px[1]]) / 2
+    offset = -0.35 * kit.bevel_distance_mm
+    if cut:
+        offset = -float(half @ np.abs(towards)) + 0.45 * kit.radius_mm
+    x, y = offset * np.asarray(towards) + rng.normal(0.0, options.rig.place_std_mm, 2)
+    return float(x), float(y)
+
+
+def _direction(rng: np.random.Generator) -> Floats:
+    angle = rng.uniform(0, 2 * np.pi)
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+# What happens in a simulated recording before anybody looks at it.
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,3 +210,118 @@ def draw_scenario(options: SimulationOptions, seed: int) -> Scenario:
 def stream(seed: int, number: int) -> np.random.Generator:
     """Independent streams, so that another picture format leaves the forces as they are."""
     return np.random.default_rng([seed, number])
+
+
+# The tables of a simulated recording: readings of the force sensor, whole curves, certified points.
+
+DEPTH_STD_MM = 0.003  # of one reading of depth in curves.csv
+
+
+def read_forces(scenario: Scenario) -> tuple[Floats, Floats]:
+    """Times on the F/T sensor's clock and its readings (T, 3), without a gap over the whole recording."""
+    rng = stream(scenario.seed, 1)
+    end = scenario.presses[-1].end_s + 0.5
+    camera_clock = np.arange(0.3, end, 1 / scenario.options.rig.force_rate_Hz)
+    force = np.zeros((camera_clock.size, 3))
+    for press in scenario.presses:
+        rows = slice(*np.searchsorted(camera_clock, [press.start_s, press.end_s]))
+        force[rows] = press.force_N(camera_clock[rows], scenario.law)
+        if press.fault == "saturated":  # a cable pulls on the sensor, which brings it to the end of its range
+            touch = float(scenario.law.force_N(press.profile, press.touch_mm))
+            force[rows, 2] += scenario.sensor.range_N - scenario.sensor.bias_N[2] - 0.7 * touch
+    readings = scenario.sensor.read(force, camera_clock, rng)
+    return np.round(camera_clock + scenario.clock_offset_s, 4), readings
+
+
+def certified(scenario: Scenario) -> tuple[CertifiedPoint, ...]:
+    """What a perfect eye would certify, with the force sensor's noise of one second and the workshop's heights."""
+    rng = stream(scenario.seed, 1)
+    noise = np.asarray(scenario.sensor.noise_N) / np.sqrt(scenario.options.rig.force_rate_Hz)
+    kit = scenario.options.indenters
+    points = []
+    for press in (p for p in scenario.presses if not p.fault):
+        normal = float(scenario.law.force_N(press.profile, press.touch_mm)) * press.gain
+        fx, fy, fz = (
+            round(float(f), 6) for f in normal * np.array([*press.tangential, 1.0]) + noise * rng.normal(size=3)
+        )
+        machined = kit.heights_mm[int(press.indenter[1:]) - 1]
+        points.append(CertifiedPoint(
+            press.label, press.indenter, round(press.touch_mm + machined - press.bevel.height_mm, 6), fz,
+            depth_std_mm=kit.height_std_mm, fz_std_N=round(float(noise[2]), 6), fx_N=fx, fy_N=fy,
+            time_s=round(press.touch_time_s, 4), rest_s=round(press.rest_s, 3),
+            speed_mm_s=press.protocol.speed_mm_s,
+        ))  # fmt: skip
+    return tuple(points)
+
+
+def curves(scenario: Scenario) -> tuple[Curve, ...]:
+    """Depth of the gel and force against time at 50 Hz, on the camera's clock."""
+    rng = stream(scenario.seed, 1)
+    made = []
+    for press in (p for p in scenario.presses if not p.fault):
+        time_s = np.round(np.arange(press.start_s, press.end_s, 0.02), 4)
+        depth = np.maximum(press.motion.at(time_s), 0.0) + DEPTH_STD_MM * rng.standard_normal(time_s.size)
+        force = (
+            press.force_N(time_s, scenario.law) + rng.standard_normal((time_s.size, 3)) * scenario.sensor.noise_N
+        )
+        phase = np.array(press.motion.phase_at(time_s))
+        made.append(Curve(press.label, time_s, np.round(depth, 5), np.round(force, 5), phase))
+    return tuple(made)
+
+
+# truth.toml: what a perfect calibration of a simulated recording would find.
+
+
+def truth_of(scenario: Scenario) -> dict[str, Any]:
+    """Material and clocks under the names of calibration.json, and every press as it really went."""
+    gel, kit = scenario.options.gel, scenario.options.indenters
+    profile = gel_under(scenario.options, kit.radius_mm)
+    line = profile.line()
+    return {
+        "seed": scenario.seed,
+        "youngs_modulus_MPa": gel.youngs_modulus_MPa,
+        "poisson_ratio": gel.poisson_ratio,
+        "reduced_modulus_MPa": scenario.law.reduced_modulus_MPa,
+        "c_N_per_mm": gel.youngs_modulus_MPa * line[0],
+        "beta": line[1],
+        "friction": gel.friction,
+        "edge_radius_mm": kit.edge_radius_mm,
+        "solved_to_mm": float(profile.depths_mm[-1]),
+        "clock_offset_s": scenario.clock_offset_s,
+        "presses_accepted": [p.label for p in scenario.presses if not p.fault],
+        "presses_rejected": [{"press": p.label, "reason": p.fault} for p in scenario.presses if p.fault],
+        "press": [_press_truth(scenario, p) for p in scenario.presses],
+        **_hidden(scenario.options.slope_response),
+    }
+
+
+def _hidden(slope_response: SlopeResponse) -> dict[str, Any]:
+    """What the light suffered since the reference pictures; nothing where it did not."""
+    amounts = {
+        "photometric_gain": (slope_response.gain, "1"),
+        "photometric_drift": (slope_response.drift, "1"),
+        "slope_saturation": (0.0 if math.isinf(slope_response.steepest) else slope_response.steepest, "mm/mm"),
+    }
+    tables = {
+        key: {"amount": amount, "unit": unit, "catalogued": True}
+        for key, (amount, unit) in amounts.items()
+        if amount
+    }
+    return {"hidden": tables} if tables else {}
+
+
+def _press_truth(scenario: Scenario, press: PlannedPress) -> dict[str, Any]:
+    content = {
+        "press": press.label,
+        "indenter": press.indenter,
+        "good": not press.fault,
+        "reason": press.fault,
+        "height_mm": press.bevel.height_mm,
+        "centre_mm": list(press.centre_mm),
+        "tilt": list(press.tilt),
+        "gain": press.gain,
+    }
+    if not math.isnan(press.touch_time_s):
+        force = float(scenario.law.force_N(press.profile, press.touch_mm)) * press.gain
+        content |= {"touch_time_s": press.touch_time_s, "depth_mm": press.touch_mm, "force_N": force}
+    return content

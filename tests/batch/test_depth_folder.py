@@ -15,11 +15,13 @@ import zarr
 
 from tactilevision.batch.folder import COLUMNS, Form, measure, peak_and_area, reconstruct_folder, std_at
 from tactilevision.batch.jobs import Journal
-from tactilevision.exports.tiff import read_tiff, write_tiff
+from tactilevision.files.tiff import read_tiff, write_tiff
+from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.protocols import PhotometricMethod
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording
-from tactilevision.records import Bytes, Frame, HeightMap, Sensor, SlopeMap
+from tactilevision.recording.model import Recording
+from tactilevision.records.maps import Frame, HeightMap, SlopeMap
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Sensor
 
 SENSOR = Sensor("custom", 64, 48, (0.1, 0.2))
 

@@ -23,9 +23,10 @@ from test_depth_folder import SENSOR, RedIsSlope
 from tactilevision.batch.folder import FrameResult, reconstruct_folder
 from tactilevision.batch.tree import Branch, _table, find_sources, reconstruct_tree
 from tactilevision.errors import InputError, OutputError, RecordingError
-from tactilevision.exports.tiff import read_tiff
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording, read_folder
+from tactilevision.files.tiff import read_tiff
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.recording.folder import read_folder
+from tactilevision.recording.model import Recording
 
 ROOT = Path(__file__).parents[2]
 

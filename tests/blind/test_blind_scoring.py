@@ -15,7 +15,7 @@ from benchmarks.blind.samples import BALLS_STATED, SEED, make_curves
 from benchmarks.blind.score import Result, confusion, targets
 from benchmarks.blind.sets import full_set, small_set
 from benchmarks.blind.world import HIDDEN
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_frames"

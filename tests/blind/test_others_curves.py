@@ -20,7 +20,7 @@ from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured
 from calibration.tasks.compare import base_fit, base_model
 from calibration.tasks.diagnose import diagnose
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 
 @pytest.mark.parametrize(("nu", "a_over_h", "published"), [(0.45, 0.3, 1.414098), (0.45, 0.4, 1.599276)])

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.inputs.observations import Observations, Presses
-from tactilevision.records import Floats, Gel, Indenter
+from tactilevision.records.measured import Floats
+from tactilevision.records.rig import Gel, Indenter
 
 NAN = float("nan")
 GEL = Gel(thickness_mm=3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.48, poisson_ratio_std=0.002)

@@ -11,7 +11,9 @@ import numpy as np
 
 from calibration.inputs.observations import Measured
 from tactilevision.mechanics.kappa import kappa
-from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press, Sensor
+from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.measured import Floats
+from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 
 HEIGHTS_MM = (0.15, 0.3, 0.4, 0.5, 0.6)
 

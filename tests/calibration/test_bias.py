@@ -9,9 +9,8 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.diagnosis import manual_checks
-from calibration.diagnosis.sensitivity import hidden, possible_bias
-from calibration.diagnosis.typical_sizes import largest
+from calibration.diagnosis import experiment_design as manual_checks
+from calibration.diagnosis.sensitivity import hidden, largest, possible_bias
 from calibration.effects.backing_compliance import BackingCompliance
 from calibration.effects.bevel_rise import BevelRise
 from calibration.effects.depth_zero import DepthZero

@@ -19,7 +19,8 @@ from calibration.report import wording
 from calibration.tasks.calibrate import calibrate
 from calibration.tasks.history import history
 from tactilevision.errors import InputError, NothingCertified
-from tactilevision.records import Curve, Estimate, Gel, Indenter, Press, Sensor
+from tactilevision.records.measured import Curve, Estimate
+from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 
 PAPER = Path(__file__).parents[3] / "shared" / "reference" / "paper_points.csv"
 LUBRICATED = {"lubricated": 1.0}

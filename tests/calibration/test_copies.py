@@ -10,16 +10,15 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.inputs.checks import usable
-from calibration.inputs.copies import without_copies
+from calibration.fit.depth_noise import depth_beyond_stated
+from calibration.fit.repeats import beyond_stated
+from calibration.inputs.checks import usable, without_copies
 from calibration.inputs.observations import Measured, Observations
-from calibration.repeats.repeat_noise import beyond_stated
-from calibration.repeats.sample_noise import depth_beyond_stated
 from calibration.result.material import determine_material
 from calibration.tasks.calibrate import calibrate
 from calibration.tasks.diagnose import concluded
 from tactilevision.errors import InputError
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 SAMPLES = Path(__file__).parents[2] / "sample_frames"
 SAMPLED = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_std_mm", "force_std_N")

@@ -11,7 +11,7 @@ from made_recordings import points_of
 from calibration.inputs.gather import observe_points
 from calibration.inputs.observations import DAY_S, Measured
 from calibration.tasks.diagnose import diagnose
-from tactilevision.records import Press
+from tactilevision.records.rig import Press
 
 HEIGHTS = np.repeat([0.15, 0.3, 0.45, 0.6], 3)
 

@@ -13,10 +13,10 @@ from test_calibrate import paper_points
 from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
 
-import calibration.diagnosis.confirmation as confirmation
 import calibration.diagnosis.forward_selection as searching
+import calibration.diagnosis.refit as confirmation
 import calibration.tasks.diagnose as module
-from calibration.diagnosis.change_point import change_point
+from calibration.diagnosis.covariates import change_point
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.inadmissible_beta import theory_beta
 from calibration.diagnosis.refit import Candidate
@@ -31,12 +31,12 @@ from calibration.model.stages import Effect, State
 from calibration.noise.model import Noise
 from calibration.tasks.compare import Comparison, compare
 from calibration.tasks.diagnose import diagnose
-from tactilevision.certificate.certify import certify
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.files import write_json
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.recording import read_recording
-from tactilevision.records import Floats
+from tactilevision.files.writing import write_json
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.press.certification import certify
+from tactilevision.recording.read import read_recording
+from tactilevision.records.measured import Floats
 
 DIAGNOSIS_KEYS = {
     "verdict",

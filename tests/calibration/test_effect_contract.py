@@ -9,8 +9,7 @@ import pytest
 from test_effects import rich
 
 import calibration
-from calibration.effects import _BUILT, EFFECTS
-from calibration.effects.support import in_picture
+from calibration.effects import _BUILT, EFFECTS, in_picture
 from calibration.inputs.conditions import covariates
 from calibration.model.stages import EffectBase, Stage
 
@@ -18,7 +17,7 @@ PACKAGE = Path(calibration.__file__).parent
 OTHERS = sorted(path for path in PACKAGE.rglob("*.py") if "effects" not in path.relative_to(PACKAGE).parts)
 HOMONYMS = {  # words that are keys of effects by accident
     ("model/stages.py", "thickness"): "a condition of the rig",
-    ("report/validation_report.py", "friction"): "a column of the finite elements' friction",
+    ("tasks/validate.py", "friction"): "a column of the finite elements' friction",
 }
 OF_GEL = set(Stage) - {Stage.DEPTH, Stage.INSTRUMENT}  # those are definitions: no form can be off
 PUBLIC = {"__init__.py": "calibration.effects.viscoelasticity"}  # the public API offers one to start from

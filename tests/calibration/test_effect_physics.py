@@ -12,13 +12,12 @@ from calibration.effects import EFFECTS
 from calibration.effects.force_crosstalk import ForceCrosstalk
 from calibration.effects.recovery import carried
 from calibration.effects.thickness_wedge import ThicknessWedge
-from calibration.inputs import phase
+from calibration.inputs import depth_path as phase
 from calibration.inputs.checks import check, usable
-from calibration.inputs.depth_path import depth_at
+from calibration.inputs.depth_path import GRID_S, depth_at, in_phase, offset_by_phase
 from calibration.inputs.observations import Observations
-from calibration.inputs.phase import GRID_S, in_phase, offset_by_phase
 from calibration.laws.flat_punch import FlatPunch
-from calibration.laws.theory.stiffness import punch_stiffness
+from calibration.laws.theory import punch_stiffness
 from calibration.model.composition import Model
 from tactilevision.errors import InputError
 from tactilevision.mechanics.tilted_punch import PLACES, solve, upright

@@ -23,7 +23,7 @@ from calibration.noise.model import Noise, Whitener
 from calibration.result.result import common_assumptions
 from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import kappa
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 EVERY = [pytest.param(EFFECTS[key], id=key) for key in CATALOGUE]
 UNSEEN = ("force_gain", "photometric_gain", "bevel_rise", "cast_shadow", "lamp_fading")  # by force alone

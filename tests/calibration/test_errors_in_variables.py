@@ -10,13 +10,13 @@ from made_presses import indenter, observations
 from scipy.optimize import least_squares
 
 from calibration.effects import EFFECTS
-from calibration.fit.errors_in_variables import with_errors_in_depth
+from calibration.fit.depth_noise import with_errors_in_depth
 from calibration.fit.least_squares import Fit, fit, linearise
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.noise.model import Noise, Whitener
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 TRUTH = np.array([0.2, 0.48, 0.85])
 MODEL = Model(FlatPunch())

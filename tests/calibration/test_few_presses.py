@@ -11,14 +11,14 @@ from made_presses import indenter, observations
 from calibration.diagnosis import score_test as page
 from calibration.diagnosis.forward_selection import forward_selection
 from calibration.diagnosis.score_test import ScoreTest, score_test
+from calibration.diagnosis.sensitivity import Absorbed
 from calibration.effects import EFFECTS
-from calibration.fit.absorbed import Absorbed
+from calibration.fit.depth_noise import depth_over_force
 from calibration.fit.least_squares import Fit, fit
+from calibration.fit.repeats import refit_with_pure_noise
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.repeats.repeat_noise import refit_with_pure_noise
-from calibration.repeats.sample_noise import depth_over_force
 
 TRUTH = np.array([0.2, 0.48, 0.85])
 MODEL = Model(FlatPunch())

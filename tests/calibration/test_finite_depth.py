@@ -10,12 +10,14 @@ import pytest
 from made_recordings import HEIGHTS_MM, Made, points_of
 
 from calibration.inputs.observations import Measured
-from calibration.laws.theory.admissible_range import deeper_than_elements
+from calibration.laws.theory import deeper_than_elements
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import calibrate
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
-from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Material, Sensor
+from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.measured import Floats, Material
+from tactilevision.records.rig import Gel, Indenter, Sensor
 
 REFERENCE = Path(__file__).parents[3] / "shared" / "reference" / "fe_curves.csv"
 POISSON = (0.40, 0.42, 0.44, 0.46, 0.47, 0.48, 0.49, 0.495, 0.4999)

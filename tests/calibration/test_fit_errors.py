@@ -14,9 +14,8 @@ from made_presses import indenter, observations
 from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.tasks.compare import base_model, compare
+from calibration.tasks.compare import base_model, compare, fit_errors, judged
 from calibration.tasks.diagnose import diagnose
-from calibration.tasks.fit_errors import fit_errors, judged
 from tactilevision.cli import main
 
 PAPER = Path(__file__).parents[2] / "sample_frames" / "paper_points"

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import five_points
 from benchmarks.five_points import CASES, Case, blocks, published, read, solve_case, solved
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 PAGE = (Path(__file__).parents[2] / "docs" / "evidence" / "five_points.md").read_text(encoding="utf-8")
 

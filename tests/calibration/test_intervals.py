@@ -9,11 +9,12 @@ import pytest
 from made_recordings import Truth, draw, points_of
 
 from calibration.inputs.observations import Measured
-from calibration.laws.theory.sticking import sticking_surplus
+from calibration.laws.theory import sticking_surplus
 from calibration.tasks.calibrate import calibrate
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
-from tactilevision.records import Gel, Indenter, Material
+from tactilevision.records.measured import Material
+from tactilevision.records.rig import Gel, Indenter
 
 WELL = Truth(extra={"lubricated": 1.0}, thickness_std_mm=0.0, radius_std_mm=0.0)
 

@@ -8,19 +8,19 @@ from made_presses import GEL
 from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.diagnosis.change_point import change_point
+from calibration.diagnosis.covariates import change_point
 from calibration.diagnosis.score_test import SCATTER, score_test
 from calibration.diagnosis.unexplained import describe
 from calibration.diagnosis.vision_depth_check import in_picture
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import fit
+from calibration.fit.repeats import refit_with_pure_noise
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.noise.heteroscedasticity import Scatter
-from calibration.repeats.repeat_noise import refit_with_pure_noise
-from calibration.report.residual_maps import Surface, residual_map
+from calibration.noise.model import Scatter
+from calibration.report.drawing import Surface, residual_map
 from tactilevision.mechanics.profile import exact_profile
-from tactilevision.records import HeightMap
+from tactilevision.records.maps import HeightMap
 
 
 def test_a_wave_in_the_depth_is_measured_in_size_and_length() -> None:

@@ -12,7 +12,8 @@ from calibration.inputs.observations import Measured
 from calibration.tasks.calibrate import calibrate
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
-from tactilevision.records import Gel, Material
+from tactilevision.records.measured import Material
+from tactilevision.records.rig import Gel
 
 THICK, GEL = 3.0, Material(0.2, 0.48)
 DEPTH = np.linspace(0.08, 0.4, 6)

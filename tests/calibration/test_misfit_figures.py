@@ -15,12 +15,16 @@ from calibration.effects.depth_zero import DepthZero
 from calibration.fit.least_squares import Fit
 from calibration.inputs.deadline import Deadline
 from calibration.inputs.observations import Observations
-from calibration.report.error_fall import error_fall_of_comparison, repeatability_band
-from calibration.report.force_curves import force_curves, force_of_effect
-from calibration.report.residual_strips import residual_strips
+from calibration.report.misfit import (
+    error_fall_of_comparison,
+    force_curves,
+    force_of_effect,
+    repeatability_band,
+    residual_strips,
+)
 from calibration.tasks.compare import Comparison, compare
 from tactilevision.errors import InputError
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 from tactilevision.records.misfit import ForceCurves
 
 ZERO_MM = 0.03  # planted

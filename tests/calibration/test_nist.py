@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.fit import minimise as minimum_page
-from calibration.fit.minimise import Box, Minimum, minimise
+from calibration.fit import least_squares as minimum_page
+from calibration.fit.least_squares import Box, Minimum, minimise
 from tactilevision.errors import ConvergenceError
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 PROBLEMS: dict[str, Any] = json.loads((Path(__file__).parent / "nist_strd.json").read_text())
 Curve = Callable[[Floats, Floats], Floats]

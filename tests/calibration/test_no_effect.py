@@ -14,14 +14,14 @@ from test_screen import MODEL, TRUTH, measured, presses
 from calibration.diagnosis.score_test import score_test
 from calibration.effects.lateral_boundary import LateralBoundary
 from calibration.fit.least_squares import fit
+from calibration.fit.outlying_presses import WANDERS, outlying_presses, own_zero_mm
+from calibration.fit.repeats import repeat_noise
 from calibration.inputs.checks import HIDDEN, clear_of_touch
 from calibration.inputs.denoised_depth import denoised_depth
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import CHORD, FlatPunch
-from calibration.laws.theory.admissible_range import bend_range
+from calibration.laws.theory import bend_range
 from calibration.model.composition import Model
-from calibration.repeats.outlying_presses import WANDERS, outlying_presses, own_zero_mm
-from calibration.repeats.repeat_noise import repeat_noise
 from calibration.report.drawing import own_offsets
 from calibration.report.verdict import few_sentence
 from calibration.result.material import determine_material
@@ -29,7 +29,7 @@ from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.diagnose import concluded, diagnose
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
-from tactilevision.records import Material
+from tactilevision.records.measured import Material
 
 
 def test_a_bent_law_without_bend_is_the_straight_one_and_keeps_its_chord() -> None:

@@ -9,7 +9,7 @@ from made_recordings import points_of
 from calibration.report.report import summary
 from calibration.tasks.calibrate import calibrate
 from tactilevision.errors import InputError
-from tactilevision.records import Gel
+from tactilevision.records.rig import Gel
 
 
 @pytest.mark.parametrize("beta", [0.15, 0.6, 0.87, 1.1])

@@ -10,20 +10,20 @@ import pytest
 from test_diagnose import noisy
 from test_effects import BASE, RICH
 
-from calibration.diagnosis.alternative_explanation import alternative_explanation
 from calibration.diagnosis.forward_selection import Round, Searched, Step
 from calibration.diagnosis.refit import adopt, refit_with
 from calibration.diagnosis.score_test import Scored, ScoreTest
+from calibration.diagnosis.unexplained import alternative_explanation
 from calibration.effects import EFFECTS
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError, SinceTouch, since_touch
 from calibration.fit.least_squares import fit
+from calibration.fit.repeats import refit_with_pure_noise
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.repeats.repeat_noise import refit_with_pure_noise
 from calibration.report.verdict import verdict_sentence
 from calibration.tasks.diagnose import diagnose
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 LAW = Model(FlatPunch())
 STANDING = tuple(Scored(error.key, 50.0, 0.0, 0.0) for error in INSTRUMENT_ERRORS)

@@ -13,8 +13,7 @@ from calibration.model.composition import Model
 from calibration.report.comparison_report import pattern_sentence
 from calibration.report.report import calibration_page
 from calibration.tasks.compare import Comparison, compare
-from tactilevision.records import CertifiedPoint
-from tactilevision.records.certified import CertificationDetails
+from tactilevision.records.certified import CertificationDetails, CertifiedPoint
 
 
 def test_a_rejected_press_says_why_in_a_sentence() -> None:

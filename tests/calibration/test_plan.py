@@ -15,7 +15,8 @@ from calibration.tasks.compare import base_model
 from calibration.tasks.forecast import Design, PressNoise, forecast, forecast_data, forecast_fit
 from calibration.tasks.plan import Goal, fewest_presses, least_repeats, plan
 from tactilevision.errors import InputError
-from tactilevision.records import Floats, Gel, Indenter
+from tactilevision.records.measured import Floats
+from tactilevision.records.rig import Gel, Indenter
 
 HEIGHTS = (0.15, 0.3, 0.4, 0.5, 0.6)
 GEL = Gel(3.0, shape="disc", radius_mm=15.0)

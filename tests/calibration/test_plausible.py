@@ -9,12 +9,13 @@ import pytest
 from made_recordings import HEIGHTS_MM, Truth, draw, points_of
 
 from calibration.inputs.observations import Measured
-from calibration.laws.theory.plausible import FLAG, GEL_MODULUS_MPA, NU_FLAG, outside_gels
+from calibration.laws.theory import FLAG, GEL_MODULUS_MPA, NU_FLAG, outside_gels
 from calibration.report.verdict import verdict_sentence
-from calibration.result.radii_apart import FLAG as APART
+from calibration.result.material import RADII_FLAG as APART
 from calibration.tasks.calibrate import calibrate, observe
 from calibration.tasks.diagnose import diagnose
-from tactilevision.records import Estimate, Gel
+from tactilevision.records.measured import Estimate
+from tactilevision.records.rig import Gel
 
 DEPTHS = np.array(HEIGHTS_MM)
 FORCES = 3.5 * DEPTHS * (1 + DEPTHS / 3)

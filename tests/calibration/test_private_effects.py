@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from test_screen import MODEL, TRUTH, measured, presses
 
-from calibration.effects.support.private import load_effect, new_effect
+from calibration.effects.private import load_effect, new_effect
 from calibration.fit.least_squares import fit
-from calibration.session import History, Step, load_history
 from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
+from calibration.tasks.session import History, Step, load_history
 from tactilevision.errors import InputError, OutputError
 
 

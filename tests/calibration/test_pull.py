@@ -11,8 +11,8 @@ from made_presses import indenter, observations
 from calibration.diagnosis.sensitivity import as_it_holds
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import fit
+from calibration.inputs.checks import pull_level_N
 from calibration.inputs.observations import Observations
-from calibration.inputs.pull import pull_level_N
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 

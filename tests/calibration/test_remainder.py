@@ -7,12 +7,12 @@ import pytest
 from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.diagnosis.remainder import MATTERS, remainder
+from calibration.diagnosis.score_statistics import draw_errors
 from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
+from calibration.diagnosis.unexplained import MATTERS, remainder
+from calibration.fit.depth_noise import depth_over_force, with_sample_noise
 from calibration.fit.least_squares import Fit
 from calibration.inputs.observations import Observations
-from calibration.repeats.draws import draw_errors
-from calibration.repeats.sample_noise import depth_over_force, with_sample_noise
 
 FOUND = ScoreTest((), (Scored("w", 99.0, 0.0, 0.0),), {}, {})
 

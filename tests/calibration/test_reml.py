@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
-from calibration.noise import rectangles
-from calibration.noise.heteroscedasticity import Scatter
-from calibration.noise.inner_products import Weighing
-from calibration.noise.model import Linear, Noise, Whitener
-from calibration.noise.reml import minus_two_log_likelihood, newton_move, stencil
-from tactilevision.records import Floats
+from calibration.noise import model as rectangles
+from calibration.noise.model import Linear, Noise, Scatter, Whitener
+from calibration.noise.reml import Weighing, minus_two_log_likelihood, newton_move, stencil
+from tactilevision.records.measured import Floats
 
 
 @pytest.mark.parametrize(

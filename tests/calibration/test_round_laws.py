@@ -11,12 +11,13 @@ import pytest
 from made_recordings import points_of
 
 from calibration.inputs.observations import Measured
-from calibration.laws.round_body import _force_over_E, _table
-from calibration.result.round_sticking import stuck_surplus
+from calibration.laws.round_bodies import _force_over_E, _table
+from calibration.result.material import stuck_surplus
 from calibration.tasks.calibrate import calibrate
 from tactilevision.errors import InputError
 from tactilevision.mechanics.round_contact import Ball, Cone, contact_force, half_space_force
-from tactilevision.records import Floats, Gel, Indenter
+from tactilevision.records.measured import Floats
+from tactilevision.records.rig import Gel, Indenter
 
 DEPTHS = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
 E_MPA, NU = 0.2, 0.478

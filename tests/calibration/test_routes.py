@@ -9,16 +9,16 @@ import pytest
 from made_recordings import Truth, draw
 
 from calibration.inputs.observations import Measured
+from calibration.laws import theory as admissible_range
 from calibration.laws.flat_punch import SILICONE_NU
-from calibration.laws.theory import admissible_range
-from calibration.result.joint_region import joint_picture
 from calibration.result.poisson_routes import informed, of_beta
+from calibration.result.uncertainty import joint_picture
 from calibration.tasks.calibrate import calibrate, observe
 from calibration.tasks.compare import plain_law, prepare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
-from tactilevision.records import Estimate, Material
+from tactilevision.records.measured import Estimate, Material
 
 OPEN = Truth(extra={"lubricated": 1.0}, thickness_std_mm=0.0, radius_std_mm=0.0, states_poisson=False)
 STATED = replace(OPEN, states_poisson=True, poisson_std=0.01)

@@ -11,22 +11,21 @@ import pytest
 from made_presses import indenter, observations
 
 from calibration.diagnosis import score_test as score_test_page
-from calibration.diagnosis.covariate_steps import covariate_steps, form_errors
-from calibration.diagnosis.projection import Cast
+from calibration.diagnosis.covariates import covariate_steps, form_errors
 from calibration.diagnosis.refit import adopt, refit_with
+from calibration.diagnosis.score_statistics import Cast, Tail
 from calibration.diagnosis.score_test import score_test
-from calibration.diagnosis.tail_probability import Tail
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fit.least_squares import Fit, fit, profile_interval
+from calibration.fit.repeats import beyond_stated, refit_with_pure_noise, renewed_noise, repeat_noise
 from calibration.inputs.deadline import in_turn
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Linear, Noise, Whitener
-from calibration.repeats.repeat_noise import beyond_stated, refit_with_pure_noise, renewed_noise, repeat_noise
-from tactilevision.records import Floats
+from calibration.noise.reml import Weighing
+from tactilevision.records.measured import Floats
 
 TRUTH = np.array([0.2, 0.48, 0.85])
 MODEL = Model(FlatPunch())

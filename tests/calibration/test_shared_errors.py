@@ -10,13 +10,12 @@ import pytest
 from made_recordings import Truth, draw
 
 from calibration.fit.tolerances import HEIGHTS, with_tolerances
-from calibration.inputs.join import join
-from calibration.inputs.observations import Measured
+from calibration.inputs.observations import Measured, join
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import calibrate, observe
-from tactilevision.records import CertificationDetails
+from tactilevision.records.certified import CertificationDetails
 
 TOUCH_MM, RISE = 0.002, 0.006
 

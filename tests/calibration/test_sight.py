@@ -11,16 +11,16 @@ from test_effects import RICH
 
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, sight_of
 from calibration.effects import EFFECTS
-from calibration.effects.support.in_picture import InPicture
+from calibration.effects.in_picture import InPicture
 from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.report.comparison_report import fall_sentence
-from calibration.report.error_fall import error_fall_of_picture
+from calibration.report.misfit import error_fall_of_picture
 from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 LAW = np.array([0.2, 0.48, 0.8, 0.85, 0.9])
 GAUGE = replace(RICH, depth_source="gauge")

@@ -15,14 +15,14 @@ from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_pictur
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import EdgeDrop, Observations
 from calibration.report.comparison_report import fall_sentence
-from calibration.report.error_fall import error_fall_of_picture
+from calibration.report.misfit import error_fall_of_picture
 from calibration.report.verdict import shown_size
 from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.profile import PunchCase, seen_profile
-from tactilevision.mechanics.tables.profile import profile_model
+from tactilevision.mechanics.tables.punch import profile_model
 from tactilevision.plots.misfit import draw_error_fall
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 DEPTHS = np.tile([0.18, 0.27, 0.36, 0.45], 3)
 EDGES = np.geomspace(0.4, 1.25, 5)

@@ -12,7 +12,7 @@ from made_presses import indenter, observations
 from calibration.inputs.conditions import group_basis
 from calibration.inputs.denoised_depth import BRANCHES, denoised_depth, nominal_depth, ways
 from calibration.inputs.depth_path import depth_at
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 
 def test_a_dense_ramp_keeps_its_shape() -> None:

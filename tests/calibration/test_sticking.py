@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import calibration.laws.theory.sticking as theory
-from calibration.laws.theory.sticking import exact_surplus, sticking_surplus
+import calibration.laws.theory as theory
+from calibration.laws.theory import exact_surplus, sticking_surplus
 
 
 def half_space(nu: float) -> float:

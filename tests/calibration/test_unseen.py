@@ -10,19 +10,19 @@ from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses
 
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
-from calibration.diagnosis.typical_sizes import absent
+from calibration.diagnosis.sensitivity import absent
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit
+from calibration.fit.outlying_presses import outlying_presses
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.repeats.outlying_presses import outlying_presses
 from calibration.report.diagnosis_report import summary
 from calibration.report.verdict import verdict_sentence
 from calibration.result.material import determine_material
 from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.diagnose import diagnose
-from tactilevision.records import Estimate, Pair
+from tactilevision.records.measured import Estimate, Pair
 
 RADII = (1.5, 2.5, 3.5)
 THREE = Model(FlatPunch())

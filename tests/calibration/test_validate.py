@@ -12,20 +12,18 @@ import numpy as np
 import pytest
 from test_effect_physics import wide_presses_and_a_weak_one
 
-from calibration.fit.depth_trend import find_trend
+from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Measured, Observations
-from calibration.inputs.phase import in_phase
-from calibration.report.validation_report import as_json, statements, table
 from calibration.tasks import validate as method
 from calibration.tasks.calibrate import observe
-from calibration.tasks.validate import Validation, representative, validate
+from calibration.tasks.validate import Validation, as_json, find_trend, representative, statements, table, validate
 from tactilevision.cli import main
-from tactilevision.cli.validate import _middle
+from tactilevision.cli.simulate import _middle
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.punch_curve import PunchCurve
-from tactilevision.recording import read_recording
-from tactilevision.records import Floats, Material
+from tactilevision.recording.read import read_recording
+from tactilevision.records.measured import Floats, Material
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "sample_frames" / "paper_points"

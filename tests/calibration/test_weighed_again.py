@@ -9,7 +9,7 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.diagnosis import confirmation
+from calibration.diagnosis import refit as confirmation
 from calibration.diagnosis.refit import HeldOut, adopt, hold_out, log_volume, refit_with
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Problem

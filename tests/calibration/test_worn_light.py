@@ -10,14 +10,14 @@ import pytest
 from calibration.inputs.gather import observe_points
 from calibration.inputs.observations import Measured
 from calibration.tasks.diagnose import diagnose
-from tactilevision.certificate import certify
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.recording import read_recording
-from tactilevision.synthetic.optics import CameraOptions
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.press.certification import certify
+from tactilevision.recording.read import read_recording
+from tactilevision.synthetic.camera import CameraOptions
+from tactilevision.synthetic.lights import SOUND, SlopeResponse
 from tactilevision.synthetic.options import GelOptions, IndenterOptions, RigOptions, SimulationOptions
 from tactilevision.synthetic.rig import Protocol
-from tactilevision.synthetic.simulate import simulate
-from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
+from tactilevision.synthetic.simulation import simulate
 
 
 def options(slope_response: SlopeResponse) -> SimulationOptions:

@@ -16,17 +16,16 @@ import numpy as np
 import pytest
 from test_sources import FakeCapture
 
-from tactilevision.camera import sources
-from tactilevision.camera.foxglove import Foxglove
-from tactilevision.camera.loop import Counts, Told
-from tactilevision.camera.preview import Preview, draw, words
 from tactilevision.cli import main
 from tactilevision.errors import InputError, OutputError
-from tactilevision.live import Stream
 from tactilevision.profile.sensor import load_sensor
-from tactilevision.profile.write import write_profile
-from tactilevision.recording import write_image
-from tactilevision.records import Bytes, Frame
+from tactilevision.profile.storage import write_profile
+from tactilevision.recording.write import write_image
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes
+from tactilevision.robots import camera as sources
+from tactilevision.robots.live import Counts, Stream, Told
+from tactilevision.robots.preview import Foxglove, Preview, draw, words
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
 from lamp_sensor import LAMPS, SHAPE, free, pressed, profile as made_profile, saved

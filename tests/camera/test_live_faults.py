@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from test_live_command import frames, run
 
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import write_image
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.recording.write import write_image
 
 from lamp_sensor import saved  # isort: skip  # found by test_live_command
 

@@ -10,12 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.camera.audit import audit
-from tactilevision.camera.newest import Newest
-from tactilevision.camera.sources import AUTOMATIC, Camera, Shot, open_camera
 from tactilevision.errors import InputError
-from tactilevision.quality.compression import blocks_grey
-from tactilevision.records import Bytes
+from tactilevision.heightmap.scene_faults import blocks_grey
+from tactilevision.records.measured import Bytes
+from tactilevision.robots.camera import AUTOMATIC, Camera, Newest, Shot, audit, open_camera
 
 
 class FakeCapture:

@@ -16,8 +16,10 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter
 
-from tactilevision.recording import Recording
-from tactilevision.records import Floats, ForceSeries, Frame, Gel, HeightMap, Indenter, Press, Sensor
+from tactilevision.recording.model import Recording
+from tactilevision.records.maps import Frame, HeightMap
+from tactilevision.records.measured import Floats, ForceSeries
+from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 
 SIZE, MM_PER_PX = (170, 130), 0.15
 SPEED, HOLD_S, OVER_MM, OFFSET_S, C = 0.25, 0.4, 0.07, 0.037, 3.5

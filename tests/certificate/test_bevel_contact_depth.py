@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactilevision.certificate.touch.bevel_contact_depth import PILE_UP, PressSignal, find_in_pictures
-from tactilevision.certificate.touch.press_track import PressTrack
-from tactilevision.contact.bevel import strip_places
-from tactilevision.contact.bevel_onset import Growth, Onset, find_onset
-from tactilevision.records import Floats, HeightMap, Indenter, Press
+from tactilevision.contact.bevel import Growth, Onset, find_onset, strip_places
+from tactilevision.press.bevel_contact import PILE_UP, PressSignal, find_in_pictures
+from tactilevision.press.track import PressTrack
+from tactilevision.records.maps import HeightMap
+from tactilevision.records.measured import Floats
+from tactilevision.records.rig import Indenter, Press
 
 TOUCH_MM, EDGE_MM = 0.36, 5.0
 GROWTH = Growth(0.3, 0.026)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactilevision.certificate.rejection import _border
+from tactilevision.press.rejection import _border
 
 
 @pytest.mark.parametrize(

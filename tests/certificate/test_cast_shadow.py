@@ -12,13 +12,21 @@ import pytest
 from press_scenes import Made, line_up, recording
 from test_poisson_from_rise import Slopes, certified
 
-from tactilevision.certificate import poisson_from_rise
-from tactilevision.certificate.depth.cast_shadow import FLAG, LIT_NU_STD, NU_STD, fall_growth, shows_shadow
-from tactilevision.certificate.poisson_from_rise import surfaces_beside_punch, with_nu
+from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.photometric.illumination.lamps import Lamps
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.records import Curve, Frame, SlopeMap
+from tactilevision.press import poisson_from_rise
+from tactilevision.press.poisson_from_rise import (
+    FLAG,
+    LIT_NU_STD,
+    NU_STD,
+    fall_growth,
+    shows_shadow,
+    surfaces_beside_punch,
+    with_nu,
+)
+from tactilevision.records.maps import Frame, SlopeMap
+from tactilevision.records.measured import Curve
 
 HEIGHTS = (0.2, 0.3, 0.4, 0.5)
 

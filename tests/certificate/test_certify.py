@@ -12,9 +12,11 @@ import pytest
 from press_scenes import OFFSET_S, RISE, C, Drawn, Made, line_up, recording
 from shared_scenes import scenes, shared
 
-from tactilevision.certificate import certify
 from tactilevision.errors import RecordingError
-from tactilevision.records import REASONS, Frame, HeightMap, Indenter
+from tactilevision.press.certification import certify
+from tactilevision.records.certified import REASONS
+from tactilevision.records.maps import Frame, HeightMap
+from tactilevision.records.rig import Indenter
 
 FAULTS = list(REASONS)
 
@@ -157,7 +159,7 @@ def test_a_long_press_is_read_the_same_without_keeping_its_maps(
 ) -> None:
     read, drawn = recording(tmp_path, line_up([Made(0.35), Made(0.35)]))
     short = certify(read, drawn)
-    monkeypatch.setattr(sys.modules["tactilevision.certificate.certify"], "_LONG", 20)
+    monkeypatch.setattr(sys.modules["tactilevision.press.certification"], "_LONG", 20)
     for once, again in zip(short.points, certify(read, drawn).points, strict=True):
         assert again.time_s == pytest.approx(once.time_s, abs=2 * once.details.contact_std_s)
         assert again.accepted

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactilevision.certificate.clock.alignment import (
+from tactilevision.press.clock import (
     PressDepths,
     clock_jump_warnings,
     clock_jumps,
@@ -16,8 +16,8 @@ from tactilevision.certificate.clock.alignment import (
     parabola_offset,
     stated_offset_warnings,
 )
-from tactilevision.certificate.force.tare import Tare, find_tare, subtract_tares
-from tactilevision.records import Floats, ForceSeries
+from tactilevision.press.force_readings import Tare, find_tare, subtract_tares
+from tactilevision.records.measured import Floats, ForceSeries
 
 TOPS = (0.2, 0.35, 0.4, 0.5, 0.65)
 

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactilevision.certificate.common_tilt import mount_tilt
-from tactilevision.certificate.rejection import _tilt
+from tactilevision.press.rejection import _tilt, mount_tilt
 
 DEPTHS_MM = np.repeat([0.14, 0.27, 0.41, 0.54], 3)
 

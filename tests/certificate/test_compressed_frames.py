@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from tactilevision import read_recording
-from tactilevision.certificate.certify import certify
-from tactilevision.certificate.touch.compressed_frames import compression_warnings, late_std_mm, note_blocks
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.recording import BadFrame
-from tactilevision.records import Bytes, Frame
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.press.certification import certify
+from tactilevision.press.track import compression_warnings, late_std_mm, note_blocks
+from tactilevision.recording.model import BadFrame
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes
 
 RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from shared_scenes import sample_reconstructor
 
-from tactilevision.certificate import certify
-from tactilevision.certificate.certificate import Certificate
-from tactilevision.certificate.depth.depth_scale import scale_warning
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.recording import read_recording
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.press.certificate import Certificate
+from tactilevision.press.certification import certify
+from tactilevision.press.certified_faces import scale_warning
+from tactilevision.recording.read import read_recording
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 DEPTHS_MM = (0.14, 0.14, 0.27, 0.28, 0.36, 0.45, 0.54)

@@ -8,8 +8,8 @@ from typing import cast
 import numpy as np
 import pytest
 
-from tactilevision.certificate.rejection import PressEvidence, RecordingStatistics, _dropped
-from tactilevision.records import ForceSeries
+from tactilevision.press.rejection import PressEvidence, RecordingStatistics, _dropped
+from tactilevision.records.measured import ForceSeries
 
 FRAMES_S = np.concatenate([[0.0, 0.6], np.arange(1.5, 1.7, 0.011)])  # few on the way in, dense about the touch
 TOUCH_S = 1.53

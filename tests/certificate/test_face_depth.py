@@ -12,26 +12,27 @@ import numpy as np
 import pytest
 
 from tactilevision.batch.folder import DepthJob
-from tactilevision.certificate.depth.certified_faces import (
+from tactilevision.files.tiff import read_tiff
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.walls import PunchEdge
+from tactilevision.press.certified_faces import (
+    NO_CORRECTION,
     Certified,
     CertifiedFace,
+    DepthScale,
+    FaceDepthCorrection,
     MappedFace,
+    face_depth_correction,
     read_certified,
     read_faces,
+    teach_walls,
+    with_scatter,
 )
-from tactilevision.certificate.depth.depth_scale import DepthScale
-from tactilevision.certificate.depth.face_depth import (
-    NO_CORRECTION,
-    FaceDepthCorrection,
-    face_depth_correction,
-)
-from tactilevision.certificate.depth.wall_lessons import teach_walls, with_scatter
-from tactilevision.exports.tiff import read_tiff
-from tactilevision.integration.punch_edge import PunchEdge
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording
-from tactilevision.records import Frame, HeightMap, Indenter, Pair, Press, Sensor
-from tactilevision.records.taught_walls import TaughtWalls
+from tactilevision.recording.model import Recording
+from tactilevision.records.certified import TaughtWalls
+from tactilevision.records.maps import Frame, HeightMap
+from tactilevision.records.measured import Pair
+from tactilevision.records.rig import Indenter, Press, Sensor
 
 SIZE: Pair = (160, 120)
 MM, RADIUS = 0.1, 2.5

@@ -9,15 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactilevision.certificate.force.event_force import force_in_dwell, force_on_ramp
-from tactilevision.certificate.force.phases import Phases, find_phases
-from tactilevision.certificate.force.tare import find_tare
-from tactilevision.certificate.force.window import force_window
-from tactilevision.certificate.recording_statistics import _touch_shares
-from tactilevision.certificate.rejection import _elsewhere, _force_stopped
-from tactilevision.certificate.touch.force_crossing import event_force, force_crossing
-from tactilevision.certificate.touch.pace import moved_mm
-from tactilevision.records import Floats, ForceSeries, Press
+from tactilevision.press.event_force import event_force, force_crossing, force_in_dwell, force_on_ramp
+from tactilevision.press.force_readings import Phases, find_phases, find_tare, force_window
+from tactilevision.press.rejection import _elsewhere, _force_stopped, _touch_shares, moved_mm
+from tactilevision.records.measured import Floats, ForceSeries
+from tactilevision.records.rig import Press
 
 STD = np.array([0.00625, 0.00625, 0.0125])
 

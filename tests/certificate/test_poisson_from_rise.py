@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 from press_scenes import MM_PER_PX, SIZE, Made, line_up, recording
 
-from tactilevision.certificate.certificate import Certificate, Evidence
-from tactilevision.certificate.depth.pile_up import PileUp
-from tactilevision.certificate.poisson_from_rise import surfaces_beside_punch, with_nu, with_pile_up
+from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.mechanics.poisson_from_surface import SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile, seen_profile
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording
-from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Frame, SlopeMap
+from tactilevision.press.certificate import Certificate, Evidence
+from tactilevision.press.pile_up import PileUp
+from tactilevision.press.poisson_from_rise import surfaces_beside_punch, with_nu, with_pile_up
+from tactilevision.recording.model import Recording
+from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.maps import Footprint, Frame, SlopeMap
+from tactilevision.records.measured import Curve, Estimate, Floats
 
 NU, CENTRE = 0.478, (0.3, -0.2)
 EXACT = replace(LINEAR, relative_error=0.0, shape_error=(), single_depth_std=0.0)

@@ -8,12 +8,11 @@ from typing import cast
 import numpy as np
 import pytest
 
-from tactilevision.certificate.depth.press_pile_ups import press_pile_ups
-from tactilevision.certificate.touch.contact_times import ContactTimes
-from tactilevision.certificate.touch.travel_scale import TravelPoint, fit_travel_scale
-from tactilevision.mechanics.tables.profile import profile_model
+from tactilevision.mechanics.tables.punch import profile_model
 from tactilevision.mechanics.touch import touch_depth
-from tactilevision.records import Gel, Indenter
+from tactilevision.press.contact_times import ContactTimes, TravelPoint, fit_travel_scale
+from tactilevision.press.pile_up import press_pile_ups
+from tactilevision.records.rig import Gel, Indenter
 
 HEIGHTS_MM = (0.15, 0.3, 0.4, 0.5, 0.6)
 THICKNESS_MM = 2.8

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.certificate.clock.repeated_frames import allow_for_repeats, note_repeats, repeated_share
-from tactilevision.records import Estimate, Floats, Frame
+from tactilevision.press.track import allow_for_repeats, note_repeats, repeated_share
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Estimate, Floats
 
 TIMES = np.arange(40) / 14
 

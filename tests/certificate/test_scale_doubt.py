@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.certificate.depth import scale_doubt
-from tactilevision.certificate.depth.certified_faces import Certified
-from tactilevision.certificate.depth.scale_doubt import doubt_beside_shadows, doubt_of_scale
-from tactilevision.reconstruct.shadows_seen import undo_by
-from tactilevision.recording import Recording, read_recording
-from tactilevision.records import Indenter, Press
+from tactilevision.heightmap.shadows_seen import undo_by
+from tactilevision.press import certified_faces as scale_doubt
+from tactilevision.press.certified_faces import Certified, doubt_beside_shadows, doubt_of_scale
+from tactilevision.recording.model import Recording
+from tactilevision.recording.read import read_recording
+from tactilevision.records.rig import Indenter, Press
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from rendered_light import SAMPLE, TRUTH, found_lamps, rendered_reconstructor

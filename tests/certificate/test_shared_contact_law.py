@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactilevision.certificate.force.contact_point import ContactPoint
-from tactilevision.certificate.touch.shared_contact_law import shared_contact_law
+from tactilevision.press.force_readings import ContactPoint
+from tactilevision.press.indenter_travel import shared_contact_law
 
 PACE = 0.25
 B1, B2 = 3.0, 0.9

@@ -14,11 +14,12 @@ from matplotlib.lines import Line2D
 from matplotlib.path import Path as Outline
 from shared_scenes import sample_reconstructor
 
-from tactilevision.certificate.step_validation import flat_steps
-from tactilevision.plots.depth_report import draw_depth_report
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording, read_recording
-from tactilevision.uncertainty.ball_validation import Known, told
+from tactilevision.heightmap.ball_validation import Known, told
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.plots.validation import draw_depth_report
+from tactilevision.press.step_validation import flat_steps
+from tactilevision.recording.model import Recording
+from tactilevision.recording.read import read_recording
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 

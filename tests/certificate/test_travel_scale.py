@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactilevision.certificate.force.contact_point import contact_point, moving_s, top_s
-from tactilevision.certificate.force.window import force_window
-from tactilevision.certificate.touch.indenter_travel import first_contact, indenter_travel
-from tactilevision.certificate.touch.travel_scale import TravelPoint, fit_travel_scale
-from tactilevision.recording import StageSeries
-from tactilevision.records import ForceSeries, Press
+from tactilevision.press.contact_times import TravelPoint, fit_travel_scale
+from tactilevision.press.force_readings import contact_point, force_window, moving_s, top_s
+from tactilevision.press.indenter_travel import first_contact, indenter_travel
+from tactilevision.recording.model import StageSeries
+from tactilevision.records.measured import ForceSeries
+from tactilevision.records.rig import Press
 
 HEIGHTS = (0.15, 0.3, 0.4, 0.5, 0.6)
 C, BETA, THICKNESS = 3.8, 0.85, 3.0

@@ -16,12 +16,12 @@ import pytest
 from typer.main import get_command
 
 from calibration.result.result import NO_CLOCK
-from tactilevision.certificate.certificate import Certificate
 from tactilevision.cli import console, main
 from tactilevision.cli.app import app
 from tactilevision.cli.calibrate import calibrate_one
 from tactilevision.cli.measure import Taken
-from tactilevision.recording import read_recording
+from tactilevision.press.certificate import Certificate
+from tactilevision.recording.read import read_recording
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "sample_frames" / "paper_points"
@@ -209,11 +209,11 @@ def test_nothing_of_an_earlier_calibration_stays_beside_a_later_one(
 
 
 def test_no_force_is_computed_from_a_calibration_that_fixed_nothing(tmp_path: Path) -> None:
-    from calibration.result.undetermined import unfixed_as_json
+    from calibration.result.result import unfixed_as_json
     from tactilevision.errors import InputError
-    from tactilevision.files import write_json
+    from tactilevision.files.writing import write_json
     from tactilevision.force.calibrated import read_material
-    from tactilevision.records import Gel
+    from tactilevision.records.rig import Gel
 
     path = tmp_path / "calibration.json"
     write_json(path, unfixed_as_json(Gel(3.0), (), why="no press can be trusted", law="default"))

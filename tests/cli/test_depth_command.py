@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from tactilevision.cli import main
-from tactilevision.cli.moments import telling
-from tactilevision.cli.source import Choice
+from tactilevision.cli.source import Choice, telling
 from tactilevision.errors import InputError
-from tactilevision.recording import read_folder
-from tactilevision.records import Bytes
+from tactilevision.recording.folder import read_folder
+from tactilevision.records.measured import Bytes
 from tactilevision.sensors import get_sensor
 
 

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactilevision.cli import force as command, main
+from tactilevision.cli import depth as command, main
 from tactilevision.force.field import NO_CONTACT
 from tactilevision.force.frame import FrameForce
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
 FRAMES = 45  # of 162: a few presses
@@ -129,7 +129,7 @@ def test_a_zero_that_cannot_be_taken_off_is_told(
 ) -> None:
     """Without presses.csv nothing says when the gel was free."""
     said = {"z": {"rms_N": 0.4, "frames": 3, "inside_interval95": 0.0, "ratio": 1.0}}
-    monkeypatch.setattr("tactilevision.force.compare.summary", lambda found: said)
+    monkeypatch.setattr("tactilevision.force.comparison.summary", lambda found: said)
     found: Any = SimpleNamespace(touched=5, left_out={"why": 2})
     assert command._beside(found, zero_left=left) == said
     out = capsys.readouterr().out

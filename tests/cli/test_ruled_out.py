@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from tactilevision.cli.analysis import not_in_frames
-from tactilevision.reconstruct import shadows_seen
-from tactilevision.reconstruct.shadows_seen import SAID, shows_none
+from tactilevision.heightmap import shadows_seen
+from tactilevision.heightmap.shadows_seen import SAID, shows_none
 
 
 def found(*keys: str, candidates: tuple[str, ...] = ()) -> Any:

@@ -10,14 +10,16 @@ from pathlib import Path
 import pytest
 from sample_light import SAMPLE, light_of_sample
 
-from tactilevision.certificate.depth import wall_lessons
-from tactilevision.certificate.depth.certified_faces import Certified
 from tactilevision.cli import main
-from tactilevision.photometric import PHOTOMETRIC, load_method
-from tactilevision.photometric.training.network_training import NetworkFitter
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
-from tactilevision.recording import read_recording
-from tactilevision.records.taught_walls import TaughtWalls, WallLessons
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.network_training import NetworkFitter
+from tactilevision.photometric.storage import load_method
+from tactilevision.press import certified_faces as wall_lessons
+from tactilevision.press.certified_faces import Certified
+from tactilevision.recording.read import read_recording
+from tactilevision.records.certified import TaughtWalls, WallLessons
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:

@@ -11,10 +11,10 @@ import pytest
 from shared_scenes import sample_method
 
 from tactilevision.cli import main
-from tactilevision.exports.tiff import write_tiff
-from tactilevision.plots import style, window
-from tactilevision.plots.window import Window
-from tactilevision.records import HeightMap
+from tactilevision.files.tiff import write_tiff
+from tactilevision.plots import style, viewer as window
+from tactilevision.plots.viewer import Window
+from tactilevision.records.maps import HeightMap
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 

@@ -11,10 +11,10 @@ import pytest
 
 from tactilevision.batch.folder import FrameResult, table
 from tactilevision.cli import main
-from tactilevision.exports.tiff import write_tiff
+from tactilevision.files.tiff import write_tiff
 from tactilevision.plots import style
-from tactilevision.plots.window import Window
-from tactilevision.records import HeightMap
+from tactilevision.plots.viewer import Window
+from tactilevision.records.maps import HeightMap
 
 SCALE = (0.1, 0.1)
 DEPTHS_MM = {"a": 0.1, "b ü": 0.4, "c": 0.2}
@@ -57,7 +57,7 @@ def test_a_window_leafs_through_the_maps_with_their_deviation(
             super().__init__(*given, **named)
             shown.append(self)
 
-    monkeypatch.setattr("tactilevision.plots.window.Window", Kept)
+    monkeypatch.setattr("tactilevision.plots.viewer.Window", Kept)
     monkeypatch.setattr(style, "check_screen", lambda: None)
     monkeypatch.setattr(style, "show", lambda figures, title: None)
     assert run("view", results, "--out", tmp_path / "v", "--window", "--frame", "c.jpg") == 0

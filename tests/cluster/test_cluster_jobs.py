@@ -20,12 +20,14 @@ from tactilevision.batch.folder import reconstruct_folder
 from tactilevision.batch.tree import reconstruct_tree
 from tactilevision.cli import main
 from tactilevision.cluster import connect, pool
-from tactilevision.cluster.steps import step_pool
-from tactilevision.cluster.versions import versions
+from tactilevision.cluster.connect import versions
+from tactilevision.cluster.pool import step_pool
 from tactilevision.errors import ClusterError
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording
-from tactilevision.records import Bytes, Sensor, SlopeMap
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.recording.model import Recording
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Sensor
 
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.filterwarnings("default")  # the cluster's own farewells

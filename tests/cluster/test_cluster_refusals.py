@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from tactilevision.cluster import connect
-from tactilevision.cluster.versions import refusal, versions
+from tactilevision.cluster.connect import refusal, versions
 from tactilevision.errors import ClusterError, InputError
 
 pytest.importorskip("distributed")
 
 
 def test_workers_that_compile_in_another_way_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactilevision.cluster.versions.compiled", lambda: False)
+    monkeypatch.setattr("tactilevision.cluster.connect.compiled", lambda: False)
     plain = versions()
     assert plain["numba"] == "none"
     fast = plain | {"numba": "9.9"}

@@ -19,10 +19,10 @@ from calibration.inputs.observations import Measured
 from calibration.tasks.calibrate import observe
 from calibration.tasks.compare import base_fit, base_model
 from tactilevision.cli import main
-from tactilevision.cluster.steps import Steps, step_pool
+from tactilevision.cluster.pool import Steps, step_pool
 from tactilevision.errors import ConvergenceError
-from tactilevision.recording import read_recording
-from tactilevision.runs import worker_pool
+from tactilevision.files.runs import worker_pool
+from tactilevision.recording.read import read_recording
 
 SAMPLES = Path(__file__).parents[2] / "sample_frames"
 HERE = os.getpid()

@@ -8,7 +8,9 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter
 
-from tactilevision.records import Floats, HeightMap, Indenter, Pair
+from tactilevision.records.maps import HeightMap
+from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.rig import Indenter
 
 # depth over w beside the punch (a = 2.5 mm, h = 3 mm, nu = .48), against the root of the way from its edge
 _REACH = np.sqrt(np.array([0.0, 0.8, 1.5, 2.5, 3.5, 5.5, 7.5, 12.5]))

@@ -10,8 +10,8 @@ import pytest
 from contact_scenes import Scene, height_map
 
 from tactilevision.contact.footprint import find_footprint, relief_mm, shared_ring, unevenness_mm
-from tactilevision.integration.circle import fit_circle
-from tactilevision.records import HeightMap
+from tactilevision.heightmap.circular_edges import fit_circle
+from tactilevision.records.maps import HeightMap
 
 SCENES: list[dict[str, Any]] = [
     {"depth_mm": 0.1},

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactilevision.contact.bevel import picture_signal, strip_places
-from tactilevision.contact.bevel_onset import Growth, find_onset
-from tactilevision.records import Floats
+from tactilevision.contact.bevel import Growth, find_onset, picture_signal, strip_places
+from tactilevision.records.measured import Floats
 
 
 def trace(

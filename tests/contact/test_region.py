@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tactilevision.contact.region import at_border, find_contact, strong_evidence
-from tactilevision.records import Floats, HeightMap, Pair
+from tactilevision.records.maps import HeightMap
+from tactilevision.records.measured import Floats, Pair
 
 SCALE, SHAPE = 0.05, (240, 320)
 NOISE_MM = 0.001

@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 from shared_scenes import sample_reconstructor
 
-from calibration.session import History, Step, load_history
+from calibration.tasks.session import History, Step, load_history
 from tactilevision.cli.analysis import compare_command
 from tactilevision.errors import InputError
-from tactilevision.files import staged
+from tactilevision.files.writing import staged
 from tactilevision.force.calibrated import read_clock_offset, read_material
-from tactilevision.recording import read_recording
 from tactilevision.recording.images import read_image
 from tactilevision.recording.layout import FORCE_COLUMNS
-from tactilevision.recording.series import read_forces
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.read_tables import read_forces
 from tactilevision.recording.settings import ForceSettings
 from tactilevision.recording.tables import read_table
-from tactilevision.records.flags import DEEPER, LIGHT
+from tactilevision.records.maps import DEEPER, LIGHT
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample_frames" / "gelslim3"

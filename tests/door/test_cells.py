@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from tactilevision.batch.folder import FrameResult, table
-from tactilevision.door.cells import cell_text, csv_text
+from tactilevision.files.documents import cell_text, csv_text
 from tactilevision.recording.layout import POINT_COLUMNS
 from tactilevision.recording.tables import read_table
-from tactilevision.recording.write_tables import write_points
-from tactilevision.records import CertifiedPoint
+from tactilevision.recording.write import write_points
+from tactilevision.records.certified import CertifiedPoint
 
 FORMULAS = ["=1+1", "@SUM(A1)", "+cmd|' /C calc'!A0", "-2+3", '=HYPERLINK("x")', "＝1+1"]
 HARMLESS = ["-1.5", "+2", "1e-3", "a=b", "p-1", "'quoted'", "nan", "-inf"]

@@ -14,15 +14,11 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from tactilevision.door.archives import read_archive
-from tactilevision.door.arrays import read_array, read_arrays
-from tactilevision.door.documents import parse_toml, read_json
-from tactilevision.door.limits import limit
-from tactilevision.door.names import inside
-from tactilevision.door.numbers import check_numbers, number, read_cells
-from tactilevision.door.opening import open_regular, read_bytes
-from tactilevision.door.pictures import UnknownPictureError, check_picture, is_cut, picture_size
 from tactilevision.errors import InputError
+from tactilevision.files.arrays import read_archive, read_array, read_arrays
+from tactilevision.files.documents import parse_toml, read_json
+from tactilevision.files.opening import check_numbers, inside, limit, number, open_regular, read_bytes, read_cells
+from tactilevision.files.pictures import UnknownPictureError, check_picture, is_cut, picture_size
 
 OUTWARD = ["../a.png", "a/../../b.png", "/etc/passwd", "~/a.png", "C:\\a.png", "..\\a.png", ""]
 

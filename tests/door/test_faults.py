@@ -12,7 +12,7 @@ import pytest
 from benchmarks.faults import trials
 from benchmarks.faults.commands import Command, frame_commands, prepare
 from tactilevision.errors import TactilevisionError
-from tactilevision.runs import worker_pool
+from tactilevision.files.runs import worker_pool
 
 KILLS = 4  # of each command
 DRAWS = 6  # of a moment: a run that is done before it shows nothing

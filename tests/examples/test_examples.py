@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

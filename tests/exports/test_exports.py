@@ -14,11 +14,10 @@ import tifffile
 import zarr
 
 from tactilevision.errors import InputError, OutputError
-from tactilevision.exports import EXPORTS, export
-from tactilevision.exports.tiff import read_tiff
-from tactilevision.exports.zarr_store import begin_frames, write_frame
-from tactilevision.records import HeightMap
-from tactilevision.records.flags import LIGHT
+from tactilevision.files.exports import EXPORTS, export
+from tactilevision.files.tiff import read_tiff
+from tactilevision.files.zarr_store import begin_frames, write_frame
+from tactilevision.records.maps import LIGHT, HeightMap
 
 SCALE = (0.05, 0.08)
 

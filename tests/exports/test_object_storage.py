@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import zarr
 
-from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
+from tactilevision.files.zarr_store import begin_frames, end_frames, write_frame
 
 FRAMES = ("a.jpg", "b.jpg", "c.jpg")
 

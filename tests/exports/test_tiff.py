@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import tifffile
 
-from tactilevision.exports.tiff import read_tiff, write_tiff
-from tactilevision.records import HeightMap
+from tactilevision.files.tiff import read_tiff, write_tiff
+from tactilevision.records.maps import HeightMap
 
 
 def test_other_readers_find_nothing_to_complain_of(tmp_path: Path) -> None:

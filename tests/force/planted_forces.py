@@ -7,7 +7,9 @@ from functools import cache
 import numpy as np
 
 from benchmarks.force_cases import Forward, View, seen
-from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap
+from tactilevision.records.maps import HeightMap, ShearMap
+from tactilevision.records.measured import Floats, Material
+from tactilevision.records.rig import Gel
 
 VIEW = View((90, 120), 0.171, 4)
 SCALE = (VIEW.mm_per_px, VIEW.mm_per_px)

@@ -14,8 +14,9 @@ from tactilevision.force.calibrated import material_sensitivity
 from tactilevision.force.field import CUT, NO_CONTACT, NO_SHEAR, SMALL_GEL, ForceField, ForceSettings
 from tactilevision.force.inverse import solve_all, solve_normal
 from tactilevision.force.wrench import MeasuredForce
-from tactilevision.records import Gel, HeightMap, Material, ShearMap
-from tactilevision.records.maps import Positions
+from tactilevision.records.maps import HeightMap, Positions, ShearMap
+from tactilevision.records.measured import Material
+from tactilevision.records.rig import Gel
 
 LINEAR = ForceSettings(depth_correlation_px=1, large_depth=False)
 FORCE = (0.12, -0.08, 0.6)

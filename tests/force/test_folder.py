@@ -16,13 +16,14 @@ import zarr
 from planted_forces import SCALE, VIEW, hertz, measured
 
 from tactilevision.errors import InputError
+from tactilevision.force.comparison import Readings
 from tactilevision.force.folder import force_folder, force_job
-from tactilevision.force.readings import Readings
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording
-from tactilevision.records import ForceSeries, Frame, Gel, HeightMap, Material, Press, Sensor
-from tactilevision.records.flags import BEYOND_BALLS, MEANING
-from tactilevision.records.taught_walls import TaughtWalls, WallLessons
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.recording.model import Recording
+from tactilevision.records.certified import TaughtWalls, WallLessons
+from tactilevision.records.maps import BEYOND_BALLS, MEANING, Frame, HeightMap
+from tactilevision.records.measured import ForceSeries, Material
+from tactilevision.records.rig import Gel, Press, Sensor
 
 ROWS, COLUMNS = VIEW.shape
 

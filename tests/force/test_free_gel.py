@@ -10,7 +10,8 @@ from planted_forces import GEL, MATERIAL, SCALE, VIEW, hertz, measured
 from scipy.ndimage import gaussian_filter
 
 from tactilevision.force.field import CUT, NO_CONTACT, ForceField
-from tactilevision.records import Floats, HeightMap
+from tactilevision.records.maps import HeightMap
+from tactilevision.records.measured import Floats
 
 FREE = np.zeros((3, 360, 480))
 SLOW_PX = 8.0  # the waves are alike over 1.4 mm

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.force.contact import candidate_cells, roughness
+from tactilevision.force.inverse import candidate_cells, roughness
 from tactilevision.force.kernel import layer_cells
 from tactilevision.force.nodes import cell_means, lay_grid, mean_std
 

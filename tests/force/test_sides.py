@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
 
+from tactilevision.force import lateral_boundaries as store
 from tactilevision.force.compliance import gel_compliance
-from tactilevision.force.lateral_boundaries import store
-from tactilevision.force.lateral_boundaries.hexahedra import stiffness
-from tactilevision.force.lateral_boundaries.layer_field import layer_stress
-from tactilevision.force.lateral_boundaries.mesh import gel_mesh
-from tactilevision.force.lateral_boundaries.table import solve_sides
+from tactilevision.force.hexahedra import gel_mesh, stiffness
+from tactilevision.force.kernel import layer_stress
+from tactilevision.force.lateral_boundaries import solve_sides
 from tactilevision.force.nodes import lay_grid
-from tactilevision.records import Gel
+from tactilevision.records.rig import Gel
 
 SMALL = Gel(2.0, shape="rectangle", size_mm=(12.0, 10.0))
 DISC = Gel(2.0, shape="disc", radius_mm=6.0)

@@ -9,8 +9,9 @@ import numpy.typing as npt
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.integration.poisson import integrate
-from tactilevision.records import Bools, Floats, Pair, SlopeMap
+from tactilevision.heightmap.poisson import integrate
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bools, Floats, Pair
 
 SHAPE, STEP, DEEP, WIDE = (120, 160), 0.1, 0.4, 1.6
 

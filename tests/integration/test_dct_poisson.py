@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.integration.dct_poisson import TransformSolver
-from tactilevision.integration.poisson import divergence, gradient
+from tactilevision.heightmap.poisson import TransformSolver, divergence, gradient
 
 
 @pytest.mark.parametrize("shape", [(24, 30), (37, 30), (24, 41), (61, 37), (2, 13), (13, 2), (320, 427)])

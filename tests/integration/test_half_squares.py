@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.integration.half_squares import integrate_half_squares
-from tactilevision.records import Floats
+from tactilevision.heightmap.poisson import integrate_half_squares
+from tactilevision.records.measured import Floats
 
 HALF = (0.1, 0.125)  # mm
 PER_HALF = 8  # samples to the side of a half square

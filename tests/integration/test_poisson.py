@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.integration.poisson import divergence, gradient, integrate, solve_edges, weighted
-from tactilevision.records import Floats, SlopeMap
+from tactilevision.heightmap.poisson import divergence, gradient, integrate, solve_edges, weighted
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Floats
 
 SHAPE = (240, 320)
 

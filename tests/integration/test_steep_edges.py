@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.integration.circular_edges import find_circular_edges
-from tactilevision.integration.poisson import integrate
-from tactilevision.integration.punch_edge import WallLaw
-from tactilevision.integration.steep_edges import find_punch_edges, restore, restore_windows
+from tactilevision.heightmap.circular_edges import find_circular_edges
+from tactilevision.heightmap.poisson import integrate
+from tactilevision.heightmap.walls import WallLaw, find_punch_edges, restore, restore_windows
 from tactilevision.mechanics.profile import PunchCase, seen_profile
-from tactilevision.mechanics.tables.profile import TABULATED
-from tactilevision.records import Floats, SlopeMap
-from tactilevision.records.taught_walls import TaughtWalls
+from tactilevision.mechanics.tables.punch import TABULATED
+from tactilevision.records.certified import TaughtWalls
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Floats
 
 STEP = 0.06
 FINER = 3

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactilevision.integration.taught_walls import MIN_COUNT, PLACE_STD, PRIOR_STD, WallFace, teach
-from tactilevision.records.taught_walls import USUAL_MM
+from tactilevision.heightmap.walls import MIN_COUNT, PLACE_STD, PRIOR_STD, WallFace, teach
+from tactilevision.records.certified import USUAL_MM
 
 DEPTHS = (0.3, 0.4, 0.5, 0.6)
 

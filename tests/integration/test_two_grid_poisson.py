@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.integration.poisson import integrate
-from tactilevision.integration.two_grid_poisson import TwoGridPoisson
-from tactilevision.photometric.illumination.colour_change import Planes
+from tactilevision.heightmap.poisson import integrate
+from tactilevision.heightmap.two_grid_poisson import TwoGridPoisson
+from tactilevision.photometric.colour_change import Planes
 from tactilevision.photometric.windows import Window
-from tactilevision.records import Floats, SlopeMap
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Floats
 
 SHAPE, STEP = (121, 163), (0.06, 0.07)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.integration.zero_plane import find_zero_plane, level
-from tactilevision.records import Bools, Floats
+from tactilevision.heightmap.zero_plane import find_zero_plane, level
+from tactilevision.records.measured import Bools, Floats
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.gel import Grid
 

@@ -16,11 +16,16 @@ import pytest
 
 from tactilevision.batch.folder import measure
 from tactilevision.errors import InputError
-from tactilevision.live import Stream
-from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod, calibrate_from_balls, make_reference
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.reconstruct.untouched_frames import subtract_background
-from tactilevision.records import Bytes, Frame, Indenter
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.untouched_frames import subtract_background
+from tactilevision.photometric.calibrate import calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Indenter
+from tactilevision.robots.live import Stream
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, picture

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tactilevision.logs.messages import IMAGE, TRANSFORMS, typestore
-from tactilevision.logs.write import _header, open_writer, wrench_message
-from tactilevision.records import Bytes
+from tactilevision.records.measured import Bytes
+from tactilevision.robots.log_export import _header, open_writer, wrench_message
+from tactilevision.robots.messages import IMAGE, TRANSFORMS, typestore
 
 START_NS = 1_790_000_000 * 10**9 + 123_456_789  # a time of day in 2026
 Turns = tuple[tuple[str, str, str, tuple[float, float, float, float]], ...]  # topic, frame, parent, x y z w

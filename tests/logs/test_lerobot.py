@@ -23,14 +23,12 @@ import pytest
 
 from tactilevision.cli import main
 from tactilevision.errors import InputError, OutputError
-from tactilevision.logs.lerobot import statistics
-from tactilevision.logs.lerobot.annotate import Annotated, annotate
-from tactilevision.logs.lerobot.dataset import read_dataset
-from tactilevision.logs.lerobot.features import STEP_MM, base_of, read_frame, shrunk
-from tactilevision.logs.lerobot.pictures import pictures, rows
 from tactilevision.profile.sensor import CalibratedSensor
-from tactilevision.profile.write import write_profile
-from tactilevision.records import HeightMap
+from tactilevision.profile.storage import write_profile
+from tactilevision.records.maps import HeightMap
+from tactilevision.robots import lerobot as statistics
+from tactilevision.robots.lerobot import STEP_MM, Annotated, annotate, base_of, read_frame, shrunk
+from tactilevision.robots.lerobot_dataset import pictures, read_dataset, rows
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
 from lamp_sensor import LAMPS, free, pressed, profile, saved
@@ -154,16 +152,16 @@ def test_the_new_features_follow_the_schema_of_the_old(made: tuple[Path, Annotat
 def test_statistics_are_those_of_all_values_and_nan_is_left_out() -> None:
     rng = np.random.default_rng(5)
     values = rng.normal(size=(90, 2))
-    parts = [statistics.of_values(part) for part in (values[:20], values[20:])]
-    whole = statistics.together(parts)
+    parts = [statistics.statistics_of_values(part) for part in (values[:20], values[20:])]
+    whole = statistics.pooled_statistics(parts)
     np.testing.assert_allclose(whole["mean"], values.mean(axis=0))
     np.testing.assert_allclose(whole["std"], values.std(axis=0))
     np.testing.assert_allclose(whole["min"], values.min(axis=0))
-    gaps = statistics.of_values(np.array([[1.0, np.nan], [3.0, np.nan], [np.nan, np.nan]]))
+    gaps = statistics.statistics_of_values(np.array([[1.0, np.nan], [3.0, np.nan], [np.nan, np.nan]]))
     assert (gaps["mean"].tolist(), gaps["max"].tolist()) == ([2.0, 0.0], [3.0, 0.0])
     maps = [np.full((40, 50), float(k)) for k in range(3)]
     maps[2][7, 9], maps[0][0, 0] = 9.0, np.nan
-    found = statistics.of_depth([statistics.sampled(one) for one in maps])
+    found = statistics.statistics_of_depth([statistics.sample_depth(one) for one in maps])
     assert (found["max"].item(), found["min"].item(), found["q50"].item()) == (9.0, 0.0, 1.0)
 
 

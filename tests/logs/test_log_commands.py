@@ -15,12 +15,13 @@ from rosbags.highlevel import AnyReader
 
 from tactilevision.cli import main
 from tactilevision.errors import RecordingError
-from tactilevision.exports.tiff import write_tiff
-from tactilevision.logs.write import open_writer, wrench_message
-from tactilevision.profile.read import read_profile
-from tactilevision.profile.use import open_with_profile
-from tactilevision.recording import read_folder, read_recording
-from tactilevision.records import HeightMap
+from tactilevision.files.tiff import write_tiff
+from tactilevision.profile.sensor import open_with_profile
+from tactilevision.profile.storage import read_profile
+from tactilevision.recording.folder import read_folder
+from tactilevision.recording.read import read_recording
+from tactilevision.records.maps import HeightMap
+from tactilevision.robots.log_export import open_writer, wrench_message
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
 from lamp_sensor import saved

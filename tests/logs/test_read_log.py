@@ -12,13 +12,14 @@ from drawn_logs import KINDS, START_NS, Draw, drawer, pictures
 from rosbags.highlevel import AnyReader
 
 from tactilevision.errors import InputError
-from tactilevision.logs.clocks import Clock
-from tactilevision.logs.log import Log
-from tactilevision.logs.messages import COMPRESSED, IMAGE, typestore
-from tactilevision.logs.read import ImportSettings, import_log
-from tactilevision.logs.write import _header, open_writer
-from tactilevision.recording import layout, read_frame, read_recording
-from tactilevision.recording.series import read_frame_table
+from tactilevision.recording import layout
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.read_tables import read_frame_table
+from tactilevision.robots.log_export import _header, open_writer
+from tactilevision.robots.log_import import ImportSettings, import_log
+from tactilevision.robots.logs import Log
+from tactilevision.robots.messages import COMPRESSED, IMAGE, Clock, typestore
 
 BOTH = ImportSettings("/camera", "/ft", sensor="gelsight_mini", mm_per_px=0.03)
 FRAMES_ALONE = ImportSettings("/camera", sensor="gelsight_mini", mm_per_px=0.03)
@@ -137,7 +138,7 @@ def test_a_part_that_unpacks_beyond_the_limit_is_refused(tmp_path: Path, monkeyp
     import lz4.frame
     import zstandard
 
-    from tactilevision.logs.unpack import unpack
+    from tactilevision.robots.logs import unpack
 
     monkeypatch.setenv("TACTILEVISION_MAX_ARRAY_MB", "1")
     small, large = bytes(1000), bytes(5_000_000)

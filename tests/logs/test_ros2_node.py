@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactilevision.live import Stream
-from tactilevision.logs.messages import IMAGE, WRENCH, typestore
 from tactilevision.profile.sensor import CalibratedSensor, load_sensor
-from tactilevision.records import Bytes
+from tactilevision.records.measured import Bytes
+from tactilevision.robots.live import Stream
+from tactilevision.robots.messages import IMAGE, WRENCH, typestore
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
 from lamp_sensor import free, pressed, saved

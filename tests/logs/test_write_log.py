@@ -15,11 +15,12 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.exports.tiff import write_tiff
-from tactilevision.logs.export import DEPTH_TOPIC, WRENCH_TOPIC, export_log
-from tactilevision.logs.read import ImportSettings, import_log
-from tactilevision.recording import Recording, read_recording
-from tactilevision.records import HeightMap
+from tactilevision.files.tiff import write_tiff
+from tactilevision.recording.model import Recording
+from tactilevision.recording.read import read_recording
+from tactilevision.records.maps import HeightMap
+from tactilevision.robots.log_export import DEPTH_TOPIC, WRENCH_TOPIC, export_log
+from tactilevision.robots.log_import import ImportSettings, import_log
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from tactilevision.mechanics.profile import ProfileSource, PunchCase, linear_profile, seen_profile
 from tactilevision.mechanics.surface_view import SurfaceView
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 DEPTHS_MM = (0.15, 0.3, 0.4, 0.5, 0.6)
 PX_MM, SHAPE = 0.12, (170, 224)

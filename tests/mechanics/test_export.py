@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics import export
+from tactilevision.mechanics import material as export
 from tactilevision.mechanics.material import bulk_modulus, moduli_of_neo_hooke
-from tactilevision.records import Material
+from tactilevision.records.measured import Material
 
 GEL = Material(0.1981, 0.4797)
 

@@ -11,7 +11,7 @@ import pytest
 from tactilevision.mechanics import filleted_punch
 from tactilevision.mechanics.filleted_punch import rounded_contact
 from tactilevision.mechanics.kappa import fast_kappa
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 ELEMENTS = Path(__file__).parents[2] / "benchmarks" / "blind" / "edge_fem.csv"
 

@@ -9,11 +9,10 @@ import pytest
 from made_surfaces import PX_MM, RADIUS_MM, SHAPE, THICKNESS_MM, noise, surface, views
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.correlated import NoiseModel, estimate_noise
 from tactilevision.mechanics.poisson_from_surface import SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile
-from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
-from tactilevision.records import Floats
+from tactilevision.mechanics.surface_view import NoiseModel, SurfaceView, estimate_noise, reduce_view
+from tactilevision.records.measured import Floats
 
 EXACT = replace(
     LINEAR, relative_error=0.0, shape_error=(), single_depth_std=0.0

@@ -18,7 +18,7 @@ from tactilevision.mechanics.profile import (
     surface_rise,
 )
 from tactilevision.mechanics.punch_equation import solve_punch
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 
 class Geometry(TypedDict):

@@ -15,7 +15,7 @@ from tactilevision.mechanics.profile import (
     friction_share,
     seen_profile,
 )
-from tactilevision.mechanics.tables.profile import TABULATED, profile_model
+from tactilevision.mechanics.tables.punch import TABULATED, profile_model
 
 table_profile = TABULATED.source
 RADII = np.array([4.0, 5.0, 6.0, 8.0, 10.0]) / 2.5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics import thin_layer
+from tactilevision.mechanics import round_contact as thin_layer
 from tactilevision.mechanics.kappa import kappa
 from tactilevision.mechanics.round_contact import (
     Ball,
@@ -17,7 +17,7 @@ from tactilevision.mechanics.round_contact import (
     contact_force,
     half_space_force,
 )
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 BALL, CONE = Ball(50.0), Cone(89.0)  # shallow: the ball is a parabola to 1e-4
 

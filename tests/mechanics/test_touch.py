@@ -8,7 +8,8 @@ import pytest
 from tactilevision.errors import InputError
 from tactilevision.mechanics.profile import ProfileModel, PunchCase, seen_rise
 from tactilevision.mechanics.touch import touch_depth
-from tactilevision.records import Floats, Indenter
+from tactilevision.records.measured import Floats
+from tactilevision.records.rig import Indenter
 
 PUNCH = Indenter("A", radius_mm=2.5, height_mm=0.4, height_std_mm=0.005, bevel_distance_mm=5.0)
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactilevision.photometric import BallPicture
-from tactilevision.records import Bytes, Floats
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.records.measured import Bytes, Floats
 from tactilevision.sensors import get_sensor
 
 MM_PER_PX = 0.08

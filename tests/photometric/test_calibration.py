@@ -10,16 +10,12 @@ import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, in_px, picture, presses
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import (
-    PHOTOMETRIC,
-    BallPicture,
-    Calibration,
-    calibrate_from_balls,
-    load_method,
-    make_reference,
-    save_method,
-)
-from tactilevision.photometric.training.network_training import NetworkFitter
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.network_training import NetworkFitter
+from tactilevision.photometric.reference import make_reference
+from tactilevision.photometric.storage import load_method, save_method
 
 SCALE = (MM_PER_PX, MM_PER_PX)
 FITS = {**PHOTOMETRIC, "network": NetworkFitter(steps=60)}  # what it can do when trained on: test_network.py

@@ -10,19 +10,23 @@ import pytest
 from lamp_room import BALL_MM, MM_PER_PX, ball, ball_pictures, flat, picture, presses
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.photometric.ball.consistency import (
+from tactilevision.heightmap.ball_validation import unfit
+from tactilevision.photometric.ball_consistency import (
+    contact_in_reference,
     contradicting_radii,
     label_warnings,
     odd_balls,
+    pressed_reference,
     scale_warnings,
     shared_contact,
 )
-from tactilevision.photometric.ball.detection import Ball, find_ball
-from tactilevision.photometric.ball.pressed_reference import contact_in_reference, pressed_reference
-from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.quality.fitness import unfit
-from tactilevision.records import Bytes, Floats
+from tactilevision.photometric.ball_detection import Ball, find_ball
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.measured import Bytes, Floats
 
 SIDES = (MM_PER_PX, MM_PER_PX)
 

@@ -12,16 +12,22 @@ import pytest
 from lamp_room import BALL_MM, SENSOR, ball, ball_pictures, flat, in_px, picture
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import Calibration, calibrate_from_balls, make_reference
-from tactilevision.photometric.background import DARK
-from tactilevision.photometric.ball.detection import Ball
-from tactilevision.photometric.ball.samples import radii_from
-from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_samples import radii_from
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.methods.inverse_shading import AutoMethod
-from tactilevision.photometric.reference import Reference, dark_colour_warning, overexposed_warning
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
-from tactilevision.recording import read_folder
-from tactilevision.records import Bytes
+from tactilevision.photometric.reference import (
+    DARK,
+    Reference,
+    dark_colour_warning,
+    make_reference,
+    overexposed_warning,
+)
+from tactilevision.recording.folder import read_folder
+from tactilevision.records.measured import Bytes
 
 CONTACT_MM = 1.6
 PLACES = ((0.0, 0.0), (3.5, 2.0), (-4.0, -2.5))  # mm from the picture's centre

@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
 
-from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
-from tactilevision.photometric.illumination.drift import Drift
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.records import Bytes
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.measured import Bytes
 from tactilevision.sensors import get_sensor
 
 BALL_MM = 4.0

@@ -8,12 +8,20 @@ import numpy as np
 import pytest
 from lamp_room import SHAPE, ball, picture, places
 
-from tactilevision.photometric import make_reference
-from tactilevision.photometric.illumination.camera_response import Response
-from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.illumination.drift import Drift, DriftTracker, solid, undo_drift
-from tactilevision.photometric.illumination.drift_priors import SLOPE_SHARE, drift_of, likely_slopes, noise_of
-from tactilevision.records import Bytes, Floats
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.drift import (
+    SLOPE_SHARE,
+    Drift,
+    DriftTracker,
+    Response,
+    drift_of,
+    likely_slopes,
+    noise_of,
+    solid,
+    undo_drift,
+)
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.measured import Bytes, Floats
 
 BRIGHT = 3.0  # pictures of a hundred grey levels
 FLAT = np.zeros(SHAPE)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.photometric.ball.extrapolation import (
+from tactilevision.photometric.ball_samples import Samples
+from tactilevision.photometric.cross_validation import (
     MAX_STD,
     PRIOR_RATE,
     distance_beyond,
@@ -13,7 +14,6 @@ from tactilevision.photometric.ball.extrapolation import (
     growth_rate,
     sides_of,
 )
-from tactilevision.photometric.ball.samples import Samples
 
 SQUARE = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (0.0, 0.0)])
 

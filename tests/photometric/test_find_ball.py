@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.photometric.ball.detection import ball_slopes, find_ball
+from tactilevision.photometric.ball_detection import ball_slopes, find_ball
 from tactilevision.synthetic.ball import BallPress
 
 SHAPE, SCALE, RADIUS_MM = (160, 220), (0.06, 0.06), 4.0

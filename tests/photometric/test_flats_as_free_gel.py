@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from lamp_room import SENSOR, ball, ball_pictures, flat, picture
 
-from tactilevision.reconstruct import build_reconstructor
-from tactilevision.recording import Recording
-from tactilevision.recording.model import BallPress
-from tactilevision.records import Bytes
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.recording.model import BallPress, Recording
+from tactilevision.records.measured import Bytes
 
 
 def written(path: Path, rgb: Bytes) -> Path:

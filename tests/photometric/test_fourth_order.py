@@ -7,8 +7,8 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pytest
 
-from tactilevision.photometric.ball.cross_validation import held_out, patch_error
-from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.ball_samples import Samples
+from tactilevision.photometric.cross_validation import held_out, patch_error
 from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.polynomial import (
     POWERS,
@@ -16,7 +16,7 @@ from tactilevision.photometric.methods.polynomial import (
     fit_fourth_order,
     fit_polynomial,
 )
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 PICKS = [pick for n in (1, 2, 3, 4) for pick in combinations_with_replacement((0, 1, 2), n)]
 BALLS, PER_BALL = 12, 250

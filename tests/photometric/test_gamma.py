@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.photometric.ball.gamma import response_of
-from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response, response_from_card
-from tactilevision.records import Floats
+from tactilevision.photometric.ball_samples import Samples
+from tactilevision.photometric.drift import SOFTENING_GREY, Response, response_from_card
+from tactilevision.photometric.shading_law import response_of
+from tactilevision.records.measured import Floats
 
 LAMPS = np.array([[0.8, 0.1], [-0.5, 0.7], [-0.3, -0.8]])  # of each channel, over its height
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from lamp_room import SHAPE, ball, picture
 
-from tactilevision.quality.image_shift import image_shift
-from tactilevision.records import Bytes, Floats, Pair
+from tactilevision.heightmap.reference_match import image_shift
+from tactilevision.records.measured import Bytes, Floats, Pair
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
 real = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not at hand")

@@ -12,13 +12,17 @@ import pytest
 from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture
 from scipy.special import j0, j1
 
+from tactilevision.heightmap.inconsistent_light import MIN_AREA_MM2, RISE_MM, LightCheck, stands_out
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.mechanics.layer import layer_compliance
-from tactilevision.photometric import BallPicture, calibrate_from_balls, load_method, make_reference, save_method
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.methods.polynomial import fit_polynomial
-from tactilevision.quality.inconsistent_light import MIN_AREA_MM2, RISE_MM, LightCheck, stands_out
-from tactilevision.reconstruct import Reconstructor, tuned
-from tactilevision.records import Bytes, HeightMap
-from tactilevision.records.flags import INCONSISTENT
+from tactilevision.photometric.reference import make_reference
+from tactilevision.photometric.storage import load_method, save_method
+from tactilevision.records.maps import INCONSISTENT, HeightMap
+from tactilevision.records.measured import Bytes
 from tactilevision.sensors import get_sensor
 from tactilevision.synthetic.ball import BallPress
 

@@ -8,7 +8,7 @@ import pytest
 from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.illumination.interreflection import reflected, without
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 SHAPE, MM_PER_PX = (400, 240), (0.05, 0.05)
 ONE_EACH = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

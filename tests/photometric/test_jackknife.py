@@ -8,30 +8,28 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from tactilevision.photometric.ball import cross_validation
-from tactilevision.photometric.ball.cross_validation import (
-    coverage_factor,
-    gain_std,
-    gains_of,
-    held_out,
-    off_inside,
-    scale_uncertainty,
-)
-from tactilevision.photometric.ball.extrapolation import extrapolated_std
-from tactilevision.photometric.ball.jackknife import (
+from tactilevision.photometric import cross_validation
+from tactilevision.photometric.ball_samples import Samples
+from tactilevision.photometric.cross_validation import (
     DIRECTIONS,
     PLACES,
     STEEP,
+    coverage_factor,
+    extrapolated_std,
     gain_map,
+    gain_std,
+    gains_of,
+    held_out,
     jackknife_std,
     nearest_inside,
+    off_inside,
     places,
+    scale_uncertainty,
 )
-from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.methods import polynomial
 from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 BALLS, EACH, STEEPEST, NOISE = 12, 60, 0.6, 0.01
 LAMPS = np.array([(0.7, 0.1), (-0.4, 0.6), (-0.3, -0.6)])

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.kept_walls import wall_arrays, walls_of
-from tactilevision.records.taught_walls import TaughtWalls, WallLessons
+from tactilevision.photometric.storage import wall_arrays, walls_of
+from tactilevision.records.certified import TaughtWalls, WallLessons
 
 LESSON = TaughtWalls(0.1, 0.4, (0.01, 0.04, -0.002), (0.2, 0.6), 0.03)
 FILE = Path("m.npz")

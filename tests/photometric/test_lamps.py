@@ -11,8 +11,9 @@ from rendered_light import MM_PER_PX, SAMPLE, TRUTH, found_lamps, rendered_recon
 from tactilevision.photometric.illumination.cast_shadow import lit, visibility
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps, fit_lamps, shading
 from tactilevision.photometric.reference import make_reference
-from tactilevision.recording import read_frame, read_recording
-from tactilevision.records import Bools, Floats
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.records.measured import Bools, Floats
 
 
 def nearest(azimuth_rad: float) -> Lamp:

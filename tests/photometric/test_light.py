@@ -12,18 +12,16 @@ import pytest
 from lamp_room import SHAPE, flat
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import make_reference, save_method
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.reference_match import ReferenceMatch
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.illumination.light_match import change_of_light, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.methods.network import Network
-from tactilevision.photometric.methods.weights import find_model
-from tactilevision.photometric.reference import Reference
-from tactilevision.quality.reference_match import ReferenceMatch
-from tactilevision.reconstruct import build_reconstructor
-from tactilevision.recording import Recording
-from tactilevision.records import Bytes
-from tactilevision.records.flags import LIGHT
+from tactilevision.photometric.methods.network import Network, find_model
+from tactilevision.photometric.reference import Reference, change_of_light, light_of, make_reference, other_light
+from tactilevision.photometric.storage import save_method
+from tactilevision.recording.model import Recording
+from tactilevision.records.maps import LIGHT
+from tactilevision.records.measured import Bytes
 from tactilevision.sensors import get_sensor
 
 RNG = np.random.default_rng(4)
@@ -105,7 +103,7 @@ def test_pictures_of_another_shape_are_refused_and_resized_ones_are_not(tmp_path
 
 
 def test_a_ready_method_in_memory_warns_too(tmp_path: Path) -> None:
-    from tactilevision.photometric import load_method
+    from tactilevision.photometric.storage import load_method
 
     method = dataclasses.replace(load_method(saved(tmp_path)), relative_error=0.1)
     assert "another light" in build_reconstructor(recording(tmp_path, TURNED), method).warnings[0]

@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, dots, flat, picture, places, presses, with_dots
 
-from tactilevision.photometric import (
-    PHOTOMETRIC,
-    BallPicture,
-    CalibratedMethod,
-    calibrate_from_balls,
-    load_method,
-    make_reference,
-    save_method,
-)
-from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.markers import fill, fill_marks, find_marks, marked
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.reference import make_reference
+from tactilevision.photometric.storage import load_method, save_method
 from tactilevision.sensors import get_sensor, may_have_marks
 
 SCALE = (MM_PER_PX, MM_PER_PX)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.illumination.missing_colours import MissingColoursFinder
+from tactilevision.photometric.colour_change import ColourChange, MissingColoursFinder
 from tactilevision.photometric.reference import SATURATED, Reference
 from tactilevision.photometric.windows import common, inside, outside
-from tactilevision.records import Bytes
+from tactilevision.records.measured import Bytes
 
 SHAPE = (50, 66)
 NOISE = (1.0, 1.2, 0.9)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, picture, places, presses
 
-from tactilevision.photometric import make_reference
+from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, visibility
-from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.illumination.glossy_lamps import fit_glossy_lamps
 from tactilevision.photometric.illumination.lamps import BEST_MISFIT, Lamps, fit_lamps
-from tactilevision.records import Floats
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.measured import Floats
 
 RED, GREEN, BLUE = (0.6, 0.07, 0.04), (0.06, 0.5, 0.09), (0.04, 0.08, 0.6)
 AT = ((-20.0, 1.0, 8.5), (21.0, 0.0, 11.0), (0.5, -19.0, 8.0), (0.0, 18.0, 9.5))  # mm; the fourth is red, too

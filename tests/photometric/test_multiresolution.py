@@ -9,21 +9,19 @@ import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
 
-from tactilevision.integration.poisson import integrate
-from tactilevision.photometric import (
-    PHOTOMETRIC,
-    BallPicture,
-    CalibratedMethod,
-    calibrate_from_balls,
-    make_reference,
-)
+from tactilevision.heightmap.poisson import integrate
+from tactilevision.heightmap.untouched_frames import subtract_background
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.markers import Marks
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.multiresolution import TiledEvaluator
+from tactilevision.photometric.network_training import NetworkFitter
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.photometric.training.network_training import NetworkFitter
-from tactilevision.reconstruct.untouched_frames import subtract_background
-from tactilevision.records import Bytes, Floats
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.measured import Bytes, Floats
 
 SCALE = (MM_PER_PX, MM_PER_PX)
 

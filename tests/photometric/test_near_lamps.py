@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from lamp_room import MM_PER_PX, SHAPE, ball, in_px, picture, presses
 
-from tactilevision.photometric import BallPicture, calibrate_from_balls, make_reference
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.methods.polynomial import fit_polynomial
-from tactilevision.records import Bytes, Floats
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.measured import Bytes, Floats
 
 NEAR = ((4.6, 12.0, 8.0), (-15.0, 3.0, 7.0), (9.0, -12.0, 9.0))
 TINTS = np.array([[0.9, 0.0, 0.1], [0.0, 0.8, 0.5], [0.05, 0.15, 0.9]])

@@ -14,25 +14,27 @@ import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import (
-    BallPicture,
-    Calibration,
-    calibrate_from_balls,
-    load_method,
-    make_reference,
-    save_method,
-)
-from tactilevision.photometric.ball.detection import Ball
-from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_samples import Samples
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.methods.network import Network
-from tactilevision.photometric.training.light_kinds import LIGHT_KINDS
-from tactilevision.photometric.training.network_training import NetworkFitter, augmented, fit_network
-from tactilevision.photometric.training.random_lights import draw_scenes, shade
-from tactilevision.photometric.training.random_samples import draw_samples
-from tactilevision.photometric.training.random_surfaces import Surfaces, draw_places, draw_surfaces, lit_share
+from tactilevision.photometric.network_training import NetworkFitter, augmented, fit_network
+from tactilevision.photometric.random_lights import (
+    LIGHT_KINDS,
+    Surfaces,
+    draw_places,
+    draw_samples,
+    draw_scenes,
+    draw_surfaces,
+    lit_share,
+    shade,
+)
+from tactilevision.photometric.reference import make_reference
+from tactilevision.photometric.storage import load_method, save_method
 from tactilevision.synthetic.gel import Grid, Prescribed
-from tactilevision.synthetic.strips import Strip, visibility
+from tactilevision.synthetic.lights import Strip, visibility
 
 SCALE = (MM_PER_PX, MM_PER_PX)
 
@@ -150,7 +152,7 @@ def test_it_survives_the_disk_and_nothing_else(tmp_path: Path) -> None:
 def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
     import torch
 
-    from tactilevision.photometric.methods.onnx_file import export_network
+    from tactilevision.photometric.methods.network import export_network
 
     path = save_method(calibrated().method, tmp_path / "finger.npz")
     strange = export_network(
@@ -227,7 +229,7 @@ def test_slopes_of_drawn_surfaces_are_those_of_their_heights() -> None:
 
 
 def test_drawn_surfaces_cast_the_simulator_s_shadows() -> None:
-    """Beside synthetic/strips.py, which was held against a path tracer."""
+    """Beside synthetic/lights.py, which was held against a path tracer."""
     import torch
 
     drawn, lamp, upright = one_of_each(), (-20.0, 6.0, 5.0), 2.0

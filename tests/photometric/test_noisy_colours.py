@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactilevision.photometric.ball.samples import Samples, with_noise
+from tactilevision.photometric.ball_samples import Samples, with_noise
 from tactilevision.photometric.methods.inverse_shading import InverseShading
 from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
 

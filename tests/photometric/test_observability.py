@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from lamp_room import LAMPS, MM_PER_PX, SHAPE, TINTS, ball, in_px, picture, presses
 
-from tactilevision.photometric import BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.photometric.ball.observability import slope_observability
-from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_samples import Samples, slope_observability
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.methods.polynomial import fit_polynomial
-from tactilevision.records import Floats
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.measured import Floats
 
 FACING = ((-30.0, 0.0, 18.0), (30.0, 0.0, 18.0), (0.0, 30.0, 18.0))
 RED_RED_GREEN = np.array([TINTS[0], TINTS[0], TINTS[1]])

@@ -9,24 +9,31 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.photometric import BallPicture, load_network, make_reference
-from tactilevision.photometric.ball.samples import ball_samples
-from tactilevision.photometric.calibrate import direction_error_deg
-from tactilevision.photometric.contacts.moments import Contact, contact_of
-from tactilevision.photometric.contacts.self_calibration import (
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.self_calibration import (
     MIN_CONTACTS,
+    Contact,
     Prior,
     calibrate_on_contacts,
+    contact_of,
     contradict,
 )
-from tactilevision.photometric.found_balls import locate
-from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
-from tactilevision.photometric.methods.weights import find_model
-from tactilevision.reconstruct import build_reconstructor
-from tactilevision.recording import Recording, read_folder, read_frame, read_recording
-from tactilevision.records import Floats, Sensor
-from tactilevision.records.flags import ASSUMED_SCALE, REFERENCE
-from tactilevision.sensors import get_sensor, rectify
+from tactilevision.photometric.ball_pictures import BallPicture, locate
+from tactilevision.photometric.ball_samples import ball_samples
+from tactilevision.photometric.calibrate import direction_error_deg
+from tactilevision.photometric.colour_change import ColourChange, Planes
+from tactilevision.photometric.methods.network import find_model
+from tactilevision.photometric.reference import make_reference
+from tactilevision.photometric.storage import load_network
+from tactilevision.recording.folder import read_folder
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.records.maps import ASSUMED_SCALE, REFERENCE
+from tactilevision.records.measured import Floats
+from tactilevision.records.rig import Sensor
+from tactilevision.sensors import get_sensor
+from tactilevision.sensors.rectification import rectify
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"

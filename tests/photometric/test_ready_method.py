@@ -15,12 +15,12 @@ from lamp_room import flat, with_dots
 
 from benchmarks import ready_cards
 from tactilevision.errors import InputError
-from tactilevision.photometric import PHOTOMETRIC, load_network, make_reference
-from tactilevision.photometric.methods.network import Network
-from tactilevision.photometric.methods.weights import find_model
-from tactilevision.photometric.training.random_samples import draw_samples
-from tactilevision.reconstruct import build_reconstructor
-from tactilevision.recording import Recording
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.photometric.methods.network import Network, find_model
+from tactilevision.photometric.random_lights import draw_samples
+from tactilevision.photometric.reference import make_reference
+from tactilevision.photometric.storage import load_network
+from tactilevision.recording.model import Recording
 from tactilevision.sensors import get_sensor
 
 
@@ -162,10 +162,3 @@ def test_a_truncated_network_with_a_card_to_match_is_still_told(tmp_path: Path, 
     path.with_suffix(".json").write_text(json.dumps(card))
     with pytest.raises(InputError, match=r"cannot be read|does not"):
         load_network(path, make_reference([flat(np.random.default_rng(0))]))
-
-
-def test_auto_keeps_its_older_name() -> None:
-    assert PHOTOMETRIC["either"] is PHOTOMETRIC["auto"]
-    assert "either" in PHOTOMETRIC
-    assert "either" not in list(PHOTOMETRIC)
-    assert "neither" not in PHOTOMETRIC

@@ -21,23 +21,21 @@ from benchmarks.own_contacts import KINDS
 from benchmarks.ready_cards import SENSORS, by_network
 from benchmarks.real_frames import real_balls
 from tactilevision.batch.folder import measure
-from tactilevision.photometric import (
-    BallPicture,
-    Calibration,
-    Reference,
-    calibrate_from_balls,
-    load_network,
-    make_reference,
-)
-from tactilevision.photometric.ball.samples import ball_samples, radii_from
-from tactilevision.photometric.found_balls import collect_balls
-from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.untouched_frames import tuned
+from tactilevision.photometric.ball_pictures import BallPicture, collect_balls
+from tactilevision.photometric.ball_samples import ball_samples, radii_from
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.methods.inverse_shading import AutoMethod
+from tactilevision.photometric.methods.network import find_model
 from tactilevision.photometric.methods.polynomial import fit_polynomial
-from tactilevision.photometric.methods.weights import find_model
-from tactilevision.reconstruct import Reconstructor, tuned
-from tactilevision.records import Bytes, Floats, Frame
-from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
+from tactilevision.photometric.reference import Reference, make_reference
+from tactilevision.photometric.storage import load_network
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes, Floats
+from tactilevision.sensors import get_sensor
+from tactilevision.sensors.rectification import maps_from_lookup, rectify
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
 pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not at hand")

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactilevision.photometric import BallPicture, make_reference
-from tactilevision.photometric.ball.detection import Ball, ball_slopes
-from tactilevision.photometric.ball.refinement import refined_circle
-from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.ball.shading_fit import answers_at, colours_by, colours_of, fit_light
-from tactilevision.photometric.found_balls import collect_balls, refine_balls
-from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.records import Bytes, Floats
+from tactilevision.photometric.ball_detection import Ball, ball_slopes
+from tactilevision.photometric.ball_pictures import BallPicture, collect_balls, refine_balls, refined_circle
+from tactilevision.photometric.ball_samples import Samples
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.reference import make_reference
+from tactilevision.photometric.shading_law import answers_at, colours_by, colours_of, fit_light
+from tactilevision.records.measured import Bytes, Floats
 
 SHAPE, SCALE, RADIUS_MM = (120, 160), (0.06, 0.06), 4.0
 TOWARD = np.array([[0.9, 0.1], [-0.5, 0.8], [-0.4, -0.9]])  # of the lamps, as slopes they light best

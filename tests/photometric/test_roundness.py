@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.photometric.contacts.moments import TERMS, Contact, design
-from tactilevision.photometric.contacts.roundness import round_equations
-from tactilevision.records import Floats
+from tactilevision.heightmap.self_calibration import TERMS, Contact, design, round_equations
+from tactilevision.records.measured import Floats
 
 LIGHT = np.array([[0.9, 0.3], [-0.7, 0.6], [0.1, -0.8]])  # change of three colours with the two slopes
 LAW = np.zeros((2, len(TERMS)))

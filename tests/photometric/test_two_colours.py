@@ -10,21 +10,16 @@ import numpy as np
 import pytest
 from lamp_room import BALL_MM, SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture
 
-from tactilevision.photometric import (
-    BallPicture,
-    CalibratedMethod,
-    Calibration,
-    calibrate_from_balls,
-    load_method,
-    make_reference,
-    save_method,
-)
-from tactilevision.photometric.ball.detection import Ball
-from tactilevision.photometric.ball.samples import radii_from
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_samples import radii_from
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import fit_polynomial
-from tactilevision.photometric.reference import SATURATED
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.records import Bools, Bytes
+from tactilevision.photometric.reference import SATURATED, make_reference
+from tactilevision.photometric.storage import load_method, save_method
+from tactilevision.records.measured import Bools, Bytes
 
 COLOUR = 2
 SHARE = 0.2  # of the untouched picture that is overexposed

@@ -19,13 +19,23 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Text
 
-from tactilevision.certificate.certificate import Evidence
-from tactilevision.certificate.touch.contact_event import ContactEvent
-from tactilevision.contact.bevel_onset import Growth, Onset
-from tactilevision.plots import diagnosis, indentation, joint, misfit, style, validation
-from tactilevision.plots.film import Shot, _Stage
-from tactilevision.plots.press import draw_press
-from tactilevision.records import CertifiedPoint, Estimate, Footprint, HeightMap, misfit as misfit_records
+from tactilevision.contact.bevel import Growth, Onset
+from tactilevision.plots import (
+    calibration as indentation,
+    calibration as joint,
+    diagnosis,
+    misfit,
+    style,
+    validation,
+)
+from tactilevision.plots.calibration import draw_press
+from tactilevision.plots.viewer import Shot, _Stage
+from tactilevision.press.bevel_contact import ContactEvent
+from tactilevision.press.certificate import Evidence
+from tactilevision.records import misfit as misfit_records
+from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.maps import Footprint, HeightMap
+from tactilevision.records.measured import Estimate
 
 SHOWN_PX = 500
 LEAST_PX = 8.0  # height of a letter's body that is read without effort

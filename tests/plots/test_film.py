@@ -11,10 +11,11 @@ import pytest
 from PIL import Image
 
 from tactilevision.errors import InputError
-from tactilevision.plots import film
-from tactilevision.plots.film import Shot, draw_film, write_film
+from tactilevision.plots import viewer as film
 from tactilevision.plots.height import draw_difference, draw_height_and_frame, draw_normals
-from tactilevision.records import Bytes, HeightMap
+from tactilevision.plots.viewer import Shot, draw_film, write_film
+from tactilevision.records.maps import HeightMap
+from tactilevision.records.measured import Bytes
 
 
 def shot(depth_mm: float, time_s: float) -> Shot:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 
-from tactilevision.plots.indentation import FittedLine, PointCloud, draw_fit
+from tactilevision.plots.calibration import FittedLine, PointCloud, draw_fit
 
 
 def test_forces_of_nought_and_below_are_drawn_with_their_bars() -> None:

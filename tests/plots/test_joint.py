@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.plots.joint import draw_joint
+from tactilevision.plots.calibration import draw_joint
 
 CURVE = np.column_stack([np.linspace(0.43, 0.4999, 20), np.linspace(0.23, 0.18, 20)])
 REGION = np.array([[0.465, 0.21], [0.485, 0.2], [0.485, 0.19], [0.465, 0.2]])

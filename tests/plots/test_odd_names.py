@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactilevision.cli.misfit_pictures import keep_every_press
-from tactilevision.plots import letters, style
-from tactilevision.plots.letters import _other_font
+from tactilevision.cli.pictures import keep_every_press
+from tactilevision.plots import style, style as letters
 from tactilevision.plots.misfit import draw_presses
-from tactilevision.plots.style import LONGEST_LABEL, as_label, save_figure
+from tactilevision.plots.style import LONGEST_LABEL, _other_font, as_label, save_figure
 from tactilevision.records.misfit import ForceCurves, PressCurve
 
 X = np.linspace(0.05, 0.5, 12)

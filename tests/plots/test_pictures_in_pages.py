@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactilevision.plots.style import data_uri, save_figure
-from tactilevision.records import Bytes
+from tactilevision.records.measured import Bytes
 
 
 def decoded(uri: str) -> Bytes:

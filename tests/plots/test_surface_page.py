@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.plots.surface_page import UNKNOWN_UM, surface_page, write_surface_page
-from tactilevision.records import HeightMap
-from tactilevision.records.flags import LIGHT, MEANING
+from tactilevision.plots.viewer import UNKNOWN_UM, surface_page, write_surface_page
+from tactilevision.records.maps import LIGHT, MEANING, HeightMap
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 HOSTILE = "</script><img src=x onerror=alert(1)>.png"

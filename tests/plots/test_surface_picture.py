@@ -8,10 +8,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from tactilevision.errors import InputError
-from tactilevision.plots.depth_terms import draw_terms
-from tactilevision.plots.height import draw_difference, draw_height, draw_normals, draw_overlay, draw_surface
-from tactilevision.records import HeightMap
-from tactilevision.records.flags import LIGHT
+from tactilevision.plots.height import (
+    draw_difference,
+    draw_height,
+    draw_normals,
+    draw_overlay,
+    draw_surface,
+    draw_terms,
+)
+from tactilevision.records.maps import LIGHT, HeightMap
 
 
 def test_the_scale_is_told_within_the_picture() -> None:

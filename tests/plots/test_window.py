@@ -7,9 +7,9 @@ import pytest
 from matplotlib.backend_bases import FigureCanvasBase, KeyEvent, MouseButton, MouseEvent
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from tactilevision.plots.window import Window, along
-from tactilevision.records import Floats, HeightMap
-from tactilevision.records.flags import LIGHT
+from tactilevision.plots.viewer import Window, along
+from tactilevision.records.maps import LIGHT, HeightMap
+from tactilevision.records.measured import Floats
 
 SCALE = (0.1, 0.2)
 NAMES = ["a.png", "b.png", "c.png"]

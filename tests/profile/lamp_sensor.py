@@ -9,13 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod, calibrate_from_balls, make_reference
+from tactilevision.photometric.calibrate import calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.reference import make_reference
 from tactilevision.profile.make import stated_material, with_compliance
 from tactilevision.profile.model import Profile
-from tactilevision.profile.write import write_profile
-from tactilevision.recording import write_image
-from tactilevision.records import Bytes, Gel, Indenter, Sensor
+from tactilevision.profile.storage import write_profile
+from tactilevision.recording.write import write_image
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Gel, Indenter, Sensor
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import BALL_MM, SENSOR, SHAPE, ball, ball_pictures, flat, picture, presses

@@ -13,8 +13,8 @@ import pytest
 from lamp_sensor import LAMPS, saved
 
 from tactilevision.errors import InputError
-from tactilevision.files import write_archive
-from tactilevision.profile import contents
+from tactilevision.files.writing import write_archive
+from tactilevision.profile import storage as contents
 from tactilevision.profile.sensor import load_sensor
 
 

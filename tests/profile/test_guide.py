@@ -17,10 +17,11 @@ from sample_light import light_of_sample
 
 from tactilevision.cli import main
 from tactilevision.errors import InputError
-from tactilevision.profile.guide import Guide, Session
-from tactilevision.profile.guide.labels import labels_of, start_table
-from tactilevision.profile.read import read_profile
-from tactilevision.recording import layout, read_recording
+from tactilevision.profile.ball_guide import Guide, Session
+from tactilevision.profile.ball_labels import labels_of, start_table
+from tactilevision.profile.storage import read_profile
+from tactilevision.recording import layout
+from tactilevision.recording.read import read_recording
 from tactilevision.recording.tables import read_table
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

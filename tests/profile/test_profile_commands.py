@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 from lamp_sensor import TOML, free, pressed, saved, write_ball_folder, write_frames
 
-from tactilevision.cli import calibrate_sensor as command, main
-from tactilevision.exports.tiff import read_tiff
-from tactilevision.photometric import save_method
-from tactilevision.profile.read import read_profile
-from tactilevision.profile.seen import Seen
+from tactilevision.cli import main, train as command
+from tactilevision.files.tiff import read_tiff
+from tactilevision.photometric.storage import save_method
+from tactilevision.profile.model import Seen
 from tactilevision.profile.sensor import load_sensor
-from tactilevision.recording import read_image, write_image
+from tactilevision.profile.storage import read_profile
+from tactilevision.recording.images import read_image
+from tactilevision.recording.write import write_image
 
 DATA = Path(__file__).parents[1] / "data"
 

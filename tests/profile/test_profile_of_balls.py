@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 from tactilevision.cli import main
-from tactilevision.profile.read import read_profile
-from tactilevision.profile.sensor import load_sensor
-from tactilevision.profile.use import open_with_profile, sensor_for
-from tactilevision.recording import read_recording
+from tactilevision.profile.sensor import load_sensor, open_with_profile, sensor_for
+from tactilevision.profile.storage import read_profile
+from tactilevision.recording.read import read_recording
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "rendered_shadows"
 

@@ -14,21 +14,21 @@ import numpy as np
 import pytest
 from lamp_sensor import GEL, LAMPS, PUNCH, SHAPE, flat, free, method, picture, pressed, profile, saved
 
-from tactilevision.certificate.depth.depth_scale import DepthScale
-from tactilevision.certificate.depth.wall_lessons import with_walls
 from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField, ForceSettings
-from tactilevision.live import Stream
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.shadows_seen import undo_by
 from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.press.certified_faces import DepthScale, with_walls
 from tactilevision.profile.make import stated_material
-from tactilevision.profile.read import read_profile
-from tactilevision.profile.seen import Seen, SeenBatch
+from tactilevision.profile.model import Seen, SeenBatch
 from tactilevision.profile.sensor import CalibratedSensor, load_sensor
-from tactilevision.profile.write import write_profile
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.reconstruct.shadows_seen import undo_by
-from tactilevision.records import Bytes, Frame, Gel, Indenter
-from tactilevision.records.taught_walls import TaughtWalls, WallLessons
+from tactilevision.profile.storage import read_profile, write_profile
+from tactilevision.records.certified import TaughtWalls, WallLessons
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Gel, Indenter
+from tactilevision.robots.live import Stream
 
 
 @pytest.fixture(scope="module")

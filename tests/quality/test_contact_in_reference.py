@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.quality.contact_in_reference import pressed_beside
-from tactilevision.records import Bytes, HeightMap
+from tactilevision.heightmap.reference_match import pressed_beside
+from tactilevision.records.maps import HeightMap
+from tactilevision.records.measured import Bytes
 
 SIZE = (16, 20)  # blocks (h, w), here pixels
 PICTURE: Bytes = np.zeros((*SIZE, 3), np.uint8)

@@ -12,14 +12,19 @@ import pytest
 
 from tactilevision.cli import source
 from tactilevision.errors import InputError
-from tactilevision.live import Stream
-from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
+from tactilevision.heightmap.ball_validation import unfit
+from tactilevision.heightmap.inconsistent_light import measured_light
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.untouched_frames import tuned
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
-from tactilevision.quality.fitness import unfit
-from tactilevision.quality.inconsistent_light import measured_light
-from tactilevision.reconstruct import Reconstructor, tuned
-from tactilevision.recording import Recording, read_recording
-from tactilevision.records.flags import UNFIT
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.reference import make_reference
+from tactilevision.recording.model import Recording
+from tactilevision.recording.read import read_recording
+from tactilevision.records.maps import UNFIT
+from tactilevision.robots.live import Stream
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import BALL_MM, SENSOR, SHAPE, ball_pictures, flat
@@ -80,7 +85,7 @@ def test_a_stream_and_the_command_line_refuse_it_unless_told_so(
     def built(recording: Recording, method: object = None) -> Reconstructor:
         return reader
 
-    monkeypatch.setattr("tactilevision.reconstruct.calibrate_light", built)
+    monkeypatch.setattr("tactilevision.heightmap.build.calibrate_light", built)
     recording = read_recording(SAMPLE)
     with pytest.raises(InputError, match=r"^reference/ball: .*--even-so"):
         source.Choice(shadows=False, even_so=False).light(recording)

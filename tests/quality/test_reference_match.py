@@ -10,17 +10,17 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.live import Stream
-from tactilevision.photometric import (
-    PHOTOMETRIC,
-    BallPicture,
-    calibrate_from_balls,
-    make_reference,
-)
-from tactilevision.reconstruct import Reconstructor, build_reconstructor, tuned
-from tactilevision.recording import Recording
-from tactilevision.records import Bytes, Frame, Pair
-from tactilevision.records.flags import BALLS, LIGHT, MEANING, MOVED, REFERENCE, add
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.untouched_frames import tuned
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.reference import make_reference
+from tactilevision.recording.model import Recording
+from tactilevision.records.maps import BALLS, LIGHT, MEANING, MOVED, REFERENCE, Frame, add
+from tactilevision.records.measured import Bytes, Pair
+from tactilevision.robots.live import Stream
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import LAMPS, MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture, places, presses

@@ -13,16 +13,16 @@ import numpy.typing as npt
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import make_reference
-from tactilevision.photometric.reference import COLOURS
-from tactilevision.quality.reference_match import some_frames
-from tactilevision.quality.scene_faults import able_to_renew, check_order, scene_faults
-from tactilevision.reconstruct import build_reconstructor, calibrate_light
-from tactilevision.reconstruct.build import with_flats
-from tactilevision.reconstruct.untouched_frames import free_frames, press_starts
-from tactilevision.recording import read_image, read_recording, write_image
-from tactilevision.records import Bytes
-from tactilevision.sensors import rectify
+from tactilevision.heightmap.build import build_reconstructor, calibrate_light, with_flats
+from tactilevision.heightmap.reference_match import some_frames
+from tactilevision.heightmap.scene_faults import able_to_renew, check_order, scene_faults
+from tactilevision.heightmap.untouched_frames import free_frames, press_starts
+from tactilevision.photometric.reference import COLOURS, make_reference
+from tactilevision.recording.images import read_image
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.write import write_image
+from tactilevision.records.measured import Bytes
+from tactilevision.sensors.rectification import rectify
 
 ROOT = Path(__file__).parents[2]
 REAL = ROOT.parent / "shared" / "real"

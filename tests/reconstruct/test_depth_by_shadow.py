@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from rendered_light import MM_PER_PX, SAMPLE, TRUTH, found_lamps, rendered_reconstructor
 
-from tactilevision.integration.punch_edge import PunchEdge
+from tactilevision.heightmap import faces_by_shadow
+from tactilevision.heightmap.depth_by_shadow import ShadowDepth, _Beside, depth_by_shadow
+from tactilevision.heightmap.faces_by_shadow import with_shadow_depths
+from tactilevision.heightmap.walls import PunchEdge
 from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.illumination.interreflection import reflected
 from tactilevision.photometric.illumination.lamps import Lamps
-from tactilevision.reconstruct import faces_by_shadow
-from tactilevision.reconstruct.depth_by_shadow import ShadowDepth, _Beside, depth_by_shadow
-from tactilevision.reconstruct.faces_by_shadow import with_shadow_depths
-from tactilevision.recording import read_frame, read_recording
-from tactilevision.records import Floats
-from tactilevision.records.flags import CONTRARY
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.records.maps import CONTRARY
+from tactilevision.records.measured import Floats
 
 THICKNESS_MM = TRUTH["gel"]["thickness_mm"]
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import load_method, save_method
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.lamps import find_lamps
+from tactilevision.heightmap.shadows_seen import with_shadows
 from tactilevision.photometric.illumination.kept_lamps import lamp_arrays, lamps_of
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.storage import digest
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.reconstruct.lamps import find_lamps
-from tactilevision.reconstruct.shadows_seen import with_shadows
-from tactilevision.recording import read_frame, read_recording
+from tactilevision.photometric.storage import digest, load_method, save_method
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "rendered_shadows"
 LAMPS = Lamps(

@@ -10,19 +10,15 @@ import numpy as np
 import pytest
 from shared_scenes import SAMPLE
 
-from tactilevision.photometric.methods.weights import find_model
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.reconstruct.picture_order import curl_share, order_warnings
-from tactilevision.recording import (
-    read_flats,
-    read_folder,
-    read_frame,
-    read_recording,
-    read_reference,
-    write_image,
-)
-from tactilevision.records import Bytes, SlopeMap
-from tactilevision.sensors import rectify
+from tactilevision.heightmap.build import calibrate_light, curl_share, order_warnings
+from tactilevision.photometric.methods.network import find_model
+from tactilevision.recording.folder import read_folder
+from tactilevision.recording.pictures import read_flats, read_frame, read_reference
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.write import write_image
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bytes
+from tactilevision.sensors.rectification import rectify
 
 EXCHANGES: dict[str, Callable[[Bytes], Bytes]] = {
     "": lambda rgb: rgb,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.integration.circular_edges import CircularEdge
-from tactilevision.integration.punch_edge import PunchEdge
+from tactilevision.heightmap.circular_edges import CircularEdge
+from tactilevision.heightmap.pressed_gel import with_faces
+from tactilevision.heightmap.walls import PunchEdge
 from tactilevision.mechanics.profile import PunchCase, seen_profile
-from tactilevision.reconstruct.pressed_gel import with_faces
-from tactilevision.records import Bools, Floats
+from tactilevision.records.measured import Bools, Floats
 
 SCALE = (0.08, 0.08)  # mm per px
 RADIUS, THICKNESS, DEPTH = 2.5, 3.0, 0.5  # mm

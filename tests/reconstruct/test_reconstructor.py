@@ -16,19 +16,25 @@ from shared_scenes import SAMPLE, sample_reconstructor
 
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import InputError
-from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.reconstruct import Reconstructor, build_reconstructor, untouched_rms_mm
-from tactilevision.reconstruct.untouched_frames import subtract_background, tare
-from tactilevision.recording import read_frame, read_recording
-from tactilevision.records import Bytes, Frame, SlopeMap
-from tactilevision.records.flags import BEYOND_BALLS
-from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.untouched_frames import subtract_background, tare, untouched_rms_mm
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.reference import make_reference
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.records.maps import BEYOND_BALLS, Frame, SlopeMap
+from tactilevision.records.measured import Bytes
+from tactilevision.sensors import get_sensor
+from tactilevision.sensors.rectification import maps_from_lookup, rectify
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, picture, places, presses
 
-from tactilevision.uncertainty.ball_validation import held_out_depth
-from tactilevision.uncertainty.steep_slope import hidden_step_mm
+from tactilevision.heightmap.ball_validation import held_out_depth
+from tactilevision.heightmap.deviation_terms import hidden_step_mm
 
 REAL = Path(__file__).parents[3] / "shared" / "real"
 

@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 from shared_scenes import shared
 
+from tactilevision.heightmap import shadows_seen
+from tactilevision.heightmap.build import build_reconstructor, calibrate_light
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.shadows_seen import share_seen, with_shadows
+from tactilevision.heightmap.unshadowed import Mapped, undo_shadows
 from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, shadow_share
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps
-from tactilevision.reconstruct import Reconstructor, build_reconstructor, calibrate_light, shadows_seen
-from tactilevision.reconstruct.shadows_seen import share_seen, with_shadows
-from tactilevision.reconstruct.unshadowed import Mapped, undo_shadows
-from tactilevision.recording import read_frame, read_image, read_recording
-from tactilevision.records import Bytes, Floats
+from tactilevision.recording.images import read_image
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.records.measured import Bytes, Floats
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "rendered_shadows"
 TRUTH = tomllib.loads((SAMPLE / "truth.toml").read_text())

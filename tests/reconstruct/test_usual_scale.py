@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.photometric.ball.detection import Ball, ball_slopes
-from tactilevision.reconstruct.usual_scale import (
+from tactilevision.heightmap.ball_validation import (
     UsualReading,
     odd_by_usual_light,
     read_balls,
     usual_scale_warnings,
 )
-from tactilevision.records import Bytes, SlopeMap
+from tactilevision.photometric.ball_detection import Ball, ball_slopes
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bytes
 
 BALL_MM, CONTACT_PX, SCALE = 3.8, 20.0, (0.06, 0.06)
 CENTRES = [(40.0, 50.0), (70.0, 60.0), (55.0, 35.0)]

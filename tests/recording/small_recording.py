@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.recording import write_image
-from tactilevision.records import Bytes
+from tactilevision.recording.write import write_image
+from tactilevision.records.measured import Bytes
 
 SETTINGS = """\
 format = 1

@@ -10,7 +10,7 @@ import pytest
 from small_recording import edit, write_small
 
 from tactilevision.errors import RecordingError
-from tactilevision.recording import read_recording
+from tactilevision.recording.read import read_recording
 
 FAULTS = [
     ("format = 1", "format = 2", "this version reads format = 1 only (got 2)"),

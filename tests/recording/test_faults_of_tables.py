@@ -11,7 +11,8 @@ import pytest
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.recording import read_recording, write_image
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.write import write_image
 
 HEAD = "time_s,fx_N,fy_N,fz_N\n"
 POINTS = "press,indenter,depth_mm,fz_N"

@@ -11,16 +11,12 @@ import pytest
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.recording import (
-    faults_of_flats,
-    iter_frames,
-    read_folder,
-    read_recording,
-    require,
-    write_image,
-    write_points,
-)
-from tactilevision.records import EdgeDrop, EdgeProfile
+from tactilevision.recording.folder import read_folder
+from tactilevision.recording.model import faults_of_flats, require
+from tactilevision.recording.pictures import iter_frames
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.write import write_image, write_points
+from tactilevision.records.certified import EdgeDrop, EdgeProfile
 
 POINTS_ONLY = """\
 format = 1

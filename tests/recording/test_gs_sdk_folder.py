@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.recording import read_ball_folder, read_flats, write_image, write_table
+from tactilevision.recording.ball_folder import read_ball_folder
+from tactilevision.recording.pictures import read_flats
+from tactilevision.recording.write import write_image, write_table
 
 SIZE = (240, 320, 3)
 

@@ -14,7 +14,10 @@ from PIL import Image
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.recording import read_frame, read_image, read_recording, write_image
+from tactilevision.recording.images import read_image
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.write import write_image
 
 
 def save(array: npt.NDArray[Any], path: Path) -> Path:
@@ -60,7 +63,7 @@ def test_what_another_thread_says_while_a_picture_is_decoded_is_no_damage(
         os.write(2, next(said))
         return np.asarray(decoded(data, how))
 
-    monkeypatch.setattr("tactilevision.door.decoding.cv2.imdecode", overheard)
+    monkeypatch.setattr("tactilevision.files.pictures.cv2.imdecode", overheard)
     np.testing.assert_array_equal(read_image(path), picture(1))
 
 

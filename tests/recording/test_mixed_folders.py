@@ -14,8 +14,12 @@ from PIL import Image
 from small_recording import picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.reconstruct import calibrate_light
-from tactilevision.recording import BadFrame, iter_frames, read_folder, read_recording, write_image
+from tactilevision.heightmap.build import calibrate_light
+from tactilevision.recording.folder import read_folder
+from tactilevision.recording.model import BadFrame
+from tactilevision.recording.pictures import iter_frames
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.write import write_image
 
 
 def pictures(folder: Path, sizes: list[tuple[int, int]]) -> Path:

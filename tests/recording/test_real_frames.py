@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.recording import iter_frames, read_folder
-from tactilevision.records import Frame
+from tactilevision.recording.folder import read_folder
+from tactilevision.recording.pictures import iter_frames
+from tactilevision.records.maps import Frame
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
 

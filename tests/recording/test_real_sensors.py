@@ -17,11 +17,12 @@ import pytest
 from scipy.stats import spearmanr
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import make_reference
-from tactilevision.photometric.ball.detection import first_guess
-from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.records import Bytes
-from tactilevision.sensors import get_sensor, rectify, sensor_from_corners
+from tactilevision.photometric.ball_detection import first_guess
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.measured import Bytes
+from tactilevision.sensors import get_sensor
+from tactilevision.sensors.rectification import rectify, sensor_from_corners
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
 pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not at hand")

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.recording.video import iter_video
+from tactilevision.recording.images import iter_video
 
 SHAPE = (48, 64, 3)
 UPRIGHT = (1, 0, 0, 1)  # ISO 14496-12, 8.3.2: the matrix of a track's header, a b u c d v x y w

@@ -15,17 +15,15 @@ import pytest
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.recording import (
-    BadFrame,
-    Recording,
-    iter_frames,
-    read_folder,
-    read_frame,
-    read_recording,
-    write_image,
-)
-from tactilevision.recording.video import count_frames
-from tactilevision.records import Bytes, Frame, Sensor
+from tactilevision.recording.folder import read_folder
+from tactilevision.recording.images import count_frames
+from tactilevision.recording.model import BadFrame, Recording
+from tactilevision.recording.pictures import iter_frames, read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.write import write_image
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Sensor
 
 
 @pytest.fixture

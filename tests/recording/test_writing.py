@@ -15,13 +15,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from small_recording import picture, write_small
 
-from tactilevision import records
 from tactilevision.errors import InputError, OutputError
-from tactilevision.recording import (
-    BallPress,
-    Recording,
-    StageSeries,
-    read_recording,
+from tactilevision.recording.model import BallPress, Recording, StageSeries
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.write import (
     write_curves,
     write_image,
     write_maps,
@@ -29,7 +26,9 @@ from tactilevision.recording import (
     write_recording,
     write_table,
 )
-from tactilevision.records import CertifiedPoint, Curve, ForceSeries, Gel, Indenter, Press, Sensor
+from tactilevision.records.certified import REASONS, CertifiedPoint
+from tactilevision.records.measured import Curve, ForceSeries
+from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 
 
 def printed(value: float) -> float:
@@ -95,7 +94,7 @@ def points(draw: st.DrawFn) -> list[CertifiedPoint]:
         accepted = draw(st.booleans())
         main = number if accepted else maybe
         more: dict[str, Any] = {name: draw(not_negative if "std" in name else maybe) for name in POINT_NUMBERS}
-        more |= {"accepted": accepted, "reason": "" if accepted else draw(st.sampled_from(records.REASONS))}
+        more |= {"accepted": accepted, "reason": "" if accepted else draw(st.sampled_from(REASONS))}
         found.append(CertifiedPoint(press, "A1", draw(main), draw(main), **more, extra={"note": draw(note)}))
     return found
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.recording import read_image, write_image
+from tactilevision.recording.images import read_image
+from tactilevision.recording.write import write_image
 
 
 def test_jpeg_keeps_colours_at_full_resolution(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.records import Curve
+from tactilevision.records.measured import Curve
 
 T = np.linspace(0.0, 1.0, 5)
 FORCE, PHASE = np.zeros((5, 3)), np.full(5, "")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.records import Frame
+from tactilevision.records.maps import Frame
 
 RGB = np.zeros((4, 6, 3), np.uint8)
 

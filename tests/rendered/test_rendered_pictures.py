@@ -12,10 +12,8 @@ from benchmarks.rendered.camera import RenderedCamera, build_camera
 from benchmarks.rendered.families import Rig, draw_rig
 from benchmarks.rendered.mesh import height_field
 from benchmarks.rendered.path_tracer import PathTracer
-from tactilevision.synthetic.bevel import Bevel
 from tactilevision.synthetic.gel import Area, Flat, Grid, Prescribed, Singles, Surface
-from tactilevision.synthetic.profile import PunchProfile
-from tactilevision.synthetic.punch import PunchPress
+from tactilevision.synthetic.punch import Bevel, PunchPress, PunchProfile
 
 RIG = replace(draw_rig("train", 1), width_px=60, height_px=40, mm_per_px=0.2)
 

@@ -13,10 +13,12 @@ import pytest
 
 from benchmarks.rendered.camera import build_camera
 from benchmarks.rendered.families import draw_rig
-from tactilevision.recording import Recording, read_image, read_recording
-from tactilevision.records import Floats
+from tactilevision.recording.images import read_image
+from tactilevision.recording.model import Recording
+from tactilevision.recording.read import read_recording
+from tactilevision.records.measured import Floats
 from tactilevision.synthetic.gel import Prescribed
-from tactilevision.synthetic.strips import visibility
+from tactilevision.synthetic.lights import visibility
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "rendered_shadows"
 MAX_BYTES = 6_000_000

@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.records import Bytes, Floats
-from tactilevision.sensors import find_grid, rectify, save_rectification, sensor_from_corners, sensor_from_grid
+from tactilevision.records.measured import Bytes, Floats
+from tactilevision.sensors.rectification import (
+    find_grid,
+    rectify,
+    save_rectification,
+    sensor_from_corners,
+    sensor_from_grid,
+)
 
 RAW = (240, 320)
 ROWS, COLUMNS, SPACING_MM = 6, 8, 2.5

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.methods.weights import find_model
-from tactilevision.records import Bytes, Sensor
-from tactilevision.sensors import SENSORS, get_sensor, maps_from_corners, maps_from_grid, maps_from_lookup, rectify
+from tactilevision.photometric.methods.network import find_model
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Sensor
+from tactilevision.sensors import SENSORS, get_sensor
+from tactilevision.sensors.rectification import maps_from_corners, maps_from_grid, maps_from_lookup, rectify
 
 
 def ramp(height: int = 60, width: int = 80) -> Bytes:

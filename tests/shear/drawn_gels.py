@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.records import Bytes, Floats
+from tactilevision.records.measured import Bytes, Floats
 
 SHAPE = (240, 320)
 CENTRE = (170.0, 110.0)

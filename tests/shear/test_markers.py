@@ -11,9 +11,9 @@ from drawn_gels import SHAPE, marks, motion, origin, photograph
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.markers import evenly_spaced
-from tactilevision.records import Bytes, Floats
+from tactilevision.records.measured import Bytes, Floats
+from tactilevision.shear.displacement import LOST, marker_motion, measure_shear
 from tactilevision.shear.markers import find_markers
-from tactilevision.shear.measure import LOST, marker_motion, measure_shear
 
 SCALE = (0.08, 0.08)
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real" / "gelslim3_mcubelab"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from drawn_gels import SHAPE, ink, motion, origin, photograph
 
-from tactilevision.records import Bytes
-from tactilevision.shear.measure import measure_shear
+from tactilevision.records.measured import Bytes
+from tactilevision.shear.displacement import measure_shear
 
 SCALE = (0.08, 0.08)
 STILL = np.indices(SHAPE)[::-1].astype(float)

@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.records import Floats
-from tactilevision.synthetic.camera import Camera
+from tactilevision.records.measured import Floats
+from tactilevision.synthetic.camera import Camera, CameraOptions, build_camera, distortion
 from tactilevision.synthetic.gel import Flat, Grid, Prescribed
 from tactilevision.synthetic.lights import Finish, gelslim_lights, random_lights, reflect, shine
-from tactilevision.synthetic.optics import CameraOptions, build_camera, distortion
 
 REAL = Path(__file__).parents[3] / "shared" / "real" / "gelslim3_mcubelab"
 

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from tactilevision.mechanics.kappa import kappa
-from tactilevision.synthetic import layer as truth
+from tactilevision.synthetic import ball as truth
 from tactilevision.synthetic.ball import BallPress
-from tactilevision.synthetic.bevel import Bevel
 from tactilevision.synthetic.gel import Grid, Prescribed
-from tactilevision.synthetic.profile import punch_profile
-from tactilevision.synthetic.punch import PunchPress
-from tactilevision.synthetic.ring import RingPress
+from tactilevision.synthetic.punch import Bevel, PunchPress, RingPress, punch_profile
 
 
 def grid(half_mm: float, step_mm: float) -> Grid:

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from benchmarks.blind import samples as blind_samples
-from tactilevision.recording import BadFrame, iter_frames, read_recording
+from tactilevision.recording.model import BadFrame
+from tactilevision.recording.pictures import iter_frames
+from tactilevision.recording.read import read_recording
 from tactilevision.synthetic.options import FAULTS
 from tactilevision.synthetic.samples import make_samples, write_paper_points
 

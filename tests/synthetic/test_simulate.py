@@ -13,22 +13,15 @@ import pytest
 from shared_scenes import scenes, shared
 
 from tactilevision.errors import InputError, OutputError
-from tactilevision.recording import BadFrame, Recording, iter_frames, read_frame, read_recording
-from tactilevision.records import Floats
-from tactilevision.synthetic import (
-    CameraOptions,
-    GelOptions,
-    IndenterOptions,
-    Protocol,
-    RigOptions,
-    SimulationOptions,
-    simulate,
-)
-from tactilevision.synthetic.options import FAULTS
-from tactilevision.synthetic.plan import PlannedPress
-from tactilevision.synthetic.scenario import Scenario, draw_scenario
-from tactilevision.synthetic.series import read_forces
-from tactilevision.synthetic.simulate import frame_times
+from tactilevision.recording.model import BadFrame, Recording
+from tactilevision.recording.pictures import iter_frames, read_frame
+from tactilevision.recording.read import read_recording
+from tactilevision.records.measured import Floats
+from tactilevision.synthetic.camera import CameraOptions
+from tactilevision.synthetic.options import FAULTS, GelOptions, IndenterOptions, RigOptions, SimulationOptions
+from tactilevision.synthetic.rig import Protocol
+from tactilevision.synthetic.scenario import PlannedPress, Scenario, draw_scenario, read_forces
+from tactilevision.synthetic.simulation import frame_times, simulate
 
 SMALL = SimulationOptions(
     camera=CameraOptions(width_px=160, height_px=120, mm_per_px=(0.17, 0.17), light_seed=3, distortion_px=4.0),

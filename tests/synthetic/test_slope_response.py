@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.synthetic import SimulationOptions
-from tactilevision.synthetic.optics import CameraOptions
-from tactilevision.synthetic.simulate import simulate
-from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
+from tactilevision.synthetic.camera import CameraOptions
+from tactilevision.synthetic.lights import SOUND, SlopeResponse
+from tactilevision.synthetic.options import SimulationOptions
+from tactilevision.synthetic.simulation import simulate
 
 
 def test_sound_light_shows_the_slopes_themselves() -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from benchmarks.rendered.compare import Pictured, darkened, diffuse_rig, rms
-from tactilevision.records import Floats, Pair
+from tactilevision.records.measured import Floats, Pair
+from tactilevision.synthetic.camera import CameraOptions, build_camera
 from tactilevision.synthetic.gel import Area, Flat, Grid, Prescribed, Singles, lookup
-from tactilevision.synthetic.optics import CameraOptions, build_camera
-from tactilevision.synthetic.strips import Strip, visibility
+from tactilevision.synthetic.lights import Strip, visibility
 
 KEPT = Path(__file__).parents[1] / "data" / "rendered" / "direct_light.npz"
 AXIS = np.linspace(-6.0, 6.0, 201)  # .06 mm

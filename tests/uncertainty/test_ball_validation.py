@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.ball.detection import Ball
+from tactilevision.heightmap.ball_validation import Known, bands, conformal_factor, dent_mm, told
+from tactilevision.heightmap.deviation_terms import gain_std, place_gain_std
+from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.card import MethodCard
-from tactilevision.uncertainty.ball_validation import Known, bands, conformal_factor, dent_mm, told
-from tactilevision.uncertainty.depth_scale import gain_std, place_gain_std
 
 
 @pytest.mark.parametrize("scale", [(0.06, 0.06), (0.05, 0.07)])

@@ -10,9 +10,10 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from shared_scenes import sample_reconstructor
 
-from tactilevision.recording import read_frame, read_recording
-from tactilevision.uncertainty.depth import DepthError
-from tactilevision.uncertainty.untouched_gel import BLOCK_PX, untouched_std_mm
+from tactilevision.heightmap.deviation import DepthError
+from tactilevision.heightmap.deviation_terms import BLOCK_PX, untouched_std_mm
+from tactilevision.recording.pictures import read_frame
+from tactilevision.recording.read import read_recording
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 TORN = ("00017.jpg",)

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM
-from tactilevision.photometric import BallPicture
-from tactilevision.photometric.ball.detection import Ball
-from tactilevision.records import Bytes, Floats
-from tactilevision.uncertainty.leakage import leakage_share
+from tactilevision.heightmap.deviation_terms import leakage_share
+from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.records.measured import Bytes, Floats
 
 STEP, GAIN = 0.1, np.full((3, 4), 0.02)
 BALL = Ball((60.0, 45.0), 20.0, 4.0)

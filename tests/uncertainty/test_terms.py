@@ -11,20 +11,26 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tactilevision.integration.punch_edge import PunchEdge
-from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane
-from tactilevision.photometric import PHOTOMETRIC, calibrate_from_balls, make_reference
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.records import HeightMap, SlopeMap
-from tactilevision.uncertainty.depth import TERMS, contributions_mm
-from tactilevision.uncertainty.depth_scale import scale_variance
-from tactilevision.uncertainty.leakage import leaked_variance
-from tactilevision.uncertainty.missing_colour import missing_colour_variance
-from tactilevision.uncertainty.slope_noise import noise_variance
-from tactilevision.uncertainty.steep_edge import add_edge_variance
-from tactilevision.uncertainty.steep_slope import add_steep_variance, hidden_step_mm
-from tactilevision.uncertainty.untouched_gel import free_variance, untouched_std_mm
-from tactilevision.uncertainty.zero_plane import zero_variance
+from tactilevision.heightmap.deviation import TERMS, contributions_mm
+from tactilevision.heightmap.deviation_terms import (
+    add_edge_variance,
+    add_steep_variance,
+    free_variance,
+    hidden_step_mm,
+    leaked_variance,
+    missing_colour_variance,
+    noise_variance,
+    scale_variance,
+    untouched_std_mm,
+    zero_variance,
+)
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.walls import PunchEdge
+from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane
+from tactilevision.photometric.calibrate import calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.reference import make_reference
+from tactilevision.records.maps import HeightMap, SlopeMap
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, picture
@@ -65,7 +71,7 @@ def test_noise_counts_by_its_square_and_vanishes_with_it() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_drawn_noise_scatters_as_far_as_its_term_says(seed: int) -> None:
-    from tactilevision.integration.poisson import integrate
+    from tactilevision.heightmap.poisson import integrate
 
     noise, rng = np.full((60, 80), 0.01, np.float32), np.random.default_rng(seed)
     drawn = [integrate(SlopeMap(*(noise * rng.standard_normal((2, 60, 80)))), PX) for _ in range(20)]

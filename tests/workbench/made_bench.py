@@ -16,7 +16,7 @@ from calibration.effects.depth_zero import DepthZero
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.stages import Effect
-from calibration.session import History
+from calibration.tasks.session import History
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Opened
 

@@ -12,20 +12,18 @@ import numpy as np
 import pytest
 from made_bench import PRESSES, bench, do, presses
 
-from calibration.effects.support.private import load_effect, new_effect
-from calibration.inputs.excluded_presses import leave_out, press_names
-from calibration.session import History, load_history
+from calibration.effects.private import load_effect, new_effect
+from calibration.inputs.observations import leave_out, press_names
 from calibration.tasks.compare import compare
+from calibration.tasks.session import History, load_history
 from calibration.workbench import bench as bench_module, changes
+from calibration.workbench.analysis import Models, Verdict
 from calibration.workbench.bench import Bench
 from calibration.workbench.changes import Track
-from calibration.workbench.curve_view import curve_view, tried_view
-from calibration.workbench.models import Models
 from calibration.workbench.opened import file_marks
-from calibration.workbench.state_view import state_view
-from calibration.workbench.verdict import Verdict
+from calibration.workbench.views import curve_view, state_view, tried_view
 from tactilevision.errors import InputError
-from tactilevision.files import as_json
+from tactilevision.files.writing import as_json
 
 
 @pytest.fixture(scope="module")

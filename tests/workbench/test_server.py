@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from made_bench import presses
 
-from calibration.session import History
+from calibration.tasks.session import History
 from calibration.workbench.bench import Bench
 from calibration.workbench.opened import Opened
 from calibration.workbench.server import Server

@@ -16,7 +16,7 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.discretisation import Surface
-from tactilevision.records import Bools, Floats
+from tactilevision.records.measured import Bools, Floats
 
 TANGENTIAL = 0.1  # stiffness of sticking over the penalty
 # the corner between stick and slip is rounded within this part of mu q, so that the tangent is continuous

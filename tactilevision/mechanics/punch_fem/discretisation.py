@@ -1,10 +1,4 @@
-"""Shape gradients, weights and degrees of freedom of a mesh, computed once; everything nonlinear reads them.
-
-Displacement is Q2 (nine nodes), pressure linear and discontinuous (three modes an element): the pair is
-stable up to the incompressible limit. Source: Boffi, Brezzi, Fortin, Mixed Finite Element Methods (2013), 8.6.
-Degrees of freedom: 2 i is u_r and 2 i + 1 is u_z of node i; the last one of all is the punch's own displacement
-(up, so -depth).
-"""
+"""Mesh a gel pad, precompute its shape gradients, and assemble vectors and sparse matrices."""
 
 from __future__ import annotations
 
@@ -13,8 +7,91 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import skfem
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
 
-from tactilevision.records import Floats
+from tactilevision.errors import InputError
+from tactilevision.records.measured import Bools, Floats
+
+# The graded mesh of a gel pad: fine at the punch's edge, coarse far away. Axes r outward, z up from the base.
+
+
+@dataclass(frozen=True, slots=True)
+class MeshSettings:
+    """How fine the mesh is.
+
+    Elements of `edge_size_mm` lie along the surface, and under the punch's edge from `inside_mm` within it to
+    `outside_mm` beyond it; from there each is at most `growth` times its neighbour, up to `largest_mm`.
+    """
+
+    edge_size_mm: float
+    largest_mm: float
+    inside_mm: float = 0.0
+    outside_mm: float = 0.0
+    growth: float = 1.5
+
+    def __post_init__(self) -> None:
+        if not (
+            0 < self.edge_size_mm <= self.largest_mm
+            and self.growth > 1
+            and min(self.inside_mm, self.outside_mm) >= 0
+        ):
+            raise InputError(
+                "a mesh needs 0 < edge_size_mm <= largest_mm, growth > 1 and inside_mm, outside_mm >= 0",
+                where="MeshSettings",
+                value=(self.edge_size_mm, self.largest_mm, self.growth, self.inside_mm, self.outside_mm),
+            )
+
+
+def sizes_from(first: float, length: float, *, settings: MeshSettings) -> Floats:
+    """Element sizes (N,) mm over `length`, from about `first` growing; scaled so that they fill it exactly."""
+    sizes, total = [first], first
+    while total < length * (1 - 1e-9):
+        sizes.append(min(sizes[-1] * settings.growth, settings.largest_mm))
+        total += sizes[-1]
+    return np.array(sizes) * (length / total)
+
+
+def graded_lines(
+    radius_mm: float, thickness_mm: float, *, pad_radius_mm: float, settings: MeshSettings
+) -> tuple[Floats, Floats]:
+    """The r (N,) and z (M,) mm of the mesh lines; one of them lies at r = radius_mm exactly."""
+    fine = settings.edge_size_mm
+    inner = min(settings.inside_mm, radius_mm / 2)
+    outer = min(settings.outside_mm, (pad_radius_mm - radius_mm) / 2)
+    zone_in = np.full(round(inner / fine), inner / max(round(inner / fine), 1))
+    zone_out = np.full(round(outer / fine), outer / max(round(outer / fine), 1))
+    inward = sizes_from(fine, radius_mm - zone_in.sum(), settings=settings)
+    outward = sizes_from(fine, pad_radius_mm - radius_mm - zone_out.sum(), settings=settings)
+    r = np.concatenate([[0.0], np.cumsum(np.concatenate([inward[::-1], zone_in, zone_out, outward]))])
+    down = sizes_from(fine, thickness_mm, settings=settings)
+    z = thickness_mm - np.concatenate([np.cumsum(down)[::-1], [0.0]])
+    r[-1], z[0], z[-1] = pad_radius_mm, 0.0, thickness_mm
+    return r, z
+
+
+def graded_mesh(
+    radius_mm: float, thickness_mm: float, *, pad_radius_mm: float, settings: MeshSettings
+) -> skfem.MeshQuad:
+    """Quadrilaterals over 0 <= r <= pad_radius_mm, 0 <= z <= thickness_mm. Raises InputError unless 0 < a < R, h
+    > 0."""
+    if not (thickness_mm > 0 and 0 < radius_mm < pad_radius_mm):
+        raise InputError(
+            "the punch's radius lies between 0 and the pad's, and the gel has a thickness",
+            where="punch_fem",
+            value={"radius_mm": radius_mm, "pad_radius_mm": pad_radius_mm, "thickness_mm": thickness_mm},
+        )
+    return skfem.MeshQuad.init_tensor(
+        *graded_lines(radius_mm, thickness_mm, pad_radius_mm=pad_radius_mm, settings=settings)
+    )
+
+
+# Shape gradients, weights and degrees of freedom of a mesh, computed once; everything nonlinear reads them.
+#
+# Displacement is Q2 (nine nodes), pressure linear and discontinuous (three modes an element): the pair is
+# stable up to the incompressible limit. Source: Boffi, Brezzi, Fortin, Mixed Finite Element Methods (2013), 8.6.
+# Degrees of freedom: 2 i is u_r and 2 i + 1 is u_z of node i; the last one of all is the punch's own displacement
+# (up, so -depth).
 
 Ints = npt.NDArray[np.int64]
 
@@ -119,3 +196,65 @@ def _surface(mesh: skfem.MeshQuad, order: int) -> Surface:
         weight_mm2=2 * np.pi * radius * np.asarray(basis.dx),
         r_mm=radius,
     )
+
+
+# Global vectors and the sparse matrix: the pattern is found once, each tangent only fills in numbers.
+
+
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """Where element entries go among the free unknowns.
+
+    `free` (n,) numbers of the free unknowns; `kept` and `slot` per element table: which of its flattened entries
+    couple two free unknowns, and to which stored entry each adds.
+    """
+
+    free: Ints
+    kept: tuple[Ints, ...]
+    slot: tuple[Ints, ...]
+    indices: Ints
+    indptr: Ints
+
+
+def find_pattern(tables: tuple[Ints, ...], free: Bools) -> Pattern:
+    """The pattern of all `tables` (K, n) of unknowns together, restricted to `free` (N,)."""
+    number = np.cumsum(free) - 1
+    size = int(free.sum())
+    kept, keys = [], []
+    for table in tables:
+        rows = np.repeat(table, table.shape[1], axis=1).ravel()
+        columns = np.tile(table, (1, table.shape[1])).ravel()
+        keep = np.flatnonzero(free[rows] & free[columns])
+        kept.append(keep)
+        keys.append(number[columns[keep]] * size + number[rows[keep]])
+    unique, slots = np.unique(np.concatenate(keys), return_inverse=True)
+    splits = np.cumsum([len(k) for k in keys])[:-1]
+    return Pattern(
+        free=np.flatnonzero(free),
+        kept=tuple(kept),
+        slot=tuple(np.split(slots, splits)),
+        indices=unique % size,
+        indptr=np.searchsorted(unique // size, np.arange(size + 1)),
+    )
+
+
+def assemble(pattern: Pattern, stiffnesses: tuple[Floats, ...]) -> sparse.csc_array:
+    """Sum element stiffnesses (K, n, n), N per mm, one array a table, into the free unknowns' matrix."""
+    data = np.zeros(len(pattern.indices))
+    for kept, slot, stiffness in zip(pattern.kept, pattern.slot, stiffnesses, strict=True):
+        data += np.bincount(slot, stiffness.reshape(-1)[kept], minlength=len(data))
+    size = len(pattern.free)
+    return sparse.csc_array((data, pattern.indices, pattern.indptr), shape=(size, size))
+
+
+def factorise(matrix: sparse.csc_array) -> SuperLU:
+    """LU in SuperLU's symmetric mode: the pattern is symmetric, and the values nearly so."""
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True, "DiagPivotThresh": 0.001})
+
+
+def scatter(size: int, tables: tuple[Ints, ...], *, forces: tuple[Floats, ...]) -> Floats:
+    """Sum element forces (K, n), in N, into a vector of all `size` unknowns."""
+    total = np.zeros(size)
+    for table, force in zip(tables, forces, strict=True):
+        total += np.bincount(table.ravel(), force.ravel(), minlength=size)
+    return total

@@ -1,9 +1,4 @@
-"""Constitutive laws: a distortional energy a law, and one volumetric energy for all.
-
-W(F, p) = W_d(F) + p g(J) - p²/(2K): p is the pressure unknown (positive in tension), K the bulk modulus;
-eliminating p gives W_d + (K/2) g(J)². For the laws in I1 here g = J - 1, which is the (J - 1)²/D1 of Abaqus and
-CalculiX with D1 = 2/K; Hencky's law has g = ln J. All tend to the linear solid of the same Material.
-"""
+"""Kinematics of an axisymmetric solid and its constitutive laws: Neo-Hooke, Yeoh, Gent and Hencky."""
 
 from __future__ import annotations
 
@@ -14,8 +9,66 @@ from typing import Protocol
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.punch_fem.kinematics import Deformation, outer
-from tactilevision.records import Floats, Material
+from tactilevision.records.measured import Floats, Material
+
+# Deformation of an axisymmetric solid, as five numbers a point, and the invariants built from them.
+#
+# F = (F_rr, F_rz, F_zr, F_zz, F_tt): row the component, column the reference direction, t the hoop. All
+# arrays are (N, 5), first derivatives (N, 5), second derivatives (N, 5, 5), for N points.
+# Source: Holzapfel, Nonlinear Solid Mechanics (2000), chapter 6.
+
+IDENTITY = np.array([1.0, 0.0, 0.0, 1.0, 1.0])  # deformation gradient at rest: F_rr, F_rz, F_zr, F_zz, F_tt
+
+# The in-plane determinant j = F_rr F_zz - F_rz F_zr is quadratic: its second derivative is this constant.
+PLANE_HESSIAN = np.array(
+    [
+        [0.0, 0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, -1.0, 0.0, 0.0],
+        [0.0, -1.0, 0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Deformation:
+    """F (N, 5); `plane` (N,) in-plane determinant and its gradient (N, 5); `volume` J (N,) with gradient and
+    hessian."""
+
+    F: Floats
+    plane: Floats
+    plane_gradient: Floats
+    volume: Floats
+    volume_gradient: Floats
+    volume_hessian: Floats
+
+
+def deformation(F: Floats) -> Deformation:
+    """The determinants of F (N, 5) and their derivatives: J = (F_rr F_zz - F_rz F_zr) F_tt."""
+    hoop = F[:, 4]
+    plane = F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]
+    plane_gradient = np.zeros_like(F)
+    plane_gradient[:, 0], plane_gradient[:, 1] = F[:, 3], -F[:, 2]
+    plane_gradient[:, 2], plane_gradient[:, 3] = -F[:, 1], F[:, 0]
+    gradient = plane_gradient * hoop[:, None]
+    gradient[:, 4] = plane
+    hessian = hoop[:, None, None] * PLANE_HESSIAN
+    hessian[:, 4, :4] = hessian[:, :4, 4] = plane_gradient[:, :4]
+    return Deformation(F, plane, plane_gradient, plane * hoop, gradient, hessian)
+
+
+def outer(left: Floats, right: Floats) -> Floats:
+    """Dyad of two (N, 5) fields: (N, 5, 5)."""
+    product: Floats = left[:, :, None] * right[:, None, :]
+    return product
+
+
+# Constitutive laws: a distortional energy a law, and one volumetric energy for all.
+#
+# W(F, p) = W_d(F) + p g(J) - p²/(2K): p is the pressure unknown (positive in tension), K the bulk modulus;
+# eliminating p gives W_d + (K/2) g(J)². For the laws in I1 here g = J - 1, which is the (J - 1)²/D1 of Abaqus and
+# CalculiX with D1 = 2/K; Hencky's law has g = ln J. All tend to the linear solid of the same Material.
 
 
 class Law(Protocol):
@@ -163,3 +216,124 @@ def from_first_invariant(
     hessian[:, range(5), range(5)] += 2
     tangent = (first * scale)[:, None, None] * hessian + second[:, None, None] * outer(gradient, gradient)
     return first[:, None] * gradient, tangent
+
+
+# Hencky's law: linear elasticity between Kirchhoff stress and logarithmic strain.
+
+# |F_plane|² - 2 j = (F_rr - F_zz)² + (F_rz + F_zr)², free of cancellation; half its second derivative:
+_SHAPE = np.array(
+    [
+        [1.0, 0.0, 0.0, -1.0, 0.0],
+        [0.0, 1.0, 1.0, 0.0, 0.0],
+        [0.0, 1.0, 1.0, 0.0, 0.0],
+        [-1.0, 0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+    ]
+)
+
+_SERIES_BELOW = 1e-3  # of the excess, below which the logarithm comes from its series
+
+
+@dataclass(frozen=True, slots=True)
+class Hencky:
+    """W_d = mu dev(ln V):dev(ln V), with volumetric measure g = ln J.
+
+    In closed form, without eigenvectors: e1² + e2² + e3² = (ln j)²/2 + (arccosh x)²/2 + (ln F_tt)², where
+    j is the in-plane determinant and x = |F_plane|²/(2 j). Stable to stretches of about 2 (its shear modulus
+    softens beyond). Source: Hencky (1928); Anand, J. Appl. Mech. 46 (1979) 78.
+    """
+
+    name: str = "hencky"
+
+    def energy(self, state: Deformation, shear_MPa: float) -> Floats:
+        """Energy of distortion per volume (N,), MPa."""
+        square = _arccosh_square(_excess(state))[0]
+        plane, hoop = np.log(state.plane), np.log(state.F[:, 4])
+        energy: Floats = shear_MPa * (plane**2 / 2 + square / 2 + hoop**2 - (plane + hoop) ** 2 / 3)
+        return energy
+
+    def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
+        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
+        j, hoop, grad_j = state.plane, state.F[:, 4], state.plane_gradient
+        log_j, log_hoop = np.log(j), np.log(hoop)
+        # W_d/mu = (ln j)²/6 + (2/3)(ln F_tt)² - (2/3) ln j ln F_tt + q(x)/2
+        first = (log_j / 3 - 2 / 3 * log_hoop) / j
+        second = (1 / 3) / j**2 - first / j
+        excess = _excess(state)
+        _, slope, curvature = _arccosh_square(excess)
+        shape = state.F @ _SHAPE
+        grad_x = shape / j[:, None] - (excess / j)[:, None] * grad_j
+        hess_x = _SHAPE / j[:, None, None]
+        mixed = outer(shape, grad_j) / (j**2)[:, None, None]
+        hess_x = hess_x - mixed - mixed.transpose(0, 2, 1)
+        hess_x += (2 * excess / j**2)[:, None, None] * outer(grad_j, grad_j)
+        hess_x -= (excess / j)[:, None, None] * PLANE_HESSIAN
+        stress = first[:, None] * grad_j + (slope / 2)[:, None] * grad_x
+        tangent = second[:, None, None] * outer(grad_j, grad_j) + first[:, None, None] * PLANE_HESSIAN
+        tangent += (curvature / 2)[:, None, None] * outer(grad_x, grad_x)
+        tangent += (slope / 2)[:, None, None] * hess_x
+        across = -(2 / 3) / (j * hoop)
+        tangent[:, 4, :] += across[:, None] * grad_j
+        tangent[:, :, 4] += across[:, None] * grad_j
+        stress[:, 4] += (4 / 3 * log_hoop - 2 / 3 * log_j) / hoop
+        tangent[:, 4, 4] += (4 / 3 - (4 / 3 * log_hoop - 2 / 3 * log_j)) / hoop**2
+        return shear_MPa * stress, shear_MPa * tangent
+
+    def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
+        """Volumetric measure g(J) (N,), with g' and g''."""
+        return np.log(J), 1 / J, -1 / J**2
+
+
+def _excess(state: Deformation) -> Floats:
+    """x - 1 = ((F_rr - F_zz)² + (F_rz + F_zr)²) / (2 j) >= 0 (N,)."""
+    F = state.F
+    value: Floats = ((F[:, 0] - F[:, 3]) ** 2 + (F[:, 1] + F[:, 2]) ** 2) / (2 * state.plane)
+    return value
+
+
+def _arccosh_square(excess: Floats) -> tuple[Floats, Floats, Floats]:
+    """q(x) = arccosh(x)² and its first two derivatives at x = 1 + excess; a series where they cancel."""
+    y = np.maximum(excess, _SERIES_BELOW)
+    angle = 2 * np.arcsinh(np.sqrt(y / 2))  # arccosh(1 + y) without its cancellation
+    root = np.sqrt(y * (2 + y))
+    first = 2 * angle / root
+    second = 2 / root**2 - (1 + y) * first / root**2
+    z = excess
+    small = excess < _SERIES_BELOW
+    # arccosh(1 + z)² = 2z - z²/3 + 4z³/45 - z⁴/35 + ...
+    return (
+        np.where(small, z * (2 + z * (-1 / 3 + z * (4 / 45 - z / 35))), angle**2),
+        np.where(small, 2 + z * (-2 / 3 + z * (4 / 15 - z * 4 / 35)), first),
+        np.where(small, -2 / 3 + z * (8 / 15 - z * 12 / 35), second),
+    )
+
+
+# Where a law stops being one: the loss of ellipticity, beyond which shear bands of any width cost no energy.
+#
+#     Q_ik(n) = d²W/dF_ij dF_kl n_j n_l,      elliptic while Q is positive definite for all directions n.
+#
+# Beyond, an equilibrium hangs on its mesh. Neo-Hooke never gets there; Hencky's law does in shear, incompressible
+# and in plane strain at ln(stretch) tanh(ln(stretch)) ... = 1, a stretch of 3.32, compressible sooner. Directions
+# in the plane (r, z) only: bands round the axis. Source: Knowles, Sternberg, J. Elasticity 8 (1978) 329; for
+# Hencky's law Bruhns, Xiao, Meyers, Proc. R. Soc. A 457 (2001) 2207.
+
+DIRECTIONS = 180  # of the acoustic tensor
+
+
+def least_acoustic(law: Law, material: Material, *, state: Deformation) -> Floats:
+    """The smallest eigenvalue of Q over all directions, in shear moduli (N,): below 0 ellipticity is lost."""
+    shear = shear_modulus_MPa(material)
+    g, dg, ddg = law.volume(state.volume)
+    bulk, gradient = bulk_modulus_MPa(material), state.volume_gradient
+    tangent = law.distortion(state, shear)[1]
+    tangent += (bulk * (dg**2 + g * ddg))[:, None, None] * outer(gradient, gradient)
+    tangent += (bulk * g * dg)[:, None, None] * state.volume_hessian
+    plane = tangent[:, :4, :4].reshape(-1, 2, 2, 2, 2)
+    angle = np.arange(DIRECTIONS) * (np.pi / DIRECTIONS)
+    normals = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    least = np.full(len(plane), np.inf)
+    for n in normals:
+        Q = np.einsum("pijkl,j,l->pik", plane, n, n)
+        mean, half = (Q[:, 0, 0] + Q[:, 1, 1]) / 2, (Q[:, 0, 0] - Q[:, 1, 1]) / 2
+        least = np.minimum(least, mean - np.hypot(half, Q[:, 0, 1]))
+    return np.asarray(least / shear)

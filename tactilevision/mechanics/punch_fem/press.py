@@ -1,17 +1,132 @@
-"""Press a flat punch into a gel pad, by depth or by force, in and out again."""
+"""Press a flat punch into a gel pad by depth or by force, and return the solution."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.punch_fem.march import StepRecord, march
-from tactilevision.mechanics.punch_fem.newton import equations
-from tactilevision.mechanics.punch_fem.problem import PunchProblem, build
-from tactilevision.mechanics.punch_fem.results import PunchSolution, gather
+from tactilevision.mechanics.punch_fem.discretisation import Surface
+from tactilevision.mechanics.punch_fem.laws import shear_modulus_MPa
+from tactilevision.mechanics.punch_fem.newton import State, StepRecord, contact_at, equations, march
+from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build
+from tactilevision.mechanics.punch_fem.solid import deform, pressure_at_points, stored_energy
+from tactilevision.records.measured import Floats
+
+# What a press comes to: curve, surface, contact tractions, stresses, and the record of how it was solved.
+
+
+@dataclass(frozen=True, slots=True)
+class PunchSolution:
+    """A press at T depths. Axes: r outward, z up, out of the gel; material points are named by where they were.
+
+    `depth_mm`, `force_N`, `energy_N_mm` (T,): the punch's depth and force into the gel, and the strain energy.
+    `r_mm` (S,) material radii of the surface's nodes; `u_r_mm`, `u_z_mm` (T, S) their displacements, the rise
+    beside the punch positive. `contact_r_mm` (C,) material radii; `pressure_MPa`, `shear_MPa` (T, C) true contact
+    tractions on the gel, shear positive outward along the punch; None where a face is glued. `points_mm` (T, N,
+    2) places of the quadrature points now, `stress_MPa` (T, N, 4) true stress there: rr, zz, rz, hoop. `steps`
+    every attempted step.
+    """
+
+    depth_mm: Floats
+    force_N: Floats
+    energy_N_mm: Floats
+    r_mm: Floats
+    u_r_mm: Floats
+    u_z_mm: Floats
+    contact_r_mm: Floats | None
+    pressure_MPa: Floats | None
+    shear_MPa: Floats | None
+    points_mm: Floats
+    stress_MPa: Floats
+    steps: tuple[StepRecord, ...]
+
+
+def gather(model: Model, states: list[State], *, steps: list[StepRecord]) -> PunchSolution:
+    """Put the equilibria of one march together."""
+    r, _ = surface_profile(model, states[0])
+    profiles = np.stack([surface_profile(model, state)[1] for state in states])
+    tractions = [contact_tractions(model, state) for state in states]
+    touching = [t for t in tractions if t is not None]
+    fields = [stress_field(model, state) for state in states]
+    return PunchSolution(
+        depth_mm=np.array([state.depth_mm for state in states]),
+        force_N=np.array([state.force_N for state in states]),
+        energy_N_mm=np.array([energy(model, state) for state in states]),
+        r_mm=r,
+        u_r_mm=profiles[:, 0],
+        u_z_mm=profiles[:, 1],
+        contact_r_mm=model.mesh.surface.r_mm.ravel() if touching else None,
+        pressure_MPa=np.stack([t[0] for t in touching]) if touching else None,
+        shear_MPa=np.stack([t[1] for t in touching]) if touching else None,
+        points_mm=np.stack([points for points, _ in fields]),
+        stress_MPa=np.stack([stress for _, stress in fields]),
+        steps=tuple(steps),
+    )
+
+
+def surface_profile(model: Model, state: State) -> tuple[Floats, Floats]:
+    """Material radii (S,) of the surface nodes, and (u_r, u_z) there (2, S), all in mm."""
+    dofs = model.mesh.surface.dofs
+    _, first = np.unique(dofs[:, :3], return_index=True)
+    across, along = dofs[:, :3].ravel()[first], dofs[:, 3:6].ravel()[first]
+    r = model.mesh.nodes_mm[across // 2, 0]
+    order = np.argsort(r)
+    return r[order], np.stack([state.u[across[order]], state.u[along[order]]])
+
+
+def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | None:
+    """True pressure and shear (C,), in MPa, at the contact points; None for a glued face."""
+    contact = contact_at(model, state.u, history=state.history)
+    if contact is None or state.history is None:
+        return None
+    stretch = area_ratio(model.mesh.surface, state.u)
+    return (contact.pressure_MPa / stretch).ravel(), (state.history.shear_MPa / stretch).ravel()
+
+
+def area_ratio(surface: Surface, u: Floats) -> Floats:
+    """Deformed over reference area of the surface, a ratio, at its quadrature points (K, Q); `u` in mm."""
+    local = u[surface.dofs]
+    r = surface.r_mm + np.einsum("kqn,kn->kq", surface.shape, local[:, :3])
+    dr = 1 + np.einsum("kqn,kn->kq", surface.slope, local[:, :3])
+    dz = np.einsum("kqn,kn->kq", surface.slope, local[:, 3:6])
+    ratio: Floats = r / surface.r_mm * np.hypot(dr, dz)
+    return ratio
+
+
+def stress_field(model: Model, state: State) -> tuple[Floats, Floats]:
+    """Places (N, 2) and true stress (N, 4): rr, zz, rz, hoop; sigma = (dW/dF) F^T / J."""
+    mesh, problem = model.mesh, model.problem
+    kinematics = deform(mesh, state.u)
+    stress, _ = problem.law.distortion(kinematics, shear_modulus_MPa(problem.material))
+    p = pressure_at_points(mesh, state.pressure) * problem.law.volume(kinematics.volume)[1]
+    P = stress + p[:, None] * kinematics.volume_gradient
+    F = kinematics.F
+    rr = P[:, 0] * F[:, 0] + P[:, 1] * F[:, 1]
+    zz = P[:, 2] * F[:, 2] + P[:, 3] * F[:, 3]
+    rz = P[:, 0] * F[:, 2] + P[:, 1] * F[:, 3]
+    true = np.stack([rr, zz, rz, P[:, 4] * F[:, 4]], axis=-1) / kinematics.volume[:, None]
+    return _moved_points(model, state), true
+
+
+def energy(model: Model, state: State) -> float:
+    """Strain energy in N mm, the contact penalty's share left out."""
+    return stored_energy(
+        model.mesh, model.problem.law, material=model.problem.material, u=state.u, pressure=state.pressure
+    )
+
+
+def _moved_points(model: Model, state: State) -> Floats:
+    mesh = model.mesh
+    local = state.u[mesh.dofs].reshape(-1, 2, 9)
+    shift: Floats = np.einsum("eqn,ecn->eqc", mesh.values, local)
+    return (mesh.points_mm + shift).reshape(-1, 2)
+
+
+# Press a flat punch into a gel pad, by depth or by force, in and out again.
 
 
 def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSolution:

@@ -8,10 +8,9 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
-from tactilevision.mechanics.punch_fem.discretisation import Discretisation, discretise
+from tactilevision.mechanics.punch_fem.discretisation import Discretisation, MeshSettings, discretise, graded_mesh
 from tactilevision.mechanics.punch_fem.laws import Law, NeoHooke
-from tactilevision.mechanics.punch_fem.mesh import MeshSettings, graded_mesh
-from tactilevision.records import Bools, Material
+from tactilevision.records.measured import Bools, Material
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.mechanics.punch_fem.discretisation import Discretisation
-from tactilevision.mechanics.punch_fem.kinematics import IDENTITY, Deformation, deformation, outer
-from tactilevision.mechanics.punch_fem.laws import Law, bulk_modulus_MPa, shear_modulus_MPa
-from tactilevision.records import Floats, Material
+from tactilevision.mechanics.punch_fem.laws import (
+    IDENTITY,
+    Deformation,
+    Law,
+    bulk_modulus_MPa,
+    deformation,
+    outer,
+    shear_modulus_MPa,
+)
+from tactilevision.records.measured import Floats, Material
 
 
 @dataclass(frozen=True, slots=True)

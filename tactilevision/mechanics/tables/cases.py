@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.door.arrays import read_arrays
-from tactilevision.files import replacing
-from tactilevision.records import Floats
+from tactilevision.files.arrays import read_arrays
+from tactilevision.files.writing import replacing
+from tactilevision.records.measured import Floats
 
 # w/h, nodes of the tables
 DEPTHS = (0.002, 0.006, 0.0125, 0.025, 0.04, 0.055, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.225, 0.25)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactilevision.records import Bools, Floats
+from tactilevision.records.measured import Bools, Floats
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline

@@ -1,35 +1,117 @@
-"""The table in memory and on disk: blocks of one law, friction and edge radius, and weights between them.
-
-    P/(E w h) = S(nu, a/h, w/h; law, mu, edge) x Hayes' for the flat part of the face
-
-S is a spline in nu, a/h and depth, a monotone cubic from one friction to the next (friction.py), and straight in
-the edge radius, from two tabulated radii on to the sharp limit. What lies in a cell of the grid that was not
-solved is not known.
-"""
+"""Read, interpolate and write the finite-element table of the flat punch."""
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import date
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactilevision.door.arrays import read_arrays
-from tactilevision.door.documents import read_json
-from tactilevision.door.opening import read_bytes
 from tactilevision.errors import InputError
-from tactilevision.files import replacing, write_json
-from tactilevision.mechanics.tables.blocks import Block
-from tactilevision.mechanics.tables.build import on_one_grid
-from tactilevision.mechanics.tables.friction import ROUNDING, Neighbours, neighbours
+from tactilevision.files.arrays import read_arrays
+from tactilevision.files.documents import read_json
+from tactilevision.files.opening import read_bytes
+from tactilevision.files.writing import replacing, write_json
+from tactilevision.mechanics.flat_contact import friction_place
+from tactilevision.mechanics.tables.blocks import Block, Key, Solved, build_blocks, on_one_grid
+from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, load_case
 from tactilevision.mechanics.tables.grid import Axes, HoledSpline, fit_grid
-from tactilevision.records import Bools, Floats
+from tactilevision.records.measured import Bools, Floats
+
+# From one tabulated friction to the next: a monotone cubic in mu/(mu + 3).
+#
+# What friction does grows in proportion to mu and stops at some mu of .1 to .3, where the whole face sticks. This
+# cubic follows both and never swings beyond its nodes, as one without bounds does by .9 % of the force.
+# Source: Fritsch, Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, with the weights of Brodlie.
+
+ROUNDING = 1e-9  # of the way from node to node: met but for rounding, and the other node must not lend its reach
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbours:
+    """The one block of a friction that is tabulated, else those about it: at most two on either side, at ascending
+    `places`; it lies at `at`, between the two that `about` gives."""
+
+    blocks: tuple[Block, ...]
+    places: tuple[float, ...] = (0.0,)
+    at: float = 0.0
+
+    @property
+    def about(self) -> tuple[Block, ...]:
+        """The block itself, or the next on either side: what they know is known here."""
+        low = _interval(self.places, self.at)
+        return self.blocks[low : low + 2]
+
+    def blend(self, values: Sequence[Floats]) -> Floats:
+        """What lies between the blocks' `values`."""
+        return values[0] if len(values) == 1 else monotone(np.array(self.places), np.array(values), at=self.at)
+
+
+def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
+    """Of `blocks`, alike but for their frictions, those that lie about `friction`, which is among theirs."""
+    ordered = sorted(blocks, key=lambda block: block.friction)
+    places = [friction_place(block.friction) for block in ordered]
+    at = friction_place(friction)
+    for block, place in zip(ordered, places, strict=True):
+        if abs(at - place) < ROUNDING:
+            return Neighbours((block,))
+    low = _interval(places, at)
+    near = slice(max(low - 1, 0), low + 3)
+    return Neighbours(tuple(ordered[near]), tuple(places[near]), at)
+
+
+def monotone(places: Floats, values: Floats, *, at: float) -> Floats:
+    """Monotone cubic through `values` (K, ...) at ascending `places` (K,), K >= 2, read at `at` in their unit."""
+    step = np.diff(places)
+    secant = np.diff(values, axis=0) / step.reshape(-1, *[1] * (values.ndim - 1))
+    low = _interval(places.tolist(), at)
+    t = (at - places[low]) / step[low]
+    slopes = step[low] * _slope(step, secant, low), step[low] * _slope(step, secant, low + 1)
+    bend = (1 - t) * (slopes[0] - step[low] * secant[low]) - t * (slopes[1] - step[low] * secant[low])
+    return np.asarray((1 - t) * values[low] + t * values[low + 1] + t * (1 - t) * bend)
+
+
+def _slope(step: Floats, secant: Floats, node: int) -> Floats:
+    """The cubic's slope at a node: the harmonic mean of its neighbours', 0 where they differ in sign."""
+    if len(step) == 1:
+        return np.asarray(secant[0])
+    if node in (0, len(step)):
+        return _end_slope(step if node == 0 else step[::-1], secant if node == 0 else secant[::-1])
+    before, after = secant[node - 1], secant[node]
+    weights = step[node - 1] + 2 * step[node], 2 * step[node - 1] + step[node]
+    both = before * after
+    under = weights[0] * after + weights[1] * before
+    return np.asarray(np.divide(sum(weights) * both, under, out=np.zeros_like(both), where=both > 0))
+
+
+def _end_slope(step: Floats, secant: Floats) -> Floats:
+    """At the outermost node, from the parabola through three; never against its own secant, nor too steep."""
+    slope = ((2 * step[0] + step[1]) * secant[0] - step[0] * secant[1]) / (step[0] + step[1])
+    slope = np.where(slope * secant[0] > 0, slope, 0.0)
+    steep = (secant[0] * secant[1] < 0) & (np.abs(slope) > 3 * np.abs(secant[0]))
+    return np.asarray(np.where(steep, 3 * secant[0], slope))
+
+
+def _interval(places: Sequence[float], at: float) -> int:
+    return min(max(bisect_right(places, at) - 1, 0), max(len(places) - 2, 0))
+
+
+# The table in memory and on disk: blocks of one law, friction and edge radius, and weights between them.
+#
+#     P/(E w h) = S(nu, a/h, w/h; law, mu, edge) x Hayes' for the flat part of the face
+#
+# S is a spline in nu, a/h and depth, a monotone cubic from one friction to the next (friction.py), and straight in
+# the edge radius, from two tabulated radii on to the sharp limit. What lies in a cell of the grid that was not
+# solved is not known.
 
 SHIPPED = Path(__file__).with_name("punch.npz")
 EDGE_TOLERANCE = 0.1  # a table of one edge radius serves others as near as this
@@ -184,3 +266,53 @@ def _about(block: Block) -> dict[str, Any]:
         "least_reach": float(block.axes.depths[reached.min()]),
         "greatest_reach": float(block.axes.depths[reached.max()]),
     }
+
+
+# From a work folder of solved cases to the one table that is shipped, with its card and the list of its cases.
+
+COLUMNS = "law", "friction", "edge_over_h", "poisson_ratio", "a_over_h", "to_w_over_h", "no_fold_to", "ended"
+
+
+def merge(cases: Iterable[Case], folder: Path | str, *, out: Path | str, notes: dict[str, Any]) -> list[str]:
+    """Put every block of which all cases are solved into `out` (.npz), with its card (.json) and its cases (.csv:
+    how deep each got, and why no deeper); returns the names of the cases that are missing.
+
+    `notes` go into the card: solver settings, errors and what else is to be known. Raises InputError where no
+    block is whole.
+    """
+    blocks: dict[Key, list[Case]] = defaultdict(list)
+    for case in cases:
+        blocks[case.law, case.friction, case.edge_over_h].append(case)
+    place, missing = Path(folder), []
+    solved: dict[Case, SolvedCase] = {}
+    for members in blocks.values():
+        unsolved = [case.name for case in members if not case_path(place, case).exists()]
+        missing += unsolved
+        if not unsolved:
+            solved |= {case: load_case(case_path(place, case)) for case in members}
+    if not solved:
+        raise InputError(
+            "no block of the table is solved to the end",
+            where=folder,
+            value=f"{len(missing)} cases missing",
+            remedy="Run tabulate longer.",
+        )
+    card = {
+        "what": "P/(E w h) of a flat punch over Hayes' for its flat part, and the surface beside it over w beyond "
+        "linear theory's; friction null: no slip",
+        "source": "tactilevision.mechanics.punch_fem, made by tactilevision tabulate",
+        "date": date.today().isoformat(),
+    }
+    write_table(Path(out), build_blocks(solved), notes=card | notes)
+    _write_cases(Path(out).with_suffix(".csv"), solved)
+    return missing
+
+
+def _write_cases(path: Path, solved: Solved) -> None:
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(COLUMNS)
+        for case, found in solved.items():
+            friction = "no slip" if math.isinf(case.friction) else f"{case.friction:g}"
+            about = [case.law, friction, f"{case.edge_over_h:.6g}", case.poisson_ratio, case.a_over_h]
+            rows.writerow([*about, f"{found.depth.max(initial=0.0):g}", f"{found.sound:g}", found.ended])

@@ -30,9 +30,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
+from tactilevision.photometric.drift import SOFTENING_GREY
 from tactilevision.photometric.illumination.lamps import Lamps, light_shares, shading
-from tactilevision.records import Bools, Bytes, Pair
+from tactilevision.records.measured import Bools, Bytes, Pair
 
 CELL_MM = 0.125  # side of the cells that are forecast: a fifth of the shortest shadow that matters
 STEP = 0.75  # cells from a place to the first height on the way to a lamp

@@ -30,7 +30,7 @@ from tactilevision.photometric.illumination.lamps import (
     LampTask,
 )
 from tactilevision.photometric.reference import Reference
-from tactilevision.records import Floats, Pair
+from tactilevision.records.measured import Floats, Pair
 
 REFLECTANCE = 0.5  # of the ink, as in interreflection.py
 PRIOR_GLOSS = (np.log(0.05), 1.0)  # ln k and its deviation

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.illumination.lamps import shading
-from tactilevision.records import Bytes, Floats, Pair
+from tactilevision.records.measured import Bytes, Floats, Pair
 
 REFLECTANCE = 0.5  # of the ink, a share, as cells show it: nu is right for inks of .6 (docs/evidence/rendered.md)
 CELL_MM = 0.25  # mm, side of the cells that light is exchanged between

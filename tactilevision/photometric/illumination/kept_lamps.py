@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.illumination.lamps import MAX_LAMPS, MAX_POWER, Lamp, Lamps
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 PLACE = ("azimuth_rad", "distance_mm", "height_mm", "length_mm", "aim_mm")  # rad and mm; then three colours
 OWN, REFINED = "lamps", "refined_lamps"  # what the names of arrays begin with

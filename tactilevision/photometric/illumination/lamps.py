@@ -34,9 +34,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
+from tactilevision.photometric.drift import SOFTENING_GREY
 from tactilevision.photometric.reference import Reference
-from tactilevision.records import Floats, Pair
+from tactilevision.records.measured import Floats, Pair
 
 POINTS = 5  # along a strip: more change no elevation by 1 %
 SAMPLES = 800  # of balls in the fit: more change no parameter by its deviation

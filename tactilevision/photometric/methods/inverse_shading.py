@@ -24,11 +24,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from tactilevision.photometric.ball.samples import KEPT, Samples
-from tactilevision.photometric.ball.shading_fit import PLACE_PENALTIES, colours_of, fit_light
+from tactilevision.photometric.ball_samples import KEPT, Samples
 from tactilevision.photometric.methods.polynomial import Polynomial, fit_fourth_order, fit_polynomial
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.records import Floats
+from tactilevision.photometric.shading_law import PLACE_PENALTIES, colours_of, fit_light
+from tactilevision.records.measured import Floats
 
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # of the direct fit
 SHARES = (0.1, 0.5)  # of the weight on the drawn law; balls held out choose

@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.illumination.colour_change import strips
+from tactilevision.photometric.ball_samples import Samples
+from tactilevision.photometric.colour_change import strips
 from tactilevision.photometric.windows import Window
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 CELLS = 48  # entries along each colour; more leave more of them to the cubic
 FINE = 2 * CELLS - 1  # entries along each colour of the table that is read; at most 256, as a byte counts them

@@ -1,29 +1,163 @@
-"""Slope out of a small network, run by onnxruntime.
-
-    (p, q) = M(u, X, Y) u        u (3,) the colour change, X, Y the place from -1 to 1
-
-M (2, 3) is a perceptron's output, the same at every pixel: convolutions of one pixel, so that the ONNX file takes
-a picture (1, 5, h, w) of any size. No change of colour is no slope, whatever the weights. A picture is run in
-strips of rows whose layers stay in the cache, on one core: up to half as long as the whole at once.
-Valid for slopes the balls reached; the result is held to REACH times the steepest slope seen.
-"""
+"""Slope by a small neural network run with onnxruntime: model files, weights and evaluation."""
 
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.illumination.colour_change import STRIP_PX, strips
-from tactilevision.photometric.methods.onnx_file import open_bytes, run_network
+from tactilevision.errors import InputError
+from tactilevision.files.writing import replacing
+from tactilevision.photometric.colour_change import STRIP_PX, strips
 from tactilevision.photometric.methods.polynomial import REACH
 from tactilevision.photometric.windows import Window
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
+
+if TYPE_CHECKING:
+    import torch
+
+
+# Networks as files: opened by onnxruntime on one core and only with the hash of their card, written by torch.
+
+OPSET = 17  # of ONNX, written in the method's card; a newer one shuts out older versions of onnxruntime
+# none repeats, and none makes more numbers than it is given: a foreign network ends, and fits into memory
+_ALLOWED = (
+    "Abs Add BatchNormalization Cast Clip Concat Constant Conv Div Elu Exp Gemm Identity LeakyRelu MatMul Max Min "
+    "Mul Neg Pow Relu Reshape Sigmoid Slice Softplus Sqrt Squeeze Sub Tanh Transpose Unsqueeze"
+)
+OPERATORS = frozenset(_ALLOWED.split())
+MAX_STEP = 1_000_000  # numbers that a step of a network may give for one pixel; ours give some tens
+Array = npt.NDArray[np.float32]
+
+
+def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
+    """An onnxruntime session of the network in a file's `content`, on one core.
+
+    Raises InputError where it is not the one of its card (`sha256`), is no network, or has other OPERATORS.
+    """
+    import onnxruntime
+
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise InputError(
+            "the network does not match its card", where=where, remedy="Copy both files together, or train again."
+        )
+    _check_operators(content, where)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    try:
+        return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    except Exception as fault:  # onnxruntime has an error of its own for each way of being no network
+        raise InputError(f"the network cannot be read: {str(fault)[:200]}", where=where) from fault
+
+
+def _check_operators(content: bytes, where: Path) -> None:
+    import onnx
+
+    try:
+        model = onnx.load_from_string(content)
+        graph, largest = model.graph, _largest_step(model)
+    except Exception as fault:  # protobuf has its own errors, too
+        raise InputError(f"the network cannot be read: {str(fault)[:200]}", where=where) from fault
+    strange = sorted({str(node.op_type) for node in graph.node} - OPERATORS)
+    if strange:
+        raise InputError(
+            "the network has operators that are not run",
+            where=where,
+            value=", ".join(strange)[:200],
+            remedy="Build it of convolutions and functions of single numbers.",
+        )
+    if largest > MAX_STEP:
+        raise InputError(
+            f"a step of the network gives more than {MAX_STEP:,} numbers for one pixel", where=where, value=largest
+        )
+    if any(tensor.data_location for tensor in graph.initializer):
+        raise InputError("the network names other files for its numbers", where=where)
+
+
+def _largest_step(model: Any) -> float:
+    """Numbers that a step gives where the free axes are one pixel; infinite where the file leaves it open."""
+    import onnx
+
+    for given in model.graph.input:
+        for side in given.type.tensor_type.shape.dim:
+            if not side.HasField("dim_value"):
+                side.dim_value = 1
+    del model.graph.value_info[:]  # what the file says of its own steps is not believed
+    for result in model.graph.output:
+        result.type.tensor_type.ClearField("shape")
+    graph = onnx.shape_inference.infer_shapes(model, data_prop=True).graph
+    kinds = {step.name: step.type.tensor_type for step in (*graph.value_info, *graph.output)}
+    shapes = {name: kind.shape.dim for name, kind in kinds.items() if kind.HasField("shape")}
+    names = [name for node in graph.node for name in node.output if name]
+    if not all(name in shapes and all(side.HasField("dim_value") for side in shapes[name]) for name in names):
+        return math.inf
+    return max((math.prod(side.dim_value for side in shapes[name]) for name in names), default=0)
+
+
+def run_network(session: Any, *inputs: Array) -> Array:
+    """The first output for the inputs in their order: slopes (1, 2, h, w) of colours and places (1, 5, h, w).
+
+    Raises InputError where the network wants others.
+    """
+    wanted = session.get_inputs()
+    try:
+        return np.asarray(session.run(None, {w.name: x for w, x in zip(wanted, inputs, strict=True)})[0])
+    except Exception as fault:
+        raise InputError(f"the network does not fit its use: {str(fault)[:200]}", where="network") from fault
+
+
+def require_exporter() -> None:
+    """Raises InputError where torch cannot write ONNX, before any time is spent on training."""
+    try:
+        import onnx  # noqa: F401 -- torch's exporter asks for it
+    except ImportError as fault:
+        raise InputError(
+            "a network is written by the package onnx, which is missing",
+            where="train",
+            remedy="Install onnx, or take polynomial.",
+        ) from fault
+
+
+def export_network(
+    module: torch.nn.Module, example: torch.Tensor, *, path: Path | str, free_axes: dict[int, str]
+) -> str:
+    """Write `module` to `path` as ONNX (opset OPSET), its `free_axes` of any size; returns its hash."""
+    import warnings
+
+    import torch
+
+    target = Path(path)
+    module.eval()
+    with replacing(target) as temporary, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the exporter that needs no further package says it is the older one
+        torch.onnx.export(
+            module,
+            (example,),
+            temporary,
+            dynamo=False,
+            opset_version=OPSET,
+            input_names=["x"],
+            output_names=["y"],
+            dynamic_axes={"x": free_axes, "y": free_axes},
+        )
+    return hashlib.sha256(target.read_bytes()).hexdigest()
+
+
+# Slope out of a small network, run by onnxruntime.
+#
+#     (p, q) = M(u, X, Y) u        u (3,) the colour change, X, Y the place from -1 to 1
+#
+# M (2, 3) is a perceptron's output, the same at every pixel: convolutions of one pixel, so that the ONNX file
+# takes a picture (1, 5, h, w) of any size. No change of colour is no slope, whatever the weights. A picture is run
+# in strips of rows whose layers stay in the cache, on one core: up to half as long as the whole at once. Valid for
+# slopes the balls reached; the result is held to REACH times the steepest slope seen.
 
 CHANGE_STEP = 0.05  # colour change over which the slope of the law at rest is taken
 
@@ -108,3 +242,29 @@ class NetworkEvaluator:
             for above, below in zip(up, down, strict=True):
                 total += (noise[colour] * (above - below) / np.float32(2.0 * CHANGE_STEP)) ** 2
         return np.asarray(np.sqrt(0.5 * total), np.float32)
+
+
+# Finds what was trained beforehand: `_models` in an installed wheel, `models` beside the package in a checkout.
+#
+# A user's own folder of that name is never looked into. Each file is checked against its card when it is loaded.
+
+HERE = Path(__file__).parents[2]  # the package
+
+
+def models_folder() -> Path:
+    """The folder of trained methods. Raises InputError where the installation has none."""
+    for folder in (HERE / "_models", HERE.parent / "models"):
+        if folder.is_dir():
+            return folder
+    raise InputError("the trained methods are missing", where=HERE, remedy="Install tactilevision again.")
+
+
+def find_model(name: str) -> Path | None:
+    """The network of that name, or None where there is none."""
+    path = models_folder() / f"{name}.onnx"
+    return path if path.is_file() else None
+
+
+def ready_models() -> tuple[str, ...]:
+    """Names of the networks that came along, each of a kind of sensor."""
+    return tuple(sorted(path.stem for path in models_folder().glob("*.onnx")))

@@ -35,10 +35,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.compiled import compiled
-from tactilevision.photometric.ball.samples import KEPT, TYPICAL, Samples
-from tactilevision.photometric.illumination.colour_change import strips
+from tactilevision.photometric.ball_samples import KEPT, TYPICAL, Samples
+from tactilevision.photometric.colour_change import strips
 from tactilevision.photometric.windows import Window
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 PRODUCTS = tuple(pick for n in (1, 2, 3, 4) for pick in combinations_with_replacement(range(3), n))
 RAISED = tuple(  # colour, the products of one order from it on, their products with it
@@ -236,7 +236,7 @@ class PolynomialEvaluator:
         np.clip(slopes, -self.bound, self.bound, out=out)
 
     def _compiled(self, change: Picture, window: Window, out: Picture) -> None:
-        from tactilevision.photometric.methods.polynomial_kernels import add_fourth, slopes
+        from tactilevision.photometric.frame_kernels import add_fourth, slopes
 
         rows, x, (red, green, blue) = window[0], self.x[window[1]], change
         fourth = self.products > CUBIC

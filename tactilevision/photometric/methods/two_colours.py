@@ -13,15 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.photometric.background import NOISE_LIMIT
-from tactilevision.photometric.ball.cross_validation import FOLDS, Fitter, held_out, patch_error
-from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.illumination.colour_change import Planes
-from tactilevision.photometric.illumination.missing_colours import MissingColours
+from tactilevision.photometric.ball_samples import Samples
+from tactilevision.photometric.colour_change import MissingColours, Planes
+from tactilevision.photometric.cross_validation import FOLDS, Fitter, held_out, patch_error
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Picture, Polynomial, PolynomialEvaluator
 from tactilevision.photometric.protocols import ColourLaw
+from tactilevision.photometric.reference import NOISE_LIMIT
 from tactilevision.photometric.windows import Patch, Window, common, inside, outside, window_of
-from tactilevision.records import Bools, Floats
+from tactilevision.records.measured import Bools, Floats
 
 COLOURS = 3  # red, green, blue: channels of a frame
 THINNED = 4  # samples of which one is held out: a quarter tells the error as well, and takes a quarter of the time

@@ -10,11 +10,10 @@ import numpy as np
 import skfem
 
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
-from tactilevision.mechanics.punch_fem.discretisation import Ints
+from tactilevision.mechanics.punch_fem.discretisation import Ints, graded_mesh
 from tactilevision.mechanics.punch_fem.laws import bulk_modulus_MPa, shear_modulus_MPa
-from tactilevision.mechanics.punch_fem.mesh import graded_mesh
 from tactilevision.mechanics.punch_fem.problem import PunchProblem, default_mesh
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 WEDGES = 180.0  # CalculiX turns an axisymmetric mesh into a wedge of two degrees
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.laws import bulk_modulus_MPa, shear_modulus_MPa
-from tactilevision.records import Floats, Material
+from tactilevision.records.measured import Floats, Material
 
 
 def ngsolve_glued_forces(

@@ -14,7 +14,7 @@ import pytest
 
 from tactilevision.cli import main
 from tactilevision.cluster.pool import cluster_pool
-from tactilevision.mechanics.tables import tabulate as method
+from tactilevision.mechanics.tables import solve as method
 from tactilevision.mechanics.tables.cases import Grid, case_path, load_case
 from tactilevision.mechanics.tables.solve import solve_case
 from tactilevision.mechanics.tables.table import read_table

@@ -11,7 +11,7 @@ import pytest
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch, signed_gap, slip, touch, untouched
 from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build
-from tactilevision.records import Floats, Material
+from tactilevision.records.measured import Floats, Material
 
 STEP = 1e-7
 

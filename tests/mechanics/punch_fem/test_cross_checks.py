@@ -12,17 +12,12 @@ import numpy as np
 import pytest
 from calculix_deck import calculix_forces
 
-from tactilevision.mechanics.punch_fem import (
-    GluedFace,
-    Hencky,
-    Law,
-    MeshSettings,
-    NeoHooke,
-    PunchProblem,
-    RoundedPunch,
-    press_to_depths,
-)
-from tactilevision.records import Material
+from tactilevision.mechanics.punch_fem.contact import RoundedPunch
+from tactilevision.mechanics.punch_fem.discretisation import MeshSettings
+from tactilevision.mechanics.punch_fem.laws import Hencky, Law, NeoHooke
+from tactilevision.mechanics.punch_fem.press import press_to_depths
+from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem
+from tactilevision.records.measured import Material
 
 REFERENCE = Path(__file__).parents[4] / "shared" / "reference" / "fe_curves.csv"
 DEPTHS = (0.15, 0.3, 0.4, 0.5, 0.6)

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from tactilevision.mechanics.punch_fem.ellipticity import least_acoustic
-from tactilevision.mechanics.punch_fem.hencky import Hencky
-from tactilevision.mechanics.punch_fem.kinematics import deformation
-from tactilevision.mechanics.punch_fem.laws import Law, NeoHooke
+from tactilevision.mechanics.punch_fem.laws import Hencky, Law, NeoHooke, deformation, least_acoustic
 from tactilevision.mechanics.tables.cases import Case
 from tactilevision.mechanics.tables.solve import LOST, solve_case
-from tactilevision.records import Floats, Material
+from tactilevision.records.measured import Floats, Material
 
 
 def sheared(stretch: Floats, law: Law, nu: float) -> Floats:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from tactilevision.mechanics.friction import friction_place
+from tactilevision.mechanics.flat_contact import friction_place
 from tactilevision.mechanics.tables.blocks import Block
-from tactilevision.mechanics.tables.friction import monotone, neighbours
 from tactilevision.mechanics.tables.grid import Axes
+from tactilevision.mechanics.tables.table import monotone, neighbours
 
 FRICTIONS = (0.0, 0.1, 0.15, 0.22, 0.3, 0.6, math.inf)
 

@@ -13,14 +13,12 @@ import pytest
 from made_tables import made_up
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.tables.blocks import Block, hayes_stiffness
-from tactilevision.mechanics.tables.build import build_blocks, on_one_grid
+from tactilevision.mechanics.tables.blocks import Block, build_blocks, deepened, hayes_stiffness, on_one_grid
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, Grid, SolvedCase
-from tactilevision.mechanics.tables.edges import deepened
 from tactilevision.mechanics.tables.grid import Axes, continued, fit_grid
 from tactilevision.mechanics.tables.solve import JAMS, Press, agreed, before_a_jam, solve_case
 from tactilevision.mechanics.tables.table import Table, read_table, stiffness_ratio, straight, write_table
-from tactilevision.records import Floats
+from tactilevision.records.measured import Floats
 
 AXES = Axes(np.array([0.3, 0.4, 0.45, 0.48, 0.4999]), np.array([0.2, 0.4, 0.7, 1.1, 1.5]), np.array(DEPTHS))
 FINE, COARSE = Grid().poisson_ratios, (0.3, 0.43, 0.487, 0.4999)

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.punch_fem.hencky import Hencky
-from tactilevision.mechanics.punch_fem.kinematics import IDENTITY, deformation
-from tactilevision.mechanics.punch_fem.laws import Gent, Law, NeoHooke, Yeoh
-from tactilevision.records import Floats
+from tactilevision.mechanics.punch_fem.laws import IDENTITY, Gent, Hencky, Law, NeoHooke, Yeoh, deformation
+from tactilevision.records.measured import Floats
 
 LAWS: tuple[Law, ...] = (NeoHooke(), Yeoh(0.1, 0.02), Gent(20.0), Hencky())
 IDS = [law.name for law in LAWS]

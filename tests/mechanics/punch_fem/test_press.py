@@ -10,19 +10,12 @@ import pytest
 
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.kappa import kappa
-from tactilevision.mechanics.punch_fem import (
-    Gent,
-    GluedFace,
-    Hencky,
-    Law,
-    MeshSettings,
-    NeoHooke,
-    PunchProblem,
-    RoundedPunch,
-    press_to_depths,
-    press_to_forces,
-)
-from tactilevision.records import Material
+from tactilevision.mechanics.punch_fem.contact import RoundedPunch
+from tactilevision.mechanics.punch_fem.discretisation import MeshSettings
+from tactilevision.mechanics.punch_fem.laws import Gent, Hencky, Law, NeoHooke
+from tactilevision.mechanics.punch_fem.press import press_to_depths, press_to_forces
+from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem
+from tactilevision.records.measured import Material
 
 # P/(E w) in mm for a = 2.5, h = 3, R = 15 mm, by NGSolve 6.2.2608 (P2/P1 triangles): law, nu, mu, edge, depths,
 # values.

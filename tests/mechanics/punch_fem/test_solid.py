@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 import skfem
 
-from tactilevision.mechanics.punch_fem.assembly import assemble, factorise, find_pattern, scatter
-from tactilevision.mechanics.punch_fem.discretisation import Discretisation, discretise
-from tactilevision.mechanics.punch_fem.hencky import Hencky
-from tactilevision.mechanics.punch_fem.laws import Law, NeoHooke, bulk_modulus_MPa
+from tactilevision.mechanics.punch_fem.discretisation import (
+    Discretisation,
+    assemble,
+    discretise,
+    factorise,
+    find_pattern,
+    scatter,
+)
+from tactilevision.mechanics.punch_fem.laws import Hencky, Law, NeoHooke, bulk_modulus_MPa
 from tactilevision.mechanics.punch_fem.solid import corner_volumes, deform, linearise, stored_energy
-from tactilevision.records import Floats, Material
+from tactilevision.records.measured import Floats, Material
 
 
 def ring(elements: int, inner_mm: float = 1.0) -> Discretisation:

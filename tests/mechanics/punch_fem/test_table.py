@@ -18,11 +18,17 @@ from tactilevision.mechanics.profile import PunchCase, exact_profile
 from tactilevision.mechanics.punch_curve import punch_curve, tabulated_curve
 from tactilevision.mechanics.tables.blocks import hayes_stiffness
 from tactilevision.mechanics.tables.cases import BESIDE, Case
-from tactilevision.mechanics.tables.profile import TABULATED, TableProfile
-from tactilevision.mechanics.tables.punch import force_ratio, punch_force, punch_profile, punch_reach
+from tactilevision.mechanics.tables.punch import (
+    TABULATED,
+    TableProfile,
+    force_ratio,
+    punch_force,
+    punch_profile,
+    punch_reach,
+)
 from tactilevision.mechanics.tables.solve import solve_case
 from tactilevision.mechanics.tables.table import SHIPPED, shipped_table
-from tactilevision.records import Floats, Material
+from tactilevision.records.measured import Floats, Material
 
 GEL = Material(0.2, 0.48)
 PUNCH = FlatContact(2.5, 0.05, 3.0, 0.3)

@@ -16,10 +16,9 @@ from made_tables import made_up
 
 from tactilevision.cli import main
 from tactilevision.errors import InputError
-from tactilevision.mechanics.tables import tabulate as method
+from tactilevision.mechanics.tables import solve as method
 from tactilevision.mechanics.tables.cases import Case, Grid, case_path, load_case
-from tactilevision.mechanics.tables.merge import merge
-from tactilevision.mechanics.tables.table import read_table
+from tactilevision.mechanics.tables.table import merge, read_table
 
 ROOT = Path(__file__).parents[3]
 TINY = (

@@ -1,0 +1,175 @@
+"""Dependence of residuals on recorded covariates: steps, trends and change points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.diagnosis.sensitivity import force_without
+from calibration.fit.depth_noise import at_denoised_depth
+from calibration.fit.least_squares import Fit
+from calibration.inputs.conditions import Covariate, bins, covariates, repeat_groups
+from calibration.model.stages import Stage
+from tactilevision.records.measured import Floats
+
+# Step functions of all that is recorded, as directions of the force; what an effect may be off by in them.
+
+DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
+FORM = (
+    0.1  # std, of what a gel's effect adds: how far its form is off in each step of each covariate (others_curves)
+)
+HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
+OTHER_BINS = 6  # steps of every other covariate
+SAME = 1e-6  # of the largest column: what is less is made of the others
+
+
+def covariate_steps(steady: Fit) -> dict[str, Floats]:
+    """Step functions (N, k) of everything recorded, and of effects' sizes that have to be one, by name."""
+    seen = seen_covariates(steady)
+    return {c.name: _steps(steady, c) for c in seen} | _of_one_size(steady, seen)
+
+
+def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
+    """The covariates of a steadied fit, force as fitted: bins of what was read would sort residuals by their own
+    noise.
+    """
+    return covariates(steady.data.with_force(steady.force_N))
+
+
+def form_errors(steady: Fit) -> Floats:
+    """What the form of the gel's effects in the fit may be off by (N, m), N, one std a column: a random share of
+    what each adds, in each step of how a press goes and of what the effect says it is seen in. What it has nothing
+    to do with, such as another effect's temperature, its form does not follow. Errors of depth and of force are
+    definitions: no form can be off.
+    Source: Kennedy, O'Hagan, J. R. Stat. Soc. B 63 (2001) 425 (a discrepancy as a random function).
+    """
+    model, seen = steady.model, seen_covariates(steady)
+    found = [np.zeros((steady.data.size, 0))]
+    for effect in (e for e in model.effects if e.stage not in (Stage.DEPTH, Stage.INSTRUMENT)):
+        without = force_without(model, steady.values, steady.data, key=effect.key)
+        own = {*HOW_A_PRESS_GOES, *getattr(effect, "seen_in", ())}
+        added = FORM * (steady.force_N - without)[:, None]
+        found += [added * _hot(c, OTHER_BINS) for c in seen if c.name in own]
+    return _independent(np.hstack(found))
+
+
+def _independent(columns: Floats) -> Floats:
+    """As many columns as are independent (N, r), of the same covariance: bins of alike covariates repeat."""
+    _, sizes, axes = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(columns @ axes[sizes > SAME * sizes.max(initial=0.0)].T)
+
+
+def _steps(fitted: Fit, covariate: Covariate) -> Floats:
+    """Step functions (N, k) of a covariate: of the stiffness for a press's, of the depth for a sample's."""
+    carried = fitted.about.force_N if covariate.of_press else fitted.about.slope_N_per_mm
+    hot = _hot(covariate, DEPTH_BINS if covariate.name == "w" else OTHER_BINS)
+    return np.asarray(hot * (np.abs(carried) + fitted.about.base_N * fitted.noise.scale)[:, None])
+
+
+def _hot(covariate: Covariate, most: int) -> Floats:
+    """Which bin each sample is in (N, k), 1 or 0."""
+    number = bins(covariate, most)
+    return np.asarray(np.eye(int(number.max()) + 1)[number])
+
+
+def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
+    """Step functions (N, k) of the sizes of effects in the fit that have to have one throughout."""
+    found = {}
+    for effect in fitted.model.effects:
+        name = f"{effect.key}.{effect.parameters[0].name}" if effect.parameters else ""
+        for covariate in (c for c in seen if c.name in getattr(effect, "same_over", ())):
+            change = fitted.jacobian[:, fitted.index(name)]
+            found[f"{effect.key} by {covariate.name}"] = _hot(covariate, OTHER_BINS) * change[:, None]
+    return found
+
+
+# Whether what a model leaves of the presses rises or falls along what was recorded.
+#
+# A press's residual is the mean of its samples' over the std that the noise gives it, its covariate the mean
+# there. Spearman's rank correlation of the two over the presses is held against presses in random order; p is
+# Bonferroni's, times the covariates looked at. It sees a slow drift of few presses, which free steps of a
+# covariate do not. Source: Hollander, Wolfe, Chicken, Nonparametric Statistical Methods, 3rd ed. (2014), ch. 8.
+
+LEVEL = 0.05  # p below which a trend is told
+TREND_SHUFFLES = 9999  # of the presses: p to 1e-4
+MOST_VALUES = 4e6  # shuffled at once: fewer shuffles of more than 400 presses
+NO_QUANTITY = ("load/unload", "indenter", "azimuth", "azimuth beside the face")  # names, and directions around
+
+
+def press_trends(fitted: Fit) -> dict[str, float]:
+    """p of each covariate's trend over the presses, for all that are looked at, by its name.
+
+    Names, directions around the axis, and what is the same in all presses are not looked at.
+    """
+    fitted = at_denoised_depth(fitted)
+    data, seen = fitted.data, seen_covariates(fitted)
+    count = np.bincount(data.press)
+
+    def mean(values: Floats) -> Floats:
+        return np.asarray(np.bincount(data.press, values) / count)
+
+    along = {one.name: _ranks(mean(one.values)) for one in seen if one.name not in NO_QUANTITY}
+    along = {name: ranks for name, ranks in along.items() if np.ptp(ranks) > 0}
+    own = mean(fitted.residual_N)
+    if not along or np.ptp(own) == 0:
+        return {}
+    noise, about = fitted.noise, fitted.about
+    of_samples = noise.scale**2 * mean(about.base_N**2) / count
+    of_press = (noise.gain * mean(about.force_N)) ** 2 + (noise.zero_mm * mean(about.slope_N_per_mm)) ** 2
+    ranks = _ranks(own / np.sqrt(of_samples + of_press))
+    draws = int(min(TREND_SHUFFLES, MOST_VALUES / own.size))
+    rows = np.vstack([ranks, np.random.default_rng(0).permuted(np.tile(ranks, (draws, 1)), axis=1)])
+    score = np.abs(rows @ np.column_stack(list(along.values())))
+    p = np.mean(score >= score[0] * (1 - 1e-12), axis=0)
+    return {name: min(1.0, len(along) * float(one)) for name, one in zip(along, p, strict=True)}
+
+
+def _ranks(values: Floats) -> Floats:
+    """Ranks about their mean (M,), equal values with one rank."""
+    ranks = np.unique(np.round(values, 9), return_inverse=True)[1].astype(float)
+    return np.asarray(ranks - ranks.mean())
+
+
+# Since which press something is different: a jump in the mean residual of presses, held against chance.
+#
+# The presses' means are taken in the order of time, each press one number, and the largest cumulative sum over its
+# own spread is compared with that of the same numbers in other orders: like presses change places with like (same
+# indenter and rate), so that a protocol that runs from small to large punches is no jump.
+
+CHANGE_SHUFFLES = 999  # orders that chance is read from: p to .001
+MIN_COUNT = 8  # presses; with fewer a jump and its place cannot be told from scatter
+
+
+def change_point(fitted: Fit, rng: np.random.Generator) -> str | None:
+    """The first press after the jump; None where none is beyond chance or there are fewer than eight presses."""
+    data = fitted.data
+    if data.count < MIN_COUNT:
+        return None
+    weight = np.bincount(data.press, fitted.about.force_N**2)
+    mean = np.bincount(data.press, fitted.residual_N * fitted.about.force_N) / np.maximum(weight, 1e-300)
+    groups = repeat_groups(data)
+    rest = mean - (np.bincount(groups, mean) / np.bincount(groups))[groups]
+    if not np.std(rest) > 0:
+        return None
+    place, size = _largest(rest)
+    chance = [_largest(_shuffled(rest, groups, rng))[1] for _ in range(CHANGE_SHUFFLES)]
+    beyond = (1 + np.count_nonzero(np.array(chance) >= size)) / (1 + CHANGE_SHUFFLES)
+    return data.presses.label[place + 1] if beyond < LEVEL else None
+
+
+def _largest(values: Floats) -> tuple[int, float]:
+    path = np.abs(np.cumsum(values)[:-1])
+    k = int(np.argmax(path))
+    return k, float(path[k])
+
+
+def _shuffled(
+    values: Floats, groups: np.ndarray[tuple[int], np.dtype[np.int64]], rng: np.random.Generator
+) -> Floats:
+    """The values of each group in another order."""
+    mixed = values.copy()
+    for group in np.unique(groups):
+        mine = np.flatnonzero(groups == group)
+        mixed[mine] = values[rng.permutation(mine)]
+    return mixed

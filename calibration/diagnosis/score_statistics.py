@@ -1,0 +1,288 @@
+"""Score statistics free of what a fit absorbs, their bootstrap distribution and p-values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.fit.least_squares import Fit
+from calibration.fit.outlying_presses import TAILS, log_student, press_dof
+from calibration.fit.repeats import drawn_noise
+from calibration.noise.model import Noise, Whitener
+from calibration.noise.reml import Product, Weighing, log_sizes, prior_cost
+from tactilevision.records.measured import Floats
+
+# p-values of a statistic from draws of it, carried on beyond the farthest draw.
+#
+# Up to the largest tenth of the draws p is their own share; beyond it the slower of two tails: an exponential of
+# that tenth's mean excess, and the scaled chi-squared with the mean and variance of all draws. A chi-squared of
+# few degrees of freedom falls off more and more slowly, so that an exponential read at its tenth understates p far
+# out; where the noise is hardly known draws fall off more slowly than a chi-squared. One wild draw makes both
+# tails too slow: p is never more than the share of all, the measured one among them, that lie as far out. Sources:
+# Pickands, Ann. Stat. 3 (1975) 119, shape 0; Barnard, J. R. Stat. Soc. B 25 (1963) 294.
+
+LEAST = 1e-300  # p of what lies farther out than a number can say: its logarithm is finite
+TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
+
+
+class Tail:
+    """p of what is measured, and of each draw by the others."""
+
+    def __init__(self, draws: Floats) -> None:
+        self._draws, self._from = draws, float(np.quantile(draws, 1 - TAIL))
+        self._beyond = draws > self._from
+        self._excess = (draws - self._from)[self._beyond]
+
+    def __call__(self, statistic: float) -> float:
+        """Of a statistic that is none of the draws."""
+        if statistic <= self._from:
+            return max(float(np.mean(self._draws > statistic)), TAIL)
+        means = [np.mean(one) if one.size else 0.0 for one in (self._draws, self._draws**2, self._excess)]
+        counted = (1 + np.count_nonzero(self._draws >= statistic)) / (1 + self._draws.size)
+        return min(float(self._far(np.array(statistic), *(np.array(mean) for mean in means))), float(counted))
+
+    def of_each(self) -> Floats:
+        """Of each draw (n,) by the others.
+
+        A draw that takes part in its own tail makes that longer, and lies less far out than a measurement would:
+        the smallest p of many statistics would be held against too large ones.
+        """
+        own, rest = self._draws[self._beyond], self._draws.size - 1
+        rank = np.argsort(np.argsort(self._draws))
+        p = np.maximum((rest - rank) / rest, TAIL)
+        if own.size > 1:
+            mean, square = ((np.sum(self._draws**n) - own**n) / rest for n in (1, 2))
+            excess = (np.sum(self._excess) - self._excess) / (own.size - 1)
+            counted = (self._draws.size - rank[self._beyond]) / self._draws.size
+            p[self._beyond] = np.minimum(self._far(own, mean, square, excess), counted)
+        return np.asarray(p)
+
+    def _far(self, statistic: Floats, mean: Floats, square: Floats, excess: Floats) -> Floats:
+        """Beyond the tail's begin, from the draws' mean, mean square and mean excess."""
+        from scipy.special import chdtrc
+
+        known = mean > 0
+        scale = np.where(known, np.maximum((square - mean**2) / (2 * np.where(known, mean, 1.0)), 1e-12), 1.0)
+        dof = np.maximum(mean / scale, 0.1)
+        share = np.maximum(chdtrc(dof, self._from / scale), LEAST)
+        exponential = np.exp(-(statistic - self._from) / np.maximum(excess, 1e-12))
+        p = TAIL * np.maximum(exponential, chdtrc(dof, statistic / scale) / share)
+        return np.asarray(np.maximum(p, LEAST))
+
+
+# Draws of a fit's error model for a bootstrap, with the tails that its samples and its presses have.
+#
+# Samples and presses' gains and zeros are Student's t of unit variance, of the likeliest degrees of freedom;
+# normal where these bring no more than they cost (Schwarz, Ann. Stat. 6 (1978) 461).
+
+NORMAL_DOF = 100.0  # degrees of freedom from which a t is drawn as a normal
+MIN_DOF = 2.5  # degrees of freedom: with 2 a t has no variance
+
+
+def draw_errors(fitted: Fit, rng: np.random.Generator, draws: int, *, noises: Sequence[Noise] = ()) -> Floats:
+    """Errors (N, draws), N, of the fit's error model, with the tails that its samples and presses have.
+
+    `noises`: the sizes of each draw, where they are not the fit's own.
+    """
+    noise, about, press = fitted.noise, fitted.about, fitted.data.press
+    own = replace(noise, gain=0.0, zero_mm=0.0)
+    sizes = np.array([[n.scale, n.gain, n.zero_mm] for n in noises or [noise] * draws]).T
+    of_samples = student(rng, sample_dof(fitted), (fitted.data.size, draws))
+    errors = Whitener(fitted.data, own, about).colour(of_samples) * sizes[0] / noise.scale
+    if noise.gain or noise.zero_mm:
+        gain, zero = student(rng, press_dof(fitted), (2, fitted.data.count, draws))
+        errors += sizes[1] * about.force_N[:, None] * gain[press]
+        errors += sizes[2] * about.slope_N_per_mm[:, None] * zero[press]
+    return np.asarray(errors)
+
+
+def student(rng: np.random.Generator, dof: float, shape: tuple[int, ...]) -> Floats:
+    """Student's t of this shape, unit variance; normal from 100 degrees of freedom on."""
+    if dof > NORMAL_DOF:
+        return rng.standard_normal(shape)
+    dof = max(dof, MIN_DOF)
+    return np.asarray(rng.standard_t(dof, shape) * np.sqrt((dof - 2) / dof))
+
+
+def sample_dof(fitted: Fit) -> float:
+    """The likeliest degrees of freedom of white residuals, of unit variance; normal unless it brings its cost."""
+    white = Whitener(fitted.data, fitted.noise, fitted.about).apply(fitted.residual_N)
+    white = white / max(float(np.std(white)), 1e-300)
+
+    def likelihood(dof: float) -> float:
+        size = float(np.sqrt((dof - 2) / dof))
+        return float(np.sum(log_student(white / size, dof)) - white.size * np.log(size))
+
+    tails = [dof for dof in TAILS if dof > MIN_DOF]
+    best = max(tails, key=likelihood)
+    return best if likelihood(best) - likelihood(tails[-1]) > np.log(white.size) else tails[-1]
+
+
+# Directions and residuals freed of what a fit can absorb, and their scores under any size of the noise.
+
+SEEN = 0.02  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
+LARGER = np.geomspace(1.0, 64.0, 13)  # over the presses' gain, that stand for what changes from press to press
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """Residuals (N, b) as the fit and as the directions see them, their squares, and priors (k, b)."""
+
+    own: Product
+    looked: Product
+    squares: Product
+    priors: Floats
+
+    def of(self, k: int) -> _Seen:
+        """The k-th of them."""
+        return _Seen(self.own.of(k), self.looked.of(k), self.squares.of(k), self.priors[:, k : k + 1])
+
+
+@dataclass(frozen=True, slots=True)
+class _Weighed:
+    """Of n noises scores and squared lengths (n, D), and products of the fit's columns, also with the residual."""
+
+    scores: Floats
+    lengths: Floats
+    within: Floats
+    own: Floats
+
+
+class Cast:
+    """Directions against residuals under one model: freed of what the fit absorbs, weighed, scored.
+
+    All is put in coordinates that are white under the fit's own noise, so that under a draw's noise, which is
+    never far from it, nothing that matters cancels.
+    """
+
+    def __init__(self, fitted: Fit, tables: Sequence[Floats], form_N: Floats) -> None:
+        """`form_N` (N, m): what the form of effects in the fit may be off by, each column one std."""
+        self.fitted = fitted
+        free = fitted.free & ~fitted.at_bound  # what stands at its bound cannot give way any further
+        known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
+        known = np.concatenate([known, np.ones(form_N.shape[1])])
+        self.own_priors = np.array(
+            [
+                (p.prior.mean - v) / p.prior.std
+                for p, v, gives in zip(fitted.parameters, fitted.values, free, strict=True)
+                if p.prior is not None and gives
+            ]
+            + [0.0] * form_N.shape[1]
+        )
+        self.ends = np.cumsum([t.shape[1] for t in tables])
+        directions = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
+        self._free_and_norm(np.hstack([fitted.jacobian[:, free], form_N]), np.diag(known)[known > 0], directions)
+        self.left = list(np.split(self._visible, self.ends[:-1]))
+        self._weighing = Weighing(fitted.data, fitted.about, fitted.noise)
+        own, looked = self._weighing.take(self._jacobian), self._weighing.take(self._directions)
+        self._own, self._looked = own, looked
+        self._within, self._between = (self._weighing.product(own, other) for other in (own, looked))
+        self._lengths = self._weighing.squares(looked)
+
+    def _free_and_norm(self, jacobian: Floats, priors: Floats, directions: Floats) -> None:
+        """Fit and directions (samples and priors) as orthonormal columns under the fit's own noise."""
+        size = np.linalg.norm(jacobian, axis=0)
+        scale = np.where(size > 0, size, 1.0)
+        apply = Whitener(self.fitted.data, self.fitted.noise, self.fitted.about).apply
+        white = np.vstack([apply(jacobian / scale), priors / scale])
+        left, length, right = np.linalg.svd(white, full_matrices=False)
+        kept = length > 1e-10 * max(float(length.max(initial=0.0)), 1e-300)
+        back = right[kept].T / length[kept] / scale[:, None]
+        self._jacobian, self._priors = jacobian @ back, priors @ back
+        seen = apply(directions)
+        before = np.linalg.norm(seen, axis=0)
+        share = left[: len(seen), kept].T @ seen
+        self.sizes = np.sqrt(np.maximum(before**2 - np.sum(share**2, axis=0), 0.0))
+        self._visible = (self.sizes > SEEN * np.maximum(before, 1e-300)) & (self.sizes > 1e-9)
+        unit = np.where(self._visible, self.sizes, np.inf)
+        self._directions = (directions - self._jacobian @ share) / unit
+        self._beside = -(self._priors @ share) / unit
+
+    def ratios(
+        self, noises: Sequence[Noise], residual_N: Floats, priors: Floats, *, gains: Sequence[float]
+    ) -> list[list[Floats]]:
+        """Signed roots of the likelihood ratios of each table's directions, for each column of residuals (N, b)
+        under a noise of its own; `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
+
+        A direction takes t^2 off -2 ln L at any noise. With it and without it the likeliest of `gains`, over the
+        noise's own, counts: what changes from press to press has passed for their scatter, and t^2 alone could
+        never be more than there are presses.
+        """
+        seen, found = self._seen(residual_N, priors), []
+        for k, noise in enumerate(noises):
+            each = [self._of_presses(noise, share) for share in gains]
+            weighed = self._weighed(seen.of(k), each)
+            costs = self._costs(seen.of(k), each, weighed)
+            with_it = np.min(costs[:, None] - weighed.scores**2, axis=0)
+            found.append(self._split(np.sign(weighed.scores[0]) * np.sqrt(costs.min() - with_it)))
+        return found
+
+    def _of_presses(self, noise: Noise, share: float) -> Noise:
+        """The noise with presses that scatter by `share` of it; one point a press tells no gain from a zero."""
+        zero = noise.zero_mm if self.fitted.data.is_curves else share * noise.zero_mm
+        return replace(noise, gain=share * noise.gain, zero_mm=zero)
+
+    def shown(self, ratio: Floats) -> Floats:
+        """Std of each direction (D,) that it takes for such a likelihood `ratio` (D,).
+
+        A larger gain of the presses may stand for part of x std: -2 ln L then rises by the least of
+        rise + x^2 length over the gains.
+        """
+        seen = self._seen(self.fitted.residual_N[:, None], self.own_priors[:, None]).of(0)
+        each = [self._of_presses(self.fitted.noise, share) for share in LARGER]
+        weighed = self._weighed(seen, each)
+        costs = self._costs(seen, each, weighed)
+        rise = (costs - costs.min())[:, None]
+        return np.asarray(np.sqrt(np.max((ratio - rise) / np.maximum(weighed.lengths, 1e-12), axis=0)))
+
+    def _split(self, scores: Floats) -> list[Floats]:
+        return list(np.split(scores, self.ends[:-1]))
+
+    def _seen(self, residual_N: Floats, priors: Floats) -> _Seen:
+        errors = self._weighing.take(residual_N)
+        own, looked = (self._weighing.product(one, errors) for one in (self._own, self._looked))
+        return _Seen(own, looked, self._weighing.squares(errors), priors)
+
+    def _weighed(self, seen: _Seen, noises: Sequence[Noise]) -> _Weighed:
+        """One residual under each of these noises."""
+        known, beside = self._priors, self._beside
+        within = self._within.under_each(noises) + known.T @ known
+        between = self._between.under_each(noises) + known.T @ beside
+        taken = np.linalg.solve(within, between)
+        lengths = self._lengths.under_each(noises) + np.sum(beside**2, axis=0) - np.sum(between * taken, axis=1)
+        own = seen.own.under_each(noises) + known.T @ seen.priors
+        along = seen.looked.under_each(noises) + beside.T @ seen.priors - taken.transpose(0, 2, 1) @ own
+        unit = np.sqrt(np.where(self._visible, np.maximum(lengths, 1e-12), np.inf))
+        return _Weighed(along[:, :, 0] / unit, lengths, within, own)
+
+    def _costs(self, seen: _Seen, noises: Sequence[Noise], weighed: _Weighed) -> Floats:
+        """-2 ln L (n,) of each noise; a constant is left out."""
+        taken = np.sum(weighed.own * np.linalg.solve(weighed.within, weighed.own), axis=(1, 2))
+        left = seen.squares.under_each(noises)[:, 0] - taken
+        volume = self._weighing.log_volumes(noises) + np.linalg.slogdet(weighed.within)[1]
+        return np.asarray(left + volume + [prior_cost(log_sizes(noise), trust=noise.trust) for noise in noises])
+
+    def white(self, noise: Noise, residual_N: Floats, *, priors: Floats) -> Floats:
+        """What the fit leaves of a residual (N,), white."""
+        whitener = Whitener(self.fitted.data, noise, self.fitted.about)
+        seen = whitener.apply(np.column_stack([self._jacobian, residual_N]))
+        jacobian, white = seen[:, :-1], seen[:, -1]
+        within = jacobian.T @ jacobian + self._priors.T @ self._priors
+        own = jacobian.T @ white + self._priors.T @ priors
+        return np.asarray(white - jacobian @ np.linalg.solve(within, own))
+
+    def left_of(self, residual_N: Floats, priors: Floats) -> Floats:
+        """What the fit leaves of residuals (N, k) with priors (q, k), in N."""
+        own = self._weighing.product(self._own, self._weighing.take(residual_N)).under(self.fitted.noise)
+        return np.asarray(residual_N - self._jacobian @ (own + self._priors.T @ priors))
+
+    def null(self, rng: np.random.Generator, draws: int) -> tuple[Floats, Floats]:
+        """Draws of the model itself: errors (N, draws), priors (k, draws).
+
+        The noise's sizes are drawn too, as they are known: where repeats are few a press's gain may well be twice
+        what was estimated, and presses that differ by place or day are then no finding.
+        """
+        errors = draw_errors(self.fitted, rng, draws, noises=drawn_noise(self.fitted, rng, draws))
+        return errors, rng.standard_normal((len(self._priors), draws))

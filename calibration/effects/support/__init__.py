@@ -1,1 +1,0 @@
-"""What several effects share: memory kernels, and effects from a user's own file."""

@@ -1,0 +1,232 @@
+"""Pure error and error model from repeated presses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.fit.depth_noise import at_denoised_depth
+from calibration.fit.least_squares import Fit, fit
+from calibration.fit.tolerances import HEIGHTS
+from calibration.inputs.conditions import group_basis
+from calibration.inputs.observations import TYPICAL_GAIN, TYPICAL_ZERO_MM, Ints
+from calibration.noise.model import STATED_DOF, Noise
+from calibration.noise.reml import (
+    BEYOND_CHANCE,
+    Weighing,
+    estimate_noise,
+    far_less,
+    log_sizes,
+    newton_move,
+    own_scale,
+    prior_cost,
+    sized,
+    spread,
+    stencil,
+)
+from tactilevision.records.measured import Floats
+
+# The error model free of what the law lacks: from how repeats differ, never from what they share.
+#
+# Also, for a bootstrap, the noise that would be estimated from each of many drawn errors at once.
+
+ALIKE = (
+    1e-3  # columns that differ by less are one: depths of one indenter differ by such shares without meaning it
+)
+
+
+def repeat_noise(fitted: Fit) -> Noise:
+    """The error model free of what the law lacks; where points leave nothing to compare, the fit's own and what is
+    typical of presses. Points are presses too: they have a gain and a zero beside what is stated of them, and
+    where nothing is, how they scatter over forces and slopes says which of N, % and mm it is constant in.
+    """
+    steady, stated = at_denoised_depth(fitted), fitted.noise.stated
+    space = _explained(steady)
+    if fitted.data.size - space.shape[1] < 3:
+        if not (fitted.data.is_curves or stated) or fitted.noise.gain:
+            return fitted.noise
+        return replace(fitted.noise, gain=TYPICAL_GAIN, zero_mm=TYPICAL_ZERO_MM)
+    return estimate_noise(
+        steady.data,
+        steady.about,
+        residual_N=fitted.residual_N,
+        jacobian=space,
+        precision=np.zeros((space.shape[1],) * 2),
+        stated=stated,
+        of_presses=True,
+    )
+
+
+def beyond_stated(fitted: Fit) -> float | None:
+    """How many times as much samples scatter as was stated of them; None where that may be chance.
+
+    F of their own variance over the stated one, which is trusted like one measured on STATED_DOF readings.
+    """
+    from scipy.special import fdtrc
+
+    if not fitted.noise.stated:
+        return None
+    dof = fitted.data.size - _explained(at_denoised_depth(fitted)).shape[1]  # as the estimate counts
+    dof = dof if dof > 2 else fitted.data.size - int(np.count_nonzero(fitted.free))
+    if dof < 1:
+        return None
+    own = own_scale(fitted.noise, dof)
+    more = fdtrc(dof, STATED_DOF, own**2) < BEYOND_CHANCE
+    return own if more or far_less(fitted.noise, dof) else None
+
+
+def _explained(steady: Fit) -> Floats:
+    """An orthonormal basis (N, r) of all that the law or any smooth curve of a group of repeats can explain."""
+    columns = np.column_stack([steady.jacobian[:, steady.free], group_basis(steady.data)])
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    size, axes = np.linalg.eigh(columns.T @ columns)
+    kept = size > ALIKE**2 * size[-1]
+    return np.asarray(columns @ axes[:, kept] / np.sqrt(size[kept]))
+
+
+def refit_with_pure_noise(fitted: Fit) -> Fit:
+    """The same model fitted with the noise that repeats show."""
+    return fit(fitted.model, fitted.data, noise=repeat_noise(fitted), starts=fitted.values[None], tolerances=False)
+
+
+def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
+    """The noise that would be estimated from each column of errors (N, b) of a steadied fit: one Newton step.
+
+    The likelihood is quadratic in the errors, so a stencil of ten points serves all columns at once.
+    """
+    if not (fitted.data.is_curves or fitted.noise.gain):
+        return [replace(fitted.noise, scale=fitted.noise.scale * s) for s in _point_scales(fitted, errors_N)]
+    centre, costs = log_sizes(fitted.noise), _on_stencil(fitted, errors_N)
+    return [sized(fitted.noise, centre + newton_move(column, centre.size)) for column in costs.T]
+
+
+def drawn_noise(fitted: Fit, rng: np.random.Generator, draws: int) -> list[Noise]:
+    """Sizes of the noise as likely as the data leave them; of points, as estimated."""
+    if not (fitted.data.is_curves or fitted.noise.gain):
+        return [fitted.noise] * draws
+    centre, costs = log_sizes(fitted.noise), _on_stencil(fitted, fitted.residual_N[:, None])
+    moves = rng.standard_normal((draws, centre.size)) @ spread(costs[:, 0], centre.size).T
+    return [sized(fitted.noise, centre + np.clip(move, -1, 1)) for move in moves]
+
+
+def _on_stencil(fitted: Fit, errors_N: Floats) -> Floats:
+    """-2 ln L and the priors' cost (k, b) of errors (N, b) about the fit's own sizes."""
+    centre, cost = log_sizes(fitted.noise), _costs(fitted, errors_N)
+    places = centre + stencil(centre.size)
+    return np.array(
+        [cost(sized(fitted.noise, logs)) + prior_cost(logs, trust=fitted.noise.trust) for logs in places]
+    )
+
+
+def _costs(fitted: Fit, errors_N: Floats) -> Callable[[Noise], Floats]:
+    """-2 log L (b,) of many residuals (N, b) at any sizes."""
+    weighing = Weighing(fitted.data, fitted.about, fitted.noise)
+    columns, errors = weighing.take(_explained(fitted)), weighing.take(errors_N)
+    within, across = weighing.product(columns, columns), weighing.product(columns, errors)
+    squares = weighing.squares(errors)
+
+    def cost(noise: Noise) -> Floats:
+        information, seen = within.under(noise), across.under(noise)
+        explained = np.sum(seen * np.linalg.solve(information, seen), axis=0)
+        volume = weighing.log_volume(noise) + np.linalg.slogdet(information)[1]
+        return np.asarray(squares.under(noise) - explained + volume)
+
+    return cost
+
+
+def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
+    """Relative size of the noise from each draw of points, weighed with what was stated."""
+    base = fitted.noise.scale * fitted.about.base_N
+    q, _ = np.linalg.qr(_explained(fitted) / base[:, None])
+    z = errors_N / base[:, None]
+    squares = np.sum(z**2, axis=0) - np.sum((q.T @ z) ** 2, axis=0)
+    dof = fitted.data.size - q.shape[1]
+    if dof < 3:
+        return np.ones(errors_N.shape[1])
+    trust = fitted.noise.trust
+    return np.asarray(np.sqrt((squares + trust) / (dof + trust)))
+
+
+# What repeats say: the pure error, and whether indenters differ by more than their presses do.
+#
+# Presses of one indenter share its machined height. Where no std of that height is stated, the indenters' means
+# may still scatter about the law by more than repeats allow; then the mean squares of that scatter, and its few
+# degrees of freedom, belong into every interval, and not the repeats' own.
+
+
+@dataclass(frozen=True, slots=True)
+class PureError:
+    """Sum of squares within groups of equal conditions, of the whitened residual, and its degrees of freedom."""
+
+    squares: float
+    dof: int
+
+
+def pure_error(fitted: Fit, groups: Ints) -> PureError:
+    """Of the whitened residual within `groups` (N,)."""
+    count = np.bincount(groups)
+    mean = np.bincount(groups, fitted.white) / np.maximum(count, 1)
+    return PureError(float(np.sum((fitted.white - mean[groups]) ** 2)), int(np.sum(np.maximum(count - 1, 0))))
+
+
+def allow_for_indenters(fitted: Fit) -> Fit:
+    """The fit with its covariance widened where points of one indenter agree better than the indenters do.
+
+    A test at 5 %: F of the indenters' scatter about the law over the repeats' own.
+    """
+    from scipy.special import fdtrc
+
+    data = fitted.data
+    if data.is_curves or HEIGHTS in fitted.model.keys:
+        return fitted
+    groups = data.presses.indenter[data.press]
+    inside = pure_error(fitted, groups)
+    used = int(np.count_nonzero(fitted.free)) - sum(p.prior is not None for p in fitted.parameters if not p.fixed)
+    between = np.unique(groups).size - used
+    if inside.dof < 3 or between < 1:
+        return fitted
+    own, other = inside.squares / inside.dof, max(fitted.chi2 - inside.squares, 0.0) / between
+    if own <= 0 or fdtrc(between, inside.dof, other / own) > 0.05:
+        return fitted
+    ratio = max(other, 1.0)
+    warning = (
+        f"the indenters scatter about the law {np.sqrt(other / own):.1f} times as much as their repeats do: "
+        "heights off by more than stated, or an effect that the law lacks; the intervals are widened by it"
+    )
+    return replace(
+        fitted,
+        covariance=_widened(fitted, ratio),
+        noise=replace(fitted.noise, dof=float(between)),
+        warnings=(*fitted.warnings, warning),
+    )
+
+
+def _widened(fitted: Fit, ratio: float) -> Floats:
+    """The covariance (p, p) with the data's part of it `ratio` times as large; what priors state stays."""
+    kept = [p for p in fitted.parameters if not p.fixed]
+    place = np.ix_(fitted.free, fitted.free)
+    size = np.sqrt(np.diag(fitted.covariance[place]))  # parameters of very different sizes
+    known = np.diag([0.0 if p.prior is None else (k / p.prior.std) ** 2 for p, k in zip(kept, size, strict=True)])
+    of_data = np.linalg.pinv(fitted.covariance[place] / np.outer(size, size)) - known
+    wider = fitted.covariance.copy()
+    wider[place] = np.linalg.pinv(of_data / ratio + known) * np.outer(size, size)
+    return wider
+
+
+def repeatability_rms(fitted: Fit) -> float:
+    """How far the forces of like presses scatter after what the model says of their differences, std in N.
+
+    Of points with repeats the pure error, sqrt(sum of squares within indenters / (points - indenters)); else the
+    noise model's std. An rms error over all points divides by their number instead, so a fit to few can lie
+    below this: compare it with the held-out error. Source: Draper and Smith, Applied Regression Analysis, ch. 2.
+    """
+    data = fitted.data
+    if not data.is_curves:
+        inside = pure_error(replace(fitted, white=fitted.residual_N), data.presses.indenter[data.press])
+        if inside.dof >= 3:
+            return float(np.sqrt(inside.squares / inside.dof))
+    noise, about = fitted.noise, fitted.about
+    parts = (noise.scale * about.base_N) ** 2 + (noise.gain * about.force_N) ** 2
+    return float(np.sqrt(np.mean(parts + (noise.zero_mm * about.slope_N_per_mm) ** 2)))

@@ -1,1 +1,0 @@
-"""What theory says of a contact law: stiffness, sticking, and the admissible range of beta."""

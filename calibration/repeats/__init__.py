@@ -1,1 +1,0 @@
-"""What repeats say of noise: sizes of the error model, pure error, presses that stand out."""

@@ -1,0 +1,228 @@
+"""History of an analysis: its steps, undo, and export as a script that repeats it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from math import nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactilevision.errors import InputError
+from tactilevision.files.documents import read_json
+from tactilevision.files.opening import number
+from tactilevision.files.writing import write_json
+
+if TYPE_CHECKING:
+    from calibration.tasks.compare import Comparison
+
+
+_KEY = re.compile(r"\w[\w.-]{0,80}(:\d{1,3})?")  # of an effect, with the number of its terms
+UNITS = ("N", "mm")  # of a step's errors: of the force, and of the depth that the picture reads
+MAX_LABEL = 80  # letters of a state's name: one line of a page
+MAX_SEED = 10**9  # of a run's draws; a larger one in a file was not written by a command
+ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N", "repeatability_N")  # of a Step
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One effect put into the model: its key, a private one's file, and what it did to the error.
+
+    `rms` over the presses fitted, `held_out` over presses left out of the fit, and the repeatability, all in N, or
+    in mm where the effect is on the depth that the picture reads (`unit`); NaN where it is not known.
+    """
+
+    key: str
+    path: str = ""
+    rms_before_N: float = nan
+    rms_after_N: float = nan
+    held_out_before_N: float = nan
+    held_out_after_N: float = nan
+    repeatability_N: float = nan
+    unit: str = "N"
+
+
+@dataclass(frozen=True, slots=True)
+class Labelled:
+    """A state that was given a name: the steps that stood, and the presses left out."""
+
+    name: str
+    steps: tuple[Step, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """The steps taken on these recordings, and those undone, which can be redone.
+
+    `applied`: the folder's calibration.json is that of these steps; `seed` of the score tests; `prior`: nu was
+    held to what elastomers have; `left_out`: names of presses that are not fitted; `labels`: states with a name.
+    """
+
+    recordings: tuple[str, ...]
+    steps: tuple[Step, ...] = ()
+    undone: tuple[Step, ...] = field(default=())
+    applied: bool = False
+    seed: int = 0
+    prior: bool = True
+    left_out: tuple[str, ...] = ()
+    labels: tuple[Labelled, ...] = ()
+
+    def add(self, step: Step) -> History:
+        """One more step; what was undone is forgotten."""
+        if step.key in (s.key for s in self.steps):
+            raise InputError("this effect is in the model already", where="history", value=step.key)
+        return replace(self, steps=(*self.steps, step), undone=())
+
+    def undo(self) -> History:
+        """Without the last step. Raises InputError where there is none."""
+        if not self.steps:
+            raise InputError("there is no step to undo", where="history")
+        return replace(self, steps=self.steps[:-1], undone=(*self.undone, self.steps[-1]))
+
+    def redo(self) -> History:
+        """With the step that was undone last. Raises InputError where there is none."""
+        if not self.undone:
+            raise InputError("there is no step to redo", where="history")
+        return replace(self, steps=(*self.steps, self.undone[-1]), undone=self.undone[:-1])
+
+    def remove(self, key: str) -> History:
+        """Without the step of this key, which can be redone. Raises InputError where there is none."""
+        step = next((one for one in self.steps if one.key == key), None)
+        if step is None:
+            raise InputError("this effect is not in the model", where="history", value=key)
+        rest = tuple(one for one in self.steps if one is not step)
+        return replace(self, steps=rest, undone=(*self.undone, step))
+
+    def label(self, name: str) -> History:
+        """With this state under a name, which it takes from another state that had it."""
+        if not name.strip() or len(name) > MAX_LABEL or not name.isprintable():
+            raise InputError(
+                "a state's name is one line of text",
+                where="label",
+                value=name,
+                remedy=f"{MAX_LABEL} letters at most.",
+            )
+        others = tuple(one for one in self.labels if one.name != name)
+        return replace(self, labels=(*others, Labelled(name, self.steps, self.left_out)))
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data."""
+
+        def rows(steps: Sequence[Step]) -> list[dict[str, Any]]:
+            names = (*ERRORS, "unit")
+            return [{"key": s.key, "path": s.path, **{name: getattr(s, name) for name in names}} for s in steps]
+
+        return {
+            "recordings": list(self.recordings),
+            "steps": rows(self.steps),
+            "undone": rows(self.undone),
+            "applied": self.applied,
+            "seed": self.seed,
+            "prior": self.prior,
+            "left_out": list(self.left_out),
+            "labels": [
+                {"name": one.name, "steps": rows(one.steps), "left_out": list(one.left_out)} for one in self.labels
+            ],
+        }
+
+    def save(self, path: Path | str) -> None:
+        """Write history.json."""
+        write_json(path, self.as_json())
+
+    def script(self, out: Path | str) -> str:
+        """A shell script that repeats the analysis with these effects and writes into `out`."""
+        options = " ".join(
+            f"--effect {_quoted(s.path)}" if s.path else f"--with {_quoted(s.key)}" for s in self.steps
+        )
+        options += "".join(f" --leave-out {_quoted(name)}" for name in self.left_out)
+        names = " ".join(_quoted(as_path(name)) for name in self.recordings)
+        how = ("" if self.prior else " --no-prior") + (f" --seed {self.seed}" if self.seed else "")
+        command = f"tactilevision compare {names} {options}".rstrip() + f"{how} --out {_quoted(str(out))}"
+        return f"#!/bin/sh\n# {len(self.steps)} steps\n{command}\n"
+
+
+def steps_of_comparison(found: Comparison, files: Mapping[str, str]) -> list[Step]:
+    """A step for each effect that was added, with the errors before and after it; `files` of one's own by key."""
+    from calibration.effects import written
+
+    steps = []
+    changes = [("N", *pair) for pair in pairwise(found.models)] + [
+        ("mm", *pair) for pair in pairwise(found.pictured)
+    ]
+    for unit, before, model in changes:
+        key = model.effects[-1]
+        kept = (effect for effect in model.fitted.model.effects if effect.key == key)
+        named = next((written(effect) for effect in kept), key)  # what frames read anew cure is not fitted
+        rms, held_out = (before.rms_N, model.rms_N), (before.held_out_N, model.held_out_N)
+        steps.append(Step(named, files.get(key, ""), *rms, *held_out, model.repeatability_N, unit))
+    return steps
+
+
+def load_history(path: Path | str) -> History:
+    """Read what `History.save` wrote. Raises InputError for a file that is missing or not a history."""
+    if not Path(path).is_file():
+        raise InputError(
+            "there is no history of an analysis here",
+            where=path,
+            remedy="Name a folder that `tactilevision diagnose` or `compare` wrote.",
+        )
+    try:
+        content = read_json(path)
+        steps, undone = (tuple(_step(row) for row in content[name]) for name in ("steps", "undone"))
+        return History(
+            tuple(_text(name) for name in content["recordings"]),
+            steps,
+            undone,
+            applied=content.get("applied") is True,
+            seed=_seed(content.get("seed", 0)),
+            prior=content.get("prior") is not False,
+            left_out=tuple(_text(name) for name in content.get("left_out", ())),
+            labels=tuple(_labelled(row) for row in content.get("labels", ())),
+        )
+    except (OSError, ValueError, KeyError, TypeError) as fault:
+        raise InputError("this is no history of an analysis", where=path, value=str(fault)) from fault
+
+
+def _labelled(row: dict[str, Any]) -> Labelled:
+    steps = tuple(_step(step) for step in row["steps"])
+    return Labelled(_text(row["name"]), steps, tuple(_text(name) for name in row["left_out"]))
+
+
+def _step(row: dict[str, Any]) -> Step:
+    def error(name: str) -> float:
+        found = number(row.get(name), what=name, where="history.json")
+        return nan if found is None else found
+
+    key = _text(row["key"])
+    if not _KEY.fullmatch(key):
+        raise ValueError(f"{key!r} is no effect's key")
+    unit = row.get("unit", "N")
+    if unit not in UNITS:
+        raise ValueError(f"{unit!r} is no unit of an error")
+    return Step(key, _text(row["path"]), **{name: error(name) for name in ERRORS}, unit=unit)
+
+
+def _seed(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_SEED:
+        raise TypeError(f"{str(value)[:30]} is no seed")
+    return value
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str) or "\0" in value:
+        raise TypeError(f"{value!r} is no text")
+    return value
+
+
+def as_path(name: str) -> str:
+    """A recording's path as a command takes it: one that begins with "-" is no option."""
+    return f"./{name}" if name.startswith("-") else name
+
+
+def _quoted(text: str) -> str:
+    import shlex
+
+    return shlex.quote(text)

@@ -1,0 +1,474 @@
+"""The current model, its curves and residuals as plain data for the page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calibration.diagnosis.refit import Candidate
+from calibration.fit.least_squares import Fit
+from calibration.fit.tolerances import TOLERANCES
+from calibration.inputs.observations import press_names
+from calibration.model.stages import EffectBase
+from calibration.report import wording
+from calibration.report.comparison_report import OF_MATERIAL, fall_sentence, parameter
+from calibration.report.misfit import (
+    BASE,
+    error_fall_of_comparison,
+    error_fall_of_picture,
+    force_curves,
+    residual_strips,
+)
+from calibration.report.verdict import in_words
+from calibration.result.result import CalibrationResult
+from calibration.tasks.compare import Compared, Comparison
+from calibration.tasks.history import HistoryRow
+from calibration.workbench.analysis import Evidence, Verdict
+from calibration.workbench.bench import Bench, Shown
+from calibration.workbench.changes import seconds_anew
+from calibration.workbench.opened import Opened
+from tactilevision.errors import InputError
+from tactilevision.plots.diagnosis import Overlay
+from tactilevision.plots.misfit import CERTAIN, evidence, model_colours, radius_colours
+from tactilevision.records.misfit import ErrorFall, ForceCurves, ResidualStrips, Strip
+
+# What stands, as plain data for the page: every number and sentence from the functions of the reports.
+
+MN = 1e3  # mN of a N, and um of a mm
+
+
+def state_view(bench: Bench) -> dict[str, Any]:
+    """Everything but the curves, which are fetched where `model` has changed."""
+    shown, opened = bench.shown, bench.opened
+    kept, found = shown.history, None if shown.now is None else shown.now.found
+    return {
+        "version": shown.version,
+        "title": opened.title,
+        "busy": shown.busy,
+        "busy_s": round(time.monotonic() - shown.since_s, 1) if shown.busy else 0.0,
+        "stoppable": bench.stoppable,
+        "notice": shown.notice,
+        "saved": shown.saved,
+        "warnings": [*opened.warnings, *_changed(shown)],
+        "model": _model_number(shown),
+        "looked": shown.now is not None and shown.now.rng is not None,
+        "undo": bool(shown.track.past),
+        "redo": bool(shown.track.future),
+        "verdict": _verdict(shown),
+        "falls": [] if found is None else [_fall(fall) for fall in _falls(found)],
+        "components": [] if found is None else _components(found, opened),
+        "material": [] if found is None else _material(found),
+        "cards": [_card(one, shown, opened) for one in shown.evidence],
+        "presses": list(_presses(opened, shown)),
+        "labels": [
+            {"name": one.name, "effects": [in_words(s.key) for s in one.steps], "left_out": list(one.left_out)}
+            for one in kept.labels
+        ],
+        "weeks": [_week(row) for row in shown.weeks],
+        "sides": None if shown.sides is None else _sides(shown),
+    }
+
+
+def _changed(shown: Shown) -> list[str]:
+    if shown.tabs == 1:
+        return [shown.changed] * bool(shown.changed)
+    tabs = f"this analysis is open in {shown.tabs} tabs: all show the same state, and each can change it"
+    return [*[shown.changed] * bool(shown.changed), tabs]
+
+
+def _model_number(shown: Shown) -> str:
+    """Another text where the curves are others."""
+    names = "" if shown.sides is None else "|".join(shown.sides.names)
+    keys = "+".join(step.key for step in shown.history.steps)
+    if shown.now is None:
+        return ""
+    looked = "" if shown.now.rng is None else "looked"
+    return f"{keys}-{','.join(shown.history.left_out)}-{names}-{looked}"
+
+
+def _verdict(shown: Shown) -> dict[str, Any]:
+    found, kept = shown.verdict, [in_words(step.key) for step in shown.history.steps]
+    return {
+        "word": "" if found is None else found.word,
+        "sentence": "" if found is None else found.sentence,
+        "remarks": [] if found is None else list(found.remarks),
+        "with": kept,
+        "asking": shown.asking,
+        "troubled": shown.troubled,
+        "named": [] if found is None or found.word == "AMBIGUOUS" else _not_yet(found.named, shown),
+        "nearest": [] if found is None else _not_yet(_to_try(found), shown),
+        "next": [] if found is None else [
+            {"action": action, "minutes": f"{minutes:.0f}", "gain": f"{sigma:.1f}" if sigma > 0 else ""}
+            for action, minutes, sigma in found.measure_next
+        ],
+    }  # fmt: skip
+
+
+def _to_try(found: Verdict) -> tuple[str, ...]:
+    """What may be it and is not sure: candidates that look alike, or the plain error that comes nearest."""
+    return found.candidates if found.word == "AMBIGUOUS" else (found.nearest,) * bool(found.nearest)
+
+
+def _not_yet(named: tuple[str, ...], shown: Shown) -> list[dict[str, str]]:
+    """Effects that the diagnosis names and that are not in the model."""
+    there = {step.key for step in shown.history.steps}
+    return [{"key": key, "title": in_words(key)} for key in named if key not in there]
+
+
+def _falls(found: Comparison) -> list[ErrorFall]:
+    both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
+    return sorted(both, key=lambda fall: (len(fall.models) == 1, fall.reached))  # what changes, then what is off
+
+
+def _fall(fall: ErrorFall) -> dict[str, Any]:
+    force, beside = fall.unit == "N", " beside the faces" if fall.faces else ""
+    return {
+        "of": "the force" if force else f"the depth that the picture reads{beside}",
+        "unit": "mN" if force else "µm",
+        "models": list(fall.models),
+        "colours": list(model_colours(len(fall.models))),
+        "error": [MN * one for one in fall.error],
+        "repeatability": MN * fall.repeatability,
+        "band": None if fall.band is None else [MN * end for end in fall.band],
+        "held_out": fall.held_out,
+        "sentence": fall_sentence(fall),
+        "reached": fall.reached,
+    }
+
+
+def _components(found: Comparison, opened: Opened) -> list[dict[str, Any]]:
+    """The law, then each effect in the order added, with its parameters as they are fitted now."""
+    last = found.models[-1]
+    law = {"key": "", "title": "contact law: flat punch", "parameters": _parameters(last, ""), "own": False}
+    added = [
+        {
+            "key": key,
+            "title": in_words(key),
+            "about": _about(opened.effect(key)),
+            "parameters": _parameters(model, key),
+            "own": opened.kind(key) == "your own",
+        }
+        for model in (last, *found.pictured[-1:])
+        for key in model.effects
+    ]
+    return [law, *added]
+
+
+def _about(effect: object) -> str:
+    return (effect.title if isinstance(effect, EffectBase) else "") or str(getattr(effect, "words", ""))
+
+
+def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
+    """Those of one effect, or for no key those of the law and the stated tolerances."""
+    fitted = model.fitted
+    rows = []
+    for p in fitted.parameters:
+        of, _, name = p.name.rpartition(".")
+        if (of if of in model.effects else "") != key or p.name in OF_MATERIAL:
+            continue
+        low, high = _range(
+            fitted.estimate(p.name).interval95, float(fitted.values[fitted.index(p.name)]), p.bounds
+        )
+        rows.append(
+            {
+                "name": p.name,
+                "words": (p.meaning or name) if key else parameter(p.name, p.meaning),
+                "text": "held" if p.fixed else wording.estimate(fitted.estimate(p.name)),
+                "value": float(fitted.values[fitted.index(p.name)]),
+                "fixed": p.fixed,
+                "low": low,
+                "high": high,
+                "unit": p.unit,
+                "aside": p.name.partition(".")[0] in TOLERANCES,
+            }
+        )
+    return rows
+
+
+def _range(interval: tuple[float, float] | None, value: float, bounds: tuple[float, float]) -> tuple[float, float]:
+    """Where a slider goes: as far as three intervals on either side, or to twice the value, inside the bounds."""
+    reach = 3 * max(interval[1] - interval[0], 0.0) / 2 if interval is not None else 0.0
+    reach = max(reach, abs(value), 1e-9)
+    return max(bounds[0], value - reach), min(bounds[1], value + reach)
+
+
+def _material(found: Comparison) -> list[dict[str, str]]:
+    """A row a quantity: under the plain law, and now."""
+    names = (
+        ("Young's modulus E", "youngs_modulus"),
+        ("Poisson's ratio ν", "poisson_ratio"),
+        ("stiffness c", "c"),
+        ("slope β", "beta"),
+    )
+    first, last = (found.models[k].material for k in (0, -1))
+    return [{"name": title, "before": _of_gel(first, n), "now": _of_gel(last, n)} for title, n in names]
+
+
+def _of_gel(material: CalibrationResult | None, name: str) -> str:
+    return "not determined yet" if material is None else wording.estimate(getattr(material, name))
+
+
+def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
+    effect, verdict = one.effect, shown.verdict
+    about = effect if isinstance(effect, EffectBase) else None
+    named = verdict is not None and effect.key in verdict.named
+    return {
+        "key": effect.key,
+        "title": in_words(effect.key),
+        "about": _about(effect if about is not None else opened.effect(effect.key)),
+        "kind": opened.kind(effect.key),
+        "of": one.of,
+        "evidence": _evidence(one.p_adjusted) + _unconfirmed(one, shown),
+        "rms": None if one.fitted is None else _rms_left(one.fitted, shown),
+        "stands_out": one.stands_out,
+        "named": named,
+        "candidate": verdict is not None and effect.key in verdict.candidates and not named,
+        "suggested": effect.key in shown.suggested,
+        "why": one.why,
+        "slow_s": seconds_anew(effect.key, opened),
+        "values": [] if one.fitted is None else [
+            f"{p.meaning or p.name} {wording.number(float(v))}{'' if p.unit in ('', '1') else f' {p.unit}'}"
+            for p, v in zip(effect.parameters, one.fitted.own_values, strict=True)
+        ],
+        "overlay": None if one.shown is None else _overlay(one.shown),
+        "seen_in": [wording.covariate(name) for name in about.seen_in] if about is not None else [],
+        "confused_with": [in_words(key) for key in about.confused_with] if about is not None else [],
+        "separated_by": list(about.separated_by) if about is not None else [],
+        "source": about.source if about is not None else "",
+    }  # fmt: skip
+
+
+def _unconfirmed(one: Evidence, shown: Shown) -> str:
+    """What stands out need not hold: a diagnosis asks presses left out, and rivals, too."""
+    if (
+        shown.verdict is None
+        or not one.stands_out
+        or one.effect.key in (*shown.verdict.named, *shown.verdict.candidates)
+    ):
+        return ""
+    return ", but the diagnosis does not name it"
+
+
+def _rms_left(fitted: Candidate, shown: Shown) -> list[float]:
+    """The rms error over the presses fitted, now and with the candidate, mN."""
+    assert shown.now is not None
+    base = shown.now.found.models[-1].fitted
+    left = base.data.normal_N - fitted.force_N
+    return [MN * base.rms_error_N, MN * replace(base, residual_N=left).rms_error_N]
+
+
+def _evidence(p: float) -> str:
+    """How sure it is that something of this form is there."""
+    if not np.isfinite(p):
+        return "not looked at"
+    if p < CERTAIN:
+        return "stands out for certain"
+    return f"stands out (p = {p:.2g})" if p < 0.05 else f"may be chance (p = {p:.2g})"
+
+
+def _overlay(shown: Overlay) -> dict[str, Any]:
+    return {
+        "words": shown.words,
+        "unit": "" if shown.levels else shown.unit,
+        "levels": list(shown.levels),
+        "values": shown.values,
+        "before": MN * shown.before,
+        "after": MN * shown.after,
+        "predicted": MN * shown.predicted,
+    }
+
+
+def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
+    """Every press in the order of pressing, those left out and those rejected too, with the reason."""
+    data, names = opened.data, press_names(opened.data)
+    rms = _rms(shown)
+    odd = () if shown.verdict is None else shown.verdict.odd
+    for k in np.argsort(data.presses.order, kind="stable"):
+        out = names[k] in shown.history.left_out
+        indenter = data.indenters[int(data.presses.indenter[k])]
+        yield {
+            "name": names[k],
+            "label": data.presses.label[k],
+            "recording": int(data.presses.recording[k]),
+            "indenter": f"{indenter.name}, a = {indenter.radius_mm:g} mm",
+            "radius": float(data.presses.radius_mm[k]),
+            "state": "left out" if out else "fitted",
+            "odd": data.presses.label[k] in odd,
+            "rms": [] if out else rms.get(names[k], []),
+        }
+    for number, measured in enumerate(opened.measured):
+        for point in measured.points:
+            if not point.accepted:
+                why = point.details.findings or (point.reason or "rejected").replace("_", " ")
+                row = {
+                    "name": point.press,
+                    "label": point.press,
+                    "recording": number,
+                    "indenter": point.indenter,
+                    "radius": None,
+                }
+                yield {**row, "state": f"rejected: {why}", "odd": False, "rms": []}
+
+
+def _rms(shown: Shown) -> dict[str, list[float]]:
+    """The rms error of each press under the plain law and now, mN."""
+    if shown.now is None:
+        return {}
+    models = shown.now.found.models
+    names, rows = press_names(models[-1].fitted.data), models[-1].as_json(models[0])["presses"]
+    return {
+        name: [MN * row["rms_before_N"], MN * row["rms_after_N"]] for name, row in zip(names, rows, strict=True)
+    }
+
+
+def _week(row: HistoryRow) -> dict[str, Any]:
+    """One recording by itself."""
+    low, high = (100 * end for end in row.change_interval95)
+    return {
+        "date": row.date or row.recording,
+        "recording": row.recording,
+        "modulus": row.youngs_modulus.as_json(),
+        "ratio": row.poisson_ratio.as_json(),
+        "words": [wording.estimate(row.youngs_modulus), wording.estimate(row.poisson_ratio)],
+        "change": f"{100 * row.change:+.1f} % (95 %: {low:+.1f} to {high:+.1f} %)" if low < high else "the first",
+        "moved": row.moved,
+    }
+
+
+def _sides(shown: Shown) -> dict[str, Any]:
+    """Two states: their effects, errors and material, a row a quantity."""
+    assert shown.sides is not None
+    lasts = [one.found.models[-1] for one in shown.sides.fitted]
+    rows = [
+        ("effects", *(", ".join(in_words(key) for key in one.effects) or "none" for one in lasts)),
+        ("presses fitted", *(str(one.fitted.data.count) for one in lasts)),
+        ("error", *(wording.fit_error(one.held_out_N, one.rms_N).removeprefix("error ") for one in lasts)),
+        (
+            "repeatability",
+            *(wording.repeatability(one.repeatability_N).removeprefix("repeatability ") for one in lasts),
+        ),
+    ]
+    for title, name in (("E", "youngs_modulus"), ("ν", "poisson_ratio"), ("c", "c"), ("β", "beta")):
+        rows.append((title, *(_of_gel(one.material, name) for one in lasts)))
+    return {"names": list(shown.sides.names), "rows": [list(row) for row in rows]}
+
+
+# The curves and residual strips of what stands, as plain data for the page: two models at most, on one scale.
+
+EVERY = 99  # strips at most: all that was recorded
+DIGITS = 5  # significant ones that a screen needs
+
+
+def curve_view(shown: Shown) -> dict[str, Any]:
+    """Measured and modelled forces press by press, and what is left against everything recorded."""
+    models = shown_models(shown)
+    if not models:
+        return {"models": [], "presses": [], "strips": []}
+    fits = {name: one.fitted for name, one in models.items()}
+    try:
+        curves, strips = (
+            force_curves(fits),
+            residual_strips(fits, [m.covariates for m in models.values()], most=EVERY),
+        )
+    except InputError:  # two states on other presses: the last one alone
+        last = list(models)[-1]
+        return curve_view_of({last: models[last]})
+    return _view(curves, strips, next(iter(fits.values())))
+
+
+def curve_view_of(models: Mapping[str, Compared]) -> dict[str, Any]:
+    """The same of these models."""
+    fits = {name: one.fitted for name, one in models.items()}
+    strips = residual_strips(fits, [one.covariates for one in models.values()], most=EVERY)
+    return _view(force_curves(fits), strips, next(iter(fits.values())))
+
+
+def shown_models(shown: Shown) -> dict[str, Compared]:
+    """The two models on the screen: two states side by side, else the plain law and what stands."""
+    if shown.sides is not None:
+        return {n: f.found.models[-1] for n, f in zip(shown.sides.names, shown.sides.fitted, strict=True)}
+    if shown.now is None:
+        return {}
+    models = shown.now.found.models
+    named = " + ".join(in_words(key) for key in models[-1].effects)
+    return {BASE: models[0]} | ({f"+ {named}": models[-1]} if named else {})
+
+
+def tried_view(shown: Shown, name: str, value: float) -> dict[str, Any]:
+    """The force of what stands with one parameter at another value, all else held.
+
+    Raises InputError for a parameter that is not there, or a value outside its range.
+    """
+    if shown.now is None:
+        raise InputError("there is no model yet", where="workbench")
+    fitted = shown.now.found.models[-1].fitted
+    place = fitted.index(name)
+    low, high = fitted.parameters[place].bounds
+    if not low <= value <= high:
+        raise InputError("the parameter has no such value", where=name, value=value, remedy=f"{low:g} to {high:g}")
+    values = fitted.values.copy()
+    values[place] = value
+    force = fitted.model.predict(values, fitted.data)
+    tried = replace(fitted, values=values, force_N=force, residual_N=fitted.data.normal_N - force)
+    curves = force_curves({"tried": tried})
+    return {
+        "rms": MN * tried.rms_error_N,
+        "presses": [
+            {"modelled": _few(one.modelled_N[0]), "residual": _few(MN * one.residual_N[0])}
+            for one in curves.presses
+        ],
+    }
+
+
+def _view(curves: ForceCurves, strips: ResidualStrips, fitted: Fit) -> dict[str, Any]:
+    names = press_names(fitted.data)
+    ordered = [names[k] for k in np.argsort(fitted.data.presses.order, kind="stable")]
+    colours = radius_colours(curves.radii_mm)
+    return {
+        "models": list(curves.models),
+        "colours": list(model_colours(len(curves.models))),
+        "whole": curves.whole,
+        "reach": MN * strips.reach_N,
+        "presses": [
+            {
+                "name": name,
+                "indenter": one.indenter,
+                "radius": one.radius_mm,
+                "colour": colours[one.radius_mm],
+                "time": _few(one.time_s),
+                "depth": _few(one.depth_mm),
+                "measured": _few(one.measured_N),
+                "modelled": [_few(row) for row in one.modelled_N],
+                "residual": [_few(MN * row) for row in one.residual_N],
+                "phase": list(one.phase),
+                "rms": [MN * float(value) for value in one.rms_N],
+            }
+            for name, one in zip(ordered, curves.presses, strict=True)
+        ],
+        "strips": [_strip(one) for one in strips.strips],
+        "residual": [_few(MN * row) for row in strips.residual_N],
+        "press": [names[k] for k in fitted.data.press],
+    }
+
+
+def _strip(one: Strip) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "words": one.words,
+        "unit": "" if one.levels else one.unit,
+        "levels": list(one.levels),
+        "values": _few(one.values),
+        "centre": _few(one.centre),
+        "mean": [_few(MN * row) for row in one.mean_N],
+        "reach95": [_few(MN * row) for row in one.reach95_N],
+        "evidence": [evidence(*p) for p in zip(one.p_adjusted, one.p_trend, strict=True)],
+    }
+
+
+def _few(values: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
+    """The numbers of an array (n,) in their unit, to as many digits as a screen shows."""
+    return [float(f"{value:.{DIGITS}g}") for value in values.tolist()]

@@ -1,1 +1,0 @@
-"""The camera's and the force sensor's clocks, aligned."""

@@ -1,0 +1,134 @@
+"""Run the commands `import`, `export` and `lerobot`: robots' logs and data sets."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tactilevision.cli import console, source
+from tactilevision.cli.source import check_scale
+from tactilevision.errors import InputError
+from tactilevision.robots.messages import Clock
+
+# `tactilevision import LOG --frames TOPIC --out RECORDING`: a robot's log into a recording.
+
+
+def import_log(
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="A .bag, .db3 or .mcap file, or a ROS 2 bag's folder.")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the recording; made if missing.")],
+    frames: Annotated[
+        str | None,
+        typer.Option(metavar="TOPIC", help="Pictures: Image or CompressedImage; the only such topic if left out."),
+    ] = None,
+    wrench: Annotated[str | None, typer.Option(metavar="TOPIC", help="Forces: WrenchStamped.")] = None,
+    clock: Annotated[Clock, typer.Option(help="Times of the headers, or those of the log.")] = Clock.HEADER,
+    sensor: Annotated[str | None, typer.Option(help="Its kind's name, or its profile (.tvs).")] = None,
+    mm_per_px: Annotated[
+        float | None, typer.Option("--mm-per-px", callback=check_scale, help="Scale of the frames.")
+    ] = None,
+    rotation: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Nine numbers: the frame's x, y, z in the wrench's axes.")
+    ] = None,
+    json: console.JsonOption = None,
+) -> None:
+    """Turn a log of ROS 1, ROS 2 or MCAP into a recording: frames, forces and their times. No ROS is needed."""
+    from tactilevision.robots.log_import import ImportSettings, import_log, the_picture_topic
+
+    turn = _rotation(rotation)
+    frames = frames or the_picture_topic(log)
+    settings = ImportSettings(frames, wrench, clock, sensor, mm_per_px, turn)
+    found = import_log(log, out, settings)
+    console.say(
+        f"{found.frames} frames of {frames} over {found.seconds:.3f} s, {found.readings} readings of force: {out}"
+    )
+    if sensor is None:
+        console.warn(["recording.toml names no sensor: give --sensor, or add its kind under [sensor]"])
+    console.warn(found.warnings)
+    console.hand_over(asdict(found), json)
+
+
+def _rotation(text: str | None) -> tuple[tuple[float, float, float], ...] | None:
+    import numpy as np
+
+    from tactilevision.recording.read_tables import turns
+
+    if text is None:
+        return None
+    try:
+        a, b, c, d, e, f, g, h, i = (float(part) for part in text.split(","))
+    except ValueError as fault:
+        raise InputError("nine numbers with commas between are needed", where="--rotation", value=text) from fault
+    rows = (a, b, c), (d, e, f), (g, h, i)
+    if not turns(np.array(rows)):
+        raise InputError(
+            "these nine numbers do not turn without stretching",
+            where="--rotation",
+            value=text,
+            remedy="Rows have length 1 and stand at right angles: the picture's x, y and z in the wrench's axes.",
+        )
+    return rows
+
+
+# `tactilevision export RECORDING --depth FOLDER --out FILE`: depth and force as a log of ROS.
+
+
+def export_log(
+    path: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="The recording that the frames' times are in.")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="FILE.mcap, FILE.bag (ROS 1), or a ROS 2 folder to make.")],
+    depth: Annotated[Path | None, typer.Option(help="The folder that `tactilevision depth` wrote.")] = None,
+    force: Annotated[Path | None, typer.Option(help="The folder that `tactilevision force` wrote.")] = None,
+    sensor: source.SensorOption = None,
+    frame_id: Annotated[str, typer.Option(help="Frame of reference of all messages.")] = "gel_pad",
+    json: console.JsonOption = None,
+) -> None:
+    """Write depth (Image, 32FC1, metres) and force (WrenchStamped) into a log. No ROS is needed."""
+    from tactilevision.robots.log_export import export_log
+
+    found = export_log(source.Choice(sensor).open(path), out, depth=depth, force=force, frame_id=frame_id)
+    console.say(f"{found.depths} height maps and {found.wrenches} wrenches: {out}")
+    if found.without:
+        console.warn([f"{found.without} frames have no height map in {depth}"])
+    console.hand_over(asdict(found), json)
+
+
+# `tactilevision lerobot DATASET --camera KEY --sensor FILE.tvs`: depth and force beside frames.
+
+
+def lerobot(
+    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="A data set of LeRobot, version 3.")],
+    camera: Annotated[str, typer.Option(metavar="KEY", help="The tactile camera: observation.images.tactile.")],
+    sensor: Annotated[Path, typer.Option(help="The sensor's profile (.tvs).")],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the new data set; made if missing.")],
+    shrink: Annotated[int, typer.Option(min=1, help="Depth as means of so many pixels squared.")] = 4,
+    shadows: Annotated[
+        bool,
+        typer.Option(
+            "--shadows", help="Undo what lamps cast, as `depth` does; a deep frame takes up to a second."
+        ),
+    ] = False,
+    json: console.JsonOption = None,
+) -> None:
+    """Write a data set that also has depth, contact and force; frames are kept as they are."""
+    from tactilevision.profile.sensor import load_sensor
+    from tactilevision.robots.lerobot import annotate
+    from tactilevision.robots.lerobot_dataset import read_dataset
+
+    source, reader = read_dataset(dataset, camera), load_sensor(sensor, shadows=shadows)
+    if reader.reconstructor.keeps_shadows:
+        console.warn(
+            ["this sensor's lamps cast shadows beside deep contacts, and they stay: --shadows undoes them"]
+        )
+    with console.progress_bar("frames") as progress:
+        found = annotate(source, reader, out, shrink=shrink, tell=progress)
+    console.say(f"{found.frames} frames of {found.episodes} episodes, {found.in_contact} in contact: {out}")
+    console.say("new features: " + ", ".join(found.features))
+    unread = [f"{found.not_read} frames were not read: their flags say why"] if found.not_read else []
+    console.warn([*found.warnings, *unread])
+    console.hand_over(asdict(found), json)

@@ -1,0 +1,1 @@
+"""Open and check what others made; write whole files or none."""

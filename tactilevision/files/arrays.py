@@ -1,0 +1,152 @@
+"""Read arrays from .npy and .npz files and members of stored zip archives, headers first."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.files.opening import check, open_regular
+
+# Arrays from .npy and .npz files: shapes and types are read from the headers before any number is.
+
+DAMAGED = (ValueError, EOFError, OSError, KeyError, TypeError, AttributeError, SyntaxError, OverflowError,
+           MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error, tokenize.TokenError)  # fmt: skip
+
+
+class DamagedArrayError(InputError):
+    """The file is cut short or damaged; another copy may be sound."""
+
+
+def read_array(data: bytes, *, where: object) -> npt.NDArray[Any]:
+    """The one array of a .npy file, as it is, of any shape, in its unit.
+
+    Raises DamagedArrayError where it is damaged or holds objects, InputError where it is too large.
+    """
+    try:
+        _check_header(io.BytesIO(data), where)
+        return np.asarray(np.lib.format.read_array(io.BytesIO(data), allow_pickle=False))
+    except InputError:
+        raise
+    except DAMAGED as fault:
+        raise _damaged(fault, where) from fault
+
+
+def read_arrays(path: Path | str) -> Mapping[str, npt.NDArray[Any]]:
+    """The arrays of a .npz file by their names, as they are, of any shape, in their unit.
+
+    Raises InputError where the file is damaged, holds objects, or unpacks to more than the limit; OSError where
+    the file system refuses.
+    """
+    with open_regular(path) as file:
+        return _unpacked(file, path)
+
+
+def unpack_arrays(data: bytes, *, where: object) -> Mapping[str, npt.NDArray[Any]]:
+    """The arrays of the bytes of a .npz file by their names, of any shape, in their unit.
+
+    Raises InputError as `read_arrays` does.
+    """
+    return _unpacked(io.BytesIO(data), where)
+
+
+def _unpacked(file: BinaryIO, where: object) -> Mapping[str, npt.NDArray[Any]]:
+    try:
+        with zipfile.ZipFile(file) as packed:
+            total = sum(about.file_size for about in packed.infolist())
+            check(total / 1e6, "MAX_ARRAY_MB", what="what it unpacks to, in MB,", where=where)
+            return {about.filename.removesuffix(".npy"): _member(packed, about, where)
+                    for about in packed.infolist()}  # fmt: skip
+    except InputError:
+        raise
+    except DAMAGED as fault:
+        raise _damaged(fault, where) from fault
+
+
+def _member(packed: zipfile.ZipFile, about: zipfile.ZipInfo, source: object) -> npt.NDArray[Any]:
+    where = f"{source}, {about.filename}"
+    with packed.open(about) as member:
+        _check_header(member, where)  # type: ignore[arg-type]
+    with packed.open(about) as member:
+        return np.asarray(np.lib.format.read_array(member, allow_pickle=False))
+
+
+def _check_header(file: BinaryIO, where: object) -> None:
+    """Raise where the header states more than the limit: the numbers themselves may be few."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(file)
+    if dtype.hasobject:
+        raise DamagedArrayError(
+            "the array is damaged, or holds Python objects, which are never read",
+            where=where,
+            remedy="Store numbers.",
+        )
+    size = math.prod(int(side) for side in shape) * dtype.itemsize
+    check(size / 1e6, "MAX_ARRAY_MB", what=f"an array of shape {shape}, in MB,", where=where)
+
+
+def _damaged(fault: BaseException, where: object) -> DamagedArrayError:
+    said = " ".join(str(fault).split()) or type(fault).__name__
+    return DamagedArrayError(
+        f"the array is damaged: {said[:200]}", where=where, remedy="Copy it again from where it came."
+    )
+
+
+# Several files in one: a zip that stores them as they are, each looked at before it is read.
+#
+# Nothing is unpacked to disk. A packed or encrypted member, one that stands there twice, and a folder are refused.
+
+MAX_MEMBERS = 64  # files in one archive; ours hold fewer than ten
+_ENCRYPTED = 0x1  # bit of a member's flags
+
+
+def read_archive(path: Path | str) -> dict[str, bytes]:
+    """The files of a zip by their names.
+
+    Raises InputError where it is damaged, too large, or not such an archive; OSError where the file system
+    refuses.
+    """
+    with open_regular(path) as file:
+        try:
+            with zipfile.ZipFile(file) as packed:
+                members = packed.infolist()
+                _check(members, Path(path), size=os.fstat(file.fileno()).st_size)
+                return {about.filename: packed.read(about) for about in members}
+        except InputError:
+            raise
+        except DAMAGED as fault:
+            said = " ".join(str(fault).split()) or type(fault).__name__
+            raise InputError(
+                f"the archive is damaged: {said[:200]}", where=path, remedy="Copy it again from where it came."
+            ) from fault
+
+
+def _check(members: list[zipfile.ZipInfo], path: Path, *, size: int) -> None:
+    total = sum(about.file_size for about in members)
+    check(total / 1e6, "MAX_ARRAY_MB", what="what it holds, in MB,", where=path)
+    names = [about.filename for about in members]
+    if len(names) > MAX_MEMBERS or len(set(names)) != len(names):
+        raise InputError("the archive holds more files than ours do, or one twice", where=path, value=len(names))
+    for about in members:
+        stored = about.compress_type == zipfile.ZIP_STORED and about.compress_size == about.file_size
+        named = about.filename and not about.is_dir()
+        if not stored or about.flag_bits & _ENCRYPTED or not named:
+            raise InputError(
+                "the archive holds what is not stored as it is",
+                where=path,
+                value=about.filename,
+                remedy="Take the file that `tactilevision calibrate-sensor` wrote.",
+            )
+    if total > size:  # members that share their bytes
+        raise InputError("the archive states more than the file has", where=path, value=total)

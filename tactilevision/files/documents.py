@@ -1,0 +1,139 @@
+"""Read TOML and JSON of bounded size and depth; write and read cells of CSV tables safely."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tactilevision.errors import InputError
+from tactilevision.files.opening import check, limit, read_bytes
+
+# TOML and JSON: text of a bounded size, nested not too deeply, with numbers that are finite.
+
+_STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.S)
+
+
+def read_text(path: Path | str) -> str:
+    """UTF-8 text, with or without a byte order mark. Raises InputError, and OSError as `open_regular` does."""
+    data = read_bytes(path, limit="MAX_TEXT_MB")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as fault:
+        raise InputError("is not UTF-8 text", where=path, remedy="Save it as UTF-8.") from fault
+
+
+def parse_toml(text: str, *, where: object) -> dict[str, Any]:
+    """The table that a TOML text holds. Raises InputError with the line where it is none, or beyond the limits."""
+    _check_nesting(_STRINGS.sub('""', text), where)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as fault:
+        line = re.search(r"line (\d+)", str(fault))
+        place = f"{where}, line {line[1]}" if line else f"{where}, at its end"
+        raise InputError(
+            f"is not TOML: {fault}",
+            where=place,
+            remedy="Text stands in quotes, the name of a table in [brackets]; numbers have a decimal point.",
+        ) from fault
+    except (ValueError, RecursionError, OverflowError) as fault:
+        raise InputError(f"is not TOML: {fault}", where=where) from fault
+
+
+def read_json(path: Path | str) -> dict[str, Any]:
+    """The table that a JSON file holds, its numbers finite.
+
+    Raises InputError where it is no such table, OSError where the file system refuses.
+    """
+    return parse_json(read_text(path), where=path)
+
+
+def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
+    """The table that a JSON text holds, its numbers finite. Raises InputError where it is no such table."""
+    check(len(text) / 1e6, "MAX_TEXT_MB", what="its size in MB", where=where)
+    try:
+        content = json.loads(
+            text, parse_float=_finite, parse_int=_whole, parse_constant=_finite, object_pairs_hook=_once
+        )
+    except (ValueError, RecursionError) as fault:
+        raise InputError(f"is not JSON: {str(fault)[:200]}", where=where) from fault
+    if not isinstance(content, dict):
+        raise InputError("is not a table of JSON", where=where, value=type(content).__name__)
+    return content
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A table whose keys stand there once: of two values nobody knows which is meant."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        twice = next(key for number, (key, _) in enumerate(pairs) if key in dict(pairs[:number]))
+        raise ValueError(f"the key {twice[:40]!r} stands there twice")
+    return table
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:40]} is no finite number")
+    return number
+
+
+def _whole(text: str) -> int:
+    if len(text) > limit("MAX_DIGITS"):
+        raise ValueError(f"a number of {len(text)} digits")
+    return int(text)
+
+
+def _check_nesting(text: str, where: object) -> None:
+    """Raise for brackets within brackets, keys of many parts, and numbers of many digits."""
+    depth = deepest = 0
+    for mark in re.findall(r"[\[\]{}]", text):
+        depth += 1 if mark in "[{" else -1
+        deepest = max(deepest, depth)
+    check(deepest, "MAX_DEPTH", what="brackets within brackets", where=where)
+    for line in text.split("\n"):
+        if line.count(".") > limit("MAX_DEPTH"):
+            parts = max(
+                (part.count(".") + 1 for part in re.findall(r"[\w.\" -]+", line.partition("=")[0])), default=0
+            )
+            check(parts, "MAX_DEPTH", what="the parts of a key", where=where)
+    digits = max((len(number) for number in re.findall(r"[0-9_]+", text)), default=0)
+    check(digits, "MAX_DIGITS", what="the digits of a number", where=where)
+
+
+# Cells of CSV tables: text that a spreadsheet would run as a formula is written as text, and read as it was.
+#
+# An apostrophe goes before a text that begins with = + - @ (wide ones, too), a tab or a return, as spreadsheets
+# mark text themselves; numbers stay as they are. Source: OWASP, CSV Injection.
+
+_FORMULA = re.compile(r"'*[=+\-@\t\r＝＋－＠]")  # after marks of its own; the wide signs run, too
+
+
+def csv_text(rows: Iterable[Sequence[object]]) -> str:
+    """The rows as CSV; None is an empty cell."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([_marked(cell) for cell in row] for row in rows)
+    return text.getvalue()
+
+
+def cell_text(cell: str) -> str:
+    """What stands in a cell that was read, without the mark that `csv_text` may have put before it."""
+    return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell
+
+
+def _marked(cell: object) -> object:
+    return f"'{cell}" if isinstance(cell, str) and _FORMULA.match(cell) and not _is_number(cell) else cell
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

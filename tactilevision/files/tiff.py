@@ -1,0 +1,105 @@
+"""Read and write height maps as float32 TIFF files that carry their scale."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.files.opening import check, check_numbers, check_regular, number
+from tactilevision.files.writing import replacing
+from tactilevision.records.maps import HeightMap, add
+from tactilevision.records.measured import Pair
+
+
+def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth into the gel") -> None:
+    """Write depth (H, W) in mm as float32, NaN where invalid, never clipped.
+
+    The scale goes into the file's own tags.
+
+    `quantity`: what is in place of the depth. What makes the map doubtful (`flags`) goes there, too.
+    """
+    import tifffile
+
+    about = {
+        "quantity": quantity,
+        "unit": "mm",
+        "mm_per_px": list(height.mm_per_px),
+        "positions": height.positions,
+        "flags": list(height.flags),
+    }
+    with replacing(path) as temporary:
+        tifffile.imwrite(
+            temporary,
+            masked(height),
+            description=json.dumps(about),
+            metadata=None,  # else it adds a second description, which other readers complain of
+            resolution=(10 / height.mm_per_px[0], 10 / height.mm_per_px[1]),
+            resolutionunit="CENTIMETER",
+        )
+
+
+def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
+    """Read a TIFF of depths (H, W), in mm; `mm_per_px` overrides the scale in the file.
+
+    Raises InputError where it is no picture of depths, or where no scale is known.
+    """
+    import tifffile
+
+    path = Path(path)
+    try:
+        check_regular(path)
+        with tifffile.TiffFile(path) as file:
+            pixels = math.prod(file.series[0].shape) if file.series else 0
+            check(pixels, "MAX_PIXELS", what="its pixels", where=path)
+            depth, about = file.asarray(), file.pages[0].description or ""  # type: ignore[union-attr]
+    except InputError:
+        raise
+    except Exception as fault:  # tifffile raises an error of its own for each way of being damaged
+        raise InputError(f"cannot be read as a depth TIFF: {fault}", where=path) from fault
+    if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
+        raise InputError(
+            "a depth TIFF holds one plane of floating-point numbers",
+            where=path,
+            value=f"{depth.shape} {depth.dtype}",
+        )
+    told = _told(about)
+    check_numbers(depth[np.isfinite(depth)], what="a depth in mm", where=path)
+    scale = mm_per_px or _scale(told, path)
+    if scale is None:
+        raise InputError("does not say its scale", where=path, remedy="Give it with --mm-per-px.")
+    positions: Any = told.get("positions", "deformed") if isinstance(told, dict) else "deformed"
+    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told), positions=positions)
+
+
+def _told(description: str) -> Any:
+    try:
+        return json.loads(description)
+    except (ValueError, RecursionError):
+        return {}
+
+
+def _flags(about: Any) -> tuple[str, ...]:
+    flags = about.get("flags", ()) if isinstance(about, dict) else ()
+    return add((), map(str, flags)) if isinstance(flags, list) else ()
+
+
+def _scale(about: Any, path: Path) -> Pair | None:
+    try:
+        x, y = (number(side, what="mm_per_px", where=path) for side in about["mm_per_px"])
+    except (ValueError, TypeError, KeyError):
+        return None
+    return None if x is None or y is None else (x, y)
+
+
+def masked(height: HeightMap) -> npt.NDArray[np.float32]:
+    """Depth (H, W) in mm as float32 with NaN where it is not known."""
+    depth = height.depth_mm.astype(np.float32)
+    if not height.valid.all():
+        depth[~height.valid] = np.nan
+    return depth

@@ -1,0 +1,237 @@
+"""Write results atomically: a reader sees the old file or the new one."""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import math
+import os
+import re
+import shutil
+import tempfile
+import time
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from tactilevision.errors import OutputError, Terminated
+
+_UNFINISHED = ".unfinished-"  # what is being written: then the number of the process that writes it
+_PAUSE_S = 0.05  # s between two looks at a process that is ending
+_STREAMS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # links to what a process reads and writes
+_LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
+
+
+def plain_name(label: str) -> str:
+    """Any text as part of a file's name that leads out of no folder and that every disk holds."""
+    return re.sub(r"[^\w .+-]", "_", label)[:_LONGEST].lstrip(".")
+
+
+def make_folder(path: Path | str) -> Path:
+    """Make a folder for results, and those it lies in. Raises OutputError where the file system refuses."""
+    folder = Path(path)
+    with told_as_output(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def append_text(path: Path | str, text: str) -> None:
+    """Append to a file that is there: one write at its end, so that many processes may do so at a time."""
+    with told_as_output(Path(path)):
+        handle = os.open(path, os.O_WRONLY | os.O_APPEND)
+        try:
+            os.write(handle, text.encode(errors="backslashreplace"))
+        finally:
+            os.close(handle)
+
+
+@contextmanager
+def told_as_output(target: Path) -> Iterator[None]:
+    """Raise OutputError where the file system refuses what is written to `target`."""
+    try:
+        yield
+    except OSError as fault:
+        raise _refused(target, fault) from fault
+
+
+@contextmanager
+def replacing(path: Path | str) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; on success it is renamed to `path`, else removed.
+
+    The temporary name keeps the suffix of `path`, since many writers choose the format by it. Missing
+    folders are made. Raises OutputError where the file system refuses (disk full, no permission), and for a
+    device or a pipe, whose place the file would take.
+    """
+    target = Path(path)
+    _check_replaceable(target)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=unfinished(), suffix=target.suffix, dir=target.parent)
+        os.close(handle)
+    except OSError as fault:
+        raise _refused(target, fault) from fault
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(target)
+    except OSError as fault:
+        raise _refused(target, fault) from fault
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _check_replaceable(target: Path) -> None:
+    """Raise for /dev/stdout, a device, a pipe or a folder: a file is renamed to its name."""
+    with told_as_output(target):
+        there = os.path.lexists(target)
+        plain = not target.exists() or target.is_file()
+    if there and (not plain or target.absolute().parent in _STREAMS):
+        raise OutputError("is no file that could be replaced", where=target, remedy="Name a file.")
+
+
+@contextmanager
+def staged(folder: Path | str) -> Iterator[Path]:
+    """Yield an empty folder for results; on success all its files move into `folder`, else none does.
+
+    The moves come last and take no time, so an interrupted run leaves the earlier results as they were.
+    Files of `folder` that the new results do not replace stay. Raises OutputError as `replacing` does.
+    """
+    target = Path(folder)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        clear_unfinished(target)
+        stage = Path(tempfile.mkdtemp(prefix=unfinished(), dir=target))
+    except OSError as fault:
+        raise _refused(target, fault) from fault
+    try:
+        yield stage
+        try:
+            _move(stage, target)
+        except (KeyboardInterrupt, SystemExit, Terminated):  # too late: half of what is made must not stay alone
+            _move(stage, target)
+            raise
+    except OSError as fault:
+        raise _refused(target, fault) from fault
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _move(stage: Path, target: Path) -> None:
+    for path in sorted(p for p in stage.rglob("*") if p.is_file()):
+        place = target / path.relative_to(stage)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        path.replace(place)
+
+
+def clear_unfinished(folder: Path, *, deep: bool = False, wait_s: float = 0.0) -> None:
+    """Remove what runs that were killed have left there; of a run that still goes on, nothing.
+
+    With `deep` also in the folders below. Processes that are just ending are waited for, `wait_s` at most.
+    """
+    until = time.monotonic() + wait_s
+    while True:
+        found = list((folder.rglob if deep else folder.glob)(f"{_UNFINISHED}*"))
+        left = [path for path in found if not _cleared(path)]
+        if not left or time.monotonic() >= until:
+            return
+        time.sleep(_PAUSE_S)
+
+
+def _cleared(path: Path) -> bool:
+    owner = path.name.removeprefix(_UNFINISHED).partition("-")[0]
+    if owner.isdecimal() and process_runs(int(owner)):
+        return False
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink()
+    return True
+
+
+def process_runs(process: int) -> bool:
+    """Whether there is a process of that number, which has not ended (a zombie has)."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:  # another user's
+        return True
+    with suppress(OSError, IndexError):  # Linux alone has it
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    return True
+
+
+def unfinished() -> str:
+    """How names of what this process has not finished begin."""
+    return f"{_UNFINISHED}{os.getpid()}-"
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Write UTF-8 text, whole or not at all; bytes of a file's name that are no UTF-8 are written as \\udcXX."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def write_json(path: Path | str, content: object) -> None:
+    """Write JSON that every parser accepts: NaN and infinities become null. Keys keep their order."""
+    write_text(path, as_json(content))
+
+
+def as_json(content: object) -> str:
+    """The text that `write_json` writes."""
+    return json.dumps(_finite(content), indent=2, allow_nan=False) + "\n"
+
+
+def pack_arrays(arrays: Mapping[str, Any], *, small: bool) -> bytes:
+    """The bytes of a .npz file of `arrays`, the same for the same ones; `small` takes longer to read."""
+    import numpy as np
+
+    packed = io.BytesIO()
+    (np.savez_compressed if small else np.savez)(packed, **arrays)
+    return packed.getvalue()
+
+
+def write_archive(path: Path | str, files: Mapping[str, bytes]) -> None:
+    """Write `files` by their names into one zip, stored as they are; the same content gives the same bytes."""
+    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as packed:
+        for name, content in files.items():
+            about = zipfile.ZipInfo(name)  # dated 1980
+            about.external_attr = 0o644 << 16
+            packed.writestr(about, content)
+
+
+def _finite(content: object) -> object:
+    if isinstance(content, dict):
+        return {str(key): _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    if hasattr(content, "tolist"):  # numpy arrays and scalars
+        return _finite(content.tolist())
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room: on the disk, of the user, in the file
+_PART = re.compile(r"\d+ requested and \d+ written")  # numpy says so without a number of the system's
+
+
+def _refused(target: Path, fault: OSError) -> OutputError:
+    full = fault.errno in _FULL or _PART.search(str(fault))
+    return OutputError(
+        f"cannot be written: {fault.strerror or fault}",
+        where=target,
+        remedy=("Free some space or choose" if full else "Choose") + " another folder with --out.",
+    )

@@ -1,0 +1,174 @@
+"""Write a height map, or fields of many frames, as a Zarr store of format 2.
+
+Every frame is one chunk and so one file, written whole by whoever has it: many processes fill one store.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.files.tiff import masked
+from tactilevision.files.writing import told_as_output, unfinished
+from tactilevision.records.maps import HeightMap
+
+Singles = npt.NDArray[np.float32]
+ZARR_THREADS = "zarr.core.sync"  # where zarr 3 keeps them
+
+
+def write_zarr(path: Path | str, height: HeightMap) -> None:
+    """Write a group with depth_mm (H, W), in mm, NaN where it is not known, and std_mm where it is stated."""
+    fields = {"depth_mm": masked(height)}
+    if height.std_mm is not None:
+        fields["std_mm"] = height.std_mm.astype(np.float32)
+    path = Path(path)
+    scratch = path.with_name(f"{unfinished()}{path.name}")
+    about = {
+        "mm_per_px": list(height.mm_per_px),
+        "name": height.name,
+        "positions": height.positions,
+        "flags": list(height.flags),
+    }
+    with told_as_output(path):
+        group = _new_group(scratch, about)
+        for name, values in fields.items():
+            array = group.create_array(
+                name, shape=values.shape, chunks=values.shape, dtype="f4", fill_value=np.nan
+            )
+            array.attrs.update({"unit": "mm", "_ARRAY_DIMENSIONS": ["y", "x"]})
+            array[:] = values
+        _move(scratch, path)
+
+
+def begin_frames(
+    scratch: Path,
+    frames: Sequence[str],
+    *,
+    fields: Mapping[str, str],
+    shape: tuple[int, int],
+    about: Mapping[str, Any],
+) -> None:
+    """Make a store of `fields` (name: unit), (frames, rows, columns) float32 of NaN, and of `frame`, the names."""
+    with told_as_output(scratch), _own_threads():
+        group = _new_group(scratch, about)
+        for name, unit in fields.items():
+            array = group.create_array(
+                name, shape=(len(frames), *shape), chunks=(1, *shape), dtype="f4", fill_value=np.nan
+            )
+            array.attrs.update({"unit": unit, "_ARRAY_DIMENSIONS": ["frame", "y", "x"]})
+        names = np.array(list(frames), dtype=np.str_)
+        listed = group.create_array("frame", shape=names.shape, dtype=names.dtype)
+        listed.attrs["_ARRAY_DIMENSIONS"] = ["frame"]
+        listed[:] = names
+
+
+def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) -> None:
+    """One frame's fields; (rows, columns) each. Written as zarr writes a chunk, without its threads."""
+    with told_as_output(scratch):
+        for name, values in fields.items():
+            folder = scratch / name
+            made = (folder / ".zarray").stat()  # a cluster's worker sees many runs into one place
+            codec = _codec(str(folder), (made.st_ino, made.st_mtime_ns))
+            chunk = folder / ".".join([str(number)] + ["0"] * values.ndim)
+            partial = chunk.with_name(f"{chunk.name}.{uuid.uuid4().hex}.partial")
+            partial.write_bytes(codec.encode(np.ascontiguousarray(values, "<f4")))
+            os.replace(partial, chunk)
+
+
+def end_frames(scratch: Path, path: Path) -> None:
+    """Put the finished store in its place, without what writers that were killed have left in it."""
+    _codec.cache_clear()
+    with told_as_output(path):
+        for left in list(scratch.rglob("*.partial")):
+            left.unlink()
+        _move(scratch, path)
+
+
+@lru_cache(maxsize=16)
+def _codec(folder: str, made: tuple[int, int]) -> Any:
+    """What packs a field's chunks. Raises InputError where zarr is missing."""
+    _zarr()
+    import numcodecs  # type: ignore[import-untyped]  # comes with zarr
+
+    return numcodecs.get_codec(json.loads((Path(folder) / ".zarray").read_text())["compressor"])
+
+
+def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
+    _codec.cache_clear()
+    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.parent.mkdir(parents=True, exist_ok=True)
+    group = _zarr().open_group(str(scratch), mode="w", zarr_format=2)
+    group.attrs.update(dict(about))
+    return group
+
+
+def settle(path: Path) -> None:
+    """Put right what a run that was killed between the two renames of `_move` has left."""
+    old = _old(path)
+    with told_as_output(path):
+        if old.exists() and not path.exists():
+            os.replace(old, path)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _move(scratch: Path, path: Path) -> None:
+    settle(path)
+    if path.exists():
+        os.replace(path, _old(path))
+    os.replace(scratch, path)
+    shutil.rmtree(_old(path), ignore_errors=True)
+
+
+def _old(path: Path) -> Path:
+    return path.with_name(f".{path.name}-old")
+
+
+@contextmanager
+def _own_threads() -> Iterator[None]:
+    """End zarr's threads with what began them here, so that workers can be forked (files/runs.py)."""
+    _zarr()
+    if _loop_and_thread() is not None:  # begun by others, who may be using them
+        yield
+        return
+    try:
+        yield
+    finally:
+        begun = _loop_and_thread()
+        if begun is not None:
+            loop, thread = begun
+            loop.call_soon_threadsafe(loop.stop)
+            thread.join()  # zarr itself waits .2 s, and fails on a machine that is busier
+            import_module(ZARR_THREADS).cleanup_resources()
+
+
+def _loop_and_thread() -> tuple[Any, Any] | None:
+    """What zarr has at work beside this thread; None of a version that keeps it elsewhere, too."""
+    with suppress(ImportError, AttributeError):
+        sync = import_module(ZARR_THREADS)
+        if sync.loop[0] is not None and sync.iothread[0] is not None:
+            return sync.loop[0], sync.iothread[0]
+    return None
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ImportError as fault:
+        raise InputError(
+            "the package zarr is not installed",
+            where="--format zarr",
+            remedy="pip install zarr, or choose another format.",
+        ) from fault
+    return zarr

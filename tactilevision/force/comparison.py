@@ -1,0 +1,252 @@
+"""Compare the resultants with the readings of the force/torque sensor."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.force.field import CUT
+from tactilevision.force.frame import FrameForce, nothing_touches
+from tactilevision.recording.model import Recording
+from tactilevision.recording.write import write_recording
+from tactilevision.records.measured import Curve, Floats
+from tactilevision.records.rig import Press
+
+# The F/T sensor's reading at the camera's times, its zero taken where no press is under way.
+
+STUCK = 5  # equal readings at the extreme: a sensor at the end of its range
+
+
+class Readings:
+    """What the force/torque sensor says beside the camera; `clock_offset_s` (F/T minus camera) stands in where the
+    recording does not state it."""
+
+    def __init__(self, recording: Recording, clock_offset_s: float | None = None) -> None:
+        stated = recording.clock_offset_s
+        self.forces, self.offset = recording.forces, (stated if stated is not None else clock_offset_s) or 0.0
+        self.presses = recording.presses
+        self._zero = None if recording.forces is None else self._free(recording)
+
+    def at(self, time_s: float) -> Floats:
+        """Force (3,) at a camera time, NaN outside the readings."""
+        if self.forces is None or not np.isfinite(time_s):
+            return np.full(3, np.nan)
+        now, times = time_s + self.offset, self.forces.time_s
+        if len(times) == 0 or not times[0] <= now <= times[-1]:
+            return np.full(3, np.nan)
+        read = np.array([np.interp(now, times, self.forces.force_N[:, k]) for k in range(3)])
+        if self._zero is None:
+            return read
+        zero = [np.interp(now, self._zero[:, 0], self._zero[:, 1 + k]) for k in range(3)]
+        return np.asarray(read - np.array(zero))
+
+    def press_at(self, time_s: float) -> Press | None:
+        """The press that is under way."""
+        return next((press for press in self.presses if press.start_s <= time_s <= press.end_s), None)
+
+    def clipped(self, press: Press) -> bool:
+        """Whether the F/T sensor stood at the end of its range: STUCK and more equal readings at its extreme.
+
+        Noise never repeats the same number so often, and a sensor at rest in the air is not at its extreme.
+        """
+        if self.forces is None:
+            return False
+        times, force = self.forces.time_s, self.forces.force_N
+        under_way = (times > press.start_s + self.offset) & (times < press.end_s + self.offset)
+        ends = np.abs(force).max(axis=0)
+        at_end = (np.abs(force[under_way]) == ends) & (ends > 0)
+        return bool((at_end.sum(axis=0) >= STUCK).any())
+
+    def _free(self, recording: Recording) -> Floats | None:
+        """(G, 4) middle time and median force of every gap between presses; None where presses are not listed."""
+        assert recording.forces is not None
+        if not recording.presses:
+            return None
+        times, force = recording.forces.time_s, recording.forces.force_N
+        busy = sorted((p.start_s + self.offset, p.end_s + self.offset) for p in recording.presses)
+        starts, ends = [-np.inf, *(end for _, end in busy)], [*(start for start, _ in busy), np.inf]
+        rows = []
+        for start, end in zip(starts, ends, strict=True):
+            free = (times > start) & (times < end)
+            if free.any():
+                rows.append([float(times[free].mean()), *np.median(force[free], axis=0)])
+        return np.array(rows) if rows else None
+
+
+# Resultants beside the force/torque sensor's: what is left, and against what it stands out.
+#
+#     residual = force from the picture - reading;   pull = residual / standard deviation of both
+#
+# Frames in which nothing touches are left out: they compare nothing with nothing. Where the deviations are right,
+# 95 % of the pulls lie within 1.96. A ratio that changes with depth points to the height map or to the gel's law,
+# one that changes with the place to the gel's sides or the light, one with the press to the F/T sensor's zero.
+
+AXES = ("x", "y", "z")
+MIN_N = 0.05  # a ratio of smaller forces says nothing
+NO_READING = "the force sensor has no reading at their time"
+AT_ITS_END = "the force sensor stood at the end of its range in their press"
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """Frames with both forces: `row` (N,) in the recording; `force_N`, `measured_N` and `std_N` of their
+    difference (N, 3), NaN: unknown; `depth_mm`, `time_s`, `press` (N,), `place_mm` (N, 2); `usable` (N,): nothing
+    is known against them. `left_out`: how many of the `touched` frames are not compared, by why."""
+
+    row: npt.NDArray[np.intp]
+    force_N: Floats
+    std_N: Floats
+    measured_N: Floats
+    depth_mm: Floats
+    place_mm: Floats
+    time_s: Floats
+    press: npt.NDArray[np.str_]
+    usable: npt.NDArray[np.bool_]
+    touched: int
+    left_out: Mapping[str, int]
+
+    @property
+    def residual_N(self) -> Floats:
+        """(N, 3)."""
+        return self.force_N - self.measured_N
+
+    @property
+    def ratio(self) -> Floats:
+        """Force from the picture over the reading along z (N,); NaN where the reading is small."""
+        read = self.measured_N[:, 2]
+        found = np.divide(self.force_N[:, 2], read, out=np.full(len(read), np.nan), where=read > MIN_N)
+        return np.asarray(found)
+
+    @property
+    def direction_deg(self) -> Floats:
+        """Of the reading along the gel (N,), clockwise from x as the camera sees it; NaN where it is small."""
+        x, y = self.measured_N[:, 0], self.measured_N[:, 1]
+        return np.where(np.hypot(x, y) > MIN_N, np.degrees(np.arctan2(y, x)), np.nan)
+
+
+def residuals(
+    rows: Sequence[FrameForce], *, flagged: Sequence[str] = (), reading_std_N: Sequence[float] | None = None
+) -> Residuals | None:
+    """What can be compared; None where nothing can. `flagged`: words that make a frame unusable;
+    `reading_std_N` (3,) of one reading, None where it is not known.
+    """
+    touched = [(number, row, _why_not(row, flagged)) for number, row in enumerate(rows) if touches(row)]
+    kept = [(number, row) for number, row, why in touched if why != NO_READING]
+    if not kept:
+        return None
+    why_not = [why for *_, why in touched]
+    taken = [row for _, row in kept]
+    return Residuals(
+        row=np.array([number for number, _ in kept]),
+        force_N=np.array([row.resultant_N for row in taken]),
+        std_N=np.hypot([row.resultant_std_N for row in taken], reading_std_N or 0.0),
+        measured_N=np.array([row.measured_N for row in taken]),
+        depth_mm=np.array([row.depth_mm for row in taken]),
+        place_mm=np.array([row.place_mm for row in taken]),
+        time_s=np.array([row.time_s for row in taken]),
+        press=np.array([row.press for row in taken]),
+        usable=np.array([not why for why in why_not if why != NO_READING]),
+        touched=len(touched),
+        left_out=Counter(why for why in why_not if why),
+    )
+
+
+def touches(row: FrameForce) -> bool:
+    """Whether the frame was read, and something touches in it."""
+    return row.read and not nothing_touches(row) and bool(np.isfinite(row.resultant_N[2]))
+
+
+def _why_not(row: FrameForce, flagged: Sequence[str]) -> str:
+    """Why a frame that touches is not compared; empty where it is."""
+    if not np.isfinite(row.measured_N[2]):
+        return NO_READING
+    return AT_ITS_END if row.reading_clipped else next((word for word in flagged if word in row.flags), "")
+
+
+def summary(found: Residuals) -> dict[str, dict[str, float | int | None]]:
+    """By axis: frames, rms and median residual in N, and the share of readings inside the 95 % interval; along z
+    the ratio over all and over the deepest third."""
+    said: dict[str, dict[str, float | int | None]] = {}
+    for k, name in enumerate(AXES):
+        left, std = found.residual_N[found.usable, k], found.std_N[found.usable, k]
+        known = np.isfinite(left)
+        if not known.any():
+            said[name] = {"frames": 0, "rms_N": None, "median_N": None, "inside_interval95": None}
+            continue
+        said[name] = {
+            "frames": int(known.sum()),
+            "rms_N": float(np.sqrt(np.mean(left[known] ** 2))),
+            "median_N": float(np.median(left[known])),
+            "inside_interval95": float(np.mean(np.abs(left[known]) < 1.96 * std[known])),
+        }
+    ratio, deep = found.ratio, found.depth_mm >= np.quantile(found.depth_mm, 2 / 3)
+    said["z"] |= {
+        "ratio": _median(ratio[found.usable]),
+        "ratio_deepest_third": _median(ratio[deep & found.usable]),
+    }
+    return said
+
+
+def _median(values: Floats) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else None
+
+
+# The picture's depth against the force sensor's reading, as a recording of curves for `tactilevision diagnose`.
+#
+# Each press becomes a curve of the contact's depth, as the height map has it, against the sensor's force, with the
+# place of the pressure for the press's own where the protocol states none. So whatever separates the two, by
+# depth, place, direction, time or press, meets the same residual panels and the same effects as a calibration
+# does. `picture_fz_N` and its deviation are columns of their own.
+
+MIN_COUNT = 4  # frames of a press that make a curve
+
+
+def write_comparison(recording: Recording, rows: Sequence[FrameForce], *, folder: Path) -> Path | None:
+    """Write the recording of curves into `folder`; None where no press has enough frames with both."""
+    presses, curves = [], []
+    for press in recording.presses:
+        seen = [row for row in rows if row.press == press.press and _whole(row)]
+        if len(seen) >= MIN_COUNT:
+            curves.append(_curve(press.press, seen))
+            presses.append(_placed(press, seen))
+    if not curves:
+        return None
+    write_recording(
+        replace(recording, path=folder, name=f"{recording.name}, picture beside sensor", presses=tuple(presses),
+                curves=tuple(curves), points=(), forces=None, stage=None, frames_path=None, frame_names=(),
+                frame_times_s=np.zeros(0), flats=(), balls=(), extra={}, depth_source="vision", depth_std_mm=None)
+    )  # fmt: skip
+    return folder
+
+
+def _whole(row: FrameForce) -> bool:
+    """Both forces are there, and neither a cut contact nor a slip of the map on a free gel."""
+    touches = row.read and not nothing_touches(row) and CUT not in row.flags
+    return touches and bool(np.isfinite([row.depth_mm, *row.measured_N]).all()) and row.measured_N[2] > MIN_N
+
+
+def _curve(press: str, seen: Sequence[FrameForce]) -> Curve:
+    return Curve(
+        press=press,
+        time_s=np.array([row.time_s for row in seen]),
+        depth_mm=np.array([row.depth_mm for row in seen]),
+        force_N=np.array([row.measured_N for row in seen]),
+        phase=np.full(len(seen), "", dtype=np.str_),
+        extra={
+            "picture_fz_N": np.array([row.resultant_N[2] for row in seen]),
+            "picture_fz_std_N": np.array([row.resultant_std_N[2] for row in seen]),
+        },
+    )
+
+
+def _placed(press: Press, seen: Sequence[FrameForce]) -> Press:
+    if np.isfinite([press.x_mm, press.y_mm]).all():
+        return press
+    x, y = np.median([row.place_mm for row in seen], axis=0)
+    return replace(press, x_mm=float(x), y_mm=float(y))

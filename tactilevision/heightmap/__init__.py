@@ -1,0 +1,1 @@
+"""Slopes to a height map with its deviation and its flags."""

@@ -1,0 +1,350 @@
+"""Build a reconstructor from a recording's balls, a saved method or a ready one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.heightmap.ball_validation import doubt_of_radii
+from tactilevision.heightmap.poisson import integrate
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.reference_match import DEFAULT_BASELINE, ReferenceMatch, some_frames, spread_frames
+from tactilevision.heightmap.scene_faults import check_order
+from tactilevision.heightmap.self_calibration import MIN_CONTACTS, calibrated_on_frames, scale_warning
+from tactilevision.heightmap.shadows_seen import leave, with_shadows
+from tactilevision.heightmap.untouched_frames import free_frames, press_starts, tuned, with_free_reference
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import calibrate_from_balls
+from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.method import as_referenced
+from tactilevision.photometric.methods.network import find_model, ready_models
+from tactilevision.photometric.protocols import PhotometricMethod
+from tactilevision.photometric.reference import (
+    Reference,
+    check_view,
+    dark_colour_warning,
+    light_of,
+    make_reference,
+    overexposed_warning,
+)
+from tactilevision.photometric.storage import load_method, load_network
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bytes, Pair
+from tactilevision.records.rig import Sensor
+from tactilevision.sensors import may_have_marks
+from tactilevision.sensors.rectification import rectify
+
+if TYPE_CHECKING:
+    from tactilevision.recording.model import Recording
+
+
+# Are pictures as a ready network takes them, neither mirrored nor red changed for blue?
+#
+# Slopes of a surface have no curl. Of the squared slopes that a network reads, the best surface leaves .04 to .21
+# on nine real sensors, and .30 to .69 with red and blue exchanged or the picture mirrored. On untouched gel both
+# are alike. Where lamps stand symmetrically, either exchange makes up for the other. A picture turned by 180
+# degrees only changes the sign.
+
+FRAMES_FOR_ORDER = 6  # spread over the recording
+BLUR_PX = 2.0  # sigma: noise of single pixels is half curl
+BETTER = 0.6  # of the curl: exchanging what is right doubles it at least, what is wrong leaves half at most
+EXCHANGES: dict[str, Callable[[Bytes], Bytes]] = {
+    "red and blue exchanged (BGR for RGB)": lambda rgb: rgb[..., ::-1],
+    "the picture mirrored": lambda rgb: rgb[:, ::-1],
+}
+
+
+def order_warnings(
+    path: Path, flats: Sequence[Bytes], frames: Sequence[Bytes], *, sensor: Sensor
+) -> tuple[str, ...]:
+    """A warning where slopes of `frames` by the network at `path` fit a surface far better if they are exchanged.
+
+    `flats` and `frames` are rectified pictures (H, W, 3).
+    """
+
+    def curl(exchange: Callable[[Bytes], Bytes]) -> float:
+        untouched, seen = ([np.ascontiguousarray(exchange(rgb)) for rgb in many] for many in (flats, frames))
+        reference = make_reference(untouched, may_have_marks=may_have_marks(sensor))
+        return curl_share(load_network(path, reference), seen, sensor.mm_per_px)
+
+    plain = curl(lambda rgb: rgb)
+    shares = {name: curl(exchange) for name, exchange in EXCHANGES.items()}
+    better = [name for name, share in shares.items() if share < BETTER * plain]
+    if not better:
+        return ()
+    return (
+        f"as they are, the frames show no surface to the ready network for {sensor.kind} ({100 * plain:.0f} % of "
+        f"the slopes is curl); with {' or '.join(better)} they do ({100 * min(shares.values()):.0f} %). Save "
+        "frames and reference as the maker's software shows them; depths are false",
+    )
+
+
+def curl_share(method: PhotometricMethod, frames: Sequence[Bytes], mm_per_px: Pair) -> float:
+    """The share, 0 to 1, of squared slopes in rectified `frames` (H, W, 3) that no surface has; NaN of none."""
+    left = whole = 0.0
+    for rgb in frames:
+        with suppress(InputError):
+            read = method.slopes(rgb)
+            known = 1.0 if read.valid is None else read.valid
+            p, q = (cv2.GaussianBlur(slope * known, (0, 0), BLUR_PX) for slope in (read.dz_dx, read.dz_dy))
+            down, along = np.gradient(integrate(SlopeMap(p, q), mm_per_px), *mm_per_px[::-1])
+            left += float(np.sum((p - along) ** 2 + (q - down) ** 2))
+            whole += float(np.sum(p**2 + q**2))
+    return left / whole if whole else float("nan")
+
+
+# The ways to a reconstructor: a recording's own balls, a method that was saved, or one that came ready.
+
+KEPT = (
+    "the frames show cast shadows, and they stay: deep maps have the flag shadow. build_reconstructor(..., "
+    "shadows=True) undoes them; a deep frame then takes up to a second"
+)
+DEFAULT = "auto"  # balls left out choose the fit: never one that they tell worse than the plain polynomial
+
+
+def build_reconstructor(
+    recording: Recording, method: str | PhotometricMethod | None = None, *, shadows: bool = False
+) -> Reconstructor:
+    """A reconstructor calibrated on the recording's own flats and ball presses, as `calibrate_light` has it.
+
+    With `shadows`, those that lamps cast are undone where frames show them; a deep frame takes up to a second.
+    Without, a warning says so, and deep maps have the flag `shadow`. To look takes some seconds; balls or a saved
+    method have to tell the lamps.
+    """
+    found = with_shadows(recording, calibrate_light(recording, method))
+    if found.shadows is not None and not shadows:
+        leave(found)
+        found.keeps_shadows = True
+        found.warnings += (KEPT,)
+    return found
+
+
+def calibrate_light(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
+    """A reconstructor that leaves cast shadows as they are, without a look for them.
+
+    It warns where the recording's frames lie beside the reference, or show a contact in it. `method` is a name in
+    PHOTOMETRIC, the path of a saved method, or a ready one; a ready one is used against the recording's flats
+    where there are some. None: DEFAULT on the recording's balls or, without any, the method trained beforehand
+    for this kind of sensor, which its warnings then say. Raises InputError or RecordingError where the reference
+    is missing or cannot be used.
+    """
+    from tactilevision.recording.model import Recording, faults_of_flats
+
+    if not isinstance(recording, Recording):
+        raise InputError(
+            "a reconstructor is built of a recording",
+            value=type(recording).__name__,
+            remedy='Read one: read_recording("FOLDER"); a bare folder of frames: read_folder.',
+        )
+    with faults_of_flats(recording):
+        found = _built(recording, method)
+    found.look([*spread_frames(recording), *press_starts(recording)])
+    return found
+
+
+def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reconstructor:
+    from tactilevision.recording.pictures import read_flats, read_reference
+
+    sensor = recording.sensor
+    flats = [rectify(sensor, rgb) for rgb in read_flats(recording)]
+    if isinstance(method, str) and method not in PHOTOMETRIC:
+        return _saved(method, sensor, flats)
+    if method is None and not recording.balls:
+        return _uncalibrated(recording, flats)
+    if method is not None and not isinstance(method, str):
+        return with_flats(sensor, method, flats=flats) if flats else Reconstructor(sensor, method)
+    fit = PHOTOMETRIC[method or DEFAULT]
+    reference, noted = _reference(sensor, flats)
+    pictures = [
+        BallPicture(
+            rectify(sensor, read_reference(recording, ball.path)),
+            ball.ball_radius_mm,
+            ball.centre_px,
+            ball.contact_radius_px,
+            ball.name,
+        )
+        for ball in recording.balls
+    ]
+    if pictures:
+        check_order(reference.rgb, [picture.rgb for picture in pictures])
+    calibration = calibrate_from_balls(reference, pictures, mm_per_px=sensor.mm_per_px, fit=fit)
+    found = tuned(sensor, calibration, pictures=pictures, free=free_frames(recording))
+    found.warnings += (*noted, *doubt_of_radii(sensor, pictures, calibration))
+    return found
+
+
+def _reference(sensor: Sensor, flats: Sequence[Bytes]) -> tuple[Reference, tuple[str, ...]]:
+    """The reference of rectified flats; a warning where a colour is dark in it or overexposed, and where it shows
+    marks that the sensor was said not to have.
+    """
+    reference = make_reference(flats)
+    noted = (*dark_colour_warning(reference), *overexposed_warning(reference))
+    if reference.marks is None or may_have_marks(sensor):
+        return reference, noted
+    return reference, (
+        *noted,
+        f"the untouched gel shows a regular pattern of dark marks, and a {sensor.kind} has none: they are filled "
+        "as markers are. Name a sensor with markers (gelslim3_markers, or a TOML file with has_markers = true)",
+    )
+
+
+def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
+    path = Path(name)
+    if path.with_suffix(".npz").is_file():
+        method = load_method(path)
+        _check_kind(method.card, sensor)
+        return with_flats(sensor, method, flats=flats) if flats else Reconstructor(sensor, method)
+    if path.with_suffix(".onnx").is_file():
+        return _without_balls(sensor, path, flats)
+    raise InputError(
+        "no photometric method of that name, nor a saved one there",
+        where="method",
+        value=name,
+        remedy="Known are " + ", ".join(PHOTOMETRIC) + ".",
+    )
+
+
+def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor:
+    sensor = recording.sensor
+    path = find_model(_family(sensor.kind))
+    ready = _without_balls(sensor, path, flats) if path is not None and flats else None
+    noted: tuple[str, ...] = ()
+    if ready is not None and path is not None and recording.flat_frames:
+        flats, ready, noted = with_free_reference(
+            recording, flats, ready, read=partial(_without_balls, sensor, path)
+        )
+    own = _on_own_contacts(recording, flats, ready) if flats else None
+    if own is not None:
+        own.warnings += noted
+        return own
+    if ready is None or path is None:
+        raise _nothing_known(recording, flats)
+    order = order_warnings(path, flats, some_frames(recording, count=FRAMES_FOR_ORDER), sensor=sensor)
+    if order and ready.reference_match is not None:
+        ready.reference_match.other_light = True
+    ready.warnings += (*noted, _network_warning(ready, sensor.kind), *order)
+    return ready
+
+
+def _nothing_known(recording: Recording, flats: Sequence[Bytes]) -> InputError:
+    """What to do where neither balls nor contacts nor a network tell the light."""
+    from tactilevision.recording.model import is_bare
+
+    bare = is_bare(recording)
+    missing = (
+        "ball presses to calibrate the light from, and too few contacts in the frames"
+        if flats
+        else "picture of the untouched gel"
+    )
+    named = "--method FILE.npz or --sensor FILE.tvs" if flats else "--reference"
+    return InputError(
+        f"no {missing}",
+        where=recording.path if bare else recording.path / "reference" / ("ball" if flats else "flat"),
+        value=f"sensor {recording.sensor.kind}",
+        remedy=f"Name what was calibrated before with {named}."
+        + (f" Kinds that are ready without balls: {', '.join(ready_models())}." if flats else "")
+        + (f" Or take in a frame with something round on the gel; {MIN_CONTACTS} do better." if flats else "")
+        + ("" if bare else " Or add them to the recording.")
+        + _doubt_of_guess(recording),
+    )
+
+
+def _network_warning(ready: Reconstructor, kind: str) -> str:
+    """What to expect of a ready network, by its card."""
+    presses = {} if ready.referenced is None else ready.referenced.card.other.get("real_ball_presses", {})
+    off = sorted(round(sensor["direction_error_deg"]) for sensor in presses.values())
+    span = " to ".join(dict.fromkeys(map(str, off[:1] + off[-1:])))
+    real = f"; on real ones slopes pointed {span} degrees off" if off else ""
+    return f"no ball presses: depth rests on the light of a usual {kind}, not of this one{real}"
+
+
+def _doubt_of_guess(recording: Recording) -> str:
+    """What else may be wrong where a frame was taken for untouched gel, or is all there is."""
+    names = recording.frame_names
+    if len(names) == 1 and recording.path.is_file():
+        return f" Or name its folder, {recording.frames_path}, whose other frames tell the light."
+    if recording.flat_frames:
+        return f" If {names[recording.flat_frames[0]]} shows a contact, name an untouched one with --reference."
+    return ""
+
+
+def _on_own_contacts(
+    recording: Recording, flats: Sequence[Bytes], ready: Reconstructor | None
+) -> Reconstructor | None:
+    """A reconstructor whose light is calibrated on contacts in the frames; None where they do not tell it."""
+    sensor = recording.sensor
+    reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
+    _check_colours(reference)
+    method = calibrated_on_frames(recording, reference, prior=ready.referenced if ready is not None else None)
+    if method is None:
+        return None
+    found = Reconstructor(sensor, method)
+    found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
+    found.warnings += (scale_warning(method, kind=sensor.kind), *overexposed_warning(reference))
+    return found
+
+
+def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Reconstructor:
+    reference, noted = _reference(sensor, flats)
+    _check_colours(reference)
+    method = load_network(path, reference)
+    _check_kind(method.card, sensor)
+    found = Reconstructor(sensor, method)
+    found.warnings += noted
+    found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
+    if method.card.light is not None:  # else it was made for any light
+        found.warnings += found.reference_match.check_light(method.card.light)
+    return found
+
+
+def _check_colours(reference: Reference) -> None:
+    """Without balls there is no law of two colours."""
+    if dark := dark_colour_warning(reference):
+        raise InputError(
+            "slopes are not told without ball presses where a colour is dark",
+            where="the reference",
+            value=dark[0].partition(":")[0],
+            remedy="Check that lamp; or calibrate on ball presses, by which the other two colours tell slopes.",
+        )
+
+
+def _check_kind(card: MethodCard, sensor: Sensor) -> None:
+    """A method of one kind of light says nothing of another; a custom sensor is its owner's affair."""
+    kinds = _family(card.sensor or "custom"), _family(sensor.kind)
+    if "custom" not in kinds and kinds[0] != kinds[1]:
+        raise InputError(
+            "the method was made for another sensor",
+            where="method",
+            value=f"{kinds[0]}, the recording's is {kinds[1]}",
+            remedy="Train one on this sensor's balls.",
+        )
+
+
+def _family(kind: str) -> str:
+    """Sensors that differ in their marks alone share their light."""
+    return kind.removesuffix("_markers")
+
+
+def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Bytes]) -> Reconstructor:
+    """A reconstructor of a ready method against rectified pictures of the untouched gel as it is today.
+
+    Warns where the method was made in another light. Raises InputError where it was made for another view.
+    """
+    calibrated = as_referenced(method)
+    if calibrated is None:
+        return Reconstructor(sensor, method)
+    reference, noted = _reference(sensor, flats)
+    check_view(calibrated.reference.shape, reference.shape)
+    found = Reconstructor(sensor, calibrated.with_reference(reference))
+    found.warnings += noted
+    if found.reference_match is not None:
+        found.warnings += found.reference_match.check_light(light_of(calibrated.reference))
+    return found

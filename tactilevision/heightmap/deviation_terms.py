@@ -1,0 +1,343 @@
+"""The independent terms of the variance of a depth, one function a term."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.heightmap.circular_edges import window_of
+from tactilevision.heightmap.poisson import integrate
+from tactilevision.heightmap.walls import PunchEdge
+from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM, ZeroPlane, plane_terms
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_samples import radii_from
+from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.cross_validation import jackknife_std
+from tactilevision.photometric.drift import SOFTENING_GREY
+from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.robust import MAD_TO_STD
+
+# The term of the photometric scale: depths are all too large, or too small, by a part g of themselves.
+#
+#     variance(x, y) = g(x, y)^2 depth(x, y)^2          g^2 = g_seen^2 + g_place(x, y)^2 + g_beyond(x, y)^2
+#
+# g_seen: how far the scale of balls scatters that are in the calibration, which no map escapes. g_place: what
+# other balls would have made of it, place by place (photometric/cross_validation.py). g_beyond: what lying beyond
+# the outermost balls adds (photometric/cross_validation.py). All stand in the method's card; older ones lack the
+# last. Vanishes where the depth is 0, and where every ball gives one scale. Assumes slopes that err in proportion.
+
+Picture = npt.NDArray[np.float32]
+
+
+def scale_variance(depth_mm: Picture, gain_square: Picture) -> Picture:
+    """Variance (h, w) mm² of `depth_mm` (h, w) by its scale, of relative variance `gain_square` (h, w)."""
+    square = cv2.multiply(depth_mm, depth_mm)
+    square *= gain_square
+    return np.asarray(square)
+
+
+def gain_variance(card: MethodCard, relative_error: float, *, shape: tuple[int, ...]) -> Picture:
+    """Relative variance of the depth scale over a picture of `shape` (h, w), as a method's card tells it."""
+    squares = place_gain_std(card, relative_error) ** 2, extrapolated_gain_std(card) ** 2
+    place, beyond = (np.asarray(cv2.resize(np.asarray(one, np.float32), shape[::-1])) for one in squares)
+    return np.asarray(place + beyond)
+
+
+def extrapolated_gain_std(card: MethodCard) -> Floats:
+    """Deviation (h, w) of the depth scale beyond the balls, a ratio; 0 where a card tells none."""
+    return np.array(card.extrapolated_gain_std or [[0.0]], np.float64)
+
+
+def place_gain_std(card: MethodCard, relative_error: float) -> Floats:
+    """Deviation (h, w) of the depth scale over the picture, relative, but for what lies beyond the balls."""
+    return np.hypot(gain_std(card, relative_error), np.array(card.place_gain_std or [[0.0]], np.float64))
+
+
+def gain_std(card: MethodCard, relative_error: float) -> float:
+    """Relative deviation of the depth scale from ball to ball, which no map escapes; of slopes where not told.
+
+    A card that does not say what other balls would have changed has it mixed with balls held out.
+    """
+    held_out = relative_error if card.held_out_gain_std is None else card.held_out_gain_std
+    if card.seen_gain_std is None:
+        return held_out
+    seen = card.seen_gain_std
+    return seen if card.place_gain_std is not None else float(np.sqrt(seen * (held_out + seen)))
+
+
+# The term of leakage: errors of slope under a contact spread to the gel beside it, with no depth to hide them.
+#
+#     variance(x, y) = max(k <g^2 depth^2> - g^2 depth^2, 0)      < >: mean over a thickness of gel
+#
+# g^2 depth^2 is the term of the depth scale. The share k is measured once, when a method is made. What leaving out
+# balls changes of a map (photometric/cross_validation.py) is known everywhere in it, so that beside the balls
+#
+#     k = <std^2> / < <g^2 depth^2> >          from the contact's rim to a thickness of gel away from it
+#
+# Both means are over all balls: the ratio at one ball alone is anything where little depends on it.
+# Vanishes where nothing within a thickness of gel is deep, and with the scale's own error.
+
+Depth = npt.NDArray[np.floating[Any]]
+Reader = Callable[[Bytes], Depth]
+RIM = 1.15  # contact radii: beyond it the gel is free
+MAX_BALLS = 8  # balls; more tell no more
+COARSE = 4  # points to a thickness of gel on which the mean is taken: it is smooth
+
+
+def leaked_variance(scale_mm2: Picture, share: float, *, every: int, mm_per_px: Pair) -> Picture:
+    """Variance (h, w) mm² that the scale's, `scale_mm2` (h, w) mm², makes within a thickness of gel.
+
+    This term and that of the scale together are the larger of both. `scale_mm2` holds every `every`th pixel of a
+    picture at `mm_per_px` (x, y); `share` is k.
+    """
+    step = max(1, round(USUAL_THICKNESS_MM / (COARSE * every * max(mm_per_px))))
+    coarse = scale_mm2[::step, ::step]
+    reach = [USUAL_THICKNESS_MM / (step * every * px) for px in mm_per_px]
+    coarse = np.asarray(cv2.GaussianBlur(coarse, (0, 0), reach[0], sigmaY=reach[1]))
+    coarse *= np.float32(share)
+    return np.asarray(cv2.resize(coarse, scale_mm2.shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+
+def leakage_share(
+    maps: Sequence[Reader],
+    pictures: Sequence[BallPicture],
+    *,
+    balls: Sequence[Ball | None],
+    gain: Depth,
+    mm_per_px: Pair,
+) -> float:
+    """The share k of a calibration; 1 where no ball tells it.
+
+    `maps` make the depth (H, W) mm of a rectified picture, the first by the calibration, the others by one without
+    a group of balls each; `gain` (h, w) is what that changes of the depth scale, relative.
+    """
+    beside_sum, nearby_sum = 0.0, 0.0
+    kept = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
+    for rgb, ball in kept[:: max(1, -(-len(kept) // MAX_BALLS))]:
+        depth, *others = (make(rgb) for make in maps)
+        variance = np.square(jackknife_std([other - depth for other in others]))
+        scale = np.square(cv2.resize(np.asarray(gain, np.float32), depth.shape[::-1]) * depth)
+        reach = [USUAL_THICKNESS_MM / step for step in mm_per_px]
+        nearby = cv2.GaussianBlur(scale, (0, 0), reach[0], sigmaY=reach[1])
+        radii = radii_from(ball, depth.shape, mm_per_px=mm_per_px)
+        away_mm = (radii - 1.0) * ball.contact_radius_px * mm_per_px[0]
+        beside = (radii > RIM) & (away_mm < USUAL_THICKNESS_MM)
+        beside_sum += float(variance[beside].mean())
+        nearby_sum += float(nearby[beside].mean())
+    return beside_sum / nearby_sum if nearby_sum else 1.0
+
+
+# The term of missing colours: slopes that two colours tell are further off, and depth with them.
+#
+#     variance(x, y) = < e >^2 max(depth^2, < depth^2 >)      < >: means over REACH_MM, and over a thickness of gel
+#
+# e: relative error of a slope without that colour beyond that of a slope by all colours, 0 where all are known
+# (photometric/methods/two_colours.py). A few pixels without a colour, in gel that is told by all, hardly change
+# what is integrated over them. What is integrated over many carries their error on, as under leakage.py.
+# Vanishes where all colours are known, and where the depth is 0. Assumes slopes that err in proportion.
+
+BLUR = 4.0  # deviations to which OpenCV follows a blur
+REACH_MM = 1.0  # mm over which errors of integrated slopes hang together: half of a usual contact
+
+
+def missing_colour_variance(depth_mm: Picture, lost_share: Picture, *, every: int, mm_per_px: Pair) -> Picture:
+    """Variance (h, w) mm² of `depth_mm` (h, w) mm; `lost_share` (h, w) is e, no unit.
+
+    Both hold every `every`th pixel of a picture at `mm_per_px` (x, y).
+    """
+    reach = [REACH_MM / (every * px) for px in mm_per_px]
+    left, top, width, height = cv2.boundingRect(cv2.compare(lost_share, 0.0, cv2.CMP_NE))
+    down, across = (int(BLUR * one) + 2 for one in reach[::-1])  # as far as the blur carries anything
+    rows = slice(max(top - down, 0), top + height + down)
+    columns = slice(max(left - across, 0), left + width + across)
+    share = cv2.GaussianBlur(lost_share[rows, columns], (0, 0), reach[0], sigmaY=reach[1])
+    square = np.square(depth_mm)
+    square = cv2.max(leaked_variance(square, 1.0, every=every, mm_per_px=mm_per_px), square)
+    variance = np.zeros(depth_mm.shape, np.float32)
+    np.multiply(np.square(share), square[rows, columns], out=variance[rows, columns])
+    return variance
+
+
+# The term of the camera's noise: what noise of the slopes, pixel by pixel, makes of the surface.
+#
+#     variance(x, y) = < (z - median z)^2 >      z: the surface of drawn slopes N(0, noise(x, y)^2)
+#
+# z is integrated as every surface is; the mean over N_DRAWS fields is blurred, as few draws are rough.
+# Vanishes with the noise, and grows with its square. Assumes noise that is independent from pixel to pixel: waves
+# that are not stand in `untouched_gel.py`. It depends on the place alone, so it is worked out once for a method.
+
+N_DRAWS = 6  # noise fields: with the blur they fix the variance to a tenth
+BLUR_SHARE = 1 / 12  # of the picture's longer side: sigma of the blur; noise of a surface varies no faster
+
+
+def noise_variance(noise: Picture, mm_per_px: Pair) -> Picture:
+    """Variance (H, W) mm² of depth by slopes of deviation `noise` (H, W) mm/mm, at `mm_per_px` (x, y)."""
+    rng = np.random.default_rng(0)  # a fixed draw: the certificate of a method does not change between runs
+    total = np.zeros(noise.shape, np.float32)
+    for _ in range(N_DRAWS):
+        fields = rng.standard_normal((2, *noise.shape), dtype=np.float32) * noise
+        surface = integrate(SlopeMap(fields[0], fields[1]), mm_per_px)
+        total += (surface - np.median(surface)) ** 2
+    return np.asarray(cv2.GaussianBlur(total / N_DRAWS, (0, 0), max(noise.shape) * BLUR_SHARE), np.float32)
+
+
+# The term of the untouched gel: how far it comes out from flat, beyond what drawn noise explains.
+#
+#     variance(x, y) = max(noise^2 + waves^2, untouched(x, y)^2) - noise^2
+#
+# waves: rms depth of untouched gel in the calibration's pictures, where no frames of the free gel were given.
+# untouched: what single frames of the free gel show, place by place. Their noise is alike over many pixels (blur,
+# compression). Integrated, its slow waves come to several times as much as independent noise, most in dark
+# corners. Vanishes where free frames come out flat. Assumes that the gel is as quiet under way as it was then.
+
+BLOCK_PX = 16  # px: grid on which the depth of untouched gel is kept; its waves are longer
+
+
+def free_variance(noise_mm2: Picture, waves_mm: float, *, untouched_std: Floats) -> Picture:
+    """Variance (H, W) mm² of free gel: this term and that of noise, `noise_mm2` (H, W) mm², together.
+
+    `waves_mm` is one deviation for all places, `untouched_std` (h, w) mm one for each block.
+    """
+    variance = noise_mm2 + np.float32(waves_mm**2)
+    blocks = np.asarray(untouched_std, np.float32)
+    untouched = cv2.resize(blocks, variance.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(np.maximum(variance, untouched**2))
+
+
+def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
+    """Standard deviation (h, w) mm that N >= 2 depths (H, W) mm of the free gel show, in blocks of BLOCK_PX.
+
+    The median over the frames, as in one or the other something may have touched; N/(N - 1) of the variance, as
+    the mean of the same frames' slopes was taken off; smooth over neighbouring blocks, as few frames are rough.
+    """
+    height, width = depths[0].shape
+    block_std = MAD_TO_STD * np.median(np.abs(np.stack(depths)), axis=0)
+    size = (max(2, width // BLOCK_PX), max(2, height // BLOCK_PX))
+    blocks = cv2.resize(np.asarray(block_std, np.float32), size, interpolation=cv2.INTER_AREA)
+    smooth = cv2.GaussianBlur(blocks, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(smooth * np.sqrt(len(depths) / (len(depths) - 1)), np.float64)
+
+
+# The term of the zero plane: where depth 0 lies is read off the untouched gel, and no better than it is flat.
+#
+#     variance = std_0^2 + (std_x X)^2 + (std_y Y)^2      X and Y from -1 to 1 over the picture
+#
+# std_0 of the plane at the picture's centre and std_x, std_y of its tilt are those of the fit
+# (heightmap/zero_plane.py), with errors that hang together over a tenth of the picture. Vanishes where untouched
+# blocks all lie in one plane. What offset and tilt have in common is left out: it is none where they lie evenly.
+
+
+def zero_variance(zero: ZeroPlane, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
+    """Variance (H, W) mm² by the plane `zero` over a picture of this `shape`."""
+    sides = zip(zero.tilt_std_mm, shape[::-1], strict=True)
+    x, y = ((std * np.linspace(-1, 1, count)) ** 2 for std, count in sides)
+    return np.asarray(y[:, None] + (x + zero.std_mm**2), dtype=np.float32)
+
+
+# The term of the light's drift: what is not known of it, as depth.
+#
+# A wrong coefficient g_k of the drift (photometric/drift.py) changes the colours of the whole picture.
+# With them it changes the surface, smoothly: by D_k(x, y) each. The zero plane takes off what of it is a plane on
+# the untouched gel,
+#
+#     variance(x, y) = D' C D'        D'_k = D_k - plane of D_k      C: covariance of the coefficients
+#
+# so that little is left beside small contacts, and much under those that leave little gel to tell drift from
+# slopes. Vanishes where nothing has drifted, and where D_k is a plane. D_k is worked out once, for colours of flat
+# gel.
+
+STEP = 0.01  # of a coefficient: laws are straight over it to a hundredth
+
+
+class DriftError:
+    """How depths of one method answer to its drift's coefficients; made once, on the drift's own blocks."""
+
+    def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
+        tracker, shape = method.change.tracker, method.reference.shape
+        self.blocks = (tracker.size[1], tracker.size[0])
+        self.terms = plane_terms(shape, self.blocks)
+        kept_share = cv2.resize(method.kept_share, tracker.size, interpolation=cv2.INTER_AREA)
+        evaluate = method.law.evaluator(self.blocks)
+        block_mm = tuple(
+            n * mm / blocks for n, mm, blocks in zip(shape[::-1], mm_per_px, tracker.size, strict=True)
+        )
+        effects = tracker.effects / (tracker.level + SOFTENING_GREY)[:, None, :]
+        depths = np.zeros(effects.shape)
+        for channel, parts in enumerate(effects):
+            for number, part in enumerate(parts):
+                change = np.zeros((3, *self.blocks), np.float32)
+                change[channel] = STEP * part.reshape(self.blocks)
+                slopes = [
+                    kept_share * (more - less) / (2.0 * STEP)
+                    for more, less in zip(evaluate(change), evaluate(-change), strict=True)
+                ]
+                depths[channel, number] = integrate(SlopeMap(*slopes), (block_mm[0], block_mm[1])).ravel()
+
+        self.depths = depths.reshape(-1, len(tracker.basis))  # of all coefficients, channel by channel
+
+    def variance(self, covariance: Floats, zero: ZeroPlane) -> npt.NDArray[np.float32]:
+        """Variance (rows, columns) of depth on the blocks, of a drift's `covariance` (18, 18), mm²."""
+        depths = self.depths
+        if zero.takes is not None:
+            depths = depths - (depths @ zero.takes.T) @ self.terms
+        return np.asarray(np.sum(depths * (covariance @ depths), axis=0), np.float32).reshape(self.blocks)
+
+
+# The term of restored edges: what lies inside one stands on a step that a law carried through.
+#
+#     variance(x, y) = sum over edges of std_e^2      within the edge's radius; 0 outside
+#
+# std_e: of the step, from the fit of the law to the slopes beside it (heightmap/walls.py).
+# Vanishes where no edge was restored, and with the error of the fit. Assumes round edges of a rigid flat face.
+
+
+def add_edge_variance(variance_mm2: Picture, edges: Sequence[PunchEdge], *, mm_per_point: Pair) -> None:
+    """Add the `edges`' part to `variance_mm2` (h, w) mm², in place.
+
+    Its points lie `mm_per_point` (x, y) mm apart.
+    """
+    for edge in edges:
+        window, x, y = window_of(
+            variance_mm2.shape, edge.centre_mm, mm_per_px=mm_per_point, outer_mm=edge.radius_mm
+        )
+        variance_mm2[window] += np.float32(edge.std_mm**2) * (x * x + y * y < edge.radius_mm**2)
+
+
+# The term of slopes steeper than any ball showed, which belong to no round face and were not restored.
+#
+#     variance(x, y) = (g l)^2      where the depth is over half of the greatest; 0 elsewhere
+#
+# g: the steepest slope that was calibrated; l: mean width of the steep band, n px^2 / sqrt(4 pi A), n its pixels
+# and A the area behind it. Such a band may hide as much again as a slope of g drops over its width, and all behind
+# it stands on that. Vanishes where no slope is steeper than g. Assumes one contact, about round.
+
+STEEP_SHARE = 0.95  # of the steepest slope that was calibrated: from there on a slope may be read too low
+MIN_STEEP_PX = 12  # pixels of a steep band; fewer are noise
+BEHIND = 0.5  # of the greatest depth: what is deeper lies behind the steep band
+
+
+def hidden_step_mm(depth_mm: Picture, slopes: SlopeMap, *, steepest: float, every: int, mm_per_px: Pair) -> float:
+    """What may be missing (mm) of `depth_mm` (h, w) behind slopes (H, W) steeper than `steepest` (mm/mm).
+
+    `depth_mm` holds every `every`th pixel each way; `mm_per_px` (x, y) is of the whole picture.
+    """
+    p, q = slopes.dz_dx[::every, ::every], slopes.dz_dy[::every, ::every]
+    steep_px = every**2 * np.count_nonzero((np.abs(p) > steepest) | (np.abs(q) > steepest))
+    if steep_px < MIN_STEEP_PX:
+        return 0.0
+    area_px = max(float(every**2) * np.count_nonzero(depth_mm > BEHIND * depth_mm.max()), 1.0)
+    width_px = steep_px / np.sqrt(4.0 * np.pi * area_px)
+    return float(steepest * width_px * np.sqrt(mm_per_px[0] * mm_per_px[1]))
+
+
+def add_steep_variance(variance_mm2: Picture, depth_mm: Picture, *, hidden_mm: float) -> None:
+    """Add the part of a step of `hidden_mm` (mm) to `variance_mm2` (h, w) mm², in place, behind the steep band."""
+    if hidden_mm > 0:
+        variance_mm2 += np.float32(hidden_mm**2) * (depth_mm > BEHIND * depth_mm.max())

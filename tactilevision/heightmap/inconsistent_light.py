@@ -1,0 +1,291 @@
+"""Flag places whose colours the shading law does not explain.
+
+Where balls determined the light's law (photometric/cross_validation.py), colours are compared with it. In cells,
+
+    t^2 = sum over colours of <u - u_law(p, q)>^2 / ((2 n)^2 + (k <|u|>)^2)
+
+u is the change of colour, p and q the slopes that are read from it; n is what untouched gel is off by there, k the
+share that balls left out are; < > is a mean over REACH_MM. A place is inconsistent where t exceeds LEAST, and what
+the calibration's own ball pictures reach under and beside the ball. Without balls slopes s are held against the
+surface z that they make, since slopes of no surface are of a false light:
+
+    |<s - grad z>| > CURL + CURL_SHARE <|s|>
+
+Whatever its colours are, gel beside a contact of depth d stands out by no more than
+
+    RISE_SHARE d + RISE_MM
+
+since layer theory (nu .4999) has it rise by .16 d beside a ball (contact 1.7 gels in radius) and by .30 d beside
+a punch of 1.5 gels, which RISE_MM covers to 2 mm of depth. Beside a contact beyond the border d is not seen.
+Within a ring it may rise by more than d, so that what deep places enclose is left out.
+
+Three colours and two slopes leave one residual. A false slope whose colour is that of a true one is not seen: a
+lamp shaded where the others are dark makes a hollow that no colour contradicts. A false slope that a surface could
+have is not seen without balls. Sees nothing where a colour is overexposed, nor
+beside steep slopes, whose depth has terms of its own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+
+import cv2
+import numpy as np
+
+from tactilevision.compiled import compiled
+from tactilevision.heightmap.two_grid_poisson import integrate_small
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_samples import OUTSIDE, radii_from
+from tactilevision.photometric.colour_change import ChangeMaps, Planes
+from tactilevision.photometric.cross_validation import LightLaw
+from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.photometric.protocols import Picture
+from tactilevision.photometric.shading_law import SLOPE_POWERS, answers_at
+from tactilevision.records.measured import Bools, Bytes, Pair
+from tactilevision.robust import median
+
+CELL_MM = 0.4  # mm along the side of a cell, about: finer ones take longer and show as much
+REACH_MM = 0.76  # mm, deviation of the mean over neighbours: noise of single cells must not count
+# deviations from which a place is inconsistent, at least; 3 flags one clean real press of 82, but half the hollows
+LEAST = 2.5
+BORDER = 2  # cells along the picture's border that do not count: gel and light change there first
+NEARBY = 2.0  # contact radii: as far as a ball's own picture tells what is usual
+REACHED = 99  # per cent of cells near a ball that it is usual for
+PICTURES = 75  # per cent of ball pictures that stay below the limit: some hold false hollows themselves
+CURL = 0.04  # slope that slopes of real networks may lack of a surface's
+CURL_SHARE = 0.1  # of the slopes themselves, the same
+STEEP_SHARE = 0.6  # of the steepest slope calibrated: beside steeper ones, blur mixes colours of many slopes
+RAMP = 0.4  # of the limit, from which on a slope counts in part as unexplained
+GREY = 0.3  # grey levels that rounding and compression leave on means of places
+TINY = np.float32(1e-9)  # keeps ratios of nothing to nothing at 0
+MIN_AREA_MM2 = 3.0  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
+RISE_SHARE = 0.25  # of the depth; tests/photometric/test_inconsistent_light.py
+RISE_MM = 0.1  # mm beside that: 235 pictures of samples and a path tracer have .05 beside .3 of the depth
+POWERS = np.array(SLOPE_POWERS)
+MIN_DEPTH_MM = 0.05  # mm of depth that rest on inconsistent places: less makes no map doubtful
+
+
+@dataclass(frozen=True, slots=True)
+class Inconsistency:
+    """In cells (h, w): which are `inconsistent`; depth in mm that rests on slopes which are not explained.
+
+    `area_mm2` of the inconsistent ones together.
+    """
+
+    inconsistent: Bools
+    depth_mm: Picture
+    area_mm2: float
+
+    @property
+    def flagged(self) -> bool:
+        """Whether it makes the map doubtful."""
+        return self.area_mm2 > MIN_AREA_MM2 and bool(np.abs(self.depth_mm).max() > MIN_DEPTH_MM)
+
+
+class LightCheck:
+    """Holds frames of one method against the light's law; what depends on the method alone is made once."""
+
+    def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
+        tile = method.change.tracker.px
+        self.method, self.px = method, tile * max(1, round(CELL_MM / (tile * max(mm_per_px))))
+        height, width = (n // self.px for n in method.reference.shape)
+        self.size = width, height
+        self.cell_mm = self.px * mm_per_px[0], self.px * mm_per_px[1]
+        across, down = (2 * round(REACH_MM / mm) + 1 for mm in self.cell_mm)
+        self.near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, down))
+        full = method.change.maps
+        x, y = (
+            np.asarray(at[: n * self.px].reshape(n, self.px).mean(axis=1))
+            for at, n in ((full.x, width), (full.y, height))
+        )
+        self.maps = ChangeMaps(self._cells(full.mean), x, y, dark=full.dark)
+        self.evaluate = method.law.averaged(
+            np.median(method.change.noise, axis=(1, 2)).astype(np.float64)
+        ).evaluator((height, width))
+        self.kept_share = self._cells(method.kept_share[None])[0]
+        self.bias = self._cells(method.bias) - self._cells(np.stack(method.noise_bias)) * self.kept_share
+        self.usable = self._cells(method.readable[None].astype(np.float32))[0] > 0.99
+        inner = np.zeros((height, width), np.bool_)
+        inner[BORDER:-BORDER, BORDER:-BORDER] = True  # of a strip nothing
+        self.usable &= inner
+        self.steep = STEEP_SHARE * (method.card.steepest_slope or 0.0)
+        light = self.light = method.light_law
+        if light is not None:
+            place = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(np.float64)
+            answers = answers_at(light.terms, place).reshape(height, width, -1, 3)
+            self.answers: Planes = np.ascontiguousarray(answers.transpose(2, 3, 0, 1), np.float32)
+            noise = np.stack([cv2.resize(plane, self.size) for plane in light.noise])
+            self.noise_square = self._noise_square(noise)
+
+    def __call__(self, drift: Drift) -> Inconsistency:
+        """What is inconsistent of the picture that the method has read last, whose light had this `drift`."""
+        change, slopes = self.read(drift)
+        score, share = self._curl(slopes) if self.light is None else self._colours(change, slopes, self.light)
+        score *= self.usable
+        if self.steep:
+            score[cv2.dilate(_length(slopes), self.near) > self.steep] = 0.0
+        if (missing := self.method.change.missing) is not None:
+            score[missing.tiles(self.px, self.size) > 0] = 0.0
+        share *= np.clip((score - RAMP) / (1.0 - RAMP), 0.0, 1.0)
+        depth = np.zeros_like(score)
+        if share.any():
+            np.minimum(share, 1.0, out=share)
+            depth = integrate_small(slopes * share, self.cell_mm)
+            depth -= median(depth.ravel())
+        inconsistent = score > 1.0
+        return Inconsistency(inconsistent, depth, float(inconsistent.sum() * self.cell_mm[0] * self.cell_mm[1]))
+
+    def read(self, drift: Drift) -> tuple[Planes, Planes]:
+        """Changes (3, h, w) of the cells of the last picture, and the slopes (2, h, w) that are read from them."""
+        of = self.method.change
+        if of.reference.marks is None:
+            window = slice(0, self.size[1]), slice(0, self.size[0])
+            greys = self._cells(of.means(of.tracker.px), of.tracker.px)
+            self.maps.light(drift.gains)
+            change = self.maps.changes(greys, window, out=np.empty_like(self.maps.mean))
+        else:  # marks are filled in the whole picture
+            change = self._cells(of.measured)
+        slopes: Planes = np.stack(self.evaluate(change))
+        slopes *= self.kept_share
+        slopes -= self.bias
+        return change, slopes
+
+    def deviations(self, change: Planes, slopes: Planes) -> Picture:
+        """t (h, w) of changes (3, h, w) and slopes (2, h, w) of cells."""
+        assert self.light is not None
+        return self._deviations(self.residual(change, slopes), self._size(change), self.light.share)
+
+    def _colours(self, change: Planes, slopes: Planes, light: LightLaw) -> tuple[Picture, Picture]:
+        """t over its limit, and the share of the change of colour that is not explained, (h, w) each."""
+        off, size = self.residual(change, slopes), self._size(change)
+        if compiled():
+            from tactilevision.heightmap.frame_kernels import against_law
+
+            score, share = np.empty_like(size), np.empty_like(size)
+            noise = np.asarray(self.noise_square, np.float32)
+            against_law(off, size, noise, light.share, light.limit, float(TINY), score, share)
+            return score, share
+        return self._deviations(off, size, light.share) / np.float32(light.limit), _length(off) / (size + TINY)
+
+    def _deviations(self, off: Planes, size: Picture, share: float) -> Picture:
+        usual = np.float32(share) * size
+        return np.asarray(np.sqrt((off * off / (self.noise_square + usual * usual)).sum(axis=0)))
+
+    def _noise_square(self, noise: Planes) -> Planes:
+        """Variance (3, h, w) of changes of cells, of which untouched gel showed `noise` (3, h, w)."""
+        return np.asarray(np.square(2.0 * noise) + np.square(GREY * self.maps.scale))
+
+    def _size(self, values: Planes) -> Picture:
+        """Mean length (h, w) of values (n, h, w) over REACH_MM."""
+        return self._mean(_length(values))
+
+    def residual(self, change: Planes, slopes: Planes) -> Planes:
+        """What changes (3, h, w) of cells are off the law of light at slopes (2, h, w), means over REACH_MM."""
+        if compiled():
+            from tactilevision.heightmap.frame_kernels import off_law
+
+            off_law(change, slopes, self.answers, POWERS, off := np.empty_like(change))
+            for plane in off:
+                plane[:] = self._mean(plane)
+            return off
+        p, q = (
+            np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
+        )
+        light: Planes = np.ones_like(change)
+        for (i, j), answer in zip(SLOPE_POWERS, self.answers, strict=True):
+            light += answer * (p[i] * q[j])
+        light /= np.sqrt(1.0 + p[2] + q[2])
+        return np.stack([self._mean(plane) for plane in change + 1.0 - light])
+
+    def _curl(self, slopes: Planes) -> tuple[Picture, Picture]:
+        """What slopes (2, h, w) lack of a surface's over its limit, and over the slopes, (h, w) each."""
+        depth = integrate_small(slopes, self.cell_mm)
+        down, across = np.gradient(depth, self.cell_mm[1], self.cell_mm[0])
+        off = _length(np.stack([self._mean(slopes[0] - across), self._mean(slopes[1] - down)]))
+        size = self._size(slopes)
+        return off / (np.float32(CURL) + np.float32(CURL_SHARE) * size), off / (size + TINY)
+
+    def _mean(self, plane: Picture) -> Picture:
+        reach = REACH_MM / self.cell_mm[0], REACH_MM / self.cell_mm[1]
+        return np.asarray(cv2.GaussianBlur(plane, (0, 0), reach[0], sigmaY=reach[1]))
+
+    def _cells(self, planes: Planes | Bytes, px: int = 1) -> Planes:
+        """Means (n, h, w) over the cells of planes (n, H // px, W // px), which are means over `px` pixels."""
+        columns, rows = (n * (self.px // px) for n in self.size)
+        return np.stack(
+            [cv2.resize(one[:rows, :columns], self.size, interpolation=cv2.INTER_AREA) for one in planes]
+        )
+
+
+def stands_out(depth_mm: Picture) -> bool:
+    """Whether `depth_mm` (H, W) in mm, positive into the gel, rises somewhere as no gel beside such depth can.
+
+    Gel that contacts enclose, as within a ring, has nowhere else to go and may rise as far as it likes.
+    """
+    low, high, *_ = cv2.minMaxLoc(depth_mm)
+    limit = RISE_SHARE * max(high, 0.0) + RISE_MM
+    if -low <= limit:
+        return False
+    beside = np.ones(depth_mm.shape, np.uint8)
+    if high > 0:
+        pressed = cv2.findNonZero((depth_mm > high / 2).astype(np.uint8))
+        cv2.fillConvexPoly(beside, cv2.convexHull(pressed), (0.0,))
+    return bool((depth_mm[beside > 0] < -limit).any())
+
+
+def _length(values: Planes) -> Picture:
+    return np.asarray(np.sqrt(np.square(values).sum(axis=0)), np.float32)
+
+
+def measured_light(
+    method: ReferencedMethod,
+    pictures: Sequence[BallPicture],
+    *,
+    balls: Sequence[Ball | None],
+    free: Sequence[Bytes],
+    mm_per_px: Pair,
+) -> LightLaw | None:
+    """The method's light law with its noise and limit, out of ball pictures and rectified frames of `free` gel.
+
+    A picture is (H, W, 3). None where the method has no law.
+    """
+    if method.light_law is None:
+        return None
+    check = LightCheck(method, mm_per_px)
+    shown: list[tuple[Bytes, Ball | None]] = [
+        (picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None
+    ]
+    shown += [(rgb, None) for rgb in free]
+    cells, off, radii = [], [], []
+    for rgb, ball in shown:
+        cells.append(check.read(method.read(rgb).drift))
+        off.append(check.residual(*cells[-1]))
+        apart = (
+            np.full(method.reference.shape, np.inf)
+            if ball is None
+            else radii_from(ball, method.reference.shape, mm_per_px=mm_per_px)
+        )
+        radii.append(check._cells(apart[None].astype(np.float32))[0])
+    noise = _usual_length(np.stack(off), np.stack(radii)[:, None] > OUTSIDE)
+    noise = np.stack([check._mean(one) for one in noise])
+    check.noise_square = check._noise_square(noise)
+    reached = [
+        np.percentile(check.deviations(*one)[near <= NEARBY], REACHED)
+        for one, near, (_, ball) in zip(cells, radii, shown, strict=True)
+        if ball is not None and (near <= NEARBY).any()  # a contact of a few pixels fills no cell
+    ]
+    limit = max(LEAST, float(np.percentile(reached or [LEAST], PICTURES)))
+    return dataclasses.replace(method.light_law, noise=noise, limit=limit)
+
+
+def _usual_length(off: Planes, known: Bools) -> Planes:
+    """Root of the median square (3, h, w) over pictures (n, 3, h, w) where it is `known` (n, 1, h, w)."""
+    hidden = np.ma.masked_where(np.broadcast_to(~known, off.shape), np.square(off))
+    square = np.ma.median(hidden, axis=0)  # type: ignore[no-untyped-call]
+    usual = np.ma.median(hidden, axis=(0, 2, 3)).filled(0.0)  # type: ignore[no-untyped-call]
+    return np.asarray(np.sqrt(np.where(np.ma.getmaskarray(square), usual[:, None, None], square.data)), np.float32)

@@ -1,0 +1,398 @@
+"""Integrate slopes to a surface: Poisson's equation by cosine transforms."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bools, Floats, Pair
+
+# The unweighted normal equations of `poisson.py`, solved by one pair of cosine transforms.
+#
+# The cosine transform of type II diagonalises the 5-point Laplacian with natural borders, with the eigenvalues
+# (2 - 2 cos(pi k/N))/d^2, k = 0 .. N-1, per axis. It is quick where N has small factors alone. Where one axis has
+# not (427 = 7 * 61), the picture is continued along it by empty columns to a length M that has. What then flows
+# over the old border is taken back, for each mode k of the other axis, by the solution that grows towards it:
+#
+#     z(x) += G_k(x) sum_(x' >= N) z(x')      G_k(x) = 2 sinh(t/2) cosh(t (x + 1/2)) / sinh(t N)
+#     sinh(t/2) = (d_along/d_across) sin(pi k / (2 N_across))
+#
+# which solves the same equations with nothing on the right, and whose flow is that sum's. So the result is that of
+# the picture alone, to rounding error, at any size.
+
+Array = npt.NDArray[np.floating[Any]]
+MAX_FACTOR = 11  # the greatest prime factor that the transform has code of its own for
+
+
+class TransformSolver:
+    """Solves the unweighted normal equations for one size, scale and precision; tables are made once."""
+
+    def __init__(self, shape: tuple[int, int], mm_per_px: Pair, dtype: npt.DTypeLike) -> None:
+        self.shape, self.dtype = shape, np.dtype(dtype)
+        self.half = np.array([0.5 / mm_per_px[0], 0.5 / mm_per_px[1]], self.dtype)
+        self.axis, length = _continued(shape)
+        sizes = [shape[0], shape[1]]
+        sizes[self.axis] = length
+        self.inverse = np.asarray(inverse_eigenvalues((sizes[0], sizes[1]), mm_per_px), dtype=self.dtype)
+        self.growing: Array | None = None
+        if length > shape[self.axis]:
+            across = 1 - self.axis
+            ratio = mm_per_px[across] / mm_per_px[self.axis]  # mm_per_px is (x, y), axes are (y, x)
+            growing = _growing(shape[self.axis], shape[across], ratio)
+            self.growing = np.asarray(growing.T if self.axis == 0 else growing, dtype=self.dtype, order="C")
+            self.inside = (slice(None, shape[0]), slice(None, shape[1]))
+            beyond = slice(shape[self.axis], None)
+            self.beyond = (beyond, slice(None)) if self.axis == 0 else (slice(None), beyond)
+
+    def divergence(self, dz_dx: Array, dz_dy: Array) -> Array:
+        """Divergence (H, W) of slopes averaged onto the edges, (H, W) each."""
+        return edge_divergence(dz_dx, dz_dy, half=self.half)
+
+    def solve(self, right: Array) -> Array:
+        """Depth (H, W) of mean 0 whose 5-point Laplacian is `right`, which sums to 0."""
+        right = np.asarray(right, dtype=self.dtype)
+        if self.growing is None:
+            modes = fft.dctn(right, norm="ortho", overwrite_x=False)
+            modes *= self.inverse
+            return np.asarray(fft.idctn(modes, norm="ortho", overwrite_x=True))
+        across = 1 - self.axis
+        modes = np.zeros(self.inverse.shape, self.dtype)
+        modes[self.inside] = fft.dct(right, axis=across, norm="ortho")
+        modes = fft.dct(modes, axis=self.axis, norm="ortho", overwrite_x=True)
+        modes *= self.inverse
+        modes = fft.idct(modes, axis=self.axis, norm="ortho", overwrite_x=True)
+        depth: Array = self.growing * modes[self.beyond].sum(axis=self.axis, keepdims=True)
+        depth += modes[self.inside]
+        return np.asarray(fft.idct(depth, axis=across, norm="ortho", overwrite_x=True))
+
+
+def edge_divergence(dz_dx: Array, dz_dy: Array, *, half: Array) -> Array:
+    """Divergence (H, W) of slopes (H, W) averaged onto the edges: a central difference, halved at the borders.
+
+    `half` (2,) is 1/2 over the step along x and y.
+    """
+    out: Array = np.empty(dz_dx.shape, dtype=half.dtype)
+    if dz_dx.flags.c_contiguous:  # as one long row, which is twice as fast; both ends of each row are set below
+        flat = dz_dx.reshape(-1)
+        np.subtract(flat[2:], flat[:-2], out=out.reshape(-1)[1:-1])
+    else:
+        np.subtract(dz_dx[:, 2:], dz_dx[:, :-2], out=out[:, 1:-1])
+    np.add(dz_dx[:, 0], dz_dx[:, 1], out=out[:, 0])
+    # not np.negative in place: numpy 2.4 spoils a column of doubles 64 bytes apart
+    out[:, -1] = -(dz_dx[:, -1] + dz_dx[:, -2])
+    if half[0] != half[1]:
+        dz_dy = dz_dy * (half[1] / half[0])
+    out[1:-1] += dz_dy[2:]
+    out[1:-1] -= dz_dy[:-2]
+    out[0] += dz_dy[0] + dz_dy[1]
+    out[-1] -= dz_dy[-1] + dz_dy[-2]
+    out *= half[0]
+    return out
+
+
+@lru_cache(maxsize=16)
+def transform_solver(shape: tuple[int, int], mm_per_px: Pair, dtype: str) -> TransformSolver:
+    """The solver for (H, W), scale and numpy type character, made once and kept."""
+    return TransformSolver(shape, mm_per_px, np.float32 if dtype == "f" else np.float64)
+
+
+def inverse_eigenvalues(shape: tuple[int, int], mm_per_px: Pair) -> Floats:
+    """1 over the eigenvalues (H, W) of the Laplacian, none above 0; 0 for the mean, which slopes leave open."""
+    along_y, along_x = (
+        (2.0 - 2.0 * np.cos(np.pi * np.arange(count) / count)) / step**2
+        for count, step in zip(shape, mm_per_px[::-1], strict=True)
+    )
+    total = along_y[:, None] + along_x[None, :]
+    total[0, 0] = np.inf
+    return np.asarray(-1.0 / total)
+
+
+def _continued(shape: tuple[int, int]) -> tuple[int, int]:
+    """The axis whose length has the greatest prime factor, and the length that it is continued to."""
+    factors = [_greatest_factor(count) for count in shape]
+    axis = int(np.argmax(factors))
+    count = shape[axis]
+    return axis, fft.next_fast_len(count, real=True) if factors[axis] > MAX_FACTOR else count
+
+
+def _greatest_factor(count: int) -> int:
+    factor = 2
+    while factor * factor <= count:
+        if count % factor:
+            factor += 1
+        else:
+            count //= factor
+    return count
+
+
+def _growing(count: int, across: int, ratio: float) -> Floats:
+    """G (across, count); `ratio` is the step along by the step across."""
+    half = ratio * np.sin(np.pi * np.arange(1, across) / (2 * across))[:, None]
+    rate = 2.0 * np.arcsinh(half)
+    x, end = rate * (np.arange(count) + 0.5), rate * count
+    share = np.exp(x - end) * (1.0 + np.exp(-2.0 * x)) / (1.0 - np.exp(-2.0 * end))  # cosh(x) / sinh(end)
+    return np.concatenate([np.full((1, count), 1.0 / count), 2.0 * half * share])
+
+
+# Slopes to depth where the picture's border is known to lie flat: all of it at depth 0.
+#
+#     z = 0 on the outermost pixels,   L z = div (p, q) within        L, div: those of `poisson.py`
+#
+# solved exactly by one pair of sine transforms. A border that is known takes no error of slope along: of waves and
+# tilts that wrong slopes make, what a free border lets float is gone. It erases a true tilt as well, and bends a
+# contact that the border cuts; so the heights that the slopes themselves give the border are looked at first.
+
+MAX_BORDER_RISE = 0.05  # of the depth that comes out: what the border may rise or fall by
+
+
+def integrate_dirichlet(slopes: SlopeMap, mm_per_px: Pair) -> Array:
+    """Depth (H, W) in mm, float64, 0 on the outermost pixels.
+
+    Raises InputError where the slopes are not finite and valid throughout, or go up and down along the border by
+    more than MAX_BORDER_RISE of the depth within: a contact, or a tilt, is cut by it.
+    """
+    p, q = np.asarray(slopes.dz_dx, np.float64), np.asarray(slopes.dz_dy, np.float64)
+    known = np.isfinite(p) & np.isfinite(q) & (True if slopes.valid is None else slopes.valid)
+    if min(p.shape) < 3 or not known.all():
+        raise InputError(
+            "a flat border needs slopes everywhere, on 3 by 3 pixels at least",
+            where="integrate",
+            value=p.shape,
+            remedy="Leave the border free.",
+        )
+    right = edge_divergence(p, q, half=np.array([0.5 / step for step in mm_per_px]))[1:-1, 1:-1]
+    bend = [
+        (2.0 - 2.0 * np.cos(np.pi * np.arange(1, count + 1) / (count + 1))) / step**2
+        for count, step in zip(right.shape, mm_per_px[::-1], strict=True)
+    ]
+    modes = fft.dstn(right, type=1) / -(bend[0][:, None] + bend[1][None, :])
+    depth = np.pad(fft.idstn(modes, type=1), 1)
+    rises, deep = _rises_mm(p, q, mm_per_px), float(np.abs(depth).max())
+    if rises > MAX_BORDER_RISE * deep:
+        raise InputError(
+            "the border is not flat",
+            where="integrate",
+            value=f"{rises:.3f} mm up and down it",
+            remedy="Leave the border free.",
+        )
+    return np.asarray(depth)
+
+
+def _rises_mm(p: Array, q: Array, mm_per_px: Pair) -> float:
+    """The greatest difference of height along a side of the border, by its own slopes."""
+    sides = [(p[0], mm_per_px[0]), (p[-1], mm_per_px[0]), (q[:, 0], mm_per_px[1]), (q[:, -1], mm_per_px[1])]
+    heights = [np.cumsum(0.5 * (side[1:] + side[:-1])) * step for side, step in sides]
+    return max(float(np.ptp(height)) for height in heights)
+
+
+# Slopes to depth: the least-squares surface of a field of slopes, with its borders free.
+#
+# Unknown: the depth z at the pixels. The slopes p = dz/dx, q = dz/dy are known at the pixels too, so each is
+# averaged onto the half-pixel edge between two neighbours, where the difference of their depths lives:
+#
+#     minimise  sum_edges w_e [ (z_(i+1) - z_i)/d - (p_i + p_(i+1))/2 ]^2      d: mm per pixel, per axis
+#
+# With w = 1 the normal equations are a 5-point Laplacian with natural (Neumann) borders, which cosine transforms
+# solve (`dct_poisson.py`). The solution is exact for the scheme: a plane, a tilt and a paraboloid come back to
+# rounding error. The error on a smooth surface falls with the square of the pixel. The mean of the surface is left
+# at 0 (the slopes do not know it); `tactilevision.heightmap.zero_plane` finds the untouched gel.
+
+FLOOR = 1e-4  # weight of an edge that is not known: it only keeps an island's level from floating
+
+
+def integrate(
+    slopes: SlopeMap,
+    mm_per_px: Pair,
+    *,
+    weights: Array | None = None,
+    tolerance: float = 1e-6,
+    border: Literal["free", "flat"] = "free",
+) -> Array:
+    """Depth (H, W) in mm of `slopes`, its mean 0; float32 slopes are integrated in float32, others in float64.
+
+    `weights` (H, W) in [0, 1] says how far each pixel's slopes are to be trusted (0: not at all; the surface is
+    then carried over from the other pixels); None trusts all alike, which is one pair of cosine transforms.
+    Pixels outside `slopes.valid`, or not finite, count as weight 0. `tolerance` is the relative residual
+    at which the weighted solution stops. `border="flat"`: the outermost pixels are known to lie at depth 0, and
+    slopes everywhere (`dirichlet_poisson.py`).
+    Raises InputError on shapes that do not match, ConvergenceError where the weighted solution does not settle.
+    """
+    dz_dx, dz_dy = _checked(slopes)
+    if border == "flat":
+        return integrate_dirichlet(slopes, mm_per_px)
+    known = None if slopes.valid is None and weights is None else _known(slopes)
+    if known is None and weights is None:
+        solver = transform_solver(dz_dx.shape, mm_per_px, dz_dx.dtype.char)
+        with np.errstate(invalid="ignore"):
+            depth = solver.solve(solver.divergence(dz_dx, dz_dy))
+        if np.isfinite(depth[0, 0]):  # one slope that is not finite leaves no depth finite
+            return depth
+        known = _known(slopes)
+    trust = np.ones(dz_dx.shape) if weights is None else np.clip(np.asarray(weights, dtype=np.float64), 0.0, 1.0)
+    if trust.shape != dz_dx.shape:
+        raise InputError("weights have the shape of the slopes", where="integrate", value=trust.shape)
+    if known is not None:
+        trust = np.where(known, trust, 0.0)
+        dz_dx, dz_dy = np.where(known, dz_dx, 0.0), np.where(known, dz_dy, 0.0)
+    return weighted(dz_dx, dz_dy, weights=trust, mm_per_px=mm_per_px, tolerance=tolerance).astype(
+        slopes.dz_dx.dtype
+    )
+
+
+def divergence(x_edges: Array, y_edges: Array, mm_per_px: Pair) -> Array:
+    """Divergence (H, W) of `x_edges` (H, W-1) and `y_edges` (H-1, W): minus the adjoint of `gradient`.
+
+    No flow crosses the border, so the divergence sums to 0.
+    """
+    out = np.zeros((x_edges.shape[0], y_edges.shape[1]), dtype=x_edges.dtype)
+    along_x, along_y = x_edges / mm_per_px[0], y_edges / mm_per_px[1]
+    out[:, :-1] += along_x
+    out[:, 1:] -= along_x
+    out[:-1] += along_y
+    out[1:] -= along_y
+    return out
+
+
+def gradient(depth: Array, mm_per_px: Pair) -> tuple[Array, Array]:
+    """Differences of `depth` (H, W) over the edges: (H, W-1) along x and (H-1, W) along y, mm per mm."""
+    return np.diff(depth, axis=1) / mm_per_px[0], np.diff(depth, axis=0) / mm_per_px[1]
+
+
+def weighted(
+    dz_dx: Array,
+    dz_dy: Array,
+    *,
+    weights: Array,
+    mm_per_px: Pair,
+    tolerance: float = 1e-6,
+    max_iterations: int = 500,
+) -> Array:
+    """The weighted least-squares surface (H, W), mean 0, by conjugate gradients behind the exact transform.
+
+    An edge's weight is the smaller of its two pixels', at least FLOOR. Preconditioned by the unweighted
+    solution the spectrum lies in [FLOOR, 1], gathered at both ends, so that tens of iterations do.
+    """
+    weights = np.asarray(weights, dtype=np.float64)
+    w_x, w_y = np.minimum(weights[:, 1:], weights[:, :-1]), np.minimum(weights[1:], weights[:-1])
+    target_x = np.where(w_x > 0, 0.5 * (dz_dx[:, 1:] + dz_dx[:, :-1]), 0.0)  # unknown: stretched like a membrane
+    target_y = np.where(w_y > 0, 0.5 * (dz_dy[1:] + dz_dy[:-1]), 0.0)
+    w_x, w_y = np.maximum(w_x, FLOOR), np.maximum(w_y, FLOOR)
+    return solve_edges(
+        target_x,
+        target_y,
+        w_x=w_x,
+        w_y=w_y,
+        mm_per_px=mm_per_px,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+    )
+
+
+def solve_edges(
+    target_x: Array,
+    target_y: Array,
+    *,
+    w_x: Array,
+    w_y: Array,
+    mm_per_px: Pair,
+    tolerance: float = 1e-6,
+    max_iterations: int = 500,
+    start: Array | None = None,
+) -> Array:
+    """Depth whose differences are nearest to the targets (H, W-1), (H-1, W) under the weights of the edges."""
+    solver = transform_solver((target_x.shape[0], target_y.shape[1]), mm_per_px, "d")
+
+    def stiffness(depth: Array) -> Array:
+        g_x, g_y = gradient(depth, mm_per_px)
+        return -divergence(w_x * g_x, w_y * g_y, mm_per_px)
+
+    right = -divergence(w_x * target_x, w_y * target_y, mm_per_px)
+    depth: Array = np.zeros_like(right) if start is None else np.array(start, dtype=np.float64)
+    residual = right - stiffness(depth) if start is not None else right.copy()
+    step = solver.solve(-residual)
+    goal = tolerance**2 * abs(float(np.vdot(right, solver.solve(-right))))
+    energy, direction = float(np.vdot(residual, step)), step
+    for _ in range(max_iterations):
+        if energy <= goal:
+            return np.asarray(depth - depth.mean())
+        pushed = stiffness(direction)
+        length = energy / float(np.vdot(direction, pushed))
+        depth = depth + length * direction
+        residual = residual - length * pushed
+        step = solver.solve(-residual)
+        before, energy = energy, float(np.vdot(residual, step))
+        direction = step + (energy / before) * direction
+    raise ConvergenceError(
+        f"weighted integration stopped after {max_iterations} iterations at a relative residual of "
+        f"{np.sqrt(energy / goal) * tolerance:.1e}, {tolerance:.1e} was asked for"
+    )
+
+
+def _known(slopes: SlopeMap) -> npt.NDArray[np.bool_] | None:
+    finite = np.isfinite(slopes.dz_dx) & np.isfinite(slopes.dz_dy)
+    known = finite if slopes.valid is None else finite & slopes.valid
+    return None if known.all() else known
+
+
+def _checked(slopes: SlopeMap) -> tuple[Array, Array]:
+    shape = slopes.dz_dx.shape
+    if len(shape) != 2 or slopes.dz_dy.shape != shape or min(shape) < 2:
+        raise InputError(
+            "slopes are two fields (H, W) alike, at least 2 by 2",
+            where="integrate",
+            value=(shape, slopes.dz_dy.shape),
+        )
+    if slopes.dz_dx.dtype == np.float32 and slopes.dz_dy.dtype == np.float32:
+        return slopes.dz_dx, slopes.dz_dy
+    return np.asarray(slopes.dz_dx, dtype=np.float64), np.asarray(slopes.dz_dy, dtype=np.float64)
+
+
+# Slopes on squares to depth on squares twice as wide, without the blur that wide squares would bring.
+#
+# The difference of the depths of two neighbouring squares is the mean slope between their middles:
+#
+#     (z_(i+1) - z_i)/d = mean of p over the square of side d that is centred on their common edge
+#
+# which is four squares half as wide. The mean of the two squares' own slopes instead reaches over 2 d: it blurs a
+# surface with a deviation of .5 d, and beside a punch that takes .001 to .002 off nu at d = .25 mm.
+
+
+def integrate_half_squares(
+    dz_dx: Floats, dz_dy: Floats, *, share: Floats, least: float, mm_per_px: Pair
+) -> tuple[Floats, Bools]:
+    """Depth (h, w) in mm, its mean 0, and where it is known (h, w), from mean slopes (2h, 2w) of half squares.
+
+    `share` (2h, 2w), from 0 to 1, of each half square's pixels that are readable; squares and edges with less than
+    `least` of theirs are not known, the surface is carried over them. `mm_per_px` (x, y) of half squares.
+    """
+    known = _along_both(share) > 4 * least
+    weights, targets = [], []
+    for slope, turned in ((dz_dx, False), (dz_dy, True)):
+        part, total = (_between(a.T if turned else a) for a in (share, share * slope))
+        ends = known.T if turned else known
+        sound = (part > 4 * least) & ends[:, 1:] & ends[:, :-1]
+        target = np.where(sound, total / np.where(sound, part, 1.0), 0.0)
+        weight = np.where(sound, 1.0, FLOOR)
+        weights.append(weight.T if turned else weight)
+        targets.append(target.T if turned else target)
+    scale = (2 * mm_per_px[0], 2 * mm_per_px[1])
+    depth = solve_edges(*targets, w_x=weights[0], w_y=weights[1], mm_per_px=scale)
+    return np.asarray(depth, np.float64), known
+
+
+def _along_both(values: Floats) -> Floats:
+    """Sums (h, w) over the four half squares of each square, of values (2h, 2w)."""
+    rows = values[::2] + values[1::2]
+    return np.asarray(rows[:, ::2] + rows[:, 1::2])
+
+
+def _between(values: Floats) -> Floats:
+    """Sums (h, w - 1) over the four half squares round the edge of two squares that are neighbours in a row."""
+    rows = values[::2] + values[1::2]
+    return np.asarray(rows[:, 1:-1:2] + rows[:, 2:-1:2])

@@ -1,0 +1,281 @@
+"""Name what has changed in the pictures since their reference, compression included."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.photometric.reference import COLOURS
+from tactilevision.records.measured import Bools, Bytes, Floats
+from tactilevision.robust import mad_std
+
+# What has happened to the pictures since their reference, by name.
+#
+# Blocks of the untouched gel are compared with the reference's, as logarithms of grey. Each fault leaves a pattern
+# of its own in ln(picture/reference):
+#
+#     channels swapped, mirrored   the reference with its colours or sides exchanged fits, as it is it does not
+#     a lamp failed                one channel falls off over the picture by less than others, in some or all
+#     gamma changed                it grows with ln(reference), in all channels alike
+#     automatic exposure           one number for all blocks and channels, another in each frame
+#     torn gel, dirt               a mark at one place in all frames, or from one on, in all channels alike
+#
+# The median over frames stands for the untouched gel, so contacts may cover half of them. A drift of the lamps is
+# none of these; `photometric/drift.py` undoes it.
+
+BLOCKS = (16, 12)  # across and down: coarse enough that markers and noise tell nothing
+FINE_BLOCKS = (48, 36)  # across and down, for marks that are small
+DARK_GREY = 4.0  # added to grey levels, so that black has a logarithm
+MIN_CHANGE = 0.08  # ln of grey: lamps that drift, and contacts, change less
+BETTER = 0.5  # share of the change that is left when the right exchange is undone
+FAILED = 0.75  # share that a channel keeps over that of the others: seven real sets keep .976, single frames .934
+MIN_FALL = (
+    0.1  # of a channel's brightness, from the darker to the brighter half: less is told by brightness itself
+)
+LEAST_KEPT = 0.01  # share of a channel that is dark
+GAMMA_CHANGE = 0.12  # of the exponent: a camera's own curve keeps it within .05
+GAMMA_SPREAD = 0.15  # ln of grey, deviation over the picture: less shows no exponent
+EXPOSURE = 0.05  # ln of grey between frames: lamps flicker by less
+ALIKE = 0.25  # of the exposure's change: the most by which channels and places may differ in it
+MIN_FRAMES = 3  # frames from which changes between them are told
+MIN_DARK = 2  # frames with a lamp out: one alone may be a contact that covers it
+MARK = 0.2  # ln of grey of a mark: dust and grain stay below it
+MARK_SIGMA = 8.0  # deviations of all blocks that a mark stands out
+MARK_BLOCKS = 4  # fine blocks that a mark covers: one may be a dead pixel or a hair
+MARK_WIDTH = 8.0  # fine blocks, sigma: wider changes are the light's
+MARK_EDGE = 2  # fine blocks along the border, which do not count
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFault:
+    """What happened, in a sentence; `spoils`: depths are false by it; `dims`: a lamp's light is missing."""
+
+    sentence: str
+    spoils: bool
+    dims: bool = False
+
+
+def scene_faults(
+    reference: npt.NDArray[np.floating], pictures: Sequence[Bytes], *, names: Sequence[str] = ()
+) -> tuple[SceneFault, ...]:
+    """What happened to rectified `pictures` (H, W, 3) since the `reference` (H, W, 3), both in grey levels.
+
+    They are in the order of time, and their `names` are told; without names they are counted. Empty where they are
+    as the reference is, and where none has its shape.
+    """
+    called = names or [f"number {k + 1}" for k in range(len(pictures))]
+    names = [name for name, rgb in zip(called, pictures, strict=True) if rgb.shape == reference.shape]
+    pictures = [rgb for rgb in pictures if rgb.shape == reference.shape]
+    if not pictures:
+        return ()
+    before, change = _changes(reference, pictures)
+    if exchange := exchanged(before, before + np.median(change, axis=0)):
+        told = (
+            f"the frames {exchange} against the untouched reference: read both in the same way; depths are false"
+        )
+        return (SceneFault(told, spoils=True),)
+    kept = _kept(before, change)
+    dark = _failed_lamp(kept)
+    spoiling = dark or _gamma(before, change)
+    others = ("" if spoiling else _failed_later(kept), _exposure(change), _mark(reference, pictures, names))
+    found = [SceneFault(spoiling, spoils=True, dims=bool(dark))] if spoiling else []
+    return (*found, *(SceneFault(said, spoils=False) for said in others if said))
+
+
+def check_order(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> None:
+    """Raise InputError where ball `pictures` and the `reference`, all (H, W, 3) in grey levels, have sides or
+    colours exchanged.
+    """
+    before, change = _changes(reference, pictures)
+    if exchange := exchanged(before, before + np.median(change, axis=0)):
+        raise InputError(
+            f"the ball pictures {exchange} against the untouched gel's",
+            where="reference/ball",
+            remedy="Save both in the same way: taken by one program, sides and colours as they came.",
+        )
+
+
+def able_to_renew(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> list[Bytes]:
+    """The rectified `pictures` (H, W, 3) that may renew the `reference` (H, W, 3): no fault spoils them.
+
+    Where none is sound, those that lack a lamp's light: slopes are then read from what is left of it.
+    """
+    faults = [scene_faults(reference, [rgb]) for rgb in pictures]
+    sound = [rgb for rgb, found in zip(pictures, faults, strict=True) if not any(one.spoils for one in found)]
+    return sound or [rgb for rgb, found in zip(pictures, faults, strict=True) if any(one.dims for one in found)]
+
+
+def _changes(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> tuple[Floats, Floats]:
+    """ln of grey of the `reference` in BLOCKS, and what each picture has beside it."""
+    before = _blocks(reference, BLOCKS)
+    return before, np.stack([_blocks(rgb, BLOCKS) for rgb in pictures]) - before
+
+
+def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
+    """ln of mean grey (rows, columns, 3) in blocks."""
+    grey = cv2.resize(np.asarray(rgb, np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(np.log(grey.astype(np.float64) + DARK_GREY))
+
+
+def exchanged(before: Floats, now: Floats) -> str:
+    """The exchange of sides or colours between two lights, ln of grey (rows, columns, 3); "" for none."""
+    found = {}
+    sides: dict[str, Callable[[Floats], Floats]] = {
+        "": lambda a: a,
+        "mirrored left to right": lambda a: a[:, ::-1],
+        "mirrored top to bottom": lambda a: a[::-1],
+        "turned by 180 degrees": lambda a: a[::-1, ::-1],
+    }
+    for side, turn in sides.items():
+        for order in permutations(range(3)):
+            found[side, order] = _pattern(turn(now)[..., list(order)] - before)
+    best = min(found, key=lambda key: found[key])
+    plain = found["", (0, 1, 2)]
+    if plain < MIN_CHANGE or found[best] > BETTER * plain:
+        return ""
+    side, order = best
+    swapped = "" if order == (0, 1, 2) else "have red and blue swapped (BGR for RGB)"
+    if order not in ((0, 1, 2), (2, 1, 0)):
+        swapped = f"have their channels in the order {', '.join(COLOURS[k] for k in order)}"
+    return " and ".join(part for part in (f"are {side}" if side else "", swapped) if part)
+
+
+def _pattern(change: Floats) -> float:
+    """How far blocks and channels changed apart: the median size, as of a normal deviation."""
+    known = change[np.isfinite(change)]
+    return mad_std(known) if known.size else float("inf")
+
+
+def _kept(before: Floats, change: Floats) -> Floats:
+    """ln of the share that each frame (frames, 3) keeps of a channel's light, by its fall-off over the picture.
+
+    It is the median slope of brightness over the reference's, from darker to brighter blocks: stray light that
+    lies evenly on both has no part in it. A channel without fall-off is told by its brightness.
+    """
+    grey, now = np.exp(before).reshape(-1, 3), np.exp(before + change).reshape(len(change), -1, 3)
+    order, half, channels = np.argsort(grey, axis=0), len(grey) // 2, np.arange(3)
+    low, high = order[:half], order[-half:]
+    run = grey[high, channels] - grey[low, channels]
+    slopes = (now[:, high, channels] - now[:, low, channels]) / np.maximum(run, np.finfo(float).tiny)
+    falls = np.median(run, axis=0) > MIN_FALL * np.median(grey, axis=0)
+    by_fall = np.log(np.maximum(np.median(slopes, axis=1), LEAST_KEPT))
+    return np.where(falls, by_fall, np.median(change, axis=(1, 2)))
+
+
+def _failed_lamp(kept: Floats) -> str:
+    grey = np.median(kept, axis=0)
+    darkest = int(np.argmin(grey))
+    others = float(np.delete(grey, darkest).max())
+    share = float(np.exp(grey[darkest] - others))
+    if share > FAILED:
+        return ""
+    return (
+        f"{COLOURS[darkest]} has {share:.2f} of its brightness beside the other colours: a lamp failed, faded or "
+        "is covered; depths lean on the colours that are left. Mend the lamp, or calibrate anew"
+    )
+
+
+def _failed_later(kept: Floats) -> str:
+    """As `_failed_lamp`, of those frames that lack one colour; a contact brightens one where another darkens."""
+    lost = np.sort(kept, axis=1)[:, 1] + np.log(FAILED)  # beside the nearer one of the other colours
+    dark = (kept < np.minimum(lost, np.log(FAILED))[:, None]).any(axis=1)
+    which = np.argmin(kept, axis=1)
+    dark &= which == np.argmax(np.bincount(which[dark], minlength=3))
+    if np.count_nonzero(dark) < MIN_DARK or not _failed_lamp(kept[dark]):
+        return ""
+    return f"in {np.count_nonzero(dark)} of {len(kept)} frames looked at, {_failed_lamp(kept[dark])}"
+
+
+def _gamma(before: Floats, change: Floats) -> str:
+    x, y = before.ravel(), np.median(change, axis=0).ravel()
+    x = x - np.median(x)
+    if mad_std(x) < GAMMA_SPREAD:
+        return ""
+    runs, rises = np.subtract.outer(x, x), np.subtract.outer(y, y)
+    slope = float(np.median(rises[runs > 0] / runs[runs > 0]))  # Theil and Sen's
+    if abs(slope) < GAMMA_CHANGE:
+        return ""
+    from scipy.stats import theilslopes  # for its interval: a second to import
+
+    _, offset, low, high = theilslopes(y, x, alpha=0.99)
+    left = mad_std(y - slope * x - offset)
+    if low * high <= 0 or left > BETTER * mad_std(y):
+        return ""
+    return (
+        f"brightness goes with the reference's to the power {1 + slope:.2f}: the camera's gamma or contrast was "
+        "changed since; set it back, or calibrate anew"
+    )
+
+
+def _exposure(change: Floats) -> str:
+    if len(change) < MIN_FRAMES:
+        return ""
+    frames = np.median(change, axis=(1, 2))
+    common = frames.mean(axis=1)
+    swing, apart = float(np.ptp(common)), float(np.ptp(frames - common[:, None], axis=0).max())
+    by_place = change[np.argmax(common)] - change[np.argmin(common)]
+    if swing < EXPOSURE or max(apart, mad_std(by_place)) > ALIKE * swing:
+        return ""
+    return (
+        f"brightness differs by {100 * np.expm1(swing):.0f} % between frames, in all colours alike: exposure on "
+        "automatic, stray light or an unsteady lamp supply? Fix what changes"
+    )
+
+
+def _detail(change: Floats) -> Floats:
+    return np.asarray(change - cv2.GaussianBlur(change, (0, 0), MARK_WIDTH))
+
+
+def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes], names: Sequence[str]) -> str:
+    """A mark that all frames and channels show at one place from some frame on, and the reference does not.
+
+    A contact makes some channels brighter and others darker; a mark changes all alike.
+    """
+    before = _blocks(reference, FINE_BLOCKS)
+    detail = np.stack([_detail(_blocks(rgb, FINE_BLOCKS) - before) for rgb in pictures])
+    limit = max(MARK, MARK_SIGMA * mad_std(np.median(detail, axis=(0, 3))))
+    darker, brighter = ((sign * detail).min(axis=3) for sign in (-1, 1))  # in all channels, by at least
+    for first in range(len(pictures) - MIN_FRAMES + 1):
+        lasting = np.maximum(darker[first:].min(axis=0), brighter[first:].min(axis=0))
+        if (at := _marked(lasting > limit)) is not None:
+            x, y = ((k + 0.5) * n / m for k, n, m in zip(at, reference.shape[1::-1], FINE_BLOCKS, strict=True))
+            which = "all frames" if first == 0 else f"all frames looked at from {names[first]} on"
+            return (
+                f"{which} show a mark near ({x:.0f}, {y:.0f}) px that the reference has not: torn gel or dirt? "
+                "Clean it; else take a new reference, or a new gel"
+            )
+    return ""
+
+
+def _marked(seen: Bools) -> tuple[float, float] | None:
+    """The middle (column, row) of a mark among fine blocks (rows, columns) `seen` to differ; None if none."""
+    count, patches, _, centres = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
+    for number in range(1, count):
+        column, row = centres[number]
+        inside = MARK_EDGE <= column < FINE_BLOCKS[0] - MARK_EDGE and MARK_EDGE <= row < FINE_BLOCKS[1] - MARK_EDGE
+        if inside and np.count_nonzero(patches == number) >= MARK_BLOCKS:
+            return float(column), float(row)
+    return None
+
+
+# How strongly pictures were compressed, by the steps that JPEG and video codes leave between their blocks.
+
+BLOCK = 8  # px of a block of JPEG and of most video codes
+
+
+def blocks_grey(rgb: Bytes) -> float:
+    """Grey levels by which neighbours differ more across blocks of a picture (H, W, 3) than within; 0 at least."""
+    picture = rgb.astype(np.float32)
+    return max(0.0, _across(picture), _across(picture.transpose(1, 0, 2)))
+
+
+def _across(picture: npt.NDArray[np.float32]) -> float:
+    steps = np.abs(np.diff(picture, axis=1)).mean(axis=(0, 2))
+    border = np.arange(1, len(steps) + 1) % BLOCK == 0
+    return float(np.median(steps[border]) - np.median(steps[~border])) if border.any() else 0.0

@@ -1,0 +1,243 @@
+"""Choose frames of the untouched gel, renew the reference, and correct a method's bias."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.heightmap.ball_validation import held_out_depth, seen_gain_std
+from tactilevision.heightmap.deviation import contributions_mm
+from tactilevision.heightmap.deviation_terms import leakage_share, untouched_std_mm
+from tactilevision.heightmap.inconsistent_light import measured_light
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.reference_match import (
+    baseline,
+    contact_in_reference,
+    pressed_beside,
+    rectified_frames,
+    some_frames,
+)
+from tactilevision.heightmap.scene_faults import able_to_renew
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_samples import far_from
+from tactilevision.photometric.calibrate import Calibration
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
+from tactilevision.photometric.reference import BackgroundSums, Reference, make_reference
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes, Pair
+from tactilevision.records.rig import Sensor
+from tactilevision.sensors.rectification import rectify
+
+if TYPE_CHECKING:
+    from tactilevision.recording.model import Recording
+
+
+# What frames of the free gel say of a method: its reference renewed, its bias taken off.
+
+FREE_SHARE = 0.97  # of the blocks that follow the light's drift: the rest is noise
+MIN_FREE = 4  # untouched frames; of fewer the noise would be taken for bias
+MAX_FREE = 16  # untouched frames that are read, at most
+
+
+def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
+    """The method's reference renewed out of rectified `frames`, as far as they show the gel untouched.
+
+    Reference pictures are often means of several frames, or older than the recording; in the dark, noise that is
+    cut off at black then makes the two differ. Fewer than MIN_FREE untouched frames leave it as it was, and so do
+    frames that disagree, as strongly compressed ones may.
+    """
+    free = untouched_of(method, frames)
+    if len(free) < MIN_FREE:
+        return method.reference
+    try:
+        renewed = make_reference(free, may_have_marks=method.reference.marks is not None)
+    except InputError:
+        return method.reference
+    return dataclasses.replace(renewed, usable=renewed.usable & method.reference.usable)
+
+
+def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMethod:
+    """The method without the slopes that it still finds, on the mean, in rectified `frames` of untouched gel.
+
+    They are found as surfaces will be read: from then on gentle gel in means of pixels, where that can be.
+    Fewer than MIN_FREE untouched frames leave it as it was: their noise would be taken for bias.
+    """
+    free = untouched_of(method, frames)
+    if len(free) < MIN_FREE:
+        return method
+    whole, mean = BackgroundSums(method.reference.shape), BackgroundSums(method.reference.shape)
+    px = tile_px_for(method)
+    coarse = TiledEvaluator(method, px) if px > 1 else None
+    for rgb in free:
+        read = method.read(rgb).slopes
+        for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
+            sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
+    card = dataclasses.replace(method.card, frame_noise=whole.noise_over(method.noise), tile_px=px)
+    return dataclasses.replace(
+        method, background=mean.added_to(method.current_background, method.kept_share), card=card
+    )
+
+
+def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:
+    """Those of `frames` nearly all of which follows the light's drift, and whose pictures no fault spoils."""
+    free = []
+    for rgb in able_to_renew(method.reference.rgb, frames):
+        drift = method.change.tracker.measure(rgb)
+        if drift.untouched[method.change.tracker.usable.reshape(drift.untouched.shape)].mean() > FREE_SHARE:
+            free.append(rgb)
+    return free
+
+
+def free_frames(recording: Recording) -> list[Bytes]:
+    """The rectified pictures (H, W, 3) of `press_starts`; of a recording without presses, its flats,
+    where they are MIN_FREE or more.
+    """
+    from tactilevision.recording.pictures import read_reference
+
+    if not recording.presses and len(recording.flats) >= MIN_FREE:
+        flats = recording.flats[:MAX_FREE]
+        return [rectify(recording.sensor, read_reference(recording, path)) for path in flats]
+    return [frame.rgb for frame in press_starts(recording)]
+
+
+def press_starts(recording: Recording) -> list[Frame]:
+    """At most MAX_FREE rectified frames from the beginnings of the presses, when the gel is likely to be free."""
+    times = recording.frame_times_s
+    if recording.frames_path is None or not len(times) or not recording.presses:
+        return []
+    starts = np.array([press.start_s for press in recording.presses])
+    chosen = np.linspace(0, len(starts) - 1, min(MAX_FREE, len(starts))).astype(int)
+    return rectified_frames(recording, np.unique(np.searchsorted(times, starts[chosen]).clip(0, len(times) - 1)))
+
+
+# A calibration made to fit the free gel of its sensor, its errors measured on its own ball pictures.
+
+MAX_WAVES = 8  # pictures with balls that are looked at, at most
+
+
+def tuned(
+    sensor: Sensor, calibration: Calibration, *, pictures: Sequence[BallPicture], free: Sequence[Bytes]
+) -> Reconstructor:
+    """The reconstructor of a calibration, made to fit rectified frames of the free gel, its errors measured.
+
+    How far untouched gel is from flat is told, place by place, by the `free` frames where there are enough of
+    them, else by the ball pictures.
+    """
+    gain = seen_gain_std(calibration.method, pictures, balls=calibration.balls, mm_per_px=sensor.mm_per_px)
+    card = dataclasses.replace(calibration.method.card, sensor=sensor.kind, seen_gain_std=gain)
+    card = card.extended(held_out_depth(calibration, pictures, mm_per_px=sensor.mm_per_px, seen_gain=gain))
+    factor = float(card.other.get("depth_coverage_factor", 1.0))
+    place_gain = np.round(factor * np.array(card.place_gain_std), 5).tolist()
+    card = dataclasses.replace(card, seen_gain_std=factor * gain, place_gain_std=place_gain)
+    card = dataclasses.replace(card, leakage_std=_spread(sensor, calibration, pictures))
+    method = dataclasses.replace(calibration.method, card=card)
+    settled = subtract_background(dataclasses.replace(method, reference=tare(method, free)), free)
+    if settled.background is method.background:
+        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, balls=calibration.balls)
+        settled = settled.with_card(dataclasses.replace(card, untouched_depth_rms_mm=waves_mm))
+    else:
+        reader = Reconstructor(sensor, settled)
+        flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
+        std_mm = np.round(untouched_std_mm(flat), 6).tolist()
+        settled = settled.with_card(dataclasses.replace(settled.card, untouched_std_mm=std_mm))
+    light = measured_light(
+        settled, pictures, balls=calibration.balls, free=untouched_of(settled, free), mm_per_px=sensor.mm_per_px
+    )
+    settled = dataclasses.replace(settled, light_law=light)
+    reader = Reconstructor(sensor, settled)
+    usual = baseline(reader.match_residuals, [*(picture.rgb for picture in pictures), *free])
+    terms = depth_terms_mm(Reconstructor(sensor, settled), pictures, balls=calibration.balls)
+    settled = settled.with_card(dataclasses.replace(settled.card, baseline=usual, depth_terms_mm=terms))
+    return Reconstructor(sensor, settled, calibration=calibration)
+
+
+def depth_terms_mm(
+    reader: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
+) -> dict[str, float]:
+    """What each term adds to the deviation of depth under a ball: rms in mm, the median over ball pictures."""
+    found = []
+    for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
+        if ball is not None:
+            height = reader.rectified_map(picture.rgb)
+            found.append(contributions_mm(height, reader.depth_terms(height)))
+    return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
+
+
+def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPicture]) -> float:
+    """How far errors of slope reach beside a contact, by laws that never saw a third of the balls."""
+    method = calibration.method
+    others = [dataclasses.replace(method, law=law) for law in calibration.other_laws]
+    maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
+    gain = np.array(method.card.place_gain_std) / method.card.coverage_factor
+    return leakage_share(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
+
+
+def _depth(reader: Reconstructor, rgb: Bytes) -> npt.NDArray[Any]:
+    return reader.rectified_map(rgb).depth_mm
+
+
+def untouched_rms_mm(
+    reconstructor: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
+) -> float:
+    """How far from flat untouched gel comes out: the median over ball pictures, away from the ball, mm."""
+    found = []
+    for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
+        if ball is not None:
+            height = reconstructor.rectified_map(picture.rgb)
+            away = far_from(ball, height.depth_mm.shape, mm_per_px=reconstructor.sensor.mm_per_px) & height.valid
+            if away.any():
+                found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
+    return float(np.median(found)) if found else 0.0
+
+
+# Where the frame that was taken for untouched gel shows a contact, the median of the frames may stand for it.
+#
+# A contact in the reference stands in every frame as a hill; contacts that move leave none in the median.
+
+MAX_FRAMES = 25  # frames of which the median is taken: a place may be pressed in twelve of them
+
+
+def with_free_reference(
+    recording: Recording,
+    flats: Sequence[Bytes],
+    ready: Reconstructor,
+    *,
+    read: Callable[[Sequence[Bytes]], Reconstructor],
+) -> tuple[Sequence[Bytes], Reconstructor, tuple[str, ...]]:
+    """Pictures (H, W, 3) of the untouched gel, the reconstructor against them, and what was taken for them.
+
+    The same as before unless the guessed frame shows a contact and the median of the frames shows none, neither
+    by the frames nor against the guessed frame. `read` makes a reconstructor against such pictures.
+    """
+    frames = some_frames(recording, count=MAX_FRAMES)
+    at = _contact(ready, frames)
+    if at is None:
+        return flats, ready, ()
+    median: Bytes = np.median(frames, axis=0).round().astype(np.uint8)
+    against = read([median])
+    if _contact(against, frames) is not None or _pressed(ready, median):
+        return flats, ready, ()
+    name = recording.frame_names[recording.flat_frames[0]]
+    note = (
+        f"{name} shows a contact near ({at[0]:.0f}, {at[1]:.0f}) px: in its place the median of {len(frames)} "
+        "frames is taken for the untouched gel; --reference states a picture of it"
+    )
+    return [median], against, (note,)
+
+
+def _contact(reader: Reconstructor, frames: Sequence[Bytes]) -> Pair | None:
+    method = reader.referenced
+    return None if method is None else contact_in_reference(method, reader.rectified_map, pictures=frames)
+
+
+def _pressed(reader: Reconstructor, picture: Bytes) -> bool:
+    method = reader.referenced
+    return method is None or pressed_beside(method, reader.rectified_map, picture=picture)

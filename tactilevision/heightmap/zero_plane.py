@@ -1,0 +1,245 @@
+"""Fit the plane of zero depth to the untouched gel.
+
+Slopes leave the mean of the surface open, and a small error common to all slopes tilts the whole of it.
+The gel that nobody touches is flat and at depth 0, so
+
+    z(x, y) = c_0 + c_x X + c_y Y + c_d (1 + e d / L) exp(-d / L)      on the untouched part
+
+is fitted there and the plane taken off everywhere. The last term is the gel's own rise (or sinking) beside
+the contact, d away from it, which must not be taken for a zero. In a bonded layer of thickness h it dies out over
+.75 h beside flat punches (finite elements) and over h beside balls (layer theory): e says by what part the
+picture's own L differs from the usual .9 h, and is expected to be no more than that, or than h is uncertain. What
+is not known of it is in the plane's deviation. With L held at .75 h the plane lay 12 um too low (now 2) round a
+ball of 5.7 mm in contact radius on gels of 2 to 4 mm, and up to 3 um (1) round smaller contacts.
+Only the untouched part is asked, so the tilt of a punch stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.compiled import compiled
+from tactilevision.photometric.windows import distance_px
+from tactilevision.records.contact_thresholds import slope_limit
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse, mad_std
+
+Depth = npt.NDArray[np.floating[Any]]
+DECAY_PER_THICKNESS = 0.9  # of the thickness over which the rise dies out: punches .75, balls 1
+DECAY_STD = 0.17  # relative, from contact to contact
+USUAL_THICKNESS_MM = 3.0  # mm, of gel whose thickness nobody has told
+THICKNESS_STD = 0.3  # relative deviation of such a thickness
+FIRST_WEIGHT = 1e3  # times as heavy as all blocks: the first round leaves L as it is
+MIN_RISE = 1e-3  # of the blocks' scatter: no rise at all
+CORRELATED = 50.0  # blocks, a tenth of the picture, over which errors of integrated slopes hang together
+BLOCKS = 600  # over the picture, about: small against contacts, large against noise
+MIN_BLOCKS = 12  # untouched blocks; fewer do not fix a tilt
+MAX_DROP = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
+DENTED = 5.0  # of the untouched blocks' scatter, beyond which the deepest of the others is a dent; as for a region
+MAX_ITERATIONS = 4  # rounds of reweighting, at most: a frame has little time
+CONVERGENCE_TOL = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
+STIFFENING = 1.0 + 1e-9 * np.eye(5)  # factor on normal equations: terms that are alike leave them singular
+SAMPLED = 8  # places along each side of a block that stand for it
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroPlane:
+    """`offset_mm`, `tilt` (per X, Y from -1 to 1, mm).
+
+    `std_mm` of the plane at the picture's centre, `tilt_std_mm` of its tilt; `share` untouched. `takes`
+    (3, blocks): what offset and tilt take of each block's depth, None where the plane is no fit.
+    """
+
+    offset_mm: float
+    tilt_mm: Pair
+    std_mm: float
+    share: float
+    takes: npt.NDArray[np.float32] | None = None
+    tilt_std_mm: Pair = (0.0, 0.0)
+
+
+def find_zero_plane(
+    depth: Depth,
+    untouched: Bools,
+    *,
+    mm_per_px: Pair,
+    thickness_mm: float | None = None,
+    trusted: Bools | None = None,
+) -> ZeroPlane:
+    """The zero plane of `depth` (H, W), in mm.
+
+    `untouched` (h, w) are blocks of it, a coarser picture of the same view. The plane is fitted to `trusted` ones,
+    all where None; the others, too dark to be read, are no contact that gel would rise beside.
+
+    With too little untouched gel to fix a tilt the offset alone is taken, and with none at all the median, its
+    uncertainty then the spread of the whole map.
+    """
+    blocks = _means(np.asarray(depth), untouched.shape)
+    gel = _outer_gel(untouched if trusted is None else untouched | ~trusted, blocks)
+    flat = (gel if trusted is None else gel & trusted).ravel()
+    count = np.count_nonzero(flat)
+    if count < MIN_BLOCKS:
+        return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(flat.mean()))
+    terms = _terms(gel, depth.shape, mm_per_px, thickness_mm)
+    tilts = [1, 2]
+    if 3 * count < 2 * len(flat):  # two thirds of them never lie within half of the picture
+        tilts = [k for k in tilts if np.ptp(terms[k, flat]) > 1.0]
+    used = [0, *tilts, *((3, 4) if _dented(blocks, gel.ravel(), flat, terms[:3]) else ())]
+    decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
+    solution, stds, inverse = _reweighted_fit(
+        terms if len(used) == len(terms) else terms[used], blocks, flat, rises=4 in used, decay_std=decay_std
+    )
+    full, std, takes = np.zeros(5), np.zeros(5), np.zeros((3, len(flat)), np.float32)
+    full[used], std[used], takes[[0, *tilts]] = solution, stds, inverse[: 1 + len(tilts)]
+    offset, *tilt = full[:3].tolist()
+    std_mm, *tilt_std = std[:3].tolist()
+    return ZeroPlane(offset, (tilt[0], tilt[1]), std_mm, count / len(flat), takes, (tilt_std[0], tilt_std[1]))
+
+
+def level(depth: Depth, zero: ZeroPlane) -> None:
+    """Take the plane off `depth` (H, W), in place."""
+    y, x = (_places(count, depth.dtype.char) for count in depth.shape)
+    depth -= x * depth.dtype.type(zero.tilt_mm[0]) + depth.dtype.type(zero.offset_mm)
+    depth -= (y * depth.dtype.type(zero.tilt_mm[1]))[:, None]
+
+
+@lru_cache(maxsize=16)
+def _places(count: int, dtype: str) -> Depth:
+    return np.linspace(-1, 1, count).astype(dtype)
+
+
+def slope_of(zero: ZeroPlane, shape: tuple[int, ...], *, mm_per_px: Pair) -> Pair:
+    """Slope (x, y) of the plane, mm per mm, over a picture (H, W)."""
+    across, down = (step * (count - 1) for step, count in zip(mm_per_px, shape[::-1], strict=True))
+    return 2.0 * zero.tilt_mm[0] / across, 2.0 * zero.tilt_mm[1] / down
+
+
+def flat_blocks(slopes: SlopeMap) -> Bools:
+    """Blocks (h, w) of the picture where the mean slope does not stand out."""
+    height, width = slopes.dz_dx.shape
+    block = max(4, int(np.sqrt(height * width / BLOCKS)))
+    size = (max(2, width // block), max(2, height // block))
+    p, q = (
+        cv2.resize(np.asarray(s, np.float32), size, interpolation=cv2.INTER_AREA)
+        for s in (slopes.dz_dx, slopes.dz_dy)
+    )
+    steep = np.hypot(p - np.median(p), q - np.median(q))
+    return np.asarray(steep < slope_limit(np.median(steep)))
+
+
+def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
+    """Means (rows * columns,) of a smooth picture over its blocks (rows, columns), from places spread evenly."""
+    size = (blocks[1], blocks[0])
+    few = (size[0] * SAMPLED, size[1] * SAMPLED)  # whole pixels to a block are averaged many times as quickly
+    if picture.size > few[0] * few[1]:
+        picture = cv2.resize(picture, few, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float64).ravel()
+
+
+@lru_cache(maxsize=16)
+def plane_terms(shape: tuple[int, ...], blocks: tuple[int, ...]) -> Floats:
+    """Terms 1, X, Y (3, blocks) of a picture of `shape`; X and Y are -1 and 1 at its ends."""
+    x, y = np.meshgrid(np.linspace(-1, 1, shape[1]), np.linspace(-1, 1, shape[0]))
+    places = [_means(ramp, blocks) for ramp in (x, y)]
+    return np.stack([np.ones_like(places[0]), *places])
+
+
+def _outer_gel(untouched: Bools, depth: Floats) -> Bools:
+    """The untouched blocks round all contacts; a flat face, whose slopes are none, only looks untouched.
+
+    All of it that hangs together with one piece of it at the picture's border: the largest, unless the blocks'
+    `depth` (rows * columns,) shows another to lie higher by more than MAX_DROP of all that goes up and down.
+    """
+    if untouched.all():
+        return untouched
+    rows, columns = untouched.shape
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(untouched.view(np.uint8), connectivity=4)
+    pieces = [
+        (size, label)
+        for label, (left, top, width, height, size) in enumerate(boxes.tolist())
+        if label and (left == 0 or top == 0 or left + width == columns or top + height == rows)
+    ]
+    if not pieces:
+        return np.zeros_like(untouched)
+    _, chosen = max(pieces)
+    large = [label for size, label in pieces if size >= CORRELATED]
+    if len(large) > 1:
+        means = {label: float(depth[labels.ravel() == label].mean()) for label in large}
+        highest = min(large, key=means.__getitem__)
+        if means[chosen] - means[highest] > MAX_DROP * float(np.ptp(depth)):
+            chosen = highest
+    return np.asarray(labels == chosen)
+
+
+def _dented(depth: Floats, gel: Bools, flat: Bools, plane: Floats) -> bool:
+    """Whether a block of the `depth` (n,) outside the `gel` lies deeper under a `plane` (3, n) than what is `flat`
+    scatters about it: blocks that merely stand out in colour are no contact that gel would rise beside.
+    """
+    if gel.all():
+        return False
+    normal = (plane * flat) @ plane.T
+    off = depth - np.linalg.solve(normal * STIFFENING[:3, :3], plane @ (flat * depth)) @ plane
+    return bool(off[~gel].max() > DENTED * mad_std(off[flat], centre=0.0))
+
+
+def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
+    """Terms 1, X, Y, exp(-d / L), d / L exp(-d / L) (5, blocks); the last two 0 where nothing is touched."""
+    rows, columns = untouched.shape
+    terms = np.zeros((5, rows * columns))
+    terms[:3] = plane_terms(shape, untouched.shape)
+    if not untouched.all():
+        block_mm = 0.5 * (shape[1] * mm_per_px[0] / columns + shape[0] * mm_per_px[1] / rows)
+        distance = distance_px(untouched).ravel()
+        distance *= np.float32(block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
+        np.exp(-distance, out=terms[3])
+        np.multiply(distance, terms[3], out=terms[4])
+    return terms
+
+
+def _reweighted_fit(
+    terms: Floats, depth: Floats, untouched: Bools, *, rises: bool, decay_std: float
+) -> tuple[Floats, Floats, Floats]:
+    """Reweighted least squares of terms (k, n) where `untouched` (n,): coefficients, their deviations (k,), and
+    what each coefficient takes (k, n) of the depths.
+
+    Where it `rises`, the last coefficient is expected to be a part `decay_std` of the one before.
+    """
+    count, touched = np.count_nonzero(untouched), ~untouched
+    correlated, prior_weight = min(CORRELATED, float(count)), FIRST_WEIGHT * count if rises else 0.0
+    if compiled():
+        from tactilevision.heightmap.frame_kernels import reweighted
+
+        limits = correlated, prior_weight, STIFFENING[0, 0] - 1.0, MIN_RISE, MAX_ITERATIONS, CONVERGENCE_TOL
+        found, scale, normal, weights = reweighted(terms, depth, untouched, rises, decay_std, *limits)
+        inverse = cv2.invert(normal)[1]
+        return found, scale * np.sqrt(correlated * inverse.diagonal()), np.asarray(inverse @ (terms * weights))
+    rows, weighted = np.concatenate([terms, depth[None]]), terms * untouched
+    solution: Floats = np.zeros(len(terms))
+    for _ in range(MAX_ITERATIONS):
+        sums = weighted @ rows.T
+        normal = sums[:, :-1] * STIFFENING[: len(terms), : len(terms)]
+        normal[-1, -1] += prior_weight
+        before, solution = solution, cv2.solve(normal, sums[:, -1:], flags=cv2.DECOMP_CHOLESKY)[1][:, 0]
+        square = solution @ terms
+        square -= depth
+        square *= square
+        square[touched] = np.inf
+        scale = MAD_TO_STD * float(np.partition(square, count // 2)[count // 2]) ** 0.5 + 1e-12
+        if (
+            max(abs(now - then) for now, then in zip(solution[:3], before[:3], strict=True))
+            < CONVERGENCE_TOL * scale
+        ):
+            break
+        if rises:
+            prior_weight = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * MIN_RISE)) ** 2
+        geman_mcclure_inverse(square, (3.0 * scale) ** 2)
+        weighted = terms / square
+    inverse = cv2.invert(normal)[1]
+    return solution, scale * np.sqrt(correlated * inverse.diagonal()), np.asarray(inverse @ weighted)

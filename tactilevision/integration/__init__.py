@@ -1,1 +1,0 @@
-"""Slopes to depth: Poisson solvers, borders, the zero plane, steep edges."""

@@ -1,1 +1,0 @@
-"""Ball presses: detection, samples, consistency, cross-validation."""

@@ -1,0 +1,211 @@
+"""Samples of colour change and slope from ball presses, and whether they determine both slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.ball_detection import Ball, ball_slopes
+from tactilevision.photometric.colour_change import Planes
+from tactilevision.records.measured import Bools, Floats, Pair
+
+# Pairs of colour change and slope, out of ball presses: what every photometric method learns from.
+
+TYPICAL = 0.2  # slope below which samples weigh alike in the fits
+CONTACT = 9000  # samples under balls, over all presses
+RESTING = 4000  # samples of untouched gel
+INSIDE = 0.93  # of the contact radius: blur mixes the rim with the gel outside, which is not a sphere
+OUTSIDE = 4.0  # contact radii from which the gel is taken for untouched
+
+KEPT = 24  # sets of samples whose sums are kept: contact and rest of all balls, without 3 groups, 3 pairs, 4 sides
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """`change` (N, 3), `place` (N, 2) from -1 to 1 over the picture, `slopes` (N, 2), `press` (N,) its number.
+
+    `noise` (N, 3): standard deviation of the changes, None where they are known exactly. A change that is not
+    known, as its colour is overexposed, is NaN.
+    """
+
+    change: Floats
+    place: Floats
+    slopes: Floats
+    press: npt.NDArray[np.int64]
+    noise: Floats | None = None
+
+    def where(self, chosen: Bools) -> Samples:
+        noise = None if self.noise is None else self.noise[chosen]
+        return Samples(self.change[chosen], self.place[chosen], self.slopes[chosen], self.press[chosen], noise)
+
+    def complete(self) -> Samples:
+        """The samples of which all colours are known."""
+        known = np.asarray(np.isfinite(self.change).all(axis=1))
+        return self if known.all() else self.where(known)
+
+    def steepened(self, by: Mapping[int, float]) -> Samples:
+        """As if the balls named, by number, were so many times steeper than stated."""
+        factor = np.array([by.get(int(number), 1.0) for number in self.press])
+        return replace(self, slopes=self.slopes * factor[:, None])
+
+    def without(self, colour: int) -> Samples:
+        """The samples as two colours tell them: where the other two are known, `colour` made not to change."""
+        known = np.asarray(np.isfinite(np.delete(self.change, colour, axis=1)).all(axis=1))
+        kept = self.where(known)
+        change = kept.change.copy()
+        change[:, colour] = 0.0
+        noise = None if kept.noise is None else kept.noise.copy()
+        if noise is not None:
+            noise[:, colour] = 0.0
+        return replace(kept, change=change, noise=noise)
+
+
+def join(parts: Sequence[Samples]) -> Samples:
+    return Samples(
+        np.concatenate([p.change for p in parts]),
+        np.concatenate([p.place for p in parts]),
+        np.concatenate([p.slopes for p in parts]),
+        np.concatenate([p.press for p in parts]),
+    )
+
+
+def told_alike(contact: Samples, untouched_samples: Samples, *, min_balls: int) -> tuple[Samples, Samples]:
+    """Samples that the same colours tell: all three or, where these tell fewer than `min_balls`, the best two."""
+    if len(np.unique(contact.complete().press)) >= min_balls:
+        return contact.complete(), untouched_samples.complete()
+    overexposed = int(np.argmax(np.isnan(contact.change).sum(axis=0)))
+    return contact.without(overexposed), untouched_samples.without(overexposed)
+
+
+def ball_samples(
+    change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
+) -> Samples:
+    """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats.
+
+    Relative `change` of colour (3, H, W); `valid`, a mask (H, W).
+    """
+    x, y, distance = _from_axis(valid.shape, ball, mm_per_px)
+    inside = (distance < INSIDE * ball.contact_radius_px * mm_per_px[0]) & valid
+    index = _draw(inside, most, rng)
+    p, q = ball_slopes(
+        x[index], y[index], contact_mm=ball.contact_radius_px * mm_per_px[0], radius_mm=ball.radius_mm
+    )
+    return _at(change, index, np.stack([p, q], axis=1), number)
+
+
+def resting_samples(
+    change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
+) -> Samples:
+    """Samples far from the ball, where slope is 0 and what `change` (3, H, W) there is, is noise."""
+    _, _, distance = _from_axis(valid.shape, ball, mm_per_px)
+    index = _draw((distance > OUTSIDE * ball.contact_radius_px * mm_per_px[0]) & valid, most, rng)
+    return _at(change, index, np.zeros((len(index[0]), 2)), number)
+
+
+def far_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Bools:
+    """Mask (H, W) of gel that counts as untouched by the ball."""
+    return radii_from(ball, shape, mm_per_px=mm_per_px) > OUTSIDE
+
+
+def radii_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Floats:
+    """Distance (H, W) from the ball's axis, in radii of its contact."""
+    return _from_axis(shape, ball, mm_per_px)[2] / (ball.contact_radius_px * mm_per_px[0])
+
+
+def with_noise(samples: Samples, noise: Planes) -> Samples:
+    """The samples with the relative noise of their changes, out of pictures of it (3, H, W)."""
+    return replace(samples, noise=values_at(samples, noise))
+
+
+def values_at(samples: Samples, pictures: Planes) -> Floats:
+    """What `pictures` (3, H, W) show at the places of samples, (N, 3)."""
+    columns, rows = (
+        np.rint(0.5 * (at + 1.0) * (n - 1)).astype(np.intp)
+        for at, n in zip(samples.place.T, pictures.shape[:0:-1], strict=True)
+    )
+    return np.asarray(pictures[:, rows, columns].T, np.float64)
+
+
+def _from_axis(shape: tuple[int, ...], ball: Ball, mm_per_px: Pair) -> tuple[Floats, Floats, Floats]:
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
+    x, y = (x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1]
+    return x, y, np.hypot(x, y)
+
+
+def _draw(where: Bools, most: int, rng: np.random.Generator) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    rows, columns = np.nonzero(where)
+    chosen = rng.choice(len(rows), min(most, len(rows)), replace=False)
+    return rows[chosen], columns[chosen]
+
+
+def _at(
+    change: Planes, index: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]], slopes: Floats, number: int
+) -> Samples:
+    height, width = change.shape[1:]
+    place = np.stack([2.0 * index[1] / (width - 1) - 1.0, 2.0 * index[0] / (height - 1) - 1.0], axis=1)
+    changes = np.asarray(change[:, index[0], index[1]].T, dtype=np.float64)
+    return Samples(changes, place, slopes, np.full(len(place), number))
+
+
+# Whether the light tells both directions of slope apart, from what the balls did to the colours.
+#
+# To first order in slope, and in place X, Y (from -1 to 1) for lamps that are near, a colour changes by
+#
+#     u / sigma = A(X, Y) (p, q),        A = A0 + A1 X + A2 Y        (3, 2), by noise of one pixel
+#
+# Its smaller singular value s says in which direction a slope is hidden worst: one of 1/s stands out of a pixel's
+# noise by one deviation. Two lamps of one colour opposite each other, or lamps of one colour all round, leave a
+# direction without any change (s = 0), however bright they are, and no method can then read it. Where no colour
+# lights the gel from more than half of the circle, two lamps are all there are: the widest gap between the
+# directions in which colours grow brighter says so. Lamps of one colour that face each other have none. Samples
+# are weighed as in the fit. What is of second order in slope is even in it, and does no harm: balls show all
+# directions alike.
+
+MAX_PLACES = 500  # places at which A is looked at
+MIN_NOISE = 1e-9  # relative noise of a colour that is not looked at, whose change is 0
+MIN_SHARE = 0.1  # of the greatest answer: a colour that answers less has no lamp of its own
+MIN_ANSWER = 1e-6  # change of colour in deviations per unit of slope: none
+
+
+@dataclass(frozen=True, slots=True)
+class Observability:
+    """`best`, `worst`: the slopes that are one pixel's noise along the directions told best and worst, medians
+    over the balls' places; `worst_deg` that direction, from x towards y. `gap_deg`: the widest gap between sides
+    that colours light the gel from, about `dark_deg`; 0 where a colour is overexposed and was not looked at."""
+
+    best: float
+    worst: float
+    worst_deg: float
+    gap_deg: float = 0.0
+    dark_deg: float = 0.0
+
+
+def slope_observability(samples: Samples) -> Observability:
+    """What the colours of `samples`, whose noise is known, say of each direction of slope."""
+    assert samples.noise is not None
+    x, y = samples.place.T
+    where = np.stack([np.ones_like(x), x, y], axis=1)
+    design = (where[:, :, None] * samples.slopes[:, None, :]).reshape(len(x), 6)
+    weights = 1.0 / np.sqrt(np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
+    signal = samples.change / np.maximum(samples.noise, MIN_NOISE)
+    answers = np.linalg.lstsq(design * weights[:, None], signal * weights[:, None], rcond=None)[0].reshape(3, 2, 3)
+    changes = np.einsum("nm,mkc->nkc", where[:: max(1, len(x) // MAX_PLACES)], answers)
+    best, worst = 1.0 / np.maximum(np.median(np.linalg.svd(changes, compute_uv=False), axis=0), MIN_ANSWER)
+    least = np.linalg.eigh(np.einsum("nkc,nlc->kl", changes, changes))[1][:, 0]
+    gap = (0.0, 0.0) if np.any(samples.noise.max(axis=0) <= 0.0) else _dark_side(changes.mean(axis=0).T)
+    return Observability(
+        float(best), float(worst), float(np.degrees(np.arctan2(least[1], least[0])) % 180.0), *gap
+    )
+
+
+def _dark_side(changes: Floats) -> Pair:
+    """The widest gap between the sides colours of `changes` (3, 2) are lit from, and its middle, in degrees."""
+    answers = np.hypot(*changes.T)
+    x, y = -changes[answers > MIN_SHARE * answers.max()].T  # gel that faces a lamp rises away from it
+    sides = np.sort(np.degrees(np.arctan2(y, x)))
+    gaps = np.diff(sides, append=sides[0] + 360.0)
+    widest = int(np.argmax(gaps))
+    return float(gaps[widest]), float((sides[widest] + 0.5 * gaps[widest]) % 360.0)

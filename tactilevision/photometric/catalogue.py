@@ -1,0 +1,16 @@
+"""The photometric methods by name: what `--method` and `build_reconstructor(recording, method)` take."""
+
+from __future__ import annotations
+
+from tactilevision.photometric.cross_validation import Fitter
+from tactilevision.photometric.methods.inverse_shading import AutoMethod
+from tactilevision.photometric.methods.lookup import fit_lookup
+from tactilevision.photometric.methods.polynomial import fit_polynomial
+from tactilevision.photometric.network_training import NetworkFitter
+
+PHOTOMETRIC: dict[str, Fitter] = {
+    "polynomial": fit_polynomial,
+    "auto": AutoMethod(),
+    "lookup": fit_lookup,
+    "network": NetworkFitter(),
+}

@@ -1,0 +1,290 @@
+"""Colour change relative to the untouched gel, and the colours lost to overexposure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.compiled import compiled
+from tactilevision.errors import InputError
+from tactilevision.photometric.drift import SOFTENING_GREY, Drift, DriftTracker, Response, undo_drift
+from tactilevision.photometric.markers import fill_marks, marked
+from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
+from tactilevision.photometric.windows import Window, common, inside, means, window_of
+from tactilevision.records.measured import Bools, Bytes, Floats
+
+# Colours that a frame does not tell: they are overexposed in it, or in the picture of the untouched gel.
+#
+# Mostly few pixels lack one, close together: all that is asked of them is asked in the window that holds them.
+
+
+@dataclass(frozen=True, slots=True)
+class MissingColours:
+    """In a `window` of a picture: which colours are `missing` (3, h, w), and the `count` (h, w) of them.
+
+    `partly` (h, w): two are left, and light enough to tell slopes; `blind` (h, w): fewer do.
+    """
+
+    window: Window
+    missing: Bools
+    count: Bytes
+    partly: Bools
+    blind: Bools
+
+    def tiles(self, px: int, size: tuple[int, int]) -> Bytes:
+        """Tiles of `px` by `px` pixels, `size` (w, h) of them, of which some lack a colour: 255 there."""
+        tiles = np.zeros(size[::-1], np.uint8)
+        if (both := common(self.window, (slice(0, px * size[1]), slice(0, px * size[0])))) is not None:
+            lacking = self.count[inside(both, self.window)]
+            seen = [slice(along.start // px, -(-along.stop // px)) for along in both]
+            for axis, (tile, along) in enumerate(zip(seen, both, strict=True)):
+                starts = np.maximum(px * np.arange(tile.start, tile.stop) - along.start, 0)
+                lacking = np.maximum.reduceat(lacking, starts, axis=axis)
+            tiles[*seen] = np.where(lacking > 0, 255, 0)
+        return tiles
+
+
+class MissingColoursFinder:
+    """Finds them in frames against one reference, whose own are known."""
+
+    def __init__(self, reference: Reference) -> None:
+        self.overexposed, self.lit_by_two = reference.overexposed, reference.lit_by_two
+        over = self.overexposed
+        self.window = None if over is None else window_of(np.asarray(over.any(axis=0)))
+
+    def find(self, rgb: Bytes) -> MissingColours | None:
+        """The colours that a frame (H, W, 3) or its reference lacks; None: it tells all of them."""
+        windows = [window for window in (_overexposed_window(rgb), self.window) if window is not None]
+        if not windows:
+            return None
+        rows, columns = (
+            slice(min(one.start for one in along), max(one.stop for one in along))
+            for along in zip(*windows, strict=True)
+        )
+        missing = np.ascontiguousarray((rgb[rows, columns] >= SATURATED).transpose(2, 0, 1))
+        if self.overexposed is not None:
+            missing |= self.overexposed[:, rows, columns]
+        red, green, blue = missing.view(np.uint8)
+        count = red + green + blue
+        partly = self.lit_by_two[rows, columns] & (count == 1)
+        return MissingColours((rows, columns), missing, count, partly, count > partly)
+
+
+def _overexposed_window(rgb: Bytes) -> Window | None:
+    if rgb.max() < SATURATED:
+        return None
+    rows = np.flatnonzero(rgb.reshape(len(rgb), -1).max(axis=1) >= SATURATED)
+    down = slice(int(rows[0]), int(rows[-1]) + 1)
+    columns = np.flatnonzero(rgb[down].max(axis=0).max(axis=1) >= SATURATED)
+    return down, slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+# Colour change against the untouched gel: the quantity that slope is read from.
+#
+#     u_c = (I_c / (1 + drift_c) - I0_c) / (I0_c + s)
+#
+# Where lamps have faded apart or stray light stands out, their part is undone first, in light (`drift.py`).
+# Dividing by the local brightness makes u nearly the same function of slope all over the picture; the softening s
+# keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
+# leans over the picture is small, and applied to first order. Marks on the gel are filled from around, in I0 once
+# and in u frame by frame. A colour that is overexposed, in the frame or in I0, says nothing at its pixel
+# (`missing_colours.py`). One that is dark all over the untouched gel says nothing anywhere, and counts as
+# unchanged: u_c = 0.
+
+SHADOW_PX = 4  # pixels apart that shadows are looked for
+STRIP_PX = 25000  # pixels worked on at once, so that all that is made of them stays in the cache
+
+Planes = npt.NDArray[np.float32]
+
+
+class ChangeMaps:
+    """What makes colour changes of brightness: an untouched picture `mean` (3, h, w), at places x (w,), y (h,)."""
+
+    def __init__(self, mean: Planes, x: Planes, y: Planes, *, dark: int | None) -> None:
+        """`dark`: the colour that counts as unchanged, None where none does."""
+        self.mean, self.x, self.y, self.dark = mean, x, y, dark
+        self.scale: Planes = np.empty_like(mean)
+        self.update_scale()
+        # a plane over the picture is the product of two thin matrices: gain = down @ across
+        self.down, self.across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
+
+    def update_scale(self) -> None:
+        """To be called when `mean` has changed."""
+        np.add(self.mean, np.float32(SOFTENING_GREY), out=self.scale)
+        np.reciprocal(self.scale, out=self.scale)
+        if self.dark is not None:
+            self.scale[self.dark] = 1.0 / SOFTENING_GREY
+
+    def light(self, gains: Floats) -> None:
+        """Count from here on with the `gains` (3, 3) of a drift."""
+        share = 1.0 / (1.0 + gains[:, 0, None])
+        self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
+        self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
+        if self.dark is not None:
+            self.down[self.dark] = 0.0  # of its grey nothing counts: (0 + s) / s - 1 = 0
+
+    def changes(self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, *, out: Planes) -> Planes:
+        """Changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w), into `out` alike."""
+        rows, columns = window
+        np.matmul(self.down[:, rows], self.across[..., columns], out=out)
+        for grey, plane in zip(greys, out, strict=True):
+            cv2.multiply(grey, plane, dst=plane, dtype=cv2.CV_32F)
+        out += np.float32(SOFTENING_GREY)
+        out *= self.scale[:, rows, columns]
+        out -= np.float32(1.0)
+        return out
+
+    def changes_of(self, rgb: Bytes, window: Window, *, out: Planes) -> Planes:
+        """As `changes`, of a window of a picture (H, W, 3), compiled."""
+        from tactilevision.photometric.frame_kernels import changes
+
+        top, left = (side.start for side in window)
+        changes(np.ascontiguousarray(rgb), self.down, self.across, self.scale, top, left, SOFTENING_GREY, out)
+        return out
+
+
+class ColourChange:
+    """Turns rectified frames into colour changes (3, H, W) float32, in buffers made once."""
+
+    def __init__(self, reference: Reference, response: Response | None = None) -> None:
+        self.reference = reference
+        self.tracker = DriftTracker(reference, response or Response())
+        mean: Planes = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
+        if reference.marks is not None:
+            fill_marks(mean, reference.marks.mask)
+        x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
+        self.maps = ChangeMaps(mean, x, y, dark=reference.dark_colour)
+        self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
+        self.darkest = int(darkest_grey(reference.noise_grey))  # of whole numbers
+        self.rgb: Bytes = np.empty((0, 0, 3), np.uint8)
+        self.undo: Floats | None = None
+        self.find_missing = MissingColoursFinder(reference).find
+        self.missing: MissingColours | None = None  # of the frame taken in; None: it tells all colours
+        self._whole: Planes = np.empty_like(mean)
+
+    def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
+        """Changes (3, H, W), drift, and validity (H, W) of a frame.
+
+        The changes are overwritten by the next call.
+        """
+        drift, valid = self.take(rgb)
+        for window in strips((slice(0, rgb.shape[0]), slice(0, rgb.shape[1]))):
+            self.maps.changes(self.greys(window), window, out=self._whole[:, window[0]])
+        if self.reference.marks is not None:
+            fill_marks(self._whole, marked(rgb, self.reference.marks))
+        return self._whole, drift, valid
+
+    @property
+    def measured(self) -> Planes:
+        """The changes (3, H, W) of the frame that `measure` was last called with."""
+        return self._whole
+
+    def measure_known(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
+        """As `measure`, changes that are not known NaN, and valid (H, W) where two colours are known."""
+        changes, drift, valid = self.measure(rgb)
+        if self.missing is not None:
+            window, valid = self.missing.window, valid.copy()
+            changes[:, *window][self.missing.missing] = np.nan
+            valid[window] |= self.missing.partly
+        return changes, drift, valid
+
+    def take(self, rgb: Bytes) -> tuple[Drift, Bools]:
+        """Take a frame in: its drift, and where (H, W) it tells all colours, to be left so.
+
+        `within` then tells its changes, `missing` which colours it does not tell.
+        """
+        self._check(rgb)
+        drift = self.tracker.measure(rgb)
+        self.maps.light(drift.gains)
+        self.rgb, self.undo, self.missing = rgb, drift.undo, self.find_missing(rgb)
+        valid = self.reference.usable
+        if self._in_shadow(rgb):
+            valid = valid & (_brightest(rgb) > self.darkest)
+        if self.missing is not None:
+            valid = valid.copy()
+            valid[self.missing.window] &= self.missing.count == 0
+        return drift, valid
+
+    def _in_shadow(self, rgb: Bytes) -> bool:
+        """Whether shadows are to be looked for in all of a frame: few of its pixels tell, unless it is bright."""
+        line = rgb.ravel()
+        if np.maximum(line[1:], line[:-1]).min() > self.darkest:  # no two colours beside each other are dark
+            return False
+        return self.missing is not None or bool(_brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() <= self.darkest)
+
+    def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
+        """The changes (3, h, w) of the frame taken in, strip by strip of a window.
+
+        Not where marks have to be filled: `measure` sees the whole picture.
+        """
+        for window in strips(whole):
+            size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
+            out: Planes = np.empty((3, *size), np.float32)
+            if self.undo is None and compiled():
+                yield window, self.maps.changes_of(self.rgb, window, out=out)
+            else:
+                yield window, self.maps.changes(self.greys(window), window, out=out)
+
+    def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
+        """Channels (3, h, w) of a window of the frame taken in."""
+        greys = cv2.split(self.rgb[window])
+        return greys if self.undo is None else list(undo_drift(greys, self.undo, power=self.tracker.power))
+
+    def means(self, px: int) -> Planes:
+        """Channels (3, H // px, W // px) of the frame taken in, in means of `px` by `px` pixels.
+
+        Light is mixed in them as in pixels: what that misses goes with the noise squared, by the little mixed.
+        """
+        planes = self.tracker.means if px == self.tracker.px else means(self.rgb, px)
+        return planes if self.undo is None else undo_drift(planes, self.undo, power=self.tracker.power)
+
+    def follow(self, rgb: Bytes, share: float) -> None:
+        """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""
+        marks = self.reference.marks
+        gel = None if marks is None else np.asarray(1 - marked(rgb, marks), np.uint8)
+        for mean, grey in zip(self.maps.mean, cv2.split(rgb), strict=True):
+            cv2.accumulateWeighted(grey, mean, share, mask=gel)
+        self.tracker.follow(rgb, share)
+        self.maps.update_scale()
+
+    @property
+    def level(self) -> Planes:
+        """The untouched picture (3, H, W) that changes are counted from, without its marks."""
+        return self.maps.mean
+
+    @property
+    def scale(self) -> Planes:
+        """Change (3, H, W) of one grey level; 0 of a colour that counts as unchanged."""
+        scale = self.maps.scale
+        if self.maps.dark is not None:
+            scale = scale.copy()
+            scale[self.maps.dark] = 0.0
+        return scale
+
+    def _check(self, rgb: Bytes) -> None:
+        if rgb.shape != self.reference.rgb.shape or rgb.dtype != np.uint8:
+            raise InputError(
+                "the frame does not match the reference in size or type",
+                where="frame",
+                value=f"{rgb.shape} {rgb.dtype}, the reference has {self.reference.rgb.shape} uint8",
+                remedy="Use frames and reference of the same sensor and stream.",
+            )
+
+
+def _brightest(rgb: Bytes) -> Bytes:
+    """Of the three channels of a picture (H, W, 3), pixel by pixel."""
+    red, green, blue = cv2.split(rgb)
+    return np.asarray(cv2.max(cv2.max(red, green), blue))
+
+
+def strips(window: Window) -> Iterator[Window]:
+    """The window cut into strips of whole rows, STRIP_PX at most (but one row at least)."""
+    rows, columns = window
+    step = max(1, STRIP_PX // (columns.stop - columns.start))
+    for top in range(rows.start, rows.stop, step):
+        yield slice(top, min(top + step, rows.stop)), columns

@@ -1,1 +1,0 @@
-"""Training of a network on random lights; only `train` loads it."""

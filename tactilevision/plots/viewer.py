@@ -1,0 +1,494 @@
+"""Show height maps interactively: a window, a film of a press, and a page with a surface."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.files.writing import replacing, write_text
+from tactilevision.plots import style
+from tactilevision.plots.height import change_mm, deepest_place, extent_mm, scale_bar, titled
+from tactilevision.records.maps import MEANING, HeightMap
+from tactilevision.records.measured import Bytes, Floats, Pair
+
+if TYPE_CHECKING:
+    from matplotlib.backend_bases import Event
+    from matplotlib.figure import Figure
+
+
+# A window on height maps: frames along a slider, a profile by mouse, a difference, a surface to turn.
+
+KEPT = 32  # maps in memory, so that going back and forth costs nothing
+COARSE = 72  # points along a side of the turned surface: more make it lag behind the mouse
+PROFILE_POINTS = 400  # of a profile: closer than any map's pixels
+SIZE_IN = (12.0, 7.2)  # inches: with SCREEN_DPI it fits a screen of 1280 x 800
+SCREEN_DPI = 100.0  # points an inch of the layout: a page's 150 makes letters that cover each other
+PALE = "#e6e6e6"  # of the profile's grid lines
+SHORTEST_PX = 2.0  # of a drag that is a profile, and not a click
+HELP = (
+    "Drag on the map: profile.   n, b: next frame, back.   m: mark this frame.   d: difference to the marked one."
+)
+
+Line = tuple[Pair, Pair]
+
+
+class Window:
+    """What the window shows: a frame's number, a line, and a frame marked for the difference.
+
+    `read` makes the map (H, W), in mm, of the frame of a number; `marked` is a map to take the difference to.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        read: Callable[[int], HeightMap],
+        *,
+        number: int = 0,
+        marked: HeightMap | None = None,
+    ) -> None:
+        self.names, self.number = list(names), number
+        self._read = lru_cache(maxsize=KEPT)(read)
+        self.marked, self.differs = marked, marked is not None
+        self.line = _through_the_deepest(self.height)
+        self._dragged_from: Pair | None = None
+        self._lay_out()
+        self._connect()
+        self.draw()
+
+    @property
+    def height(self) -> HeightMap:
+        """The map of the frame that is shown."""
+        return self._read(self.number)
+
+    @property
+    def shown_mm(self) -> Floats:
+        """What the map shows (H, W), in mm: the depth, or its change since the marked frame; NaN if not known."""
+        if self.differs and self.marked is not None:
+            return change_mm(self.marked, self.height)
+        return np.where(self.height.valid, self.height.depth_mm, np.nan)
+
+    def go(self, number: int) -> None:
+        """Show another frame; the line and the marked frame stay."""
+        self.number = int(np.clip(number, 0, len(self.names) - 1))
+        if self.slider is not None and round(self.slider.val) != self.number:
+            self.slider.set_val(self.number)  # which comes back here
+            return
+        self.draw()
+
+    def mark(self) -> None:
+        """Keep the frame that is shown, to take differences to."""
+        self.marked = self.height
+        self.draw()
+
+    def toggle(self) -> None:
+        """Depth, or its change since the marked frame; the first such frame where none is marked."""
+        if self.marked is None:
+            self.marked = self._read(0)
+        self.differs = not self.differs
+        self.draw()
+
+    @style.house_look
+    def draw(self) -> None:
+        """Draw all of it anew."""
+        from tactilevision.errors import InputError
+
+        try:
+            shown = self.shown_mm
+        except InputError as fault:
+            self.differs, self.marked = False, None
+            self.draw()
+            self.help.set_text(str(fault))
+            return
+        self.help.set_text(HELP)
+        self._draw_map(shown)
+        self._draw_profile(shown)
+        self._draw_surface(shown)
+        self.figure.canvas.draw_idle()
+
+    @style.house_look
+    def _lay_out(self) -> None:
+        from matplotlib.figure import Figure
+        from matplotlib.widgets import Slider
+
+        self.figure: Figure = Figure(figsize=SIZE_IN, dpi=SCREEN_DPI)
+        at = self.figure.add_axes
+        self.map, self.bar = at((0.06, 0.2, 0.42, 0.7)), at((0.49, 0.3, 0.012, 0.5))
+        self.profile = at((0.65, 0.62, 0.32, 0.29))
+        self.surface: Any = self.figure.add_subplot(position=(0.56, 0.12, 0.44, 0.42), projection="3d")
+        self.surface.view_init(elev=48, azim=-62)
+        self.help = self.figure.text(0.06, 0.02, HELP, color=style.GREY)
+        self.slider: Slider | None = None
+        if len(self.names) > 1:
+            where = at((0.12, 0.075, 0.72, 0.03))
+            self.slider = Slider(
+                where, "frame", 0, len(self.names) - 1, valinit=self.number, valstep=1, initcolor="none"
+            )
+
+    def _connect(self) -> None:
+        canvas = self.figure.canvas
+        canvas.mpl_connect("button_press_event", self._pressed)
+        canvas.mpl_connect("motion_notify_event", self._dragged)
+        canvas.mpl_connect("button_release_event", self._released)
+        canvas.mpl_connect("key_press_event", self._typed)
+        if self.slider is not None:
+            self.slider.on_changed(lambda value: self.go(round(value)))
+
+    def _draw_map(self, shown: Floats) -> None:
+        height = self.height
+        low, high, colours, label = _scale(shown, differs=self.differs)
+        self.map.clear()
+        self.map.set_facecolor(style.INVALID)
+        extent = extent_mm(height)
+        image = self.map.imshow(
+            shown, cmap=colours, vmin=low, vmax=high, extent=extent, interpolation="none", aspect="equal"
+        )
+        self.bar.clear()
+        self.figure.colorbar(image, cax=self.bar, label=label)
+        (x0, y0), (x1, y1) = self.line
+        self.map.plot([x0, x1], [y0, y1], color=style.ORANGE, lw=1.6, marker="o", ms=4, label="profile")
+        if np.isnan(shown).any():
+            self.map.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
+        self.map.legend(loc="upper left", bbox_to_anchor=(0, -0.11), ncols=2)
+        self.map.set(xlabel="x (mm)", ylabel="y (mm)", xlim=extent[:2], ylim=extent[2:])
+        self.map.set_title(titled(height, self._title()))
+        self.map.grid(False)
+        if self.slider is not None:
+            self.slider.valtext.set_text(f"{self.names[self.number]} ({self.number + 1} of {len(self.names)})")
+
+    def _title(self) -> str:
+        name = self.height.name or "Depth"
+        if self.differs and self.marked is not None:
+            return f"{name} minus {self.marked.name}"
+        return f"{name}: depth of the gel's surface"
+
+    def _draw_profile(self, shown: Floats) -> None:
+        place, value = along(shown, self.line, mm_per_px=self.height.mm_per_px)
+        self.profile.clear()
+        self.profile.plot(place, value, color=style.ORANGE)
+        std = self.height.std_mm
+        if std is not None and not self.differs:
+            _, width = along(np.asarray(std, np.float64), self.line, mm_per_px=self.height.mm_per_px)
+            self.profile.fill_between(
+                place, value - width, value + width, color=style.ORANGE, alpha=0.2, lw=0, label="std"
+            )
+            self.profile.legend(loc="best")
+        self.profile.grid(color=PALE)
+        self.profile.axhline(0, color=style.GREY, lw=0.8)
+        self.profile.invert_yaxis()
+        label = "change of depth (mm)" if self.differs else "depth into the gel (mm)"
+        self.profile.set(xlabel="place along the line (mm)", ylabel=label, title="Profile along the line")
+
+    def _draw_surface(self, shown: Floats) -> None:
+        step = max(1, -(-max(shown.shape) // COARSE))
+        coarse = shown[::step, ::step]
+        x, y = np.meshgrid(
+            *(np.arange(n) * step * s for n, s in zip(coarse.shape[::-1], self.height.mm_per_px, strict=True))
+        )
+        low, high, colours, _ = _scale(shown, differs=self.differs)
+        self.surface.clear()
+        self.surface.plot_surface(
+            x, y, coarse, cmap=colours, vmin=low, vmax=high, rstride=1, cstride=1, lw=0, antialiased=False
+        )
+        wide = max(float(np.ptp(x)), 1e-6)
+        self.surface.set_box_aspect((wide, max(float(np.ptp(y)), 1e-6), 0.3 * wide))
+        self.surface.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="mm", zlim=(high, low))
+        self.surface.invert_yaxis()
+        self.surface.locator_params(axis="z", nbins=3)
+        self.surface.set_title(f"Surface, vertical scale × {0.3 * wide / (high - low):.0f}", y=1.0)
+
+    def _place(self, event: Any) -> Pair | None:
+        if event.inaxes is not self.map or event.xdata is None:
+            return None
+        toolbar = getattr(self.figure.canvas, "toolbar", None)
+        if toolbar is not None and toolbar.mode:  # zooming and moving have the mouse
+            return None
+        return float(event.xdata), float(event.ydata)
+
+    def _pressed(self, event: Event) -> None:
+        self._dragged_from = self._place(event)
+
+    def _dragged(self, event: Event) -> None:
+        place = self._place(event)
+        if self._dragged_from is None or place is None:
+            return
+        if np.hypot(*np.subtract(place, self._dragged_from)) < SHORTEST_PX * min(self.height.mm_per_px):
+            return
+        self.line = (self._dragged_from, place)
+        self._quick()
+
+    def _released(self, event: Event) -> None:
+        self._dragged(event)
+        self._dragged_from = None
+
+    @style.house_look
+    def _quick(self) -> None:
+        """While the mouse moves: the line and its profile alone."""
+        shown = self.shown_mm
+        self.map.lines[0].set_data(*zip(*self.line, strict=True))
+        self._draw_profile(shown)
+        self.figure.canvas.draw_idle()
+
+    def _typed(self, event: Any) -> None:
+        acts: dict[str, Callable[[], None]] = {
+            "b": lambda: self.go(self.number - 1),
+            "n": lambda: self.go(self.number + 1),
+            "m": self.mark,
+            "d": self.toggle,
+        }
+        if event.key in acts:
+            acts[event.key]()
+
+
+def along(field: Floats, line: Line, *, mm_per_px: Pair) -> tuple[Floats, Floats]:
+    """Place in mm from the line's start, and the field (H, W) there, between pixels; NaN where it is not known.
+
+    `line` is two places (x, y) in mm from the middle of the first pixel.
+    """
+    (x0, y0), (x1, y1) = line
+    part = np.linspace(0, 1, PROFILE_POINTS)
+    column, row = (x0 + part * (x1 - x0)) / mm_per_px[0], (y0 + part * (y1 - y0)) / mm_per_px[1]
+    rows, columns = field.shape
+    left, top = (
+        np.clip(np.floor(place).astype(int), 0, max(count - 2, 0))
+        for place, count in ((column, columns), (row, rows))
+    )
+    right, low = np.minimum(left + 1, columns - 1), np.minimum(top + 1, rows - 1)
+    u, v = np.clip(column - left, 0, 1), np.clip(row - top, 0, 1)
+    above = (1 - u) * field[top, left] + u * field[top, right]
+    below = (1 - u) * field[low, left] + u * field[low, right]
+    return part * float(np.hypot(x1 - x0, y1 - y0)), np.asarray((1 - v) * above + v * below)
+
+
+def _scale(shown: Floats, *, differs: bool) -> tuple[float, float, str, str]:
+    """Bottom and top of the colours, in mm, their name, and what the bar says."""
+    known = shown[np.isfinite(shown)]
+    if differs:
+        limit = max(float(np.percentile(np.abs(known), 99.5)), 1e-6) if known.size else 1e-6
+        return -limit, limit, "PuOr", "change of depth (mm)"
+    top = max(float(known.max()), 1e-3) if known.size else 1e-3
+    bottom = min(float(np.percentile(known, 0.5)), 0.0) if known.size else 0.0
+    return bottom, top, style.DEPTH_MAP, "depth into the gel (mm)"
+
+
+def _through_the_deepest(height: HeightMap) -> Line:
+    row, _ = deepest_place(height)
+    y = row * height.mm_per_px[1]
+    return (0.0, y), ((height.depth_mm.shape[1] - 1) * height.mm_per_px[0], y)
+
+
+# A film of a press: the frame, the depth on one scale throughout, and the course of depth and force.
+#
+# MP4 by OpenCV's own writer; GIF by Pillow, for readers without a player and where no codec is found.
+
+CODEC = "mp4v"
+GIF = ".gif"
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One picture of the film: rectified `rgb` (H, W, 3), its `height`, and fz as measured (NaN: it was not)."""
+
+    rgb: Bytes
+    height: HeightMap
+    force_N: float = float("nan")
+
+
+@style.house_look
+def draw_film(shots: Sequence[Shot], *, title: str = "") -> Iterable[Bytes]:
+    """Pictures (H, W, 3) of the film, one a shot. Raises InputError where there is no shot."""
+    if not shots:
+        raise InputError("there are no frames to film", where="draw_film")
+    return _pictures(_Stage(shots, title), shots)
+
+
+def write_film(path: Path | str, pictures: Iterable[Bytes], *, frames_per_s: float = 12.0) -> Path:
+    """Write MP4, or GIF where the name says so or no codec is found; returns the file that was written."""
+    path = Path(path)
+    stack = [np.ascontiguousarray(picture) for picture in pictures]
+    if path.suffix.lower() != GIF and _write_video(path, stack, frames_per_s):
+        return path
+    _write_gif(path.with_suffix(GIF), stack, frames_per_s)
+    return path.with_suffix(GIF)
+
+
+class _Stage:
+    """The figure, made once; each shot moves what changes."""
+
+    def __init__(self, shots: Sequence[Shot], title: str) -> None:
+        first = shots[0].height
+        self.figure, (self.frame, self.above, *courses) = style.new_quad(style.WIDTH_IN, 5.4, legend_in=0.35)
+        self.picture = self.frame.imshow(shots[0].rgb, extent=extent_mm(first))
+        self.peak = np.array([_peak(shot.height) for shot in shots])
+        top = max(float(np.nanmax(self.peak, initial=0.0)), 0.02)
+        self.above.set_facecolor(style.INVALID)
+        self.depth = self.above.imshow(
+            _known(first),
+            cmap=style.DEPTH_MAP,
+            vmin=-0.15 * top,
+            vmax=top,
+            extent=extent_mm(first),
+            interpolation="none",
+        )
+        self.figure.colorbar(self.depth, ax=self.above, label="depth into the gel (mm)")
+        scale_bar(self.above, first)
+        self.above.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
+        for axes in (self.frame, self.above):
+            axes.grid(False)
+            axes.set(xticks=[], yticks=[])
+        self.frame.set_title(title or first.name)
+        self.time_s = _times(shots)
+        force = np.array([shot.force_N for shot in shots])
+        self.now = []
+        shown = ((self.peak, "greatest depth (mm)", style.BLUE), (force, "F/T sensor's fz (N)", style.YELLOW))
+        for axes, (values, label, colour) in zip(courses, shown, strict=True):
+            if not np.isfinite(values).any():
+                axes.set_axis_off()
+                continue
+            axes.plot(self.time_s, values, color=colour, label=label.rpartition(" ")[0])
+            self.now.append(axes.axvline(self.time_s[0], color=style.ORANGE, lw=1.2, label="the frame shown"))
+            axes.set(xlabel="time (s)" if np.isfinite(first.time_s) else "frame", ylabel=label)
+        style.legend_below(self.figure)
+
+    def show(self, number: int, shot: Shot) -> Bytes:
+        """Draw one shot."""
+        self.picture.set_data(shot.rgb)
+        self.depth.set_data(_known(shot.height))
+        for line in self.now:
+            line.set_xdata([self.time_s[number]] * 2)
+        words = titled(shot.height, f"{shot.height.name}: {self.peak[number]:.3f} mm")
+        self.above.set_title(words, loc="left", fontsize=10)
+        return _rendered(self.figure)
+
+
+def _pictures(stage: _Stage, shots: Sequence[Shot]) -> Iterable[Bytes]:
+    for number, shot in enumerate(shots):
+        yield stage.show(number, shot)
+
+
+def _rendered(figure: Figure) -> Bytes:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    picture = np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
+    rows, columns = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2  # codecs want even sizes
+    return np.asarray(picture[:rows, :columns], dtype=np.uint8).copy()
+
+
+def _write_video(path: Path, stack: Sequence[Bytes], frames_per_s: float) -> bool:
+    """Whether a codec was found and the film could be read again."""
+    with replacing(path) as temporary:
+        size = (stack[0].shape[1], stack[0].shape[0])
+        writer = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*CODEC), frames_per_s, size)
+        if writer.isOpened():
+            for picture in stack:
+                writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+            writer.release()
+            if temporary.stat().st_size > 0:
+                return True
+    path.unlink(missing_ok=True)
+    return False
+
+
+def _write_gif(path: Path, stack: Sequence[Bytes], frames_per_s: float) -> None:
+    from PIL import Image
+
+    images = [Image.fromarray(picture).quantize(colors=255) for picture in stack]
+    with replacing(path) as temporary:
+        images[0].save(temporary, save_all=True, append_images=images[1:], duration=1000 / frames_per_s, loop=0)
+
+
+def _times(shots: Sequence[Shot]) -> Floats:
+    times = np.array([shot.height.time_s for shot in shots])
+    return times - times[0] if np.isfinite(times).all() else np.arange(len(shots), dtype=float)
+
+
+def _known(height: HeightMap) -> Floats:
+    return np.where(height.valid, height.depth_mm, np.nan).astype(np.float64)
+
+
+def _peak(height: HeightMap) -> float:
+    return float(np.percentile(height.depth_mm[height.valid], 99.9)) if height.valid.any() else float("nan")
+
+
+# One page, without a second file or a request: a height map as a surface to turn, its facts, its pictures.
+
+MAX_POINTS = 240  # along a side of the surface: finer than a screen shows, and the page stays below 1 MB
+RELIEF = 0.25  # of the picture's width: the height at which the surface is drawn first
+UNKNOWN_UM = -32768  # no depth comes near: 33 mm out of the gel
+
+
+def write_surface_page(folder: Path | str, height: HeightMap, pictures: Sequence[Path] = ()) -> Path:
+    """Write NAME.html with the surface (H, W), in mm, and PNG `pictures` that exist; returns the file."""
+    path = Path(folder) / f"{Path(height.name).stem or 'height'}.html"
+    write_text(path, surface_page(height, pictures))
+    return path
+
+
+def surface_page(height: HeightMap, pictures: Sequence[Path] = ()) -> str:
+    """The whole page of a map (H, W), in mm. Its text is escaped, and its data are numbers."""
+    shown = "".join(
+        f'<figure><img alt="{escape(path.stem)}" src="{style.data_uri(path)}"></figure>' for path in pictures
+    )
+    parts = {
+        "@NAME@": escape(height.name or "Height map"),
+        "@DOUBTS@": "".join(f'<p class="doubt">Doubtful: {escape(MEANING[flag])}.</p>' for flag in height.flags),
+        "@FACTS@": "".join(f"<dt>{name}</dt><dd>{escape(value)}</dd>" for name, value in _facts(height).items()),
+        "@PICTURES@": shown,
+        "@DATA@": json.dumps(_data(height)),
+    }
+    page = files("tactilevision.plots").joinpath("surface_page.html").read_text(encoding="utf-8")
+    for mark, text in parts.items():
+        page = page.replace(mark, text)
+    return page
+
+
+def _facts(height: HeightMap) -> dict[str, str]:
+    rows, columns = height.depth_mm.shape
+    wide, tall = columns * height.mm_per_px[0], rows * height.mm_per_px[1]
+    facts = {
+        "picture": f"{columns} × {rows} px, {wide:.4g} × {tall:.4g} mm",
+        "known": f"{100 * float(height.valid.mean()):.1f} % of the picture",
+    }
+    if height.valid.any():
+        row, column = deepest_place(height)
+        x, y = column * height.mm_per_px[0], row * height.mm_per_px[1]
+        depth = f"{height.depth_mm[row, column]:.3f}"
+        std = "" if height.std_mm is None else f" ± {height.std_mm[row, column]:.3f}"
+        facts["depth in the middle of the deepest tenth"] = f"{depth}{std} mm, at x {x:.2f}, y {y:.2f} mm"
+    return facts
+
+
+def _data(height: HeightMap) -> dict[str, object]:
+    """The surface on a coarser grid, as whole micrometres in base64, with the scale and the colours."""
+    import matplotlib as mpl
+
+    step = max(1, -(-max(height.depth_mm.shape) // MAX_POINTS))
+    depth_um = np.where(height.valid, np.clip(1e3 * height.depth_mm, -32e3, 32e3), UNKNOWN_UM)[::step, ::step]
+    rows, columns = depth_um.shape
+    known = 1e-3 * depth_um[depth_um > UNKNOWN_UM]
+    top = max(float(known.max()), 1e-3) if known.size else 1e-3
+    bottom = min(float(np.percentile(known, 0.5)), 0.0) if known.size else 0.0
+    colours = np.round(255 * mpl.colormaps[style.DEPTH_MAP](np.linspace(0, 1, 64))[:, :3]).astype(int)
+    return {
+        "rows": rows,
+        "columns": columns,
+        "step_mm": [step * one for one in height.mm_per_px],
+        "bottom_mm": bottom,
+        "top_mm": top,
+        "unknown": UNKNOWN_UM,
+        "relief": RELIEF,
+        "colours": colours.tolist(),
+        "depth_um": base64.b64encode(np.round(depth_um).astype("<i2").tobytes()).decode(),
+    }

@@ -1,0 +1,433 @@
+"""Find the first contact of the bevel in every press of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactilevision.contact.bevel import EDGE_MM, Growth, Onset, find_onset, height_signal, picture_signal
+from tactilevision.press.event_force import force_crossing
+from tactilevision.press.force_readings import ForceWindow, contact_point, find_phases, moving_s, noise_of
+from tactilevision.press.track import PressTrack
+from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.rig import Indenter
+from tactilevision.robust import MAD_TO_STD, mad_std
+
+# The contact event: first touch of the bevel, as it was certified.
+
+
+@dataclass(frozen=True, slots=True)
+class ContactEvent:
+    """First touch of the bevel: camera time and std, the depth that the camera read then, channel, onset.
+
+    `seen_s`: when frames showed it, where the travel scale has moved it since; else NaN.
+    """
+
+    time_s: float
+    std_s: float
+    depth_seen_mm: float
+    channel: str
+    onset: Onset
+    seen_s: float = float("nan")
+
+
+# First touch of the bevel in every press of a recording, found together.
+#
+# The presses share the shape of the growing dent (its amplitude per depth, its share k), since they share the
+# bevel; each has its own depth of touch. The depth that drives the signal is read from the force, P = c w (1 +
+# b w), c and b from the touches themselves at the machined heights: a height map's own depth is too crooked
+# where the walls are steep.
+
+DETECTION_CHI2 = 25.0  # fall of chi-square that counts as a contact event: five sigma
+# An edge drags gel along from the first: a wedge on a bonded layer (plane strain, 5 to 20 degrees) begins with .6
+# to .3 of its final growth; a camera or a compression that swallows the faintest dents shows less of it.
+# Share of the growth at first, without unit.
+_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
+# of fill_mm: lengths over which blur and gel smear the growth, not known beforehand
+_FILLS = (0.25, 0.5, 1.0, 2.0)
+SHAPE_STD = 0.1  # of fill_mm: what the family of shapes leaves open; benchmarks.certificate
+_TYPICAL = 0.4  # share of the growth at first, for a first search
+_MAX_GAIN = 400.0  # of chi-square: beyond it a press says no more of the bevel's place
+PILE_UP = 0.09  # of the depth, for a first guess: a common factor, to which the search is blind
+# of the depth at which the law of all presses has a touch, one sigma; test_bevel_contact_depth
+_DUE_STD = 0.03
+_ANGLE_DEG = 10.0  # degrees, of a bevel of which nothing is said
+# of the amplitude, by which presses of one bevel differ, one sigma: at least, at most
+_AMPLITUDE_STD = (0.03, 0.15)
+_MIN_COUNT = 4  # presses from which their amplitudes' scatter can be told; benchmarks.certificate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PressSignal:
+    """A press to be searched: its frames up to the end of the hold (`use`), and the driving depth or force
+    (N,).
+    """
+
+    track: PressTrack
+    drive: Floats
+    use: Bools
+
+    def signal(self, distance_mm: float) -> Floats | None:
+        """Bevel signal (N,) mm of the height map, the edge at `distance_mm`; None where it is out of view."""
+        track = self.track
+        radius = track.footprint.radius_mm if track.footprint else track.indenter.radius_mm
+        return height_signal(track.strips, track.s_mm, distance_mm=distance_mm, radius_mm=radius)
+
+
+@dataclass(frozen=True, slots=True)
+class DepthOfForce:
+    """w(P) of P = c w (1 + b w)."""
+
+    c_N_per_mm: float
+    b_per_mm: float
+
+    def depth(self, force_N: Floats) -> Floats:
+        """Depth (mm) at forces (N) of any shape."""
+        force = np.asarray(force_N, dtype=np.float64)
+        if self.b_per_mm == 0:
+            return force / self.c_N_per_mm
+        root = np.sqrt(np.maximum(1 + 4 * self.b_per_mm * force / self.c_N_per_mm, 1e-6))
+        return np.asarray((root - 1) / (2 * self.b_per_mm), dtype=np.float64)
+
+    def force(self, depth_mm: Floats | float) -> Floats:
+        """Force (N) at depths (mm) of any shape."""
+        w = np.asarray(depth_mm, dtype=np.float64)
+        return np.asarray(self.c_N_per_mm * w * (1 + self.b_per_mm * w), dtype=np.float64)
+
+
+def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
+    """c and b through (depth, force) anchors, robustly; b is kept at 0 where all depths are alike."""
+    usable = np.array([a for a in anchors if a[0] > 0 and a[1] > 0])
+    if not len(usable):
+        return None
+    depth, stiffness = usable[:, 0], usable[:, 1] / usable[:, 0]
+    if np.ptp(depth) < 0.25 * depth.max():
+        return DepthOfForce(float(np.median(stiffness)), 0.0)
+    keep = np.ones(depth.size, dtype=bool)
+    slope, start = 0.0, float(np.median(stiffness))
+    for _ in range(5):
+        slope, start = (float(v) for v in np.polyfit(depth[keep], stiffness[keep], 1))
+        residual = np.abs(stiffness - start - slope * depth)
+        keep = residual <= max(3 * MAD_TO_STD * float(np.median(residual)), 1e-9)
+        if keep.sum() < 3:
+            break
+    return DepthOfForce(start, max(slope / start, 0.0)) if start > 0 else None
+
+
+def find_bevel_contacts(signals: Sequence[PressSignal], distance_mm: float) -> list[Onset | None]:
+    """The onset of each press; None where its bevel is out of view or its signal never rises."""
+    traces = [press_signal.signal(distance_mm) for press_signal in signals]
+    known = [
+        (press_signal.drive[press_signal.use], trace[press_signal.use])
+        for press_signal, trace in zip(signals, traces, strict=True)
+        if trace is not None
+    ]
+    found = iter(_joint_onsets(known, max(fill_mm(press_signal.track.indenter) for press_signal in signals)))
+    return [None if trace is None else next(found) for trace in traces]
+
+
+def fill_mm(indenter: Indenter) -> float:
+    """Depth beyond the touch at which the bevel's wedge fills the window at its edge."""
+    angle = indenter.bevel_angle_deg if indenter.bevel_angle_deg is not None else _ANGLE_DEG
+    return EDGE_MM * float(np.tan(np.radians(np.clip(angle, 1.0, 60.0))))
+
+
+def _joint_onsets(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onset | None]:
+    """Onsets of many signals (x, y) of one shape: the mean over shares k and lengths L, by their likelihood."""
+    first = [find_onset(x, y, growth=Growth(_TYPICAL, fill)) for x, y in traces]
+    sure = [onset for onset in first if onset is not None and onset.gain > DETECTION_CHI2]
+    if not sure:
+        return first
+    noise = float(np.median([onset.noise for onset in sure]))
+    trials, misfit = [], []
+    for growth in (Growth(float(share), part * fill) for part in _FILLS for share in _SHARES):
+        free = [find_onset(x, y, growth=growth, noise=noise) for x, y in traces]
+        seen = [o for o in free if o is not None and o.gain > DETECTION_CHI2]
+        alike = _shared_amplitude(seen)
+        trial = [find_onset(x, y, growth=growth, amplitude=alike, noise=noise) for x, y in traces]
+        trials.append(trial)
+        misfit.append(float(np.sum([o.chi2 for o in trial if o is not None])) if alike else np.inf)
+    count = sum(len(x) for x, _ in traces)
+    scale = max(float(np.min(misfit)) / max(count - 4 * len(traces), 1), 1.0)
+    weights = np.exp(-0.5 * (np.array(misfit) - np.min(misfit)) / scale)
+    return [
+        _mixture([trial[k] for trial in trials], weights, scale=scale, shape_mm=SHAPE_STD * fill)
+        for k in range(len(traces))
+    ]
+
+
+def _shared_amplitude(onsets: Sequence[Onset]) -> Pair | None:
+    """Mean amplitude, and how far those of the presses lie apart beyond their own errors; None without any."""
+    if not onsets:
+        return None
+    amplitude = np.array([onset.amplitude for onset in onsets])
+    own = np.array([onset.amplitude_std for onset in onsets])
+    middle = float(np.median(amplitude))
+    if len(onsets) < _MIN_COUNT:
+        return middle, _AMPLITUDE_STD[1] * middle
+    apart = mad_std(amplitude, centre=middle)
+    beyond = float(np.sqrt(max(apart**2 - float(np.median(own**2)), 0.0)))
+    return middle, float(np.clip(beyond, _AMPLITUDE_STD[0] * middle, _AMPLITUDE_STD[1] * middle))
+
+
+def _mixture(onsets: Sequence[Onset | None], weights: Floats, *, scale: float, shape_mm: float) -> Onset | None:
+    """One onset from its likes under several shapes.
+
+    `scale` is the chi-square a degree of freedom that the best shape leaves, `shape_mm` what none may say right.
+    """
+    kept = [(onset, float(weight)) for onset, weight in zip(onsets, weights, strict=True) if onset is not None]
+    if not kept or sum(weight for _, weight in kept) <= 0:
+        return None
+    share_out = np.array([weight for _, weight in kept])
+    at = np.array([onset.at for onset, _ in kept])
+    variance = scale * np.array([onset.std**2 for onset, _ in kept])
+    mean = float(np.average(at, weights=share_out))
+    best = kept[int(share_out.argmax())][0]
+    shared = float(np.average((at - mean) ** 2, weights=share_out)) + shape_mm**2
+    return replace(
+        best,
+        at=mean,
+        std=float(np.sqrt(np.average(variance, weights=share_out) + shared)),
+        shared_std=float(np.sqrt(shared)),
+    )
+
+
+def find_distance(signals: Sequence[PressSignal]) -> float | None:
+    """Where the bevel's edge lies, from where a touch shows most surely; None where none does."""
+    near = max(press_signal.track.indenter.radius_mm for press_signal in signals) + 0.8
+    far = max(float(press_signal.track.s_mm[-1]) for press_signal in signals)
+    coarse = _surest_place(signals, np.arange(near, far, 2 * EDGE_MM))
+    return None if coarse is None else _surest_place(signals, coarse + np.linspace(-2 * EDGE_MM, 2 * EDGE_MM, 7))
+
+
+def _surest_place(signals: Sequence[PressSignal], places: Floats) -> float | None:
+    totals = np.zeros(places.size)
+    for k, place in enumerate(places):
+        for press_signal in signals:
+            trace = press_signal.signal(float(place))
+            if trace is None:
+                continue
+            drive, trace = press_signal.drive[press_signal.use], trace[press_signal.use]
+            growth = Growth(_TYPICAL, fill_mm(press_signal.track.indenter))
+            onset = find_onset(drive, trace, growth=growth, noise=max(noise_of(trace), 1e-6))
+            totals[k] += 0.0 if onset is None else min(onset.gain, _MAX_GAIN) / len(signals)
+    if not places.size or totals.max() < DETECTION_CHI2:
+        return None
+    best = int(totals.argmax())
+    around = slice(max(best - 1, 0), best + 2)
+    return float(np.average(places[around], weights=totals[around]))
+
+
+def find_in_pictures(
+    signals: Sequence[PressSignal], onsets: Sequence[Onset | None], *, distance_mm: float
+) -> list[Onset | None]:
+    """The same touches from the change of the pictures' colours; None where they do not show there.
+
+    The change is looked for about the touch of the height map, and where that is unsure, about where it is due.
+    """
+    known: list[int] = []
+    traces = []
+    for k, (press_signal, onset) in enumerate(zip(signals, onsets, strict=True)):
+        if onset is None or onset.gain <= DETECTION_CHI2:
+            continue
+        colours, drive = press_signal.track.colours[press_signal.use], press_signal.drive[press_signal.use]
+        trace = picture_signal(
+            colours,
+            press_signal.track.s_mm,
+            depth_mm=drive,
+            distance_mm=distance_mm,
+            onset=_with_due(onset, press_signal.track.indenter.height_mm),
+        )
+        if trace is not None:
+            known.append(k)
+            traces.append((drive, trace))
+    found: list[Onset | None] = [None] * len(signals)
+    if traces:
+        fill = max(fill_mm(press_signal.track.indenter) for press_signal in signals)
+        for k, onset in zip(known, _joint_onsets(traces, fill), strict=True):
+            found[k] = onset
+    return found
+
+
+def _with_due(onset: Onset, height_mm: float | None) -> Onset:
+    """An onset that says less than the law of all presses does, drawn to where that has the touch."""
+    due_mm = (height_mm or 0.0) / (1 + PILE_UP)
+    std = _DUE_STD * due_mm
+    if onset.std <= std or not std > 0:
+        return onset
+    weight = std**2 / (onset.std**2 + std**2)
+    return replace(onset, at=weight * onset.at + (1 - weight) * due_mm, std=std)
+
+
+# Presses that share a bevel and a punch radius, searched for their touches together.
+#
+# The driving depth is read from the force; its law w(P) is anchored to the machined heights by the touches
+# themselves, so search and law are found in turns.
+
+_MAX_ITERATIONS = 3  # of search and law, which know each other; benchmarks.certificate
+_MAX_UNEVEN = 0.02  # of the depth: a ramp less even does not tell how it goes on; benchmarks.certificate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BevelContact:
+    """What the search found for one press: the case, the onset (in driving depth) in the more certain channel, the
+    bevel's place, the law.
+    """
+
+    press_signal: PressSignal
+    onset: Onset | None
+    channel: str
+    distance_mm: float | None
+    distance_given: bool
+    law: DepthOfForce
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frames:
+    track: PressTrack
+    window: ForceWindow
+    time_s: Floats  # (N,) of the frames on the F/T sensor's clock
+    force_N: Floats  # (N,) at the frames
+    use: Bools
+
+
+def search_bevel_contacts(
+    tracks: Mapping[str, PressTrack | None],
+    windows: Mapping[str, ForceWindow | None],
+    *,
+    offset_s: float,
+    before: Mapping[str, BevelContact] | None = None,
+    unseen_mm: float = 0.0,
+) -> dict[str, BevelContact]:
+    """The touches of all presses that can be searched; `before` spares a search for the place of the bevel.
+
+    `unseen_mm` (one sigma): by how much all are seen late together, since the pictures swallow faint dents.
+    """
+    groups: dict[tuple[object, ...], dict[str, _Frames]] = {}
+    for name, track in tracks.items():
+        window = windows[name]
+        if track is None or track.footprint is None or window is None or track.indenter.bevel is None:
+            continue
+        indenter = track.indenter
+        key = (indenter.bevel, indenter.bevel_distance_mm, indenter.radius_mm)
+        groups.setdefault(key, {})[name] = _frames(track, window, offset_s)
+    found: dict[str, BevelContact] = {}
+    for group in groups.values():
+        place = next((before[name].distance_mm for name in group if name in before), None) if before else None
+        found |= _search(group, place)
+    return {name: _less_sure(one, unseen_mm) for name, one in found.items()} if unseen_mm else found
+
+
+def _less_sure(one: BevelContact, shared_mm: float) -> BevelContact:
+    """The touch with a part more of std that all presses share."""
+    onset = one.onset
+    if onset is None:
+        return one
+    std, shared = (float(np.hypot(part, shared_mm)) for part in (onset.std, onset.shared_std))
+    return replace(one, onset=replace(onset, std=std, shared_std=shared))
+
+
+def _frames(track: PressTrack, window: ForceWindow, offset_s: float) -> _Frames:
+    time = track.time_s + offset_s
+    force = window.at(time)
+    if window.phases is not None:
+        release = float(window.time_s[window.phases.release])
+    else:
+        seen = find_phases(track.depth_mm)
+        release = float(time[seen.release if seen is not None else -1])
+    return _Frames(track, window, time, force, np.asarray((time <= release) & np.isfinite(force)))
+
+
+def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, BevelContact]:
+    law = _first_law(group)
+    indenter = next(iter(group.values())).track.indenter
+    distance = indenter.bevel_distance_mm
+    if distance is None:
+        distance = place_mm or find_distance([_press_signal(frames, law) for frames in group.values()])
+    signals = {name: _press_signal(frames, law) for name, frames in group.items()}
+    if distance is None:
+        return {
+            name: BevelContact(press_signal, None, "height map", None, False, law)
+            for name, press_signal in signals.items()
+        }
+    levels: dict[str, float] = {}
+    for _ in range(_MAX_ITERATIONS):
+        signals = {name: _press_signal(frames, law, levels.get(name)) for name, frames in group.items()}
+        onsets = dict(zip(group, find_bevel_contacts(list(signals.values()), distance), strict=True))
+        anchors = [
+            (press_signal.track.indenter.height_mm / (1 + PILE_UP), float(law.force(onset.at)))
+            for press_signal, onset in zip(signals.values(), onsets.values(), strict=True)
+            if onset is not None and onset.gain > DETECTION_CHI2 and press_signal.track.indenter.height_mm
+        ]
+        levels = {
+            name: float(law.force(onset.at))
+            for name, onset in onsets.items()
+            if onset is not None and onset.gain > DETECTION_CHI2
+        }
+        used, law = law, depth_of_force(anchors) or law
+    given = indenter.bevel_distance_mm is not None
+    names = dict.fromkeys(group, "height map")
+    pictures = find_in_pictures(list(signals.values()), list(onsets.values()), distance_mm=distance)
+    for name, seen in zip(group, pictures, strict=True):
+        onset = onsets[name]
+        if seen is not None and onset is not None and seen.gain > DETECTION_CHI2:
+            onsets[name], names[name] = _combine_channels(onset, seen)
+    return {name: BevelContact(signals[name], onsets[name], names[name], distance, given, used) for name in group}
+
+
+def _combine_channels(height: Onset, picture: Onset) -> tuple[Onset, str]:
+    """One onset from both channels by their variances; where they contradict each other, the surer one."""
+    if abs(height.at - picture.at) > 3 * np.hypot(height.std, picture.std):
+        sure, name = (height, "height map") if height.gain >= picture.gain else (picture, "picture")
+        return replace(height, at=sure.at, std=sure.std, shared_std=sure.shared_std), name
+    shared = np.array([height.shared_std, picture.shared_std])
+    own = np.sqrt(
+        np.maximum(np.array([height.std, picture.std]) ** 2 - [height.shared_std**2, picture.shared_std**2], 0)
+    )
+    weights = 1 / (own**2 + shared**2)
+    weights /= weights.sum()
+    # both see one dent: what its shape leaves open does not average out between them
+    together, apart = float(weights @ shared), float(np.linalg.norm(weights * own))
+    at = float(weights @ [height.at, picture.at])
+    return replace(
+        height, at=at, std=float(np.hypot(together, apart)), shared_std=together
+    ), "height map and picture"
+
+
+def _press_signal(frames: _Frames, law: DepthOfForce, level_N: float | None = None) -> PressSignal:
+    """A press as driven by its force; beyond the force of a touch that is known already, by its ramp's pace."""
+    depth = law.depth(frames.force_N) if level_N is None else _at_pace(frames, law, level_N)
+    return PressSignal(frames.track, depth, frames.use)
+
+
+def _at_pace(frames: _Frames, law: DepthOfForce, level_N: float) -> Floats:
+    """Depth (N,) by the force, and beyond the touch at the pace of the way up to it.
+
+    The bevel carries part of the force from there on, which would pass for depth. By the force throughout where
+    the rig did not come at one pace.
+    """
+    depth, window = law.depth(frames.force_N), frames.window
+    touch_mm = float(law.depth(np.array(level_N)))
+    crossed = force_crossing(window, level_N, level_std_N=0.0)
+    begun = None if crossed is None else contact_point(window, crossed.time_s)
+    if crossed is None or begun is None:
+        return depth
+    pace = touch_mm / (crossed.time_s - begun.time_s)
+    way = (window.time_s > begun.time_s) & (window.time_s < crossed.time_s)
+    uneven = law.depth(window.drive_N[way]) - pace * (window.time_s[way] - begun.time_s)
+    if float(np.median(np.abs(uneven))) > _MAX_UNEVEN * touch_mm:
+        return depth
+    beyond = touch_mm + pace * moving_s(window, crossed.time_s, time_s=frames.time_s)
+    return np.where(frames.time_s > crossed.time_s, beyond, depth)
+
+
+def _first_law(group: Mapping[str, _Frames]) -> DepthOfForce:
+    """Straight line from the depths that the camera reads."""
+    ratios = []
+    for frames in group.values():
+        deep = frames.use & (frames.track.depth_mm > 0.5 * np.nanmax(frames.track.depth_mm))
+        ratio = frames.force_N[deep] / frames.track.depth_mm[deep]
+        ratios += [float(r) for r in ratio if np.isfinite(r) and r > 0]
+    return DepthOfForce(float(np.median(ratios)) if ratios else 1.0, 0.0)

@@ -1,0 +1,440 @@
+"""Calibrate depth scale, face depth and wall law on the faces of certified presses."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from tactilevision.contact.footprint import find_footprint
+from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.files.documents import cell_text, read_text
+from tactilevision.files.opening import read_cells
+from tactilevision.heightmap.lamps import find_lamps
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.shadows_seen import SEEN_SHARE, leave, share_seen, undo_by
+from tactilevision.heightmap.walls import PunchEdge, WallFace, teach
+from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import read_frame
+from tactilevision.records.certified import CertifiedPoint, TaughtWalls, WallLessons
+from tactilevision.records.maps import Footprint, HeightMap
+from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.rig import Indenter, Press
+from tactilevision.robust import mad_std
+
+# Faces of certified presses as their maps show them at the event: how deep, and what their wall hides of it.
+#
+# Each is read once, between the frames before and after its event, with walls as nobody taught them: these faces
+# tell what the wall's law lacks (wall_lessons.py), and how deep faces are read with it (face_depth.py). Lengths in
+# mm, times on the camera's clock.
+
+POINTS = "points.csv"
+NEAR = 0.5  # of the radius, within which a wall's middle is the face's: the next face lies beyond
+
+
+@dataclass(frozen=True, slots=True)
+class Certified:
+    """One accepted press: when its bevel touched, and the depth that this certifies."""
+
+    press: str
+    time_s: float
+    depth_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class MappedFace:
+    """A face's `read_mm` in one map; `hidden_mm`, `depth_mm` of its teachable wall there (PunchEdge), else 0."""
+
+    read_mm: float
+    hidden_mm: float
+    depth_mm: float
+
+    def as_taught(self, walls: TaughtWalls | None) -> float:
+        """Depth in mm that the face is read at with walls as certified faces taught them; None: as nobody did."""
+        return self.read_mm + (walls.change_mm(self.hidden_mm, self.depth_mm)[0] if walls else 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class CertifiedFace:
+    """The face of a `press` in the maps before and after its event, which lies `share` of the way between them."""
+
+    press: Press
+    indenter: Indenter
+    certified_mm: float
+    maps: tuple[MappedFace, MappedFace]
+    share: float
+
+    def as_taught(self, walls: TaughtWalls | None) -> float:
+        """Depth in mm that the face is read at, at its event, with walls as taught; None: as nobody did."""
+        return self._between(*(one.as_taught(walls) for one in self.maps))
+
+    @property
+    def wall_face(self) -> WallFace | None:
+        """What the face says of walls, at its event; None where a map shows none."""
+        if not all(one.hidden_mm for one in self.maps):
+            return None
+        before, after = self.maps
+        hidden_mm = self._between(before.hidden_mm, after.hidden_mm)
+        depth_mm = self._between(before.depth_mm, after.depth_mm)
+        return WallFace(self.indenter.name, self.as_taught(None), hidden_mm, depth_mm, self.certified_mm)
+
+    def _between(self, before: float, after: float) -> float:
+        return before + self.share * (after - before)
+
+
+def read_certified(calibration: Path) -> tuple[Certified, ...]:
+    """The accepted presses of the points.csv beside a calibration.json; none where there is no such table.
+
+    Raises InputError where it is no table.
+    """
+    path = calibration.parent / POINTS
+    if not path.is_file():
+        return ()
+    found = []
+    try:
+        rows = list(csv.DictReader(io.StringIO(read_text(path), newline="")))
+    except csv.Error as fault:
+        raise InputError(f"is not CSV: {fault}", where=path) from fault
+    for row in rows:
+        try:
+            time_s, depth_mm = read_cells([row["time_s"], row["depth_mm"]], where=path)
+            good = row["accepted"].strip().lower() in ("1", "true")
+        except (KeyError, TypeError, AttributeError, InputError):
+            continue
+        if good and np.isfinite(time_s) and 0 < depth_mm < np.inf:
+            found.append(Certified(cell_text(str(row.get("press"))), time_s, depth_mm))
+    return tuple(found)
+
+
+def certified_of(points: Iterable[CertifiedPoint]) -> tuple[Certified, ...]:
+    """The accepted ones of a certificate's points."""
+    return tuple(Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted)
+
+
+def read_faces(
+    recording: Recording, reader: Reconstructor, *, certified: Sequence[Certified]
+) -> list[CertifiedFace]:
+    """The faces of a recording's `certified` presses that both frames about their event show.
+
+    Cast shadows are left or undone as the reader does now; what it knows of walls is set aside, and stays.
+    Presses of another recording, told by label and time, are passed over.
+    """
+    known, reader.taught = reader.taught, None
+    try:
+        return list(_faces(recording, reader, certified))
+    finally:
+        reader.taught = known
+
+
+def _faces(recording: Recording, reader: Reconstructor, certified: Sequence[Certified]) -> Iterator[CertifiedFace]:
+    presses = {press.press: press for press in recording.presses}
+    for one in certified:
+        press = presses.get(one.press)
+        indenter = None if press is None else recording.indenters.get(press.indenter)
+        if press is None or indenter is None or not press.start_s <= one.time_s <= press.end_s:
+            continue
+        after = int(np.searchsorted(recording.frame_times_s, one.time_s))
+        if not 0 < after < recording.frame_times_s.size:
+            continue
+        maps = [_mapped(recording, reader, indenter, place) for place in (after - 1, after)]
+        if maps[0] is None or maps[1] is None:
+            continue
+        begin, end = recording.frame_times_s[after - 1 : after + 1]
+        share = float((one.time_s - begin) / (end - begin))
+        yield CertifiedFace(press, indenter, one.depth_mm, (maps[0], maps[1]), share)
+
+
+def _mapped(recording: Recording, reader: Reconstructor, indenter: Indenter, place: int) -> MappedFace | None:
+    """The face in the map of a frame; None where it shows none that is pressed in."""
+    try:
+        face = find_footprint(reader.height_map(read_frame(recording, place)), indenter)
+    except TactilevisionError:
+        return None
+    if face is None or not face.depth_mm > 0:
+        return None
+    wall = wall_at(reader, face.centre_mm, face.radius_mm) if indenter.shape == "flat_cylinder" else None
+    taught = (wall.missing_mm, wall.depth_mm) if wall and wall.teachable else (0.0, 0.0)
+    return MappedFace(face.depth_mm, *taught)
+
+
+def wall_at(reader: Reconstructor, centre_mm: Pair, radius_mm: float) -> PunchEdge | None:
+    """The wall of the map made last about a face's centre, from the picture's middle."""
+    sensor = reader.sensor
+    x = centre_mm[0] + (sensor.width_px - 1) / 2 * sensor.mm_per_px[0]
+    y = centre_mm[1] + (sensor.height_px - 1) / 2 * sensor.mm_per_px[1]
+    edges = reader.evidence.edges if reader.evidence else ()
+    near = (one for one in edges if np.hypot(one.centre_mm[0] - x, one.centre_mm[1] - y) < NEAR * radius_mm)
+    return next(near, None)
+
+
+# The scale in which the camera reads the depth of a face, from the certified events of all presses.
+#
+# A method made from balls reads all slopes in proportion to 1/R of the radius that was stated for them, and one
+# radius alone shows no fault in it. The bevel knows nothing of balls: gentle faces, which are read right
+# otherwise, tell it.
+
+GENTLE_MM = 0.4  # mm, up to which walls leave the depth of a face alone
+MIN_COUNT = 3  # gentle faces from which a median is taken; tests.certificate.test_depth_scale
+MAX_OFF = 0.06  # of 1: on five lights medians over gentle faces lie within .02, single ones within .08
+DETECTION_SIGMA = 3.0  # stds of the median; tests.certificate.test_depth_scale
+
+
+@dataclass(frozen=True, slots=True)
+class DepthScale:
+    """True over seen depth, a polynomial in the seen depth (lowest power first), held beyond `limits_mm`;
+    scatter.
+    """
+
+    coefficients: tuple[float, ...]
+    limits_mm: Pair
+    scatter: float
+
+    def scale(self, seen_mm: Floats | float) -> Floats:
+        """True over seen depth at seen depths of any shape, mm."""
+        held = np.clip(np.asarray(seen_mm, dtype=np.float64), *self.limits_mm)
+        return np.asarray(np.polynomial.polynomial.polyval(held, self.coefficients), dtype=np.float64)
+
+
+def find_depth_scale(pairs: Sequence[Pair]) -> DepthScale | None:
+    """Gauge through (seen, true) depths at the events: constant, linear or square as the depths are spread."""
+    usable = np.array([p for p in pairs if p[0] > 0 and p[1] > 0]).reshape(-1, 2)
+    if not len(usable):
+        return None
+    seen, scale = usable[:, 0], usable[:, 1] / usable[:, 0]
+    spread = len(np.unique(np.round(usable[:, 1] / (0.1 * usable[:, 1].max()))))
+    degree = int(np.clip(min(spread, len(usable) // 2) - 1, 0, 2))
+    coefficients = np.polynomial.polynomial.polyfit(seen, scale, degree)
+    residual = scale - np.polynomial.polynomial.polyval(seen, coefficients)
+    return DepthScale(
+        tuple(float(c) for c in coefficients), (float(seen.min()), float(seen.max())), float(residual.std())
+    )
+
+
+def scale_off(pairs: Sequence[Pair]) -> float | None:
+    """Seen over certified depth of gentle faces (seen, certified); None where they do not contradict 1."""
+    ratios = _ratios(pairs)
+    if len(ratios) < MIN_COUNT:
+        return None
+    off = float(np.median(ratios))
+    scatter = mad_std(ratios, centre=off) / np.sqrt(len(ratios))
+    return None if abs(off - 1.0) < max(MAX_OFF, DETECTION_SIGMA * scatter) else off
+
+
+def scale_warning(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
+    """A sentence where gentle faces (seen, certified) contradict the picture's scale; "" where they do not.
+
+    `radii_mm` of the balls that made it; none for a method that came ready.
+    """
+    off = scale_off(pairs)
+    return "" if off is None else scale_question(off, len(_ratios(pairs)), radii_mm=radii_mm)
+
+
+def scale_question(off: float, faces: int, *, radii_mm: Sequence[float], shadows: str | None = None) -> str:
+    """What to ask where the picture's scale is `off`, a ratio, at so many gentle `faces`.
+
+    `shadows`: how they were read where it is known what cast shadows do to them; None: they may be the cause.
+    """
+    stated = ", ".join(f"{radius:g}" for radius in sorted(set(radii_mm)))
+    implied = ", ".join(f"{off * radius:.2f}" for radius in sorted(set(radii_mm)))
+    doubts = [
+        f"is the ball radius stated as {stated} mm really {implied}",
+        "has the light changed since the balls",
+    ]
+    doubts += ["do lamps cast shadows beside the faces"] if shadows is None else []
+    why = f"{', '.join(doubts[:-1])}, or {doubts[-1]}?" if stated else "balls of this sensor would mend it."
+    return (
+        f"Depth as the picture reads it{shadows or ''} is {100 * (off - 1):+.0f} % off what the bevel certifies "
+        f"of {faces} gentle faces: {why}"
+    )
+
+
+def _ratios(pairs: Sequence[Pair]) -> Floats:
+    """Seen over true depth of the gentle faces in pairs of them."""
+    return np.array([seen / true for seen, true in pairs if 0 < true <= GENTLE_MM and seen > 0])
+
+
+# Correction of face depth: what the map hides of a face in its walls, put back from certified presses.
+#
+# A deep face is read through walls too steep to be read. Its depth comes out short, alike at the same depth. The
+# certified presses tell by how much: read at their events by the same reconstructor they give a depth scale
+# (depth_scale.py). The faces of all frames of these presses are moved by it as rigid discs. The gel beside them,
+# and the deviation that the map states, stay as they are. Lengths in mm, times on the camera's clock.
+
+MIN_FACES = 3  # certified faces that make a depth scale; tests.certificate.test_face_depth
+
+
+@dataclass(frozen=True, slots=True)
+class FaceDepthCorrection:
+    """`depth_scale` of the faces in `spans` (first and last time of a press, its indenter); None: nothing.
+
+    `doubt` is a sentence where they contradict the picture's scale.
+    """
+
+    depth_scale: DepthScale | None = None
+    spans: tuple[tuple[float, float, Indenter], ...] = ()
+    doubt: str = ""
+
+    def __call__(self, height: HeightMap) -> HeightMap:
+        """The map with its face where the certificate puts it; as it was where no face of these presses shows."""
+        inside = (indenter for first, last, indenter in self.spans if first <= height.time_s <= last)
+        indenter = next(inside, None)
+        face = None if indenter is None else find_footprint(height, indenter)
+        return height if self.depth_scale is None else with_face(height, face, depth_scale=self.depth_scale)
+
+
+def with_face(height: HeightMap, face: Footprint | None, *, depth_scale: DepthScale) -> HeightMap:
+    """The map (H, W) with a flat `face`, as it reads it, as deep in mm as the scale has it; None: as it was."""
+    if face is None or not face.depth_mm > 0:
+        return height
+    lacking = (float(depth_scale.scale(face.depth_mm)) - 1.0) * face.depth_mm
+    disc = _disc(height, face)
+    return replace(height, depth_mm=np.where(disc, height.depth_mm + lacking, height.depth_mm))
+
+
+NO_CORRECTION = FaceDepthCorrection()  # nothing is certified: every map is the picture's own
+
+
+def face_depth_correction(
+    recording: Recording, faces: Sequence[CertifiedFace], *, walls: TaughtWalls | None
+) -> FaceDepthCorrection:
+    """Correction by a recording's own certified `faces`; NO_CORRECTION where they are fewer than MIN_COUNT.
+
+    Maps are made with `walls` as certified faces taught them; None: as nobody did.
+    """
+    pairs = [(one.as_taught(walls), one.certified_mm) for one in faces]
+    depth_scale = find_depth_scale(pairs) if len(pairs) >= MIN_FACES else None
+    if depth_scale is None:
+        return NO_CORRECTION
+    spans = tuple((one.press.start_s, one.press.end_s, one.indenter) for one in faces)
+    return FaceDepthCorrection(
+        depth_scale, spans, scale_warning(pairs, [ball.ball_radius_mm for ball in recording.balls])
+    )
+
+
+def _disc(height: HeightMap, face: Footprint) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    rows, columns = height.depth_mm.shape
+    x = (np.arange(columns) - (columns - 1) / 2) * height.mm_per_px[0] - face.centre_mm[0]
+    y = (np.arange(rows) - (rows - 1) / 2) * height.mm_per_px[1] - face.centre_mm[1]
+    return np.asarray(np.hypot(x[None, :], y[:, None]) < face.radius_mm)
+
+
+# Certified faces teach the wall's law: maps at their events, held against the depth that the bevel has there.
+#
+# A face's map says how deep it is read and how much of that its wall hides (certified_faces.py). With the
+# certified depth beside it, the two numbers of the wall's law come out (heightmap/walls.py). They belong
+# to the light, and all later frames of the sensor are read with them; shadows left or undone, each has its own.
+
+
+def teach_walls(reader: Reconstructor, faces: Sequence[CertifiedFace]) -> bool:
+    """Let certified `faces`, as the reader sees them now, teach its walls.
+
+    The reader keeps to it from then on. False, and what it knew stays, where too few faces show a wall, and where
+    what they say is more than walls can be off.
+    """
+    lesson = teach([one.wall_face for one in faces if one.wall_face is not None])
+    if lesson is not None:
+        reader.taught = lesson
+    return lesson is not None
+
+
+def with_walls(method: ReferencedMethod, walls: WallLessons) -> ReferencedMethod:
+    """The method with what its reader knows of `walls`; itself where that is what it knows already."""
+    known = getattr(method, "walls", None) or WallLessons()
+    return method if walls == known else replace(cast(CalibratedMethod, method), walls=walls)
+
+
+def with_scatter(scale: DepthScale | None, walls: TaughtWalls) -> DepthScale | None:
+    """The scale of faces that taught their `walls`, too: they scatter no less than faces elsewhere."""
+    return None if scale is None else replace(scale, scatter=max(scale.scatter, walls.scatter))
+
+
+# Why the camera's scale of depth is off at gentle faces: by the balls' radius, or by shadows that lamps cast?
+#
+# A wrong radius makes all depths wrong alike, shadows beside the faces make them too deep, and both may cancel. So
+# some of the faces are read once more with shadows undone, where the frames show any. On two sensors of a renderer
+# that shares no code with the library, lamps at 13 to 30 degrees, gentle faces then read 3 % too shallow at most,
+# and 12 % where balls are stated 10 % too large; with their shadows they read 8 % too deep and 5 % too shallow, or
+# at random.
+
+FACES = 5  # faces that are read again, spread over depth: each takes a second
+
+
+@dataclass(frozen=True, slots=True)
+class Undone:
+    """Whether frames show cast shadows, None: it cannot be told; faces (read, certified), mm, without them."""
+
+    shows: bool | None
+    pairs: tuple[Pair, ...] = ()
+
+
+def doubt_of_scale(
+    recording: Recording, reconstructor: object, *, pairs: Sequence[Pair], certified: Sequence[Certified]
+) -> str:
+    """As `scale_warning` of gentle faces in `pairs` (seen, certified), mm, but with shadows told from the radius.
+
+    `certified` are the presses that they belong to. The reconstructor leaves shadows as they were.
+    """
+    radii = [ball.ball_radius_mm for ball in recording.balls]
+    said, off = scale_warning(pairs, radii), scale_off(pairs)
+    if off is None or not radii or not isinstance(reconstructor, Reconstructor):
+        return said
+    undone = without_shadows(recording, reconstructor, certified=certified, seen=False)
+    if undone.shows is None or len(undone.pairs) < (MIN_COUNT if undone.shows else 0):
+        return said
+    if not undone.shows:
+        return scale_question(off, len(pairs), radii_mm=radii, shadows="")
+    left = scale_off(undone.pairs)
+    if left is not None:
+        return scale_question(left, len(undone.pairs), radii_mm=radii, shadows=" without cast shadows")
+    return (
+        f"Depth as the picture reads it is {100 * (off - 1):+.0f} % off what the bevel certifies of gentle faces: "
+        "lamps cast shadows beside them. Without these it is not, so the balls' radius stands; `depth` and "
+        "`force` undo them."
+    )
+
+
+def doubt_beside_shadows(
+    recording: Recording, reconstructor: Reconstructor, *, certified: Sequence[Certified]
+) -> str:
+    """A sentence where gentle faces are off once shadows, which may hide it, are undone; "" where not."""
+    radii = [ball.ball_radius_mm for ball in recording.balls]
+    undone = without_shadows(recording, reconstructor, certified=certified, seen=True) if radii else Undone(None)
+    off = scale_off(undone.pairs)
+    if off is None:
+        return ""
+    return scale_question(off, len(undone.pairs), radii_mm=radii, shadows=" without cast shadows")
+
+
+def without_shadows(
+    recording: Recording, reconstructor: Reconstructor, *, certified: Sequence[Certified], seen: bool
+) -> Undone:
+    """FACES gentle faces of `certified` presses with cast shadows undone, where the frames show some.
+
+    `seen`: they are known to.
+    """
+    gentle = sorted((one for one in certified if one.depth_mm <= GENTLE_MM), key=lambda one: one.depth_mm)
+    if not gentle or reconstructor.shadows is not None:
+        return Undone(None)
+    some = [gentle[k] for k in np.unique(np.linspace(0, len(gentle) - 1, FACES).astype(int))]
+    kept = reconstructor.keeps_shadows
+    try:
+        lamps = find_lamps(recording, reconstructor)
+        if lamps is None or lamps.doubtful:
+            return Undone(None)
+        if seen:
+            undo_by(reconstructor, lamps)
+        elif (share := share_seen(recording, reconstructor)) is None or not share > SEEN_SHARE:
+            return Undone(None if share is None else False)
+        faces = read_faces(recording, reconstructor, certified=some)
+        return Undone(True, tuple((one.as_taught(None), one.certified_mm) for one in faces))
+    except TactilevisionError:  # a torn frame; the certificate names it
+        return Undone(None)
+    finally:
+        leave(reconstructor)
+        reconstructor.keeps_shadows = kept

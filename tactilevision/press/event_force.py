@@ -1,0 +1,209 @@
+"""Estimate the force at the moment of the first bevel contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.press.force_readings import ForceWindow
+from tactilevision.records.measured import Bools, Floats, ForceSeries, Pair
+
+# The force at the moment of first touch.
+#
+# Where the rig dwells there: the mean of up to 200 readings. On a ramp: a one-sided fit up to the touch, since
+# beyond it the bevel carries force too,
+#
+#     P(t) = b1 (t - t0) + b2 (t - t0)²,  t0 <= t <= touch;   0 before t0
+#
+# evaluated at the touch. Where the ramp's speed was not even, so that this does not fit within the noise, a
+# parabola over the last part that fits. Times on the F/T sensor's clock, s; forces tared, N.
+
+READINGS = 200  # of a dwell's mean at most: 1 s at 200 Hz
+
+
+@dataclass(frozen=True, slots=True)
+class EventForce:
+    """Force (3,) and its std (3,) without the touch time's share; `rate_N_s` of the normal force; how it was
+    read.
+    """
+
+    force_N: Floats
+    std_N: Floats
+    rate_N_s: float
+    readings: int
+    dwell: bool
+
+
+def force_in_dwell(time_s: Floats, force_N: Floats, *, dwell_s: Pair, event_s: float) -> EventForce | None:
+    """Mean of up to READINGS readings (T, 3) N at times (T,) s inside the dwell, those nearest to the event."""
+    inside = np.flatnonzero((time_s >= dwell_s[0]) & (time_s <= dwell_s[1]) & np.isfinite(force_N).all(axis=1))
+    if inside.size < 5:
+        return None
+    nearest = inside[np.argsort(np.abs(time_s[inside] - event_s), kind="stable")[:READINGS]]
+    chosen = force_N[nearest]
+    return EventForce(
+        chosen.mean(axis=0), chosen.std(axis=0, ddof=1) / np.sqrt(len(chosen)), 0.0, len(chosen), True
+    )
+
+
+def force_on_ramp(
+    time_s: Floats, force_N: Floats, std_N: Floats, *, onset_s: float, touch_s: float
+) -> EventForce | None:
+    """One-sided fit up to the touch, to forces (n, 3) in N; `onset_s` is a rough time of first contact.
+
+    `std_N` (3,) is the deviation of one reading.
+    """
+    good = np.isfinite(force_N).all(axis=1)
+    ramp = touch_s - onset_s
+    free = good & (time_s >= onset_s - ramp) & (time_s < onset_s)
+    load = good & (time_s >= onset_s) & (time_s <= touch_s)
+    if load.sum() < 4:
+        return None
+    normal = _whole_ramp(time_s, force_N[:, 2], free | load, (onset_s, touch_s), float(std_N[2]))
+    if normal is None:
+        normal = _last_part(time_s, force_N[:, 2], load, touch_s, float(std_N[2]))
+    value, std, rate, count = normal
+    late = load & (time_s >= touch_s - ramp / 3)
+    late = late if late.sum() >= 4 else load
+    force, spread = np.empty(3), np.empty(3)
+    for axis in (0, 1):
+        force[axis], spread[axis], _ = _polynomial(
+            time_s[late] - touch_s, force_N[late, axis], 1, float(std_N[axis])
+        )
+    force[2], spread[2] = value, std
+    return EventForce(force, spread, rate, count, False)
+
+
+def _whole_ramp(
+    time: Floats, force: Floats, where: Bools, ramp_s: Pair, std: float
+) -> tuple[float, float, float, int] | None:
+    """Value, std and slope at the touch of the model from first contact on; None where it does not fit."""
+    t, p = time[where], force[where]
+    length = ramp_s[1] - ramp_s[0]
+    best: tuple[float, float, Floats] | None = None
+    for start in ramp_s[0] + np.linspace(-0.25, 0.15, 41) * length:
+        after = np.maximum(t - start, 0)
+        design = np.c_[after, after**2]
+        trial, *_ = np.linalg.lstsq(design, p, rcond=None)
+        square = float(((p - design @ trial) ** 2).sum())
+        if best is None or square < best[0]:
+            best = (square, float(start), np.asarray(trial, dtype=np.float64))
+    assert best is not None
+    square, start, answer = best
+    reduced = square / max(p.size - 3, 1) / std**2
+    if reduced > _fitting(p.size):
+        return None
+    after, end = np.maximum(t - start, 0), ramp_s[1] - start
+    slope_now = answer[0] + 2 * answer[1] * after
+    jacobian = np.c_[after, after**2, -slope_now * (after > 0)]
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * std**2 * max(reduced, 1.0)
+    rate = float(answer[0] + 2 * answer[1] * end)
+    at_touch = np.array([end, end**2, -rate])
+    return (
+        float(answer @ at_touch[:2]),
+        float(np.sqrt(at_touch @ covariance @ at_touch)),
+        rate,
+        int((after > 0).sum()),
+    )
+
+
+def _last_part(
+    time: Floats, force: Floats, load: Bools, touch_s: float, std: float
+) -> tuple[float, float, float, int]:
+    """A parabola over the longest last part of the ramp that it fits; at the shortest its misfit is in the
+    std.
+    """
+    places = np.flatnonzero(load)
+    count = places.size
+    while True:
+        chosen = places[-count:]
+        x, y = time[chosen] - touch_s, force[chosen]
+        degree = 2 if count >= 12 else 1
+        value, spread, rate = _polynomial(x, y, degree, std)
+        rms = spread_of(x, y, degree=degree)
+        if rms <= np.sqrt(_fitting(count)) * std or count <= 16:
+            return value, spread * max(rms / std, 1.0), rate, count
+        count = max(16, int(count / 1.5))
+
+
+def _fitting(count: int) -> float:
+    """Reduced chi-square that a model which fits exceeds once in forty times."""
+    return float(1 + 2 * np.sqrt(2 / max(count, 1)))
+
+
+def spread_of(x: Floats, y: Floats, *, degree: int) -> float:
+    """Rms residual of a polynomial fit through (N,) points, per degree of freedom, in the unit of y."""
+    design = np.vander(x, degree + 1, increasing=True)
+    answer, *_ = np.linalg.lstsq(design, y, rcond=None)
+    return float(np.sqrt(((y - design @ answer) ** 2).sum() / max(y.size - degree - 1, 1)))
+
+
+def _polynomial(x: Floats, y: Floats, degree: int, std: float) -> tuple[float, float, float]:
+    """Value at 0, its std, and the slope there."""
+    design = np.vander(x, degree + 1, increasing=True)
+    answer, *_ = np.linalg.lstsq(design, y, rcond=None)
+    covariance = np.linalg.pinv(design.T @ design) * std**2
+    return float(answer[0]), float(np.sqrt(covariance[0, 0])), float(answer[1])
+
+
+# When the touch happened on either clock, and whether the rig stood still there.
+#
+# The touch is found as a depth (touch.py); the force, read 200 times a second, tells when that depth was
+# reached. Times in s, forces in N, depths in mm.
+
+_NEAR_S = 0.1  # s about the crossing over which the force is a line
+
+
+@dataclass(frozen=True, slots=True)
+class ForceCrossing:
+    """When the force first reached a level: F/T clock, std from the level's own, rate; the dwell there, if
+    any.
+    """
+
+    time_s: float
+    std_s: float
+    rate_N_s: float
+    dwell_s: Pair | None
+
+
+def force_crossing(window: ForceWindow, level_N: float, *, level_std_N: float) -> ForceCrossing | None:
+    """First passage of the driving force through a level on the way in; None where it never gets there."""
+    phases = window.phases
+    if phases is None or not level_N > 0:
+        return None
+    time, force, ramp = window.time_s, window.drive_N, max(window.ramp_N_s, 1e-9)
+    first, last = phases.onset, phases.release
+    tolerance = max(2 * level_std_N, 3 * phases.noise)
+    for start, end in window.dwells:
+        if start < phases.hold and abs(force[start] - level_N) <= tolerance:
+            edge = (end - start) // 10
+            span = (float(time[start + edge]), float(time[end - edge]))
+            arrival_std = float(window.time_s[1] - window.time_s[0]) + phases.noise / ramp
+            return ForceCrossing(float(time[start]), arrival_std, ramp, span)
+    above = np.flatnonzero(force[first : last + 1] >= level_N)
+    if not above.size:
+        return None
+    place = first + int(above[0])
+    near = np.flatnonzero(np.abs(time - time[place]) <= _NEAR_S)
+    near = near[(near >= first) & (near <= max(phases.hold, place))]
+    for start, end in window.dwells:
+        near = near[(near < start) | (near > end)] if not start <= place <= end else near
+    if near.size < 8:
+        return ForceCrossing(float(time[place]), level_std_N / ramp, ramp, None)
+    readings = window.force_N[near, 2] + (force - window.smooth_N)[near]
+    rate, value = np.polyfit(time[near] - time[place], readings, 1)
+    rate = max(float(rate), 0.2 * ramp)
+    at = float(time[place]) + (level_N - float(value)) / rate
+    return ForceCrossing(at, level_std_N / rate, rate, None)
+
+
+def event_force(window: ForceWindow, forces: ForceSeries, *, crossed: ForceCrossing) -> EventForce | None:
+    """Force at the event: mean in the dwell, else the one-sided fit up to the touch."""
+    assert window.phases is not None
+    if crossed.dwell_s is not None:
+        return force_in_dwell(window.time_s, window.force_N, dwell_s=crossed.dwell_s, event_s=crossed.time_s)
+    onset = float(window.time_s[window.phases.onset])
+    return force_on_ramp(
+        window.time_s, window.force_N, np.asarray(forces.std_N), onset_s=onset, touch_s=crossed.time_s
+    )

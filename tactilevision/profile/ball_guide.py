@@ -1,0 +1,348 @@
+"""Serve a local page on which a person marks ball presses, fits them and checks the fit."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.files.opening import number
+from tactilevision.heightmap.ball_validation import RIM, dent_mm, unfit_warnings
+from tactilevision.heightmap.poisson import integrate
+from tactilevision.local_page import Answer, LocalPage
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture, locate
+from tactilevision.photometric.ball_samples import ball_samples
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls, direction_error_deg
+from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.colour_change import ColourChange, Planes
+from tactilevision.photometric.reference import make_reference
+from tactilevision.profile.ball_labels import MIN_RADIUS_PX, Circle, Label, labels_of, table_of, write_labels
+from tactilevision.recording.model import Recording, faults_of_flats
+from tactilevision.recording.pictures import read_flats, read_reference
+from tactilevision.records.maps import SlopeMap
+from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.sensors import may_have_marks
+from tactilevision.sensors.rectification import rectify
+
+# What a fit says of each press by a law that never saw it: direction, depth, and a section through the ball.
+
+SAMPLES = 500  # pixels of each ball, as for the scatter of the depth scale
+REACH = 2.2  # contact radii that a section shows to either side
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PressOutcome:
+    """One press as a law reads it that never saw it.
+
+    `direction_deg` median error of direction; `depth_ratio` read over true; `ball` as the fit has its circle;
+    `depth_mm` (H, W).
+    """
+
+    ball: Ball
+    direction_deg: float
+    depth_ratio: float
+    depth_mm: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """A calibration, and each press by its name; presses that the fit left out are missing."""
+
+    calibration: Calibration
+    presses: dict[str, PressOutcome]
+    mm_per_px: Pair
+
+    def to_json(self) -> dict[str, Any]:
+        """What the page shows of it."""
+        found = list(self.presses.values())
+        ratio = float(np.median([one.depth_ratio for one in found])) if found else math.nan
+        method = self.calibration.method
+        card = replace(method.card, other={**method.card.other, "held_out_depth_ratio": ratio})
+        return {
+            "method": method.name,
+            "balls": len(found),
+            "direction_deg": round(self.calibration.direction_error_deg, 2),
+            "depth_ratio": _number(ratio),
+            "unfit": list(unfit_warnings(card)),
+            "warnings": list(self.calibration.warnings),
+            "presses": {name: _press_json(one) for name, one in self.presses.items()},
+        }
+
+    def section(self, name: str) -> dict[str, Any]:
+        """Depth along x through a ball's middle, and the ball's own, in mm; zero at the contact's rim."""
+        one = self.presses[name]
+        (x, y), radius = one.ball.centre_px, one.ball.contact_radius_px
+        height, width = one.depth_mm.shape
+        row = int(np.clip(round(y), 0, height - 1))
+        columns = np.arange(max(0, math.ceil(x - REACH * radius)), min(width, int(x + REACH * radius) + 1))
+        along_mm = (columns - x) * self.mm_per_px[0]
+        read = one.depth_mm[row, columns]
+        share = np.abs(along_mm) / (radius * self.mm_per_px[0])
+        rim = (share > RIM[0]) & (share < RIM[1])
+        cap = np.sqrt(np.maximum(one.ball.radius_mm**2 - along_mm**2, 0.0))
+        zero = (read[rim].mean(), cap[rim].mean()) if rim.any() else (read.max(), cap.max())
+        return {
+            "x_mm": np.round(along_mm, 4).tolist(),
+            "read_mm": [_number(v) for v in read - zero[0]],
+            "ball_mm": [_number(v) for v in np.where(share <= 1.0, cap - zero[1], np.nan)],
+        }
+
+
+def judge(calibration: Calibration, pictures: list[BallPicture], mm_per_px: Pair) -> Outcome:
+    """Each press that a calibration used, by the law that never saw it."""
+    method, found, rng = calibration.method, dict[str, PressOutcome](), np.random.default_rng(0)
+    rows = zip(pictures, calibration.balls, calibration.held_out_laws, strict=True)
+    for index, (picture, ball, told) in enumerate(rows):
+        if ball is None or told is None:
+            continue
+        other = replace(method, law=told.law, card=MethodCard())
+        change, _, valid = other.change.measure_known(picture.rgb)
+        seen = ball_samples(
+            change, ball, mm_per_px=mm_per_px, number=index, most=SAMPLES, valid=valid, rng=rng
+        ).complete()
+        off = direction_error_deg(told.law.at(seen.change, seen.place), seen.slopes)
+        slopes = other.slopes(picture.rgb)
+        depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
+        read, true = dent_mm(depth, ball, mm_per_px=mm_per_px)
+        median = float(np.median(off)) if len(off) else math.nan
+        found[picture.name] = PressOutcome(ball, median, read / true, np.asarray(depth, np.float64))
+    return Outcome(calibration, found, mm_per_px)
+
+
+def _press_json(one: PressOutcome) -> dict[str, Any]:
+    (x, y), radius = one.ball.centre_px, one.ball.contact_radius_px
+    return {
+        "circle": [round(x, 2), round(y, 2), round(radius, 2)],
+        "residual": round(one.ball.residual, 3),
+        "direction_deg": _number(one.direction_deg),
+        "depth_ratio": _number(one.depth_ratio),
+    }
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 4) if math.isfinite(value) else None
+
+
+# What the page shows of a press: the picture, its change of colour against the untouched gel, the depth.
+
+MIDDLE_GREY = 128  # of the change's picture: no change
+FULL_PERCENTILE = 99.5  # percentile of the change that is drawn in full colour
+
+
+def encode(rgb: Bytes) -> bytes:
+    """PNG of a picture (H, W, 3) of grey levels, red first."""
+    return cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
+
+
+def draw_change(change: Planes) -> Bytes:
+    """A relative change (3, H, W) as colours round grey (H, W, 3), grey levels; unknown colours stay grey."""
+    known = np.nan_to_num(np.asarray(change, np.float32))
+    full = max(float(np.percentile(np.abs(known), FULL_PERCENTILE)), 1e-6)
+    level = MIDDLE_GREY + (MIDDLE_GREY - 1) * np.clip(known / full, -1.0, 1.0)
+    return np.ascontiguousarray(level.transpose(1, 2, 0)).astype(np.uint8)
+
+
+def draw_depth(depth_mm: Floats) -> Bytes:
+    """Depth (H, W) in mm as colours (H, W, 3) of grey levels, from 0 (dark) to the deepest (bright)."""
+    top = max(float(np.nanmax(depth_mm)), 1e-9)
+    level = np.asarray(255 * np.clip(np.nan_to_num(depth_mm) / top, 0.0, 1.0), np.uint8)
+    return np.asarray(cv2.cvtColor(cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS), cv2.COLOR_BGR2RGB), np.uint8)
+
+
+# What the page of the guide asks: presses and their circles, the finder, the fit, the table.
+
+VIEWS = ("picture", "change", "depth")
+SETTABLE = ("drawn", "checked", "left out")
+
+
+class Session:
+    """Labels of one recording while a person works on them. Safe to ask from several threads."""
+
+    def __init__(self, recording: Recording, *, method: str = "polynomial") -> None:
+        self.recording, self.sensor, self.fit_by = recording, recording.sensor, PHOTOMETRIC[method]
+        self.table = table_of(recording)
+        self.labels = list(labels_of(recording))
+        flats = [rectify(self.sensor, rgb) for rgb in read_flats(recording)]
+        with faults_of_flats(recording):
+            reference = make_reference(flats, may_have_marks=may_have_marks(self.sensor))
+        self.reference, self.change = reference, ColourChange(reference)
+        self.pictures = [self._read(label) for label in self.labels]
+        self.outcome: Outcome | None = None
+        self._lock, self._fitting = threading.Lock(), threading.Lock()
+        for index, label in enumerate(self.labels):
+            if label.circle is None and label.state != "left out":
+                self.labels[index] = self._found(index, label)
+
+    def to_json(self) -> dict[str, Any]:
+        """All presses, and what a page has to know of the sensor."""
+        height, width = self.reference.shape
+        return {
+            "name": self.recording.name,
+            "table": str(self.table),
+            "size": [width, height],
+            "mm_per_px": list(self.sensor.mm_per_px),
+            "presses": [_label_json(label) for label in self.labels],
+        }
+
+    def set(self, index: int, asked: dict[str, Any]) -> dict[str, Any]:
+        """Take a press's circle [x, y, radius] in px and its state. Raises InputError where they are none."""
+        circle, state = _circle(asked.get("circle"), self.reference.shape), asked.get("state")
+        if state not in SETTABLE or (circle is None and state != "left out"):
+            raise InputError("a press has a circle, or is left out", where="the page", value=state)
+        with self._lock:
+            label = self.labels[index]
+            self.labels[index] = replace(label, circle=circle or label.circle, state=state, why="")
+            return _label_json(self.labels[index])
+
+    def find(self, index: int, asked: dict[str, Any]) -> dict[str, Any]:
+        """Look for a ball, from a circle if one is given; the press is as it was where none is found."""
+        start = replace(self.labels[index], circle=_circle(asked.get("circle"), self.reference.shape))
+        with self._lock:
+            found = self._found(index, start)
+            if found.circle is not None or self.labels[index].circle is None:
+                self.labels[index] = found
+            return {**_label_json(self.labels[index]), "why": found.why}
+
+    def fit(self) -> dict[str, Any]:
+        """Calibrate the light on the circles as they are, and judge it by balls left out."""
+        with self._fitting:
+            with self._lock:
+                rows = [(label, rgb) for label, rgb in zip(self.labels, self.pictures, strict=True) if label.used]
+            balls = [_ball_picture(label, rgb) for label, rgb in rows]
+            try:
+                made = calibrate_from_balls(
+                    self.reference, balls, mm_per_px=self.sensor.mm_per_px, fit=self.fit_by
+                )
+            except InputError as fault:
+                self.outcome = None
+                return {"fault": str(fault)}
+            self.outcome = judge(made, balls, self.sensor.mm_per_px)
+            return self.outcome.to_json()
+
+    def save(self) -> dict[str, Any]:
+        """Write the table."""
+        with self._lock:
+            write_labels(self.table, self.labels)
+            return {"table": str(self.table)}
+
+    def section(self, index: int) -> dict[str, Any]:
+        """The section through a press by the last fit; empty where that did not use it."""
+        outcome, name = self.outcome, self.labels[index].frame
+        return outcome.section(name) if outcome is not None and name in outcome.presses else {}
+
+    def view(self, index: int, kind: str) -> bytes | None:
+        """A press as PNG: "picture", "change", or "depth"; None where the last fit has no depth of it."""
+        if kind == "picture":
+            return encode(self.pictures[index])
+        if kind == "change":
+            with self._lock:
+                return encode(draw_change(self.change.measure_known(self.pictures[index])[0]))
+        outcome, name = self.outcome, self.labels[index].frame
+        if outcome is None or name not in outcome.presses:
+            return None
+        return encode(draw_depth(outcome.presses[name].depth_mm))
+
+    def _read(self, label: Label) -> Bytes:
+        return rectify(self.sensor, read_reference(self.recording, label.path))
+
+    def _found(self, index: int, label: Label) -> Label:
+        picture = _ball_picture(label, self.pictures[index])
+        try:
+            changes, _, valid = self.change.measure_known(picture.rgb)
+            ball = locate(changes, valid, picture=picture, mm_per_px=self.sensor.mm_per_px)
+        except (InputError, np.linalg.LinAlgError) as fault:
+            why = fault.what if isinstance(fault, InputError) else "the fit of the circle fails there"
+            return replace(label, circle=None, state="not found", why=why)
+        return replace(label, circle=(*ball.centre_px, ball.contact_radius_px), state="found", why="")
+
+
+def _ball_picture(label: Label, rgb: Bytes) -> BallPicture:
+    x, y, radius = label.circle or (0.0, 0.0, 0.0)
+    known = label.circle is not None
+    return BallPicture(rgb, label.radius_mm, (x, y) if known else None, radius if known else None, label.frame)
+
+
+def _circle(asked: object, shape: tuple[int, int]) -> Circle | None:
+    if asked is None:
+        return None
+    cells = asked if isinstance(asked, list) and len(asked) == 3 else [None] * 3
+    x, y, radius = (number(cell, what="a circle's number", where="the page") for cell in cells)
+    if x is None or y is None or radius is None or not MIN_RADIUS_PX <= radius <= max(shape):
+        raise InputError("a circle is x, y and radius in px", where="the page", value=asked)
+    return x, y, radius
+
+
+def _label_json(label: Label) -> dict[str, Any]:
+    return {
+        "frame": label.frame,
+        "radius_mm": label.radius_mm,
+        "circle": None if label.circle is None else [round(value, 2) for value in label.circle],
+        "state": label.state,
+        "why": label.why,
+    }
+
+
+# The guide's page: what it can ask for, and what it can do. Names of files reach it as JSON alone.
+
+PAGES = {
+    "": ("page.html", "text/html; charset=utf-8"),
+    "page.js": ("page.js", "text/javascript; charset=utf-8"),
+    "plot.js": ("plot.js", "text/javascript; charset=utf-8"),
+    "page.css": ("page.css", "text/css; charset=utf-8"),
+    "icon.svg": ("icon.svg", "image/svg+xml"),
+}
+
+
+class Guide(LocalPage):
+    """The page while it is open. `wait` returns when a person is done."""
+
+    def __init__(self, session: Session, *, port: int = 0) -> None:
+        self.session, self.done = session, threading.Event()
+        super().__init__(port=port)
+
+    def wait(self) -> None:
+        """Until the page says that all is done; Ctrl-C ends it, too."""
+        while not self.done.wait(0.5):
+            pass
+
+    def get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
+        """A file of the page, the presses, a picture or a section."""
+        if name in PAGES:
+            file, kind = PAGES[name]
+            return Answer(kind, (files("tactilevision.profile") / "page" / file).read_bytes())
+        if name == "presses":
+            return self.session.to_json()
+        kind_of_view, _, at = name.partition("/")
+        if kind_of_view == "section":
+            return self.session.section(self._index(at))
+        view = self.session.view(self._index(at), kind_of_view) if kind_of_view in VIEWS else None
+        return None if view is None else Answer("image/png", view)
+
+    def post(self, name: str, content: dict[str, Any]) -> dict[str, Any] | None:
+        """A circle, a search, a fit, the table, the end."""
+        what, _, at = name.partition("/")
+        plain: dict[str, Callable[[], dict[str, Any]]] = {"fit": self.session.fit, "save": self.session.save}
+        one = {"set": self.session.set, "find": self.session.find}
+        if what in plain and not at:
+            return plain[what]()
+        if what in one:
+            return one[what](self._index(at), content)
+        if name == "done":
+            kept = self.session.save()
+            self.done.set()
+            return kept
+        return None
+
+    def _index(self, at: str) -> int:
+        if not (at.isascii() and at.isdigit() and len(at) < 7 and int(at) < len(self.session.labels)):
+            raise InputError("no press of that number", where="the page", value=at[:20])
+        return int(at)

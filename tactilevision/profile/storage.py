@@ -1,0 +1,387 @@
+"""Read and write a sensor profile, and check its format, hashes, shapes and numbers."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+import math
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args
+
+import cv2
+
+from tactilevision.errors import InputError
+from tactilevision.files.arrays import read_archive, unpack_arrays
+from tactilevision.files.documents import parse_json
+from tactilevision.files.opening import number
+from tactilevision.files.writing import as_json, pack_arrays, write_archive
+from tactilevision.force.calibrated import material_of
+from tactilevision.force.compliance import GelCompliance, as_arrays, of_arrays
+from tactilevision.force.field import ForceSettings
+from tactilevision.force.nodes import lay_grid
+from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.storage import pack_method, unpack_method
+from tactilevision.profile.model import Followed, Profile
+from tactilevision.recording.images import decode_image
+from tactilevision.recording.sensor import maps_of
+from tactilevision.records.measured import Material
+from tactilevision.records.rig import Gel, Indenter, Sensor
+from tactilevision.sensors import SENSORS
+
+if TYPE_CHECKING:
+    from tactilevision.photometric.illumination.lamps import Lamp, Lamps
+    from tactilevision.press.certified_faces import DepthScale
+
+
+# The names of the files in a profile, its format, and its hash. Said here and nowhere else.
+
+SUFFIX = ".tvs"
+FORMAT = 1  # version of a profile; newer ones are refused
+ABOUT = "profile.json"
+METHOD, CARD, NETWORK = "method.npz", "method.json", "method.onnx"
+MAPS = "rectification.npz"
+UNTOUCHED = "untouched.png"
+CALIBRATION = "calibration.json"
+FACE_LAW = "face_law.json"
+LAMPS = "lamps.json"
+UNDONE_FACE_LAW = "face_law_undone.json"
+COMPLIANCE = "compliance.npz"
+NEEDED = (ABOUT, METHOD, CARD, UNTOUCHED)
+HASH = "sha256"  # key of profile.json: of all its other keys
+
+
+def hash_of(content: Mapping[str, Any]) -> str:
+    """SHA-256 of profile.json without its own hash, whatever the order and the spaces."""
+    rest = {key: value for key, value in content.items() if key != HASH}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def hash_of_bytes(content: bytes) -> str:
+    """SHA-256 of a file in the profile."""
+    return hashlib.sha256(content).hexdigest()
+
+
+# A profile from its file: format, hashes, shapes and numbers are checked before any of it is believed.
+
+MAX_SIDE = 100_000  # px of a picture's side; no camera has as many
+_MAKE = "Make one with `tactilevision calibrate-sensor PATH --out my_sensor.tvs`."
+_AGAIN = "Make it again with `tactilevision calibrate-sensor`."
+_CHANNELS = 3  # red, green and blue of a lamp
+_WORDS = ("name", "shape", "bevel")  # of gels and indenters: all else are numbers
+T = TypeVar("T")
+
+
+def read_profile(path: Path | str) -> Profile:
+    """The profile in a file.
+
+    Raises InputError where there is none, where it is of a newer version, damaged or changed by hand, and where
+    its parts do not fit together.
+    """
+    _check_kind(path)
+    path = Path(path)
+    try:
+        files = read_archive(path)
+    except FileNotFoundError as fault:
+        raise InputError(
+            "there is no such sensor profile",
+            where=path,
+            remedy=_MAKE,
+        ) from fault
+    except OSError as fault:
+        raise InputError(f"cannot be read: {fault.strerror}", where=path) from fault
+    return unpack_profile(files, path)
+
+
+def _check_kind(path: Path | str) -> None:
+    """Raise InputError for what is plainly no profile: a kind of sensor, a folder, another kind of file."""
+    what = None
+    if str(path) in SENSORS and not Path(path).exists():
+        what = "this is a kind of sensor; a profile holds one that was calibrated"
+    elif Path(path).is_dir():
+        what = "this is a folder, not a sensor profile"
+    elif Path(path).is_file() and Path(path).suffix.lower() != SUFFIX and not zipfile.is_zipfile(path):
+        what = "this is no sensor profile"
+    if what is not None:
+        raise InputError(what, where=path, remedy=_MAKE)
+
+
+def unpack_profile(files: Mapping[str, bytes], path: Path) -> Profile:
+    """The profile of the files in an archive; `path` is the archive, for what errors say. Raises as above."""
+    about = _about(files, path)
+    try:
+        return _profile(about, files, path)
+    except InputError:
+        raise
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as fault:
+        said = f"{type(fault).__name__} {fault}"[:120]
+        raise InputError(
+            f"the parts of the profile do not fit together: {said}", where=path, remedy=_AGAIN
+        ) from fault
+
+
+def _about(files: Mapping[str, bytes], path: Path) -> dict[str, Any]:
+    """profile.json, once format and hashes are found in order."""
+    if ABOUT not in files:
+        raise InputError("is not a sensor profile: it holds no profile.json", where=path, remedy=_AGAIN)
+    content = parse_json(files[ABOUT], where=f"{path}, {ABOUT}")
+    form = content.get("format")
+    if isinstance(form, int) and not isinstance(form, bool) and form > FORMAT:
+        raise InputError(
+            f"the profile is of a newer version: this one reads format {FORMAT}",
+            where=path,
+            value=form,
+            remedy="Take a newer version of tactilevision, or calibrate the sensor with this one.",
+        )
+    if form is True or form != FORMAT:
+        raise InputError("is not a sensor profile of a known format", where=path, value=form, remedy=_AGAIN)
+    stated = content.get("files")
+    found = {name: hash_of_bytes(data) for name, data in files.items() if name != ABOUT}
+    if content.get(HASH) != hash_of(content) or stated != found:
+        raise InputError(
+            "the profile was changed since it was written, or is damaged",
+            where=path,
+            value=", ".join(_changed(stated, found)) or ABOUT,
+            remedy="Copy it again from where it came, or make it again with `tactilevision calibrate-sensor`.",
+        )
+    return content
+
+
+def _changed(stated: object, found: Mapping[str, str]) -> list[str]:
+    """Files of another hash, missing, or more than are stated."""
+    said = stated if isinstance(stated, dict) else {}
+    return sorted(name for name in {*said, *found} if said.get(name) != found.get(name))
+
+
+def _profile(about: Mapping[str, Any], files: Mapping[str, bytes], path: Path) -> Profile:
+    missing = [name for name in NEEDED if name not in files]
+    if missing:
+        raise InputError(f"the profile lacks {missing[0]}", where=path, remedy=_AGAIN)
+    sensor, frame_size_px, white_level = _sensor(about, files, path)
+    card = MethodCard.from_json(parse_json(files[CARD], where=f"{path}, {CARD}"))
+    method = unpack_method(card, files[METHOD], files.get(NETWORK), where=path / METHOD)
+    untouched = decode_image(files[UNTOUCHED], path / UNTOUCHED)
+    shape = (sensor.height_px, sensor.width_px)
+    if method.reference.shape != shape or untouched.shape[:2] != shape:
+        raise InputError(
+            "the profile's reference has another size than its sensor",
+            where=path,
+            value=(method.reference.shape, untouched.shape[:2], shape),
+            remedy=_AGAIN,
+        )
+    calibration = _json(files, CALIBRATION, path)
+    return Profile(
+        sensor,
+        method,
+        untouched,
+        frame_size_px,
+        _day(about["date"]),
+        _followed(about["sensor"]["followed"], path),
+        str(about.get("source", "")),
+        white_level,
+        calibration,
+        _compliance(files, sensor, calibration, path),
+        _face_law(files, FACE_LAW, path),
+        _lamps(files, path),
+        _face_law(files, UNDONE_FACE_LAW, path),
+        {str(name): _indenter(one, path) for name, one in dict(about.get("indenters", {})).items()},
+        {str(name): str(one) for name, one in dict(about.get("versions", {})).items()},
+        tuple(str(one) for one in about.get("warnings", ())),
+        path,
+    )
+
+
+def _sensor(
+    about: Mapping[str, Any], files: Mapping[str, bytes], path: Path
+) -> tuple[Sensor, tuple[int, int], float | None]:
+    stated = about["sensor"]
+    sides = (stated["width_px"], stated["height_px"], *stated["frame_size_px"])
+    width, height, *frame = (_side(side, path) for side in sides)
+    scale = [_number(one, "mm_per_px", path) for one in stated["mm_per_px"]]
+    if not all(one > 0 for one in scale):
+        raise InputError("mm_per_px lies above 0", where=path, value=scale)
+    maps = None
+    if MAPS in files:
+        maps = maps_of(unpack_arrays(files[MAPS], where=path / MAPS), path / MAPS)
+        if maps[0].shape != (height, width):
+            raise InputError("the rectification has another size than the sensor", where=path, value=maps[0].shape)
+    gel = None if stated["gel"] is None else _record(Gel, stated["gel"], path)
+    if gel is not None and not gel.thickness_mm > 0:
+        raise InputError("a gel's thickness lies above 0 mm", where=path, value=gel.thickness_mm)
+    white = stated.get("white_level")
+    kind, serial, marks = str(about["kind"]), str(about["serial"]), bool(stated["has_markers"])
+    sensor = Sensor(kind, width, height, (scale[0], scale[1]), gel, maps, marks, serial)
+    return sensor, (frame[0], frame[1]), None if white is None else _number(white, "white_level", path)
+
+
+def _compliance(
+    files: Mapping[str, bytes], sensor: Sensor, calibration: Mapping[str, Any] | None, path: Path
+) -> GelCompliance | None:
+    if COMPLIANCE not in files or calibration is None or sensor.gel is None:
+        return None
+    where = path / COMPLIANCE
+    material: Material = material_of(calibration, where=f"{path}, {CALIBRATION}")
+    view = (sensor.height_px, sensor.width_px)
+    grid = lay_grid(view, sensor.mm_per_px, spacing_mm=ForceSettings().spacing_mm)
+    arrays = unpack_arrays(files[COMPLIANCE], where=where)
+    return of_arrays(arrays, sensor.gel, grid=grid, poisson_ratio=material.poisson_ratio, where=where)
+
+
+def _lamps(files: Mapping[str, bytes], path: Path) -> Lamps | None:
+    content = _json(files, LAMPS, path)
+    return None if content is None else _lamps_of(content, path)
+
+
+def _lamps_of(content: Mapping[str, Any], path: Path) -> Lamps:
+    from tactilevision.photometric.illumination.lamps import MAX_LAMPS, Lamp, Lamps
+
+    found = tuple(_lamp(Lamp, one, path) for one in content["lamps"])
+    if not 3 <= len(found) <= MAX_LAMPS:
+        raise InputError(f"a sensor has three to {MAX_LAMPS} lamps", where=path, value=len(found))
+    power, misfit = (_number(content[key], key, path) for key in ("power", "misfit"))
+    if not power > 0:
+        raise InputError("a camera's power lies above 0", where=path, value=power)
+    refined = content.get("refined")
+    if refined is not None:
+        if not isinstance(refined, Mapping):
+            raise InputError("refined lamps are an object, or null", where=path, value=refined)
+        refined = _lamps_of({**refined, "refined": None}, path)
+    unexplained = _number(content.get("unexplained", 0.0), "unexplained", path)
+    return Lamps(found, power, misfit, refined, unexplained)
+
+
+def _lamp(kind: type[Lamp], content: Mapping[str, Any], path: Path) -> Lamp:
+    found = _record(kind, content, path)
+    if len(found.colour) != _CHANNELS or min(found.distance_mm, found.height_mm, found.length_mm) <= 0:
+        raise InputError("a lamp has three colours, and stands beside and above the gel", where=path, value=found)
+    return found
+
+
+def _face_law(files: Mapping[str, bytes], name: str, path: Path) -> DepthScale | None:
+    content = _json(files, name, path)
+    if content is None:
+        return None
+    from tactilevision.press.certified_faces import DepthScale  # takes a while to load
+
+    coefficients = tuple(_number(one, "a coefficient", path) for one in content["coefficients"])
+    low, high = (_number(one, "a limit", path) for one in content["limits_mm"])
+    return DepthScale(coefficients, (low, high), _number(content["scatter"], "the scatter", path))
+
+
+def _indenter(content: Mapping[str, Any], path: Path) -> Indenter:
+    found = _record(Indenter, content, path)
+    return replace(found, radius_mm=math.nan) if content.get("radius_mm") is None else found
+
+
+def _record(kind: Callable[..., T], content: Mapping[str, Any], path: Path) -> T:
+    """A record of plain numbers and words; pairs are lists in the file."""
+    for key, value in content.items():
+        for one in value if isinstance(value, list) else [value]:
+            if one is not None and (key in _WORDS) != isinstance(one, str):
+                raise InputError(f"{key} is of another kind", where=path, value=one)
+            if key not in _WORDS:
+                number(one, what=key, where=path)
+    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in content.items()})
+
+
+def _json(files: Mapping[str, bytes], name: str, path: Path) -> dict[str, Any] | None:
+    return parse_json(files[name], where=f"{path}, {name}") if name in files else None
+
+
+def _number(value: object, what: str, path: Path) -> float:
+    found = number(value, what=what, where=path)
+    if found is None:
+        raise InputError(f"{what} is no number", where=path, value=value)
+    return found
+
+
+def _side(value: object, path: Path) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 < value <= MAX_SIDE:
+        raise InputError("a picture's side is a whole number of px", where=path, value=value)
+    return value
+
+
+def _followed(value: object, path: Path) -> Followed:
+    for known in get_args(Followed):
+        if value == known:
+            return cast(Followed, known)
+    raise InputError("followed is one of " + ", ".join(get_args(Followed)), where=path, value=value)
+
+
+def _day(value: object) -> str:
+    return datetime.date.fromisoformat(str(value)).isoformat()
+
+
+# A profile into its file: a zip that stores profile.json, which holds the hashes, and all that it names.
+
+
+def write_profile(profile: Profile, path: Path | str) -> Path:
+    """Write the profile whole or not at all, and return its path; the same profile gives the same bytes.
+
+    Raises InputError for a name that does not end in .tvs, OutputError where the file system refuses.
+    """
+    target = Path(path)
+    check_name(target)
+    files = _files(profile)
+    about = _about_of(profile) | {"files": {name: hash_of_bytes(data) for name, data in files.items()}}
+    about = json.loads(as_json(about))  # numbers as they will be read
+    about[HASH] = hash_of(about)
+    write_archive(target, {ABOUT: as_json(about).encode()} | files)
+    return target
+
+
+def check_name(path: Path) -> None:
+    """Raise InputError for a name that does not end in .tvs: no command would know the file again."""
+    if path.suffix.lower() != SUFFIX:
+        raise InputError(
+            "the name of a sensor profile ends in .tvs",
+            where="--out",
+            value=str(path),
+            remedy=f"Take {path.with_suffix(SUFFIX)}.",
+        )
+
+
+def _about_of(profile: Profile) -> dict[str, Any]:
+    sensor = profile.sensor
+    return {
+        "format": FORMAT,
+        "kind": sensor.kind,
+        "serial": sensor.serial,
+        "date": profile.date,
+        "source": profile.source,
+        "versions": dict(profile.versions),
+        "warnings": list(profile.warnings),
+        "sensor": {
+            "width_px": sensor.width_px,
+            "height_px": sensor.height_px,
+            "mm_per_px": list(sensor.mm_per_px),
+            "has_markers": sensor.has_markers,
+            "followed": profile.followed,
+            "frame_size_px": list(profile.frame_size_px),
+            "white_level": profile.white_level,
+            "gel": None if sensor.gel is None else asdict(sensor.gel),
+        },
+        "indenters": {name: asdict(one) for name, one in profile.indenters.items()},
+    }
+
+
+def _files(profile: Profile) -> dict[str, bytes]:
+    files = {f"method{suffix}": content for suffix, content in pack_method(profile.method).items()}
+    files[UNTOUCHED] = cv2.imencode(".png", cv2.cvtColor(profile.untouched, cv2.COLOR_RGB2BGR))[1].tobytes()
+    if profile.sensor.rectification is not None:
+        map_x, map_y = profile.sensor.rectification
+        files[MAPS] = pack_arrays({"map_x": map_x, "map_y": map_y}, small=False)
+    if profile.calibration is not None:
+        files[CALIBRATION] = as_json(profile.calibration).encode()
+    if profile.face_law is not None:
+        files[FACE_LAW] = as_json(asdict(profile.face_law)).encode()
+    if profile.lamps is not None:
+        files[LAMPS] = as_json(asdict(profile.lamps)).encode()
+    if profile.undone_face_law is not None:
+        files[UNDONE_FACE_LAW] = as_json(asdict(profile.undone_face_law)).encode()
+    if profile.compliance is not None:
+        files[COMPLIANCE] = pack_arrays(as_arrays(profile.compliance), small=False)
+    return files

@@ -1,0 +1,364 @@
+"""Read the tables of a recording: frames, forces, stage, presses, points and curves."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import re
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactilevision.errors import RecordingError
+from tactilevision.recording import layout
+from tactilevision.recording.layout import nearest
+from tactilevision.recording.model import StageSeries
+from tactilevision.recording.tables import Table, read_table
+from tactilevision.records.certified import CertificationDetails, CertifiedPoint, EdgeDrop, EdgeProfile
+from tactilevision.records.measured import Curve, Floats, ForceSeries
+from tactilevision.records.rig import Indenter, Press
+from tactilevision.robust import MAD_TO_STD
+
+if TYPE_CHECKING:
+    from tactilevision.recording.settings import ForceSettings
+
+
+# Tables that run along a clock: frames, forces, the motion stage.
+
+
+def read_frame_table(path: Path) -> Table:
+    """frames.csv: every name once, time never going backwards."""
+    table = read_table(path, layout.FRAME_COLUMNS)
+    check_time(table, table.numbers["time_s"])
+    first: dict[str, int] = {}
+    for row, name in enumerate(table.words["frame"]):
+        if name in first:
+            raise table.fault(
+                row,
+                f"the frame is listed twice, first in line {table.lines[first[name]]}",
+                value=name,
+                remedy="Each picture has one time: remove the copy.",
+            )
+        first[name] = row
+    return table
+
+
+MAX_FORCE_N = 1e6  # N: a hundred tonnes on a pad of some cm2; more is another unit, or a broken file
+
+
+def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[ForceSeries, Table]:
+    """forces.csv turned into the rectified frame's axes.
+
+    force = R reading, with R of [force] rotation. Torque turns with det(R) R, since it is an axial vector;
+    the noise of independent readings becomes sqrt(R^2 std^2), element by element. Where std_N is left out, the
+    noise is estimated from successive readings (`step_noise`).
+    """
+    table = read_table(path, layout.FORCE_COLUMNS, least_rows=2)
+    time_s = table.numbers["time_s"]
+    check_time(table, time_s)
+    turn = rotation(settings, toml)
+    readings = np.column_stack([table.numbers[name] for name in ("fx_N", "fy_N", "fz_N")])
+    for row in np.flatnonzero(np.abs(readings).max(axis=1) > MAX_FORCE_N)[:1]:
+        raise table.fault(
+            int(row),
+            "a force that no gel bears",
+            value=float(np.abs(readings[row]).max()),
+            remedy="Forces are in N.",
+        )
+    std = np.array(settings.std_N) if settings.std_N else step_noise(readings)
+    torque = None
+    if all(name in table.numbers for name in ("tx_Nm", "ty_Nm", "tz_Nm")):
+        torque = np.column_stack([table.numbers[name] for name in ("tx_Nm", "ty_Nm", "tz_Nm")])
+    if turn is not None:
+        readings = readings @ turn.T
+        std = np.sqrt(turn**2 @ std**2)
+        torque = None if torque is None else torque @ (np.linalg.det(turn) * turn).T
+    return ForceSeries(time_s, readings, as_three(std.tolist()), torque, table.numbers.get("temperature_C")), table
+
+
+def read_stage(path: Path) -> tuple[StageSeries, Table]:
+    """stage.csv: place of the motion stage on the F/T sensor's clock."""
+    table = read_table(path, layout.STAGE_COLUMNS, least_rows=2)
+    check_time(table, table.numbers["time_s"])
+    return StageSeries(table.numbers["time_s"], table.numbers["z_mm"]), table
+
+
+def check_time(table: Table, time_s: Floats, *, rows: Floats | None = None) -> None:
+    """Raise where time (n,), in s, goes backwards from one row to the next.
+
+    `rows` (n,) are its rows in the table.
+    """
+    back = np.flatnonzero(np.diff(time_s) < 0)
+    if back.size:
+        after = int(back[0]) + 1
+        row = after if rows is None else int(rows[after])
+        raise table.fault(
+            row,
+            f"time_s goes backwards, from {time_s[after - 1]:.12g} to {time_s[after]:.12g}",
+            remedy="Rows stand in the order of time; time never restarts, also over days.",
+        )
+
+
+def as_three(values: Sequence[float]) -> tuple[float, float, float]:
+    """x, y, z of a list that is known to hold them."""
+    x, y, z = values
+    return x, y, z
+
+
+def rotation(settings: ForceSettings, toml: Path) -> Floats | None:
+    """[force] rotation (3, 3), None where it is left out. A left-handed set of axes is legal (det -1)."""
+    if settings.rotation is None:
+        return None
+    turn = np.array(settings.rotation, dtype=float)
+    if not turns(turn):
+        raise RecordingError(
+            "[force] rotation must turn without stretching: rows of length 1, at right angles",
+            where=toml,
+            value=settings.rotation,
+            remedy="Its rows are the frame's x (right), y (down) and z (into the gel) in the F/T sensor's axes.",
+        )
+    return turn
+
+
+def turns(rotation: Floats) -> bool:
+    """Whether a matrix (3, 3), dimensionless, turns without stretching."""
+    return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3))
+
+
+def step_noise(readings: Floats) -> Floats:
+    """Standard deviation (3,) of one reading, from the differences of successive ones (T, 3).
+
+    1.4826 median |d - median d| / sqrt(2), which slow changes of force leave alone; not below that of the
+    readings' own rounding, step / sqrt(12). Too low where neighbouring readings were filtered together.
+    """
+    steps = np.diff(readings, axis=0)
+    spread = MAD_TO_STD * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0) / np.sqrt(2)
+    sizes = np.where(steps == 0, np.inf, np.abs(steps)).min(axis=0)
+    rounding = np.where(np.isfinite(sizes), sizes, 0.0) / np.sqrt(12)
+    return np.asarray(np.maximum(spread, rounding), dtype=float)
+
+
+# Columns of points.csv beside the point's own: how it was certified, and the surface beside its face.
+
+# column of the file: field of CertificationDetails
+_NUMBERS = {
+    "rise_ratio": "pile_up_ratio",
+    "rise_ratio_std": "pile_up_ratio_std",
+    "lean_std_mm": "tilt_std_mm",
+    "touch_std_s": "contact_std_s",
+    "touch_shared_std_mm": "contact_shared_std_mm",
+    "touch_sigmas": "contact_sigmas",
+    "reconstructed_depth_mm": "reconstructed_depth_mm",
+    "reconstructed_std_mm": "reconstructed_std_mm",
+    "ruler_std": "travel_scale_std",
+    "touches_late_mm": "contact_delay_mm",
+    "touches_late_std_mm": "contact_delay_std_mm",
+    "centre_x_mm": "centre_x_mm",
+    "centre_y_mm": "centre_y_mm",
+    "face_radius_mm": "face_radius_mm",
+    "tilt_x": "tilt_x",
+    "tilt_y": "tilt_y",
+}
+_WORDS = {"touch_channel": "contact_channel", "findings": "findings"}
+_READINGS, _DWELL = "force_readings", "force_dwell"
+_PROFILE = ("slope_gain_std", "ball_slope")
+_DROP = re.compile(r"fall_(\d+)_([\d.]+)_([\d.]+)_mm")
+
+
+def point_columns(point: CertifiedPoint) -> dict[str, Any]:
+    """Cells of one point by column: details, edge profile (fall_AZIMUTH_FROM_TO_mm) and extra."""
+    details = point.details
+    cells: dict[str, Any] = {column: getattr(details, name) for column, name in (_NUMBERS | _WORDS).items()}
+    cells[_READINGS] = details.force_readings
+    cells[_DWELL] = None if details.force_dwell is None else int(details.force_dwell)
+    if point.edge_profile is not None:
+        for drop in point.edge_profile.drops:
+            cells[f"fall_{drop.azimuth_deg:.0f}_{drop.from_mm:.2f}_{drop.to_mm:.2f}_mm"] = drop.drop_mm
+        cells |= {name: getattr(point.edge_profile, name) for name in _PROFILE}
+    return cells | dict(point.extra)
+
+
+def split_columns(cells: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments `details`, `edge_profile` and `extra` of CertifiedPoint from the further cells of one row."""
+    numbers: dict[str, Any] = {name: _number(cells, column) for column, name in _NUMBERS.items()}
+    words: dict[str, Any] = {name: _word(cells, column) for column, name in _WORDS.items()}
+    readings, dwell = _number(cells, _READINGS), _number(cells, _DWELL)
+    details = CertificationDetails(
+        **numbers,
+        **words,
+        force_readings=int(readings) if np.isfinite(readings) else None,
+        force_dwell=bool(dwell) if np.isfinite(dwell) else None,
+    )
+    drops = tuple(_drop(name, _number(cells, name)) for name in cells if _DROP.fullmatch(name))
+    drops = tuple(drop for drop in drops if np.isfinite(drop.drop_mm))
+    profile = EdgeProfile(drops, *(_number(cells, name) for name in _PROFILE)) if drops else None
+    known = {*_NUMBERS, *_WORDS, _READINGS, _DWELL, *_PROFILE}
+    extra = {name: cell for name, cell in cells.items() if name not in known and not _DROP.fullmatch(name)}
+    return {"details": details, "edge_profile": profile, "extra": extra}
+
+
+def _drop(column: str, drop_mm: float) -> EdgeDrop:
+    azimuth_deg, from_mm, to_mm = (float(text) for text in _DROP.findall(column)[0])
+    return EdgeDrop(azimuth_deg, from_mm, to_mm, drop_mm)
+
+
+def _number(cells: Mapping[str, Any], name: str) -> float:
+    """The number of a cell; NaN where it holds none, for these columns are for the reader's information."""
+    try:
+        return float(cells.get(name, np.nan))
+    except (TypeError, ValueError):
+        return float("nan")
+
+
+def _word(cells: Mapping[str, Any], name: str) -> str:
+    cell = cells.get(name, "")
+    return cell if isinstance(cell, str) else "" if np.isnan(cell) else f"{cell:g}"
+
+
+# Tables of presses: the protocol, certified points, curves.
+
+_WORDS_OF_TRUTH = {"true": True, "1": True, "yes": True, "": True, "false": False, "0": False, "no": False}
+
+
+def read_presses(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[Press, ...], Table]:
+    """presses.csv in the order of time: each label once, each indenter described, none overlapping another."""
+    table = read_table(path, layout.PRESS_COLUMNS)
+    check_indenters(table, indenters)
+    _check_labels(table)
+    for row, date in enumerate(table.words.get("date", ())):
+        _check_date(table, row, date)
+    for row, flag in enumerate(table.optional("lubricated")):
+        if flag not in (0, 1) and not np.isnan(flag):
+            raise table.fault(row, "lubricated is 0 or 1", value=float(flag))
+    start, end = table.numbers["start_s"], table.numbers["end_s"]
+    for row in np.flatnonzero(end <= start).tolist():
+        raise table.fault(
+            row,
+            "the press does not end after it starts",
+            value=(float(start[row]), float(end[row])),
+            remedy="start_s and end_s are on the camera's clock.",
+        )
+    order = np.argsort(start, kind="stable")
+    for before, after in pairwise(order.tolist()):
+        if end[before] > start[after] + 1e-6:  # below any clock's step
+            raise table.fault(
+                after,
+                f"press {table.words['press'][after]} starts at {start[after]:.12g} s, before press "
+                f"{table.words['press'][before]} of line {table.lines[before]} ends at {end[before]:.12g} s",
+                remedy="One press at a time: correct start_s or end_s.",
+            )
+    return tuple(_press(table, row) for row in order.tolist()), table
+
+
+def read_points(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[CertifiedPoint, ...], Table]:
+    """points.csv; depth and force may be empty only where `accepted` is false."""
+    table = read_table(path, layout.POINT_COLUMNS)
+    check_indenters(table, indenters)
+    for name in ("depth_std_mm", "fz_std_N"):
+        for row in np.flatnonzero(table.optional(name) < 0).tolist():
+            raise table.fault(row, f"{name} must be at least 0", value=float(table.numbers[name][row]))
+    return tuple(_point(table, row) for row in range(len(table.lines))), table
+
+
+def read_curves(path: Path) -> tuple[tuple[Curve, ...], Table]:
+    """curves.csv: one Curve for each label, in the order in which they first stand there."""
+    table = read_table(path, layout.CURVE_COLUMNS, least_rows=2)
+    phases = np.array(table.words.get("phase", [""] * len(table.lines)))
+    for row in np.flatnonzero(~np.isin(phases, ("", *layout.PHASES))).tolist():
+        raise table.fault(row, f"phase is one of {', '.join(layout.PHASES)}, or empty", value=str(phases[row]))
+    rows_of: dict[str, list[int]] = {}
+    for place, label in enumerate(table.words["press"]):
+        rows_of.setdefault(label, []).append(place)
+    forces = np.column_stack([table.numbers[name] for name in ("fx_N", "fy_N", "fz_N")])
+    curves = []
+    for label, listed in rows_of.items():
+        rows = np.array(listed)
+        check_time(table, table.numbers["time_s"][rows], rows=rows)
+        z_mm = table.numbers["z_mm"][rows] if "z_mm" in table.numbers else None
+        extra = {name: column[rows] for name, column in table.extra.items()}
+        curves.append(
+            Curve(
+                label,
+                table.numbers["time_s"][rows],
+                table.numbers["depth_mm"][rows],
+                forces[rows],
+                phases[rows],
+                z_mm,
+                extra,
+            )
+        )
+    return tuple(curves), table
+
+
+def check_indenters(table: Table, indenters: Mapping[str, Indenter]) -> None:
+    """Raise for the first row whose indenter recording.toml does not describe."""
+    for row, name in enumerate(table.words["indenter"]):
+        if name not in indenters:
+            near = nearest(name, indenters)
+            described = f"Described are: {', '.join(indenters)}." if indenters else "None is described."
+            raise table.fault(
+                row,
+                f"indenter {name} is not described in {layout.SETTINGS}",
+                remedy=f"Did you mean {near}?"
+                if near
+                else f"Add a table [indenter.{_key(name)}] there. {described}",
+            )
+
+
+def _key(name: str) -> str:
+    """A name as a key of TOML: in quotes where a dot or a space would part it."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+
+
+def _check_labels(table: Table) -> None:
+    first: dict[str, int] = {}
+    for row, label in enumerate(table.words["press"]):
+        if label in first:
+            raise table.fault(
+                row,
+                f"press {label} stands in line {table.lines[first[label]]} already",
+                remedy="Give every press a label of its own.",
+            )
+        first[label] = row
+
+
+def _check_date(table: Table, row: int, date: str) -> None:
+    try:
+        datetime.date.fromisoformat(date or "2000-01-01")
+    except ValueError:
+        raise table.fault(row, "date is written like 2026-11-21", value=date) from None
+
+
+def _press(table: Table, row: int) -> Press:
+    found: dict[str, Any] = {name: column[row] for name, column in table.words.items()}
+    found |= {name: float(column[row]) for name, column in table.numbers.items()}
+    return Press(**found, extra=_extra(table, row))
+
+
+def _point(table: Table, row: int) -> CertifiedPoint:
+    said = table.words["accepted"][row] if "accepted" in table.words else ""
+    reason = table.words["reason"][row] if "reason" in table.words else ""
+    if said.lower() not in _WORDS_OF_TRUTH:
+        raise table.fault(row, "accepted is true or false", value=said)
+    accepted = _WORDS_OF_TRUTH[said.lower()] and not (reason and not said)
+    numbers: dict[str, Any] = {name: float(column[row]) for name, column in table.numbers.items()}
+    for name in layout.POINT_COLUMNS.gap_numbers:
+        if accepted and np.isnan(numbers[name]):
+            raise table.fault(
+                row, f"column {name} holds no number", remedy="Remove the row, or set accepted to false."
+            )
+    return CertifiedPoint(
+        table.words["press"][row],
+        table.words["indenter"][row],
+        **numbers,
+        accepted=accepted,
+        reason=reason,
+        **split_columns(_extra(table, row)),
+    )
+
+
+def _extra(table: Table, row: int) -> dict[str, Any]:
+    return {name: column[row].item() for name, column in table.extra.items()}

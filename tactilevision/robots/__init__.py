@@ -1,0 +1,1 @@
+"""Cameras, live streams, robot logs and data sets."""

@@ -1,0 +1,348 @@
+"""Read frames from a camera or a played recording, keep the newest, and audit the camera."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.heightmap.scene_faults import blocks_grey
+from tactilevision.recording.images import check_coloured
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import iter_frames
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes
+
+# Where live frames come from: a camera of OpenCV, or a recording's pictures played at a rate.
+#
+# A camera's frames carry the time at which they came, on this machine's monotonic clock: OpenCV tells no other
+# one.
+
+GONE_S = 2.0  # s without a frame after which a camera counts as gone; slow ones take a tenth of it
+PAUSE_S = 0.005  # s between two looks at a camera that gave no frame
+AUTOMATIC = 3  # what CAP_PROP_AUTO_EXPOSURE says of an automatic one under Video4Linux
+FORMATS = {"mjpeg": "MJPG", "raw": "YUYV"}  # our words, and the codes of four letters
+DEFAULT_RATE_HZ = 30.0  # of pictures played that state none
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One raw picture (H, W, 3) uint8, red first; `time_s` when it came; `number` counts all that came."""
+
+    rgb: Bytes
+    time_s: float
+    number: int
+    name: str = ""
+
+
+class Source(Protocol):
+    """What gives shots until it ends; a camera never does. Raises InputError where it is gone."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def waits(self) -> bool:
+        """Whether it can wait for its reader: a camera cannot."""
+        ...
+
+    def shots(self) -> Iterator[Shot]: ...
+
+    def close(self) -> None: ...
+
+
+class Capture(Protocol):
+    """What of cv2.VideoCapture is used."""
+
+    def read(self) -> tuple[bool, Any]: ...
+
+    def get(self, prop: int, /) -> float: ...
+
+    def release(self) -> None: ...
+
+
+@dataclass
+class Camera:
+    """A camera that is open; `name` is how the user called it."""
+
+    capture: Capture
+    name: str
+    waits: bool = False
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+
+    def shots(self) -> Iterator[Shot]:
+        """Its pictures. Raises InputError where none has come for GONE_S."""
+        number, last_s = 0, self.clock()
+        while True:
+            there, bgr = self.capture.read()
+            now_s = self.clock()
+            if there:
+                yield Shot(_as_rgb(bgr, self.name), now_s, number, f"{number:06d}")
+                number, last_s = number + 1, now_s
+            elif now_s - last_s > GONE_S:
+                raise InputError(
+                    "the camera has gone" if number else "the camera gives no pictures",
+                    where=self.name,
+                    value=f"{number} frames came",
+                    remedy="Check its cable, and whether another program has it. What was written is kept.",
+                )
+            else:
+                self.sleep(PAUSE_S)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What its driver says against it."""
+        if self.capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) == AUTOMATIC:
+            return ("the camera's exposure is automatic: it follows contacts; set it by hand (v4l2-ctl)",)
+        return ()
+
+    def close(self) -> None:
+        """Give it back."""
+        self.capture.release()
+
+
+def open_camera(number: int, *, form: str | None = None) -> Camera:
+    """The camera of that number; `form` "mjpeg" or "raw" is what it sends, None as its driver has it.
+
+    Raises InputError where there is none, or where it does not send that.
+    """
+    told = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # the error below says it in a sentence
+    try:
+        capture = cv2.VideoCapture(number)
+    finally:
+        cv2.utils.logging.setLogLevel(told)
+    name = f"camera {number}"
+    if not capture.isOpened():
+        raise InputError(
+            "no camera of that number can be opened",
+            where="--camera",
+            value=number,
+            remedy="`v4l2-ctl --list-devices` lists them; a video or a folder of pictures goes, too.",
+        )
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # old pictures are of no use
+    if form is not None:
+        code = cv2.VideoWriter.fourcc(*FORMATS[form])
+        capture.set(cv2.CAP_PROP_FOURCC, code)
+        if int(capture.get(cv2.CAP_PROP_FOURCC)) != code:
+            capture.release()
+            raise InputError("the camera does not send this", where="--format", value=form, remedy="Leave it out.")
+    return Camera(capture, name)
+
+
+@dataclass
+class Played:
+    """The pictures of a recording, a frame every 1 / `rate_Hz` s; those that cannot be read are left out.
+
+    `rate_Hz` None: as fast as they are asked for.
+    """
+
+    recording: Recording
+    rate_Hz: float | None = DEFAULT_RATE_HZ
+    waits: bool = True
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+    unreadable: int = field(default=0, init=False)
+
+    @property
+    def name(self) -> str:
+        """The recording's."""
+        return self.recording.name
+
+    def shots(self) -> Iterator[Shot]:
+        """Its pictures, in their order, until there are no more."""
+        began = self.clock()
+        for number, frame in enumerate(iter_frames(self.recording)):
+            if self.rate_Hz is not None:
+                self.sleep(max(0.0, began + number / self.rate_Hz - self.clock()))
+            if isinstance(frame, Frame):
+                yield Shot(frame.rgb, self.clock(), number, frame.name)
+            else:
+                self.unreadable += 1
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+
+def _as_rgb(bgr: npt.NDArray[Any], name: str) -> Bytes:
+    if bgr.ndim != 3 or bgr.shape[2] != 3 or bgr.dtype != np.uint8:
+        raise InputError(
+            "the camera gives no colours of 8 bits",
+            where=name,
+            value=f"{bgr.shape} {bgr.dtype}",
+            remedy="Try --format mjpeg, or raw.",
+        )
+    return check_coloured(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8), name)
+
+
+# Only the newest frame: a thread takes all that come, so that a slow reader drops frames and never lags.
+
+LAST_S = 15.0  # s that a source may take over its last frame; drivers give up after ten
+
+
+class Newest:
+    """A source read in a thread of its own: `for shot in newest` gives the newest one each time.
+
+    `every` waits for the reader instead, so that no frame is lost; only for a source that waits. `came` counts
+    the shots, `dropped` those that no reader saw. What goes wrong with the source is raised to the reader.
+    """
+
+    def __init__(self, source: Source, *, every: bool = False) -> None:
+        self.source, self.every = source, every and source.waits
+        self.came = self.dropped = 0
+        self._shot: Shot | None = None
+        self._fault: BaseException | None = None
+        self._ended = self._stopped = False
+        self._turn = threading.Condition()
+        self._thread = threading.Thread(target=self._take, name="camera", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._turn:
+            self._stopped = True
+            self._turn.notify_all()
+        self._thread.join(LAST_S)
+        self.source.close()
+
+    def __iter__(self) -> Iterator[Shot]:
+        while True:
+            with self._turn:
+                self._turn.wait_for(lambda: self._shot is not None or self._ended)
+                shot, self._shot = self._shot, None
+                self._turn.notify_all()
+            if shot is not None:
+                yield shot
+            elif self._fault is not None:
+                raise self._fault
+            else:
+                return
+
+    def _take(self) -> None:
+        try:
+            for shot in self.source.shots():
+                if not self._put(shot):
+                    break
+        except BaseException as fault:  # the reader gets it
+            self._fault = fault
+        with self._turn:
+            self._ended = True
+            self._turn.notify_all()
+
+    def _put(self, shot: Shot) -> bool:
+        """Leave it for the reader; False where nobody reads any more."""
+        with self._turn:
+            if self.every:
+                self._turn.wait_for(lambda: self._shot is None or self._stopped)
+                if self._stopped:
+                    return False
+            self.came += 1
+            self.dropped += self._shot is not None
+            self._shot = shot
+            self._turn.notify_all()
+            return not self._stopped
+
+
+# Is a camera to be trusted? Rate, lost and repeated frames, exposure, compression, asked of its first frames.
+#
+# Exposure: the median over the picture of a frame's brightness over the first one's. Untouched gel under steady
+# lamps keeps it; so do small contacts, as most of the picture stays.
+# Compression: JPEG and video code blocks of 8 pixels. By how much neighbours differ more across the borders of
+# blocks than within, in grey levels, is what compression put there.
+# It tells that there is compression, not how much depth loses.
+
+FRAMES = 60  # frames of an audit: a second or two
+LOST = 1.5  # usual steps of time after which a frame is missing
+MAX_LOST = 0.02  # share of lost or repeated frames that is told of; a few are no matter
+MAX_BRIGHTNESS = 0.02  # relative change of brightness; lamps that are warm keep within a third of it
+MAX_BLOCKS_GREY = 0.2  # grey levels: raw pictures have below .05, JPEG of any quality .3 to .7, video 1.3
+STEP = 4  # px apart that brightness is looked at
+
+
+@dataclass(frozen=True, slots=True)
+class Audit:
+    """What some frames that came one after the other tell; `rate_Hz` is NaN where their times tell nothing."""
+
+    frames: int
+    rate_Hz: float
+    lost: int
+    repeated: int
+    brightness_change: float
+    blocks_grey: float
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the camera, a sentence each."""
+        said, many = [], MAX_LOST * self.frames
+        if self.lost > many:
+            said.append(f"{self.lost} frames were lost between {self.frames}: the camera or its bus is busy")
+        if self.repeated > many:
+            said.append(f"{self.repeated} of {self.frames} frames repeat the one before: the camera is slower")
+        if self.brightness_change > MAX_BRIGHTNESS:
+            said.append(
+                f"brightness changed by {100 * self.brightness_change:.1f} % over {self.frames} frames: is the "
+                "exposure automatic, or are the lamps still warming up?"
+            )
+        if self.blocks_grey > MAX_BLOCKS_GREY:
+            said.append(
+                f"pictures are compressed: blocks differ by {self.blocks_grey:.2f} grey levels, which read as "
+                "slopes; take raw frames, or calibrate with frames compressed alike"
+            )
+        return tuple(said)
+
+    def as_json(self) -> dict[str, Any]:
+        """For a program."""
+        return {
+            "frames": self.frames,
+            "rate_Hz": self.rate_Hz,
+            "lost": self.lost,
+            "repeated": self.repeated,
+            "brightness_change": self.brightness_change,
+            "blocks_grey": self.blocks_grey,
+            "warnings": list(self.warnings),
+        }
+
+
+def audit(shots: Sequence[Shot], *, timed: bool = True) -> Audit:
+    """The audit of shots that came one after the other; not `timed`, when they came tells nothing of a camera.
+
+    Raises InputError for fewer than two.
+    """
+    if len(shots) < 2:
+        raise InputError("an audit needs frames", where="audit", value=len(shots))
+    steps = np.diff([shot.time_s for shot in shots])
+    usual = float(np.median(steps)) if timed else 0.0
+    lost = int(np.sum(np.maximum(np.rint(steps / usual) - 1, 0)[steps > LOST * usual])) if usual > 0 else 0
+    alike = [np.array_equal(a.rgb, b.rgb) for a, b in pairwise(shots)]
+    return Audit(
+        len(shots),
+        1.0 / usual if usual > 0 else float("nan"),
+        lost,
+        int(np.sum(alike)),
+        brightness_change([shot.rgb for shot in shots]),
+        blocks_grey(shots[0].rgb),
+    )
+
+
+def brightness_change(frames: Sequence[Bytes]) -> float:
+    """By how much the brightness of frames (H, W, 3), grey levels, varies: a relative share of the first's."""
+    levels = [rgb[::STEP, ::STEP].sum(axis=2, dtype=np.float64) for rgb in frames]
+    lit = levels[0] > 0
+    if not lit.any():
+        return 0.0
+    shares = [float(np.median(level[lit] / levels[0][lit])) for level in levels]
+    return max(shares) - min(shares)

@@ -1,0 +1,368 @@
+"""Add depth, contact and force of a tactile camera to a new LeRobot data set."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactilevision.errors import InputError, OutputError
+from tactilevision.files.documents import read_json
+from tactilevision.files.writing import staged, write_text
+from tactilevision.profile.model import Seen
+from tactilevision.profile.sensor import CalibratedSensor
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Bytes, Floats
+from tactilevision.robots.lerobot_dataset import (
+    INFO,
+    STATS,
+    DataSet,
+    data_name,
+    episode_files,
+    opened,
+    parts,
+    pictures,
+    place_in,
+)
+from tactilevision.robots.logs import library
+
+# The features that are written beside a camera: their schema for LeRobot, and their values for one frame.
+
+STEP_MM = 2.0**-10  # mm: depths are rounded to this, far below their deviation, so that tables pack well
+WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nmm", "my_Nmm", "mz_Nmm")
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one frame tells: depth (h, w) in mm, NaN where it is not known; wrench (6,) in N and N mm."""
+
+    depth_mm: Floats
+    contact: bool
+    peak_mm: float
+    area_mm2: float
+    wrench: Floats
+    flags: str
+
+
+def base_of(camera: str) -> str:
+    """What the keys of the new features begin with: observation.images.left -> observation.left.
+
+    LeRobot takes a key with "image" in it for a picture; so such a word becomes "tactile".
+    """
+    name = camera.removeprefix("observation.").removeprefix("images.")
+    return "observation." + name.replace("images", "tactile").replace("image", "tactile")
+
+
+def schema(base: str, sensor: CalibratedSensor, *, shrink: int) -> dict[str, dict[str, Any]]:
+    """Keys of the new features, and what info.json says of each; a wrench only where E and nu are known."""
+    size = sensor.profile.sensor.height_px // shrink, sensor.profile.sensor.width_px // shrink
+    scale = [one * shrink for one in sensor.mm_per_px]
+    told = {"profile": sensor.profile.name, "mm_per_px": scale, "positive": "into the gel"}
+    found: dict[str, dict[str, Any]] = {
+        f"{base}.depth_mm": _feature("float32", list(size), ["height", "width"]) | {"info": told},
+        f"{base}.contact": _feature("bool", [1], None),
+        f"{base}.peak_mm": _feature("float32", [1], None),
+        f"{base}.area_mm2": _feature("float32", [1], None),
+        f"{base}.flags": _feature("string", [1], None),
+    }
+    if sensor.field is not None:
+        found[f"{base}.wrench"] = _feature("float32", [6], list(WRENCH))
+    return found
+
+
+def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> Reading:
+    """What a frame (H, W, 3) uint8 tells, in mm and N; one that is not read is all NaN, and its flags say why."""
+    try:
+        seen = sensor.read(rgb)
+    except InputError as fault:
+        size = sensor.profile.sensor.height_px // shrink, sensor.profile.sensor.width_px // shrink
+        nothing = np.full(6, np.nan)
+        return Reading(np.full(size, np.nan), False, np.nan, np.nan, nothing, f"not read: {fault.what}")
+    assert isinstance(seen, Seen)
+    height, wrench = seen.height, seen.wrench
+    depth = np.where(height.valid, height.depth_mm, np.nan)
+    pressed = seen.contact & height.valid
+    return Reading(
+        depth_mm=shrunk(np.round(depth / STEP_MM) * STEP_MM, shrink),
+        contact=bool(seen.contact.any()),
+        peak_mm=float(height.depth_mm[pressed].max()) if pressed.any() else 0.0,
+        area_mm2=float(seen.contact.sum() * np.prod(height.mm_per_px)),
+        wrench=np.full(6, np.nan) if wrench is None else np.array([*wrench.force_N, *wrench.moment_Nmm]),
+        flags="; ".join(seen.flags),
+    )
+
+
+def shrunk(depth_mm: Floats, factor: int) -> Floats:
+    """Means of blocks of `factor` x `factor` pixels of a map (H, W) in mm; NaN where half of one is not known."""
+    if factor == 1:
+        return depth_mm
+    rows, columns = depth_mm.shape[0] // factor, depth_mm.shape[1] // factor
+    blocks = depth_mm[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor)
+    known = np.isfinite(blocks).sum(axis=(1, 3))
+    total = np.where(np.isfinite(blocks), blocks, 0.0).sum(axis=(1, 3))
+    means = np.where(2 * known > factor**2, total / np.maximum(known, 1), np.nan)
+    return np.asarray(np.round(means / STEP_MM) * STEP_MM)
+
+
+def columns_of(readings: list[Reading], keys: Mapping[str, Any], base: str) -> dict[str, list[Any]]:
+    """The values of the features `keys` for a part of the table, one of each frame."""
+    every: dict[str, list[Any]] = {
+        "depth_mm": [one.depth_mm.astype(np.float32) for one in readings],
+        "contact": [one.contact for one in readings],
+        "peak_mm": [one.peak_mm for one in readings],
+        "area_mm2": [one.area_mm2 for one in readings],
+        "flags": [one.flags for one in readings],
+        "wrench": [one.wrench.astype(np.float32) for one in readings],
+    }
+    return {key: every[key.removeprefix(f"{base}.")] for key in keys}
+
+
+def _feature(kind: str, shape: list[int], names: list[str] | None) -> dict[str, Any]:
+    return {"dtype": kind, "shape": shape, "names": names}
+
+
+# Statistics of the new features, as LeRobot keeps them: of each episode, and of all of them together.
+#
+# NaN, which means not known, is left out. Where all is NaN, the statistics are 0.
+
+QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+MAX_SAMPLED = 256  # pixels of each map that the statistics of depth are taken from, besides its extremes
+Stats = dict[str, Floats]
+
+
+def sample_depth(depth_mm: Floats) -> Floats:
+    """Evenly spaced values (k,) of a map (H, W) in mm, its least and its greatest first."""
+    flat = depth_mm.ravel()
+    known = flat[np.isfinite(flat)]
+    extremes = (known.min(), known.max()) if known.size else (np.nan, np.nan)
+    return np.array([*extremes, *flat[:: -(-flat.size // MAX_SAMPLED)]])
+
+
+def statistics_of_depth(samples: Sequence[Floats]) -> Stats:
+    """Statistics, mm, of the samples (N, k) of an episode's maps, of shape (1, 1)."""
+    every = np.stack(samples)
+    found = statistics_of_values(every[:, 2:].reshape(-1, 1))
+    found |= {"min": statistics_of_values(every[:, :1])["min"], "max": statistics_of_values(every[:, 1:2])["max"]}
+    found = {name: value.reshape(1, 1) for name, value in found.items()}
+    return found | {"count": np.array([len(samples)])}
+
+
+def statistics_of_values(values: Floats) -> Stats:
+    """Statistics (k,) of the values (N, k) of an episode, in their unit."""
+    found: dict[str, list[float]] = {name: [] for name in ("min", "max", "mean", "std", *QUANTILES)}
+    for column in np.asarray(values, float).T:
+        known = column[np.isfinite(column)]
+        known = known if known.size else np.zeros(1)
+        told = [known.min(), known.max(), known.mean(), known.std()]
+        told += [np.quantile(known, share) for share in QUANTILES.values()]
+        for name, value in zip(found, told, strict=True):
+            found[name].append(float(value))
+    return {name: np.array(column) for name, column in found.items()} | {"count": np.array([len(values)])}
+
+
+def pooled_statistics(episodes: Sequence[Stats]) -> Stats:
+    """Statistics of all episodes from theirs, weighted by their frames, in their unit and shape, as (1,)."""
+    counts = np.array([float(one["count"][0]) for one in episodes])
+
+    def mean(name: str) -> Floats:
+        return np.asarray(np.average(np.stack([one[name] for one in episodes]), axis=0, weights=counts))
+
+    middle = mean("mean")
+    variance = np.average(
+        [one["std"] ** 2 + (one["mean"] - middle) ** 2 for one in episodes], axis=0, weights=counts
+    )
+    found = {"min": np.min([one["min"] for one in episodes], axis=0)}
+    found |= {"max": np.max([one["max"] for one in episodes], axis=0), "mean": middle, "std": np.sqrt(variance)}
+    return found | {name: mean(name) for name in QUANTILES} | {"count": np.array([int(counts.sum())])}
+
+
+def statistics_as_json(stats: Mapping[str, Stats]) -> dict[str, Any]:
+    """Statistics of each feature, in their unit and shape, as (1,) and lists."""
+    return {key: {name: value.tolist() for name, value in one.items()} for key, one in stats.items()}
+
+
+# Depth, contact and force of a tactile camera, written beside its frames: a new data set of LeRobot.
+#
+# All that the old one holds is kept: videos are copied byte for byte, and the tables gain columns.
+
+LOOKED_AT = 5  # frames at the beginning, which tell whether the profile is this sensor's
+Tell = Callable[[int, int], None]  # frames done, and of how many
+
+
+@dataclass(frozen=True, slots=True)
+class Annotated:
+    """What was written: counts, the keys of the new features, and what is doubtful."""
+
+    episodes: int
+    frames: int
+    in_contact: int
+    not_read: int
+    features: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def annotate(
+    dataset: DataSet,
+    sensor: CalibratedSensor,
+    out: Path | str,
+    *,
+    shrink: int = 4,
+    tell: Tell = lambda done, of: None,
+) -> Annotated:
+    """Write the data set `out`: all of `dataset`, and what `sensor` reads in its camera's frames.
+
+    Maps are means of `shrink` x `shrink` pixels. The reference is the profile's, best of raw frames: in packed
+    ones the codec has changed the gel's noise. Raises InputError for frames of another size,
+    features that are there already, and as `pictures` does; OutputError where `out` is a data set already.
+    """
+    if (Path(out) / INFO).exists():
+        raise OutputError("is a data set already", where=out, remedy="Choose an empty folder with --out.")
+    base = base_of(dataset.camera)
+    added = schema(base, sensor, shrink=shrink)
+    there = [key for key in added if key in dataset.features]
+    if there:
+        raise InputError("the data set has such a feature already", where=dataset.root, value=there[0])
+    warnings = _look(dataset, sensor)
+    work = _Work(dataset, base, added, _readings(dataset, sensor, shrink=shrink), tell)
+    with staged(out) as folder:
+        for place in dict.fromkeys(one.data for one in dataset.episodes):
+            work.write_table(dataset.data(place), folder / data_name(place))
+        work.write_episodes(folder)
+        work.write_info(folder)
+        _copy_rest(dataset.root, folder)
+    return Annotated(len(dataset.episodes), work.done, work.in_contact, work.not_read, tuple(added), warnings)
+
+
+class _Work:
+    """The readings as they come, and their statistics."""
+
+    def __init__(
+        self,
+        dataset: DataSet,
+        base: str,
+        added: dict[str, Any],
+        readings: Iterator[tuple[int, Reading]],
+        tell: Tell,
+    ) -> None:
+        self.dataset, self.base, self.added, self.readings, self.tell = dataset, base, added, readings, tell
+        self.done = self.in_contact = self.not_read = 0
+        self.gathered: dict[int, dict[str, list[Any]]] = {}
+        self.total = sum(one.length for one in dataset.episodes)
+
+    def write_table(self, source: Path, target: Path) -> None:
+        """One table of frames, with the new columns."""
+        arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with opened(source) as file:
+            schema_in = file.schema_arrow.remove_metadata()  # which lists the old columns alone
+        whole = arrow.schema([*schema_in, *(arrow.field(key, _type(one)) for key, one in self.added.items())])
+        packing = {f"{self.base}.depth_mm.list.element.list.element": "BYTE_STREAM_SPLIT"}
+        with parquet.ParquetWriter(
+            target, whole, compression="zstd", use_dictionary=False, column_encoding=packing
+        ) as writer:
+            for batch in parts(source):
+                readings = list(islice(self.readings, batch.num_rows))
+                columns = self._taken(readings)
+                new = [
+                    arrow.array([_plain(v) for v in columns[key]], _type(self.added[key])) for key in self.added
+                ]
+                writer.write_batch(arrow.RecordBatch.from_arrays([*batch.columns, *new], schema=whole))
+
+    def _taken(self, readings: list[tuple[int, Reading]]) -> dict[str, list[Any]]:
+        """The columns of a part; their statistics are gathered."""
+        columns = columns_of([one for _, one in readings], self.added, self.base)
+        for key, column in columns.items():
+            for (number, _), value in zip(readings, column, strict=True):
+                kept = sample_depth(value) if key.endswith(".depth_mm") else value
+                self.gathered.setdefault(number, {}).setdefault(key, []).append(kept)
+        self.done += len(readings)
+        self.in_contact += sum(one.contact for _, one in readings)
+        self.not_read += sum(one.flags.startswith("not read") for _, one in readings)
+        self.tell(self.done, self.total)
+        return columns
+
+    def write_episodes(self, folder: Path) -> None:
+        """The tables of episodes, with the statistics of the new features in each."""
+        arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
+        for name in episode_files(self.dataset.root):
+            table = arrow.Table.from_batches(list(parts(place_in(self.dataset.root, name))))
+            numbers = table.column("episode_index").to_pylist()
+            each = [statistics_as_json(self._stats(number)) for number in numbers]
+            for key, stats in each[0].items():
+                for what in stats:
+                    table = table.append_column(f"stats/{key}/{what}", [[one[key][what] for one in each]])
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            parquet.write_table(table, folder / name, compression="zstd")
+
+    def write_info(self, folder: Path) -> None:
+        """info.json with the new features, stats.json with their statistics."""
+        root = self.dataset.root
+        info = dict(self.dataset.info) | {"features": dict(self.dataset.features) | self.added}
+        stats = read_json(place_in(root, STATS)) if (root / STATS).exists() else {}
+        episodes = [self._stats(number) for number in sorted(self.gathered)]
+        stats |= statistics_as_json(
+            {key: pooled_statistics([one[key] for one in episodes]) for key in episodes[0]}
+        )
+        for name, content in ((INFO, info), (STATS, stats)):
+            write_text(folder / name, json.dumps(content, indent=4, ensure_ascii=False))
+
+    def _stats(self, number: int) -> dict[str, Stats]:
+        found = {}
+        for key, values in self.gathered[number].items():
+            if self.added[key]["dtype"] == "string":
+                continue
+            if key.endswith(".depth_mm"):
+                found[key] = statistics_of_depth(values)
+            else:
+                found[key] = statistics_of_values(np.asarray(values, float).reshape(len(values), -1))
+        return found
+
+
+def _readings(dataset: DataSet, sensor: CalibratedSensor, *, shrink: int) -> Iterator[tuple[int, Reading]]:
+    """The episode's number and what was read, frame by frame."""
+    for row, rgb in pictures(dataset):
+        yield row.episode.number, read_frame(sensor, rgb, shrink=shrink)
+
+
+def _look(dataset: DataSet, sensor: CalibratedSensor) -> tuple[str, ...]:
+    """What is doubtful about the profile by the first frames. Raises InputError where they have another size."""
+    shown: list[Bytes] = [rgb for _, rgb in islice(pictures(dataset), LOOKED_AT)]
+    wanted, found = sensor.profile.frame_size_px, shown[0].shape[1::-1]
+    if found != wanted:
+        raise InputError(
+            f"frames of {wanted[0]} x {wanted[1]} px are what the profile {sensor.profile.name} was made for",
+            where=f"{dataset.root}, {dataset.camera}",
+            value=f"{found[0]} x {found[1]} px",
+            remedy="Calibrate the sensor on frames of this size.",
+        )
+    sensor.look([sensor.reconstructor.rectified(Frame(rgb)) for rgb in shown])
+    return sensor.warnings
+
+
+def _copy_rest(root: Path, folder: Path) -> None:
+    """All files that are not written anew; what begins with a dot is a cache of the hub."""
+    for path in sorted(root.rglob("*")):
+        name = path.relative_to(root)
+        target = folder / name
+        if path.is_file() and not target.exists() and not any(part.startswith(".") for part in name.parts):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(place_in(root, name.as_posix()), target)
+
+
+def _type(feature: dict[str, Any]) -> Any:
+    arrow = library("pyarrow")
+    kind = {"float32": arrow.float32(), "bool": arrow.bool_(), "string": arrow.string()}[feature["dtype"]]
+    if feature["shape"] == [1]:
+        return kind
+    return arrow.list_(kind, feature["shape"][0]) if len(feature["shape"]) == 1 else arrow.list_(arrow.list_(kind))
+
+
+def _plain(value: Any) -> Any:
+    """A map as rows, which pyarrow takes; all else as it is."""
+    return list(value) if isinstance(value, np.ndarray) and value.ndim == 2 else value

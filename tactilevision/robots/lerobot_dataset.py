@@ -1,0 +1,290 @@
+"""Read a LeRobot data set, version 3: its metadata, parquet tables and camera pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.files.documents import read_json
+from tactilevision.files.opening import check, check_regular, inside
+from tactilevision.files.pictures import check_picture
+from tactilevision.records.measured import Bytes
+from tactilevision.robots.logs import library
+
+# Parquet through the door: regular files, bounded, read in parts; what is damaged is told in a sentence.
+
+ROWS = 64  # of a part: some tens of MB with depth maps of a whole picture
+
+
+def place_in(root: Path, name: str) -> Path:
+    """A file of the data set. Raises InputError where it is missing, leads elsewhere, or is no file."""
+    path = inside(root, name, where=root)
+    if not path.exists():
+        raise InputError("the data set lacks a file", where=root, value=name, remedy="Download it whole.")
+    check_regular(path)
+    return path
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """A Parquet file of pyarrow. Raises InputError where it is damaged, now or while it is read."""
+    with told(path), library("pyarrow.parquet").ParquetFile(path) as file:
+        check(file.metadata.num_columns, "MAX_COLUMNS", what="the number of its columns", where=path)
+        yield file
+
+
+def parts(path: Path, columns: Sequence[str] | None = None) -> Iterator[Any]:
+    """Its rows in record batches; `columns` None: all. Raises InputError where one is missing or damaged."""
+    with opened(path) as file:
+        has = file.schema_arrow.names
+        missing = [name for name in columns or () if name not in has]
+        if missing:
+            raise InputError("a column is missing", where=path, value=missing[0])
+        for batch in file.iter_batches(batch_size=ROWS, columns=columns, use_threads=False):
+            check(batch.nbytes / 1e6, "MAX_ARRAY_MB", what="a part of the table, in MB,", where=path)
+            yield batch
+
+
+@contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Raise InputError where a library of Parquet or video says that a file is damaged."""
+    try:
+        yield
+    except TactilevisionError:
+        raise
+    except Exception as fault:  # the libraries raise of every kind where a file is damaged
+        said = " ".join(str(fault).split())[:160] or type(fault).__name__
+        raise InputError(f"is damaged: {said}", where=path, remedy="Download it again.") from fault
+
+
+# What a data set says of itself: meta/info.json and meta/episodes, checked; nothing of its frames is read yet.
+
+INFO, STATS, EPISODES = "meta/info.json", "meta/stats.json", "meta/episodes"
+VERSION = "v3."
+Place = tuple[int, int]  # numbers of chunk and file
+_NUMBERS = ("episode_index", "length", "data/chunk_index", "data/file_index")
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """One episode: how many frames, in which file of the tables, in which video and from when on, s."""
+
+    number: int
+    length: int
+    data: Place
+    video: Place
+    from_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class DataSet:
+    """A data set on disk, seen through one camera, which is kept as a video or as single pictures."""
+
+    root: Path
+    info: Mapping[str, Any]
+    camera: str
+    is_video: bool
+    rate_Hz: float
+    episodes: tuple[Episode, ...]
+
+    @property
+    def features(self) -> Mapping[str, Any]:
+        """What each frame has, by key."""
+        found: Mapping[str, Any] = self.info["features"]
+        return found
+
+    def data(self, place: Place) -> Path:
+        """A table of frames. Raises InputError where it is missing."""
+        return place_in(self.root, data_name(place))
+
+    def video(self, place: Place) -> Path:
+        """A video of the camera. Raises InputError where it is missing."""
+        return place_in(self.root, f"videos/{self.camera}/{_name(place)}.mp4")
+
+
+def data_name(place: Place) -> str:
+    """Where a table of frames lies in its data set."""
+    return f"data/{_name(place)}.parquet"
+
+
+def read_dataset(root: Path | str, camera: str) -> DataSet:
+    """Read what describes a data set. `camera` is the key of the tactile camera.
+
+    Raises InputError for another version, a key that is no camera (and says which are), and missing files.
+    """
+    root = Path(root)
+    if not (root / INFO).is_file():
+        raise InputError("is no data set of LeRobot", where=root, value=f"{INFO} is missing")
+    info = read_json(place_in(root, INFO))
+    version, features, rate = info.get("codebase_version"), info.get("features"), info.get("fps")
+    if not str(version).startswith(VERSION):
+        raise InputError(
+            "the data set is of a version that is not read",
+            where=root / INFO,
+            value=version,
+            remedy="LeRobot turns one of v2.1 into v3.0: lerobot.datasets.v30.convert_dataset_v21_to_v30.",
+        )
+    if not isinstance(features, dict) or not isinstance(rate, int | float) or not 0 < rate < 1e5:
+        raise InputError("states no features, or no rate (fps)", where=root / INFO, value=rate)
+    cameras = {name: kind for name, kind in _kinds(features).items() if kind in ("video", "image")}
+    if camera not in cameras:
+        listed = ", ".join(f"{name} ({kind})" for name, kind in cameras.items()) or "none"
+        raise InputError("the data set has no such camera", where=root, value=camera, remedy=f"It has: {listed}.")
+    is_video = cameras[camera] == "video"
+    return DataSet(root, info, camera, is_video, float(rate), _episodes(root, camera, is_video))
+
+
+def episode_files(root: Path) -> list[str]:
+    """The tables of episodes, by name in the data set."""
+    return [path.relative_to(root).as_posix() for path in sorted((root / EPISODES).glob("*/*.parquet"))]
+
+
+def _kinds(features: Mapping[str, Any]) -> dict[str, str]:
+    return {name: str(one.get("dtype")) for name, one in features.items() if isinstance(one, dict)}
+
+
+def _episodes(root: Path, camera: str, is_video: bool) -> tuple[Episode, ...]:
+    names = list(_NUMBERS)
+    if is_video:
+        names += [f"videos/{camera}/{part}" for part in ("chunk_index", "file_index", "from_timestamp")]
+    found = []
+    for name in episode_files(root):
+        for batch in parts(place_in(root, name), names):
+            for row in zip(*(batch.column(key).to_pylist() for key in names), strict=True):
+                if None in row:
+                    raise InputError("an episode's number is missing", where=root / name, value=str(row)[:80])
+                number, length, chunk, file, *video = row
+                at, from_s = ((video[0], video[1]), video[2]) if video else ((0, 0), 0.0)
+                found.append(Episode(number, length, (chunk, file), at, from_s))
+    found.sort(key=lambda one: one.number)
+    if not found or [one.number for one in found] != list(range(len(found))):
+        missing = next((k for k, one in enumerate(found) if one.number != k), len(found))
+        raise InputError("the data set lacks an episode", where=root / EPISODES, value=missing)
+    return tuple(found)
+
+
+def _name(place: Place) -> str:
+    return f"chunk-{place[0]:03d}/file-{place[1]:03d}"
+
+
+# The pictures of a camera in the order of the frames; each is checked to be the one that its row means.
+#
+# Rows count frames at a constant rate, and a video is matched to them by time. So a frame that is missing, or a
+# video of another or variable rate, would shift all that follows: it is refused.
+
+MAX_OFF = 0.1  # of the time between two frames: a picture further from its row's time is another one
+_INDEX = ("episode_index", "frame_index", "timestamp")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One frame of the tables; `packed` holds its picture where the camera's are kept there."""
+
+    episode: Episode
+    frame: int
+    time_s: float
+    packed: bytes | None = None
+
+
+def rows(dataset: DataSet) -> Iterator[Row]:
+    """All frames in order. Raises InputError where one is missing, or not at the data set's rate."""
+    episodes = iter(dataset.episodes)
+    episode, due = next(episodes), 0
+    for path, number, frame, time_s, packed in _cells(dataset):
+        if due == episode.length:
+            episode, due = next(episodes, episode), 0
+        if (number, frame) != (episode.number, due):
+            raise InputError(
+                "frames are missing or out of order",
+                where=path,
+                value=f"frame {frame} of episode {number}, where frame {due} of episode {episode.number} is due",
+                remedy="Download it again, or record the episode anew.",
+            )
+        if not abs(time_s - frame / dataset.rate_Hz) < MAX_OFF / dataset.rate_Hz:
+            raise InputError(
+                f"a frame is not at the stated rate of {dataset.rate_Hz:g} a second",
+                where=f"{path}, episode {number}, frame {frame}",
+                value=f"{time_s:.4f} s",
+            )
+        yield Row(episode, frame, time_s, packed)
+        due += 1
+    if due < episode.length or next(episodes, None) is not None:
+        raise InputError(
+            "the tables end before the last episode does", where=dataset.root, value=f"episode {episode.number}"
+        )
+
+
+def pictures(dataset: DataSet) -> Iterator[tuple[Row, Bytes]]:
+    """Each frame with its picture (H, W, 3) uint8 grey levels, red first. Raises InputError as `rows` does."""
+    if dataset.is_video:
+        yield from _from_videos(dataset)
+        return
+    for row in rows(dataset):
+        yield row, _unpacked(row, f"{dataset.root}, {dataset.camera}")
+
+
+def _cells(dataset: DataSet) -> Iterator[tuple[Path, int, int, float, bytes | None]]:
+    columns = [*_INDEX] if dataset.is_video else [*_INDEX, dataset.camera]
+    for place in dict.fromkeys(one.data for one in dataset.episodes):
+        path = dataset.data(place)
+        for batch in parts(path, columns):
+            index = [batch.column(name).to_pylist() for name in _INDEX]
+            packed: list[Any] = [None] * batch.num_rows
+            if not dataset.is_video:
+                packed = [(one or {}).get("bytes") for one in batch.column(dataset.camera).to_pylist()]
+            for number, frame, time_s, data in zip(*index, packed, strict=True):
+                yield path, number, frame, float(time_s), data
+
+
+def _from_videos(dataset: DataSet) -> Iterator[tuple[Row, Bytes]]:
+    place: Place | None = None
+    shown: Iterator[tuple[float, Bytes]] = iter(())
+    for row in rows(dataset):
+        due_s, off_s = row.episode.from_s + row.time_s, MAX_OFF / dataset.rate_Hz
+        if row.episode.video != place:
+            place = row.episode.video
+            shown = _decoded(dataset.video(place))
+        found = next((one for one in shown if row.frame or one[0] > due_s - off_s), None)
+        where = f"{dataset.video(place)}, episode {row.episode.number}, frame {row.frame}"
+        if found is None:
+            raise InputError("the video ends before its frames do", where=where, remedy="Download it again.")
+        at_s, rgb = found
+        if abs(at_s - due_s) > off_s:
+            raise InputError(
+                f"the video is not at the constant rate of {dataset.rate_Hz:g} a second",
+                where=where,
+                value=f"{at_s:.4f} s, not {due_s:.4f} s",
+                remedy="Encode it anew at that rate, or record with single pictures.",
+            )
+        yield row, rgb
+
+
+def _decoded(path: Path) -> Iterator[tuple[float, Bytes]]:
+    """Times, s, and pictures of a video."""
+    with told(path), library("av").open(str(path), format="mp4") as box:
+        if not box.streams.video:
+            raise InputError("the file holds no video", where=path)
+        stream = box.streams.video[0]
+        for frame in box.decode(stream):
+            check(frame.width * frame.height, "MAX_PIXELS", what="a picture's pixels", where=path)
+            if frame.time is None:
+                raise InputError("a picture of the video has no time", where=path)
+            yield float(frame.time), frame.to_ndarray(format="rgb24")
+
+
+def _unpacked(row: Row, where: str) -> Bytes:
+    place = f"{where}, episode {row.episode.number}, frame {row.frame}"
+    if not row.packed:
+        raise InputError("a picture is not in its table", where=place, remedy="Store pictures within the tables.")
+    check_picture(row.packed, where=place)
+    bgr = cv2.imdecode(np.frombuffer(row.packed, np.uint8), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise InputError("a picture is damaged", where=place, remedy="Download it again.")
+    return np.ascontiguousarray(bgr[..., ::-1])

@@ -1,0 +1,275 @@
+"""Reconstruct one frame at a time for a control loop, and record the results of a stream."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from tactilevision.contact.footprint import find_footprint
+from tactilevision.contact.region import contact_flags, in_question, strong_evidence
+from tactilevision.errors import InputError
+from tactilevision.files.documents import csv_text
+from tactilevision.heightmap.ball_validation import check_fit
+from tactilevision.heightmap.deviation import untouched_std
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
+from tactilevision.records.maps import LIGHT, Footprint, Frame, HeightMap, TractionMap, add
+from tactilevision.records.measured import Bools, Bytes, Floats, Wrench
+from tactilevision.records.rig import Indenter
+from tactilevision.robots.camera import Shot
+from tactilevision.robust import median
+
+# One frame at a time, for a control loop: frame in; height map, contact, footprint and force out.
+#
+# Everything is held in buffers made once; nothing is kept of a frame but the drift of the light, whose history is
+# a running mean, so that a stream may run for days.
+
+SAMPLE_PX = 2  # pixels along each side, of which one is looked at
+RENEW = 0.002  # share a frame: five seconds at 90 frames a second: lamps warm in minutes, presses take less
+# ms: upper edges of the histogram of latencies
+EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, 125, 250, 500, 1000, np.inf])
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What one frame says. `contact` is True where the gel is pressed; `peak_mm` its greatest depth there, else 0.
+
+    `least_mm` is the depth from which a contact would be seen in half of the picture: where none is seen, one less
+    deep may be there. `height.flags` (flags.py) say what makes all of it doubtful. `footprint` is None without
+    contact or without an indenter to look for; `latency_ms` from frame to result. `tractions` and `wrench`
+    are None where the stream's sensor knows no E and nu, and where the force could not be solved.
+    """
+
+    height: HeightMap
+    contact: bool
+    peak_mm: float
+    footprint: Footprint | None
+    latency_ms: float
+    least_mm: float
+    tractions: TractionMap | None = None
+
+    @property
+    def wrench(self) -> Wrench | None:
+        """Force and moment."""
+        return None if self.tractions is None else self.tractions.wrench
+
+
+class Calibrated(Protocol):
+    """What a sensor profile is to a stream (profile/sensor.py)."""
+
+    @property
+    def reconstructor(self) -> Reconstructor: ...
+
+    @property
+    def indenter(self) -> Indenter | None: ...
+
+    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]: ...
+
+    def held(self, height: HeightMap, face: Footprint | None) -> HeightMap: ...
+
+    def tractions(self, height: HeightMap, rgb_rectified: Bytes) -> TractionMap | None: ...
+
+
+class Stream:
+    """Turns frames into moments. Not thread-safe.
+
+    `source` is a reconstructor, or a calibrated sensor (`load_sensor`), which gives the force, too. `indenter`:
+    what to look for, None for contact alone. `renew` is the share by which each frame without contact renews the
+    reference, so that slow changes of light and temperature are followed; 0 leaves it as it is. The larger it is
+    the sooner a press that comes slowly is taken for untouched gel: one that moves by v mm a frame is seen late,
+    or never, where v / renew is less than what noise hides (some 10 um).
+
+    Raises InputError for a calibration that fails its own balls, unless it is to be used `even_so`.
+    """
+
+    def __init__(
+        self,
+        source: Reconstructor | Calibrated,
+        indenter: Indenter | None = None,
+        renew: float = RENEW,
+        *,
+        even_so: bool = False,
+    ) -> None:
+        if not 0.0 <= renew <= 1.0:
+            raise InputError("is a share, from 0 to 1", where="Stream renew", value=renew)
+        self.sensor = None if isinstance(source, Reconstructor) else source
+        self.reconstructor = source if isinstance(source, Reconstructor) else source.reconstructor
+        method = self.reconstructor.referenced
+        if method is not None and not even_so:
+            check_fit(method.card, remedy="Stream(..., even_so=True) or --even-so")
+        self.indenter = indenter or (self.sensor.indenter if self.sensor else None)
+        self.renew, self.frames = renew, 0
+        self.latencies: Floats = np.zeros(len(EDGES_MS))
+        self._last: Footprint | None = None
+
+    def take(self, frame: Frame) -> Moment:
+        """The next frame. Raises InputError for one that cannot be read; the stream goes on with the one after."""
+        if not isinstance(frame, Frame):
+            raise InputError(
+                "a stream takes frames",
+                where="Stream.take",
+                value=type(frame).__name__,
+                remedy="Hand over Frame(rgb).",
+            )
+        began = time.perf_counter()
+        rgb = self.reconstructor.rectified(frame)
+        if self.frames == 0:  # for all that come: it takes longer than a frame
+            self.reconstructor.look([rgb])
+        height = self.reconstructor.rectified_map(rgb, time_s=frame.time_s, name=frame.name)
+        contact, peak_mm, least_mm, doubts = self._contact(height)
+        if doubts:
+            height = replace(height, flags=add(height.flags, doubts))
+        self._last = self._footprint(height) if contact else None
+        tractions = None
+        if self.sensor is not None:
+            held = self.sensor.held(height, self._last)
+            if held is not height:
+                height, peak_mm = held, float(held.depth_mm[held.valid].max())
+            tractions = self.sensor.tractions(height, rgb)
+        known = LIGHT not in height.flags and least_mm < CONTACT.live_blind_mm
+        if not contact and known and self.renew > 0:
+            self.reconstructor.follow(rgb, self.renew)
+        latency_ms = 1e3 * (time.perf_counter() - began)
+        self.latencies[np.searchsorted(EDGES_MS, latency_ms)] += 1
+        self.frames += 1
+        return Moment(height, contact, peak_mm, self._last, latency_ms, least_mm, tractions)
+
+    def histogram(self) -> list[tuple[float, int]]:
+        """(upper edge in ms, frames) of the latencies so far."""
+        return [(float(edge), int(count)) for edge, count in zip(EDGES_MS, self.latencies, strict=True)]
+
+    def _contact(self, height: HeightMap) -> tuple[bool, float, float, tuple[str, ...]]:
+        """Whether there is a contact, its depth, the depth that would show as one in half of the picture, and
+        the flags of where it lies."""
+        depth, valid = height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX], height.valid[::SAMPLE_PX, ::SAMPLE_PX]
+        spread = untouched_std(height, self.reconstructor.error, every=SAMPLE_PX)
+        if spread is None:
+            spread = np.full(depth.shape, CONTACT.live_unknown_std_mm)
+        least_mm = CONTACT.live_sigma * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
+        pressed = (depth > live_limit_mm(spread)) & valid
+        if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
+            pressed = _strongly_pressed(height)
+        if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
+            return False, 0.0, least_mm, ()
+        return True, float(depth[pressed].max()), least_mm, contact_flags(pressed, self.reconstructor.error)
+
+    def _footprint(self, height: HeightMap) -> Footprint | None:
+        if self.indenter is None:
+            return None
+        return find_footprint(height, self.indenter, prior=self._last)
+
+
+def _strongly_pressed(height: HeightMap) -> Bools:
+    """Mask (h, w) of every SAMPLE_PXth pixel that slopes or colours show to be pressed, whatever its deviation."""
+    x, y = height.mm_per_px
+    sampled = replace(
+        height,
+        depth_mm=height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX],
+        valid=height.valid[::SAMPLE_PX, ::SAMPLE_PX],
+        mm_per_px=(SAMPLE_PX * x, SAMPLE_PX * y),
+        std_mm=None if height.std_mm is None else height.std_mm[::SAMPLE_PX, ::SAMPLE_PX],
+    )
+    deep = in_question(sampled)
+    return deep & strong_evidence(sampled) if deep.any() else deep
+
+
+# Frame after frame through a stream, as they come; what each says is handed on, and counted.
+
+AXES = ("x", "y", "z")
+COLUMNS = (
+    *("frame", "time_s", "contact", "peak_mm"),
+    *(f"f{axis}_N" for axis in AXES),
+    *(f"f{axis}_std_N" for axis in AXES),
+    *(f"m{axis}_Nmm" for axis in AXES),
+    *("age_ms", "flags"),
+)
+KEPT = 2000  # ages of the last frames, from which the 95th percentile is taken
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """One frame: its shot, its moment, and `age_ms` from when it came until all was known."""
+
+    shot: Shot
+    moment: Moment
+    age_ms: float
+
+    def as_row(self) -> str:
+        """A line of live.csv; what is not known is left empty."""
+        moment, wrench = self.moment, self.moment.wrench
+        force = (*wrench.force_N, *wrench.force_std_N, *wrench.moment_Nmm) if wrench else (math.nan,) * 9
+        numbers = (moment.peak_mm, *force, self.age_ms)
+        cells = [f"{number:.6g}" if math.isfinite(number) else "" for number in numbers]
+        row = [
+            self.shot.name,
+            f"{self.shot.time_s:.6f}",
+            int(moment.contact),
+            *cells,
+            " ".join(moment.height.flags),
+        ]
+        return csv_text([row])
+
+
+@dataclass
+class Counts:
+    """What a loop has done: frames read, how many have each flag, `refused` with the last reason, ages in ms."""
+
+    read: int = 0
+    refused: int = 0
+    why: str = ""
+    flags: Counter[str] = field(default_factory=Counter)
+    histogram: np.ndarray[tuple[int], np.dtype[np.float64]] = field(
+        default_factory=lambda: np.zeros(len(EDGES_MS))
+    )
+    ages_ms: list[float] = field(default_factory=list)
+    began_s: float = field(default_factory=time.monotonic)
+
+    def add(self, age_ms: float, flags: Iterable[str] = ()) -> None:
+        """Count a frame that was read."""
+        self.read += 1
+        self.flags.update(flags)
+        self.histogram[np.searchsorted(EDGES_MS, age_ms)] += 1
+        self.ages_ms.append(age_ms)
+        del self.ages_ms[:-KEPT]
+
+    @property
+    def rate_Hz(self) -> float:
+        """Frames read a second, since the beginning."""
+        return self.read / max(time.monotonic() - self.began_s, 1e-9)
+
+    @property
+    def age95_ms(self) -> float:
+        """The age that 95 of 100 of the last frames stay under; NaN before the first."""
+        return float(np.percentile(self.ages_ms, 95)) if self.ages_ms else math.nan
+
+    def lines(self) -> Sequence[str]:
+        """The histogram of ages, a line for each step that holds frames."""
+        top = max(self.histogram.max(), 1)
+        rows = []
+        for k, count in enumerate(self.histogram):
+            if count:
+                low, high = (EDGES_MS[k - 1] if k else 0.0), EDGES_MS[k]
+                step = f"{low:5.4g} to {high:4.4g} ms" if math.isfinite(high) else f"{'over':>5} {low:7.4g} ms"
+                rows.append(f"  {step} {int(count):7d} {'#' * max(1, round(40 * count / top))}")
+        return rows
+
+
+def run(shots: Iterable[Shot], stream: Stream, *, counts: Counts, tell: Callable[[Told], bool]) -> None:
+    """Read shots until they end, or `tell` says False. A frame that cannot be read is counted, and passed over."""
+    counts.began_s = time.monotonic()
+    for shot in shots:
+        try:
+            moment = stream.take(Frame(shot.rgb, shot.time_s, shot.name))
+        except InputError as fault:
+            counts.refused, counts.why = counts.refused + 1, fault.what
+            continue
+        age_ms = 1e3 * (time.monotonic() - shot.time_s)
+        counts.add(age_ms, moment.height.flags)
+        if not tell(Told(shot, moment, age_ms)):
+            break

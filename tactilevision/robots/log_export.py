@@ -1,0 +1,220 @@
+"""Write the depth and force of a recording as ROS messages to MCAP, ROS 1 or ROS 2 logs."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactilevision.errors import InputError, OutputError
+from tactilevision.files.opening import inside
+from tactilevision.files.tiff import read_tiff
+from tactilevision.files.writing import replacing, told_as_output, unfinished
+from tactilevision.recording.layout import Columns
+from tactilevision.recording.model import Recording
+from tactilevision.recording.tables import read_table
+from tactilevision.records.maps import HeightMap
+from tactilevision.records.measured import Floats
+from tactilevision.robots.logs import library
+from tactilevision.robots.messages import IMAGE, WRENCH, typestore
+
+# Depth and force as ROS messages: an MCAP file, a ROS 1 bag, or a ROS 2 folder (sqlite3).
+
+MM = 1e-3  # metres: the unit of length in ROS (REP 103)
+Put = Callable[[str, Any, int], None]  # topic, message, time in ns
+
+
+def depth_message(height: HeightMap, *, time_ns: int, frame_id: str, encoding: str) -> Any:
+    """sensor_msgs/Image 32FC1 in metres of a map (H, W) in mm; NaN where that is not valid (REP 118)."""
+    depth_m = np.where(height.valid, height.depth_mm * MM, np.nan).astype("<f4")
+    rows, columns = depth_m.shape
+    data = np.frombuffer(np.ascontiguousarray(depth_m).tobytes(), np.uint8)
+    return _type(IMAGE, encoding)(
+        header=_header(time_ns, frame_id, encoding),
+        height=rows,
+        width=columns,
+        encoding="32FC1",
+        is_bigendian=0,
+        step=4 * columns,
+        data=data,
+    )
+
+
+def wrench_message(force_N: Floats, moment_Nmm: Floats, *, time_ns: int, frame_id: str, encoding: str) -> Any:
+    """geometry_msgs/WrenchStamped of force (3,) in N and moment (3,) in N mm, which becomes N m."""
+    vector = _type("geometry_msgs/msg/Vector3", encoding)
+    force, torque = vector(*map(float, force_N)), vector(*(float(one) * MM for one in moment_Nmm))
+    both = _type("geometry_msgs/msg/Wrench", encoding)(force=force, torque=torque)
+    return _type(WRENCH, encoding)(header=_header(time_ns, frame_id, encoding), wrench=both)
+
+
+@contextmanager
+def open_writer(path: Path) -> Iterator[tuple[Put, str]]:
+    """What puts messages into a log, and their encoding; the log has its name once it is whole.
+
+    The ending chooses: .mcap, .bag (ROS 1), none (a ROS 2 folder). Raises OutputError for another.
+    """
+    if path.suffix == ".mcap":
+        with replacing(path) as temporary, _mcap(temporary) as put:
+            yield put, "cdr"
+    elif path.suffix == ".bag":
+        with replacing(path) as temporary:
+            temporary.unlink()
+            with library("rosbags.rosbag1").Writer(temporary) as bag:
+                yield _putter(bag, "ros1"), "ros1"
+    elif not path.suffix:
+        with _folder(path) as put:
+            yield put, "cdr"
+    else:
+        raise OutputError("logs end in .mcap or .bag; without an ending it is a ROS 2 folder", where=path)
+
+
+@contextmanager
+def _folder(path: Path) -> Iterator[Put]:
+    if path.exists():
+        raise OutputError(
+            "is there already", where=path, remedy="A ROS 2 bag is written anew: choose another name."
+        )
+    bags = library("rosbags.rosbag2")
+    with told_as_output(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=unfinished(), dir=path.parent))
+    try:
+        with bags.Writer(scratch / path.name, version=8, storage_plugin=bags.StoragePlugin.SQLITE3) as bag:
+            yield _putter(bag, "cdr")
+        with told_as_output(path):
+            (scratch / path.name).rename(path)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _putter(bag: Any, encoding: str) -> Put:
+    """Through rosbags."""
+    store, topics = typestore(encoding), {}
+
+    def put(topic: str, message: Any, time_ns: int) -> None:
+        kind = message.__msgtype__
+        if topic not in topics:
+            topics[topic] = bag.add_connection(topic, kind, typestore=store)
+        packed = store.serialize_ros1(message, kind) if encoding == "ros1" else store.serialize_cdr(message, kind)
+        bag.write(topics[topic], time_ns, packed)
+
+    return put
+
+
+@contextmanager
+def _mcap(path: Path) -> Iterator[Put]:
+    """Through mcap."""
+    store, topics = typestore("cdr"), {}
+    with path.open("wb") as file:
+        writer = library("mcap.writer").Writer(file)
+        writer.start(profile="ros2", library="tactilevision")
+
+        def put(topic: str, message: Any, time_ns: int) -> None:
+            kind = message.__msgtype__
+            if topic not in topics:
+                text, _ = store.generate_msgdef(kind, ros_version=2)
+                schema = writer.register_schema(kind, "ros2msg", text.encode())
+                topics[topic] = writer.register_channel(topic, "cdr", schema)
+            data = bytes(store.serialize_cdr(message, kind))
+            writer.add_message(topics[topic], log_time=time_ns, data=data, publish_time=time_ns)
+
+        yield put
+        writer.finish()
+
+
+def _type(kind: str, encoding: str) -> Any:
+    return typestore(encoding).types[kind]
+
+
+def _header(time_ns: int, frame_id: str, encoding: str) -> Any:
+    stamp = _type("builtin_interfaces/msg/Time", encoding)(sec=time_ns // 10**9, nanosec=time_ns % 10**9)
+    counted = {"seq": 0} if encoding == "ros1" else {}
+    return _type("std_msgs/msg/Header", encoding)(stamp=stamp, frame_id=frame_id, **counted)
+
+
+# Height maps and forces of a recording, as `depth` and `force` wrote them, into a log of ROS.
+
+DEPTH_TOPIC, WRENCH_TOPIC = "/tactile/depth", "/tactile/wrench"
+PAD = "gel_pad"  # frame of reference: x right, y down, z into the gel, from the pad's centre
+_COMPONENTS = ("fx_N", "fy_N", "fz_N", "mx_Nmm", "my_Nmm", "mz_Nmm")
+_RESULTANTS = Columns(words=("frame",), maybe_numbers=_COMPONENTS)
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """How many messages of each kind were written, and how many frames had no map."""
+
+    depths: int
+    wrenches: int
+    without: int
+
+
+def export_log(
+    recording: Recording, out: Path, *, depth: Path | None = None, force: Path | None = None, frame_id: str = PAD
+) -> Exported:
+    """Write `out` from the folders that `depth` and `force` wrote for this recording; whole or not at all.
+
+    Times are the recording's, after the start that its [log] states. Raises InputError where neither folder
+    holds anything of its frames, or frames have no time.
+    """
+    times = recording.frame_times_s
+    if not len(times) or np.isnan(times).any():
+        raise InputError(
+            "frames have no time, which messages need", where=recording.path, remedy="Add frames.csv."
+        )
+    wrenches = {} if force is None else _wrenches(force / "resultants.csv")
+    counts = {"depth": 0, "wrench": 0}
+    with open_writer(out) as (put, encoding):
+        for name, time_ns in zip(recording.frame_names, _times_ns(recording), strict=True):
+            path = None if depth is None else _map(depth, name)
+            if path is not None:
+                message = depth_message(read_tiff(path), time_ns=time_ns, frame_id=frame_id, encoding=encoding)
+                put(DEPTH_TOPIC, message, time_ns)
+                counts["depth"] += 1
+            if name in wrenches:
+                whole = wrenches[name]
+                wrench = wrench_message(
+                    whole[:3], whole[3:], time_ns=time_ns, frame_id=frame_id, encoding=encoding
+                )
+                put(WRENCH_TOPIC, wrench, time_ns)
+                counts["wrench"] += 1
+        if not any(counts.values()):
+            raise InputError(
+                "there is neither depth nor force of the recording's frames",
+                where=depth or force or recording.path,
+                remedy="Give --depth the folder that `tactilevision depth` wrote (TIFF), --force that of `force`.",
+            )
+    without = 0 if depth is None else len(times) - counts["depth"]
+    return Exported(counts["depth"], counts["wrench"], without)
+
+
+def _map(folder: Path, name: str) -> Path | None:
+    """The map of a frame: under its stem, or its whole name where stems are not enough."""
+    for stem in (Path(name).stem, name):
+        path = inside(folder / "depth", f"{stem}.tiff", where=folder)
+        if path.is_file():
+            return path
+    return None
+
+
+def _wrenches(path: Path) -> Mapping[str, Floats]:
+    """Force and moment (6,), N and N mm, of each frame with a normal force; NaN what was not measured."""
+    table = read_table(path, _RESULTANTS)
+    missing = [name for name in _COMPONENTS if name not in table.numbers]
+    if missing:
+        raise InputError("a column is missing", where=path, value=missing[0])
+    numbers = np.column_stack([table.numbers[name] for name in _COMPONENTS])
+    pairs = zip(table.words["frame"], numbers, strict=True)
+    return {name: row for name, row in pairs if np.isfinite(row[2])}
+
+
+def _times_ns(recording: Recording) -> list[int]:
+    origin_ns = int(recording.settings.get("log", {}).get("origin_ns", 0))
+    return [origin_ns + round(float(one) * 1e9) for one in recording.frame_times_s]

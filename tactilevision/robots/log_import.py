@@ -1,0 +1,275 @@
+"""Convert a robot's log to a recording: frames, forces and the [sensor] table."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from tactilevision.errors import InputError, OutputError
+from tactilevision.files.writing import replacing, staged, write_text
+from tactilevision.profile.storage import SUFFIX, read_profile
+from tactilevision.recording import layout
+from tactilevision.recording.pictures import first_look
+from tactilevision.recording.write import write_forces, write_frame_table
+from tactilevision.records.measured import Floats, ForceSeries
+from tactilevision.records.rig import Sensor
+from tactilevision.robots.logs import Log, ros2_name
+from tactilevision.robots.messages import (
+    COMPRESSED,
+    IMAGE,
+    Clock,
+    Stamp,
+    WrenchReading,
+    check_clock,
+    check_same_clock,
+    decode_picture,
+    decode_wrench,
+    first_ns,
+    fixed_rotation,
+    times_s,
+)
+from tactilevision.sensors import SENSORS
+
+# [sensor] of an imported recording: what a kind's name or a sensor profile says of the frames.
+
+MAPS = "rectification.npz"
+
+
+@dataclass(frozen=True, slots=True)
+class SensorTable:
+    """The table's keys, and the maps of the rectification that a profile brings along."""
+
+    table: Mapping[str, Any]
+    maps: tuple[Any, Any] | None = None
+
+    @classmethod
+    def of(cls, named: str | None, *, mm_per_px: float | None) -> SensorTable:
+        """From a kind's name, or a profile's file. Raises InputError where there is no such sensor."""
+        stated: dict[str, Any] = {} if mm_per_px is None else {"mm_per_px": mm_per_px}
+        if named is None:
+            return cls(stated)
+        if named.lower().endswith(SUFFIX):
+            sensor = read_profile(named).sensor
+            return cls(MappingProxyType(_told(sensor) | stated), sensor.rectification)
+        if named not in SENSORS:
+            known = f"a profile (FILE{SUFFIX}), or one of {', '.join(SENSORS)}"
+            raise InputError("there is no such sensor", where="--sensor", value=named, remedy=f"Name {known}.")
+        return cls(MappingProxyType({"kind": named} | stated))
+
+    def scaled(self, frames: Path, names: Sequence[str]) -> tuple[SensorTable, tuple[str, ...]]:
+        """With the scale of the pictures in a folder where the sensor's kind alone is named; what was guessed.
+
+        Raises RecordingError for pictures of another shape than the kind's.
+        """
+        from tactilevision.recording.folder import guess_scale
+        from tactilevision.recording.settings import SensorSettings
+
+        usual = SENSORS.get(self.table.get("kind", ""))
+        if usual is None or "mm_per_px" in self.table:
+            return self, ()
+        size_px, _ = first_look(frames, names)
+        if size_px == (usual.width_px, usual.height_px):
+            return self, ()
+        settings, notes = guess_scale(SensorSettings(kind=usual.kind), size_px)
+        return SensorTable({**self.table, "mm_per_px": settings.mm_per_px}, self.maps), notes
+
+    def write_maps(self, folder: Path) -> None:
+        """Write the maps beside recording.toml, where there are any."""
+        if self.maps is not None:
+            with replacing(folder / MAPS) as temporary, temporary.open("wb") as file:
+                np.savez(file, map_x=self.maps[0], map_y=self.maps[1])
+
+
+def _told(sensor: Sensor) -> dict[str, Any]:
+    found: dict[str, Any] = {"kind": sensor.kind, "mm_per_px": list(sensor.mm_per_px)}
+    found |= {"width_px": sensor.width_px, "height_px": sensor.height_px}
+    found |= {"serial": sensor.serial} if sensor.serial else {}
+    return found | ({"rectification": MAPS} if sensor.rectification is not None else {})
+
+
+# A robot's log -> a recording folder: its frames as files, its wrench as forces.csv, on the headers' clock.
+
+MAX_USUAL_N = 200.0  # N: pads of tactile sensors are pressed with some tens, their force sensors end before
+MAX_LISTED = 40  # topics that one sentence can name; robots log hundreds
+Rotation = tuple[tuple[float, float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ImportSettings:
+    """What is taken from a log: topics, the clock, the sensor's name and scale, and how the wrench is turned.
+
+    `sensor` is a kind's name or a sensor profile (.tvs), whose scale is taken where none is stated.
+    `rotation` (3, 3): its rows are the frame's x, y and z (into the gel) in the wrench's axes; None: as the log's
+    fixed transforms have it, where frames and wrench are in two frames of reference.
+    """
+
+    frames: str
+    wrench: str | None = None
+    clock: Clock = Clock.HEADER
+    sensor: str | None = None
+    mm_per_px: float | None = None
+    rotation: Rotation | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """What was found: counts, seconds, frames of reference of pictures and wrench, largest force, guesses."""
+
+    frames: int
+    readings: int
+    seconds: float
+    frame_id: str
+    wrench_frame_id: str | None
+    largest_N: float = 0.0
+    guessed: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is doubtful about it."""
+        if self.largest_N <= MAX_USUAL_N:
+            return self.guessed
+        return (
+            *self.guessed,
+            f"the wrench reaches {self.largest_N:.4g} N, which no gel stands: is its topic in newtons?",
+        )
+
+
+def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> Imported:
+    """Write the recording `out` from the log `path`; nothing is written unless all of it is.
+
+    Raises InputError for a log without the topics (and says which it has), with two clocks, with a wrench in
+    another frame of reference, or damaged; OutputError where `out` holds frames already.
+    """
+    if (Path(out) / layout.FRAMES).exists():
+        raise OutputError("holds frames already", where=out, remedy="Choose an empty folder with --out.")
+    if settings.frames == settings.wrench:
+        raise InputError("is the topic of the frames, too", where="--wrench", value=settings.wrench)
+    log, sensor = Log(Path(path)), SensorTable.of(settings.sensor, mm_per_px=settings.mm_per_px)
+    with staged(out) as folder:
+        names, stamps, readings = _messages(log, folder, settings)
+        settings = _with_axes(stamps, [one.stamp for one in readings], log, settings)
+        origin_ns = _check_clocks(stamps, [one.stamp for one in readings], log, settings)
+        frame_s = times_s(stamps, settings.clock, origin_ns=origin_ns)
+        order = np.argsort(frame_s, kind="stable")
+        write_frame_table(folder, [names[k] for k in order], times_s=frame_s[order])
+        if readings:
+            _write_forces(folder, readings, settings, origin_ns)
+        sensor, guessed = sensor.scaled(folder / layout.FRAMES, names)
+        sensor.write_maps(folder)
+        _write_settings(folder, log.path, settings, sensor=sensor.table, origin_ns=origin_ns)
+    turned = readings[0].stamp.frame_id if readings else None
+    largest_N = max((float(np.abs(one.force_N).max()) for one in readings), default=0.0)
+    return Imported(
+        len(names), len(readings), float(np.ptp(frame_s)), stamps[0].frame_id, turned, largest_N, guessed
+    )
+
+
+def the_picture_topic(path: Path | str) -> str:
+    """The one topic of a log that holds pictures. Raises InputError, which lists them, where it is not one."""
+    log = Log(Path(path))
+    for _ in log.messages(()):  # none is wanted: the topics are told on the way
+        pass
+    shown = sorted(name for name, kind in log.topics.items() if ros2_name(kind) in (IMAGE, COMPRESSED))
+    if len(shown) == 1:
+        return shown[0]
+    has = ", ".join(shown or (f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]))
+    raise InputError(
+        "the log has several topics of pictures" if shown else "the log has no topic of pictures",
+        where=log.path,
+        remedy=f"Name one with --frames: {has}." if shown else f"It has: {has or 'no topic at all'}.",
+    )
+
+
+def _messages(
+    log: Log, folder: Path, settings: ImportSettings
+) -> tuple[list[str], list[Stamp], list[WrenchReading]]:
+    """Frames go to disk as they come; their names and stamps, and the readings, are kept."""
+    names: list[str] = []
+    stamps: list[Stamp] = []
+    readings: list[WrenchReading] = []
+    (folder / layout.FRAMES).mkdir()
+    wanted = {settings.frames, settings.wrench} - {None}
+    for message in log.messages({str(one) for one in wanted}):
+        if message.topic == settings.frames:
+            picture = decode_picture(message, log.path)
+            names.append(f"{len(names):07d}{picture.suffix}")
+            stamps.append(picture.stamp)
+            (folder / layout.FRAMES / names[-1]).write_bytes(picture.data)
+        else:
+            readings.append(decode_wrench(message, log.path))
+    _check_topic(log, settings.frames, len(stamps))
+    if settings.wrench is not None:
+        _check_topic(log, settings.wrench, len(readings))
+    return names, stamps, readings
+
+
+def _check_topic(log: Log, topic: str, count: int) -> None:
+    """Raise InputError, which lists the topics there are, where this one is missing or all but empty."""
+    if count >= 2:
+        return
+    has = [f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]]
+    said = "the topic has fewer than two messages" if topic in log.topics else "the log has no such topic"
+    raise InputError(said, where=log.path, value=topic, remedy=f"It has: {', '.join(has) or 'no topic at all'}.")
+
+
+def _check_clocks(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> int:
+    """Where time starts, ns since 1970 or since a device was switched on; raises where it cannot be one clock."""
+    if settings.clock is Clock.HEADER:
+        frames_s = check_clock(frames, f"{log.path}, {settings.frames}")
+        if wrench:
+            wrench_s = check_clock(wrench, f"{log.path}, {settings.wrench}")
+            check_same_clock(frames_s, wrench_s, where=log.path)
+    return first_ns([*frames, *wrench], settings.clock)
+
+
+def _with_axes(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> ImportSettings:
+    """With the rotation that the log's fixed transforms tell, where one is needed and none is stated."""
+    ids = sorted({one.frame_id for one in wrench})
+    where = f"{log.path}, {settings.wrench}"
+    if len(ids) > 1:
+        raise InputError("the wrench changes its frame of reference", where=where, value=", ".join(ids)[:120])
+    if settings.rotation is not None or not ids or ids[0] == frames[0].frame_id:
+        return settings
+    rotation = fixed_rotation(log, ids[0], frames[0].frame_id)
+    if rotation is None:
+        raise InputError(
+            f"the wrench is in another frame of reference than the pictures ({frames[0].frame_id!r}), and the log "
+            "has no fixed transform between them",
+            where=where,
+            value=ids[0],
+            remedy="State --rotation: nine numbers, rows x, y, z (into the gel) of the picture in its axes; "
+            "1,0,0,0,1,0,0,0,1 where they agree.",
+        )
+    x, y, z = (tuple(float(one) for one in row) for row in rotation)
+    return replace(settings, rotation=(x, y, z))  # type: ignore[arg-type]
+
+
+def _write_forces(folder: Path, readings: list[WrenchReading], settings: ImportSettings, origin_ns: int) -> None:
+    time_s = times_s([one.stamp for one in readings], settings.clock, origin_ns=origin_ns)
+    order = np.argsort(time_s, kind="stable")
+    force: Floats = np.array([one.force_N for one in readings])[order]
+    torque: Floats = np.array([one.torque_Nm for one in readings])[order]
+    unknown = (float("nan"),) * 3
+    write_forces(folder, ForceSeries(time_s[order], force, unknown, torque))
+
+
+def _write_settings(
+    folder: Path, source: Path, settings: ImportSettings, *, sensor: Mapping[str, Any], origin_ns: int
+) -> None:
+    """recording.toml; [log] says where all came from and when time_s began."""
+    content: dict[str, Any] = {"format": layout.FORMAT, "name": source.stem}
+    if settings.clock is Clock.LOG or origin_ns > 10**18:  # 2001: earlier is no time of day
+        content["date"] = datetime.datetime.fromtimestamp(origin_ns * 1e-9, datetime.UTC).date()
+    content |= {"sensor": dict(sensor)} if sensor else {}
+    if settings.rotation is not None:
+        content["force"] = {"rotation": [list(row) for row in settings.rotation]}
+    content["log"] = {"source": source.name, "frames": settings.frames, "clock": settings.clock.value}
+    content["log"] |= {"origin_ns": origin_ns} | ({"wrench": settings.wrench} if settings.wrench else {})
+    write_text(folder / layout.SETTINGS, tomli_w.dumps(content))

@@ -1,0 +1,220 @@
+"""Open a robot's log, ROS 1 bag, ROS 2 folder or MCAP, as topics and messages in bytes."""
+
+from __future__ import annotations
+
+import bz2
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.files.opening import check, check_regular, limit
+
+# The libraries of the extra `logs`, imported when they are needed.
+
+
+def library(name: str) -> Any:
+    """A module by its dotted name. Raises InputError where its package is missing."""
+    try:
+        return import_module(name)
+    except ImportError as fault:
+        raise InputError(
+            f"the package {name.partition('.')[0]} is missing",
+            where="logs and data sets",
+            remedy="Install it: pip install 'tactilevision[logs]'.",
+        ) from fault
+
+
+# Packed parts of a log, unpacked to what they state and no further.
+
+ZSTD = b"\x28\xb5\x2f\xfd"  # how every frame of Zstandard begins (RFC 8878, 3.1.1)
+
+
+def unpack(kind: str, data: bytes, *, where: object) -> bytes:
+    """The bytes behind one packed part; `kind` is "", none, bz2, lz4 or zstd.
+
+    Never more than the limit MAX_ARRAY_MB is unpacked. Raises InputError beyond it, for another kind, and for a
+    part that is cut short.
+    """
+    if kind in ("", "none"):
+        return data
+    if kind not in _OPEN:
+        raise InputError("a part of the log is packed in a way that is not read", where=where, value=kind)
+    most = int(limit("MAX_ARRAY_MB") * 1e6)
+    try:
+        unpacker = _OPEN[kind]()
+        found = bytes(unpacker.decompress(data, max_length=most + 1))
+    except Exception as fault:
+        raise _damaged(where, str(fault)) from fault
+    check(len(found) / 1e6, "MAX_ARRAY_MB", what="a part of the log, unpacked, in MB,", where=where)
+    if not unpacker.eof:
+        raise _damaged(where, "it is cut short")
+    return found
+
+
+def _damaged(where: object, said: str) -> InputError:
+    return InputError(
+        f"a packed part of the log is damaged: {said[:120]}",
+        where=where,
+        remedy="Copy it again from where it came.",
+    )
+
+
+def _lz4() -> Any:
+    return library("lz4.frame").LZ4FrameDecompressor()
+
+
+class _Zstd:
+    """Zstandard with a limit, as the standard library has it for bz2."""
+
+    def __init__(self) -> None:
+        self.eof = False
+
+    def decompress(self, data: bytes, max_length: int) -> bytes:
+        """At most `max_length` bytes."""
+        opened = library("zstandard").ZstdDecompressor(max_window_size=1 << 27).stream_reader(data)
+        found: bytes = opened.read(max_length)
+        stated = library("zstandard").frame_content_size(data)
+        self.eof = stated < 0 or len(found) >= min(stated, max_length)
+        return found
+
+
+_OPEN: dict[str, Any] = {"bz2": bz2.BZ2Decompressor, "lz4": _lz4, "zstd": _Zstd}
+
+
+# One log, of whatever kind: its topics, and its messages as bytes. Nothing that a log defines is ever run.
+#
+# ROS 1 (.bag), ROS 2 (a folder, .db3 or .mcap) and MCAP (.mcap). Types are those of this file's own list: the
+# definitions that a log brings along are not compiled, and the YAML of a ROS 2 folder is not needed.
+
+STORAGES = (".bag", ".db3", ".mcap")
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """Bytes of one message: `log_ns` is when it was written to the log, in ns; `encoding` is ros1 or cdr."""
+
+    topic: str
+    kind: str
+    log_ns: int
+    data: bytes
+    encoding: str
+
+
+@dataclass(slots=True)
+class Log:
+    """A log on disk; `topics` has their types, filled in while messages are read."""
+
+    path: Path
+    topics: dict[str, str] = field(default_factory=dict)
+
+    def messages(self, wanted: Collection[str]) -> Iterator[Message]:
+        """The messages of the wanted topics, as they lie in the log.
+
+        Raises InputError for a log that is damaged, cut short, or beyond the limits.
+        """
+        total = 0.0
+        for path in _files(self.path):
+            check_regular(path)
+            try:
+                for message in _READ[path.suffix](self, path, wanted):
+                    total += len(message.data) / 1e6
+                    check(total, "MAX_FILE_MB", what="what the log holds, unpacked, in MB,", where=path)
+                    yield message
+            except (TactilevisionError, GeneratorExit):
+                raise
+            except Exception as fault:  # the libraries raise of every kind where a log is damaged
+                said = " ".join(str(fault).split()) or type(fault).__name__
+                raise InputError(
+                    f"the log is damaged or cut short: {said[:160]}",
+                    where=path,
+                    remedy="Copy it again, or mend it with the tools of ROS (rosbag reindex, mcap recover).",
+                ) from fault
+
+
+def _files(path: Path) -> list[Path]:
+    """The storage files of a log. Raises InputError where there is none."""
+    if not path.exists():
+        raise InputError("there is no such log", where=path)
+    found = [path]
+    if path.is_dir():
+        found = sorted(one for one in path.iterdir() if one.suffix in STORAGES)
+        packed = sorted(one.name for one in path.iterdir() if one.suffix == ".zstd")
+        if packed:
+            raise InputError(
+                "the bag's files are packed", where=path, value=packed[0], remedy="Unpack them with zstd -d."
+            )
+    if not found or any(one.suffix not in STORAGES for one in found):
+        raise InputError(
+            "is no log that is read here", where=path, remedy=f"Logs are {', '.join(STORAGES)}, or a ROS 2 folder."
+        )
+    return found
+
+
+def _read_ros1(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Message]:
+    with library("rosbags.rosbag1").Reader(path) as bag:
+        names = {value: name for name, value in library("rosbags.rosbag1.reader").decompressors.items()}
+        for place, chunk in bag.chunks.items():
+            bag.chunks[place] = chunk._replace(decompressor=_bounded(names[chunk.decompressor], path))
+        log.topics |= {one.topic: one.msgtype for one in bag.connections}
+        chosen = [one for one in bag.connections if one.topic in wanted]
+        for about, log_ns, data in bag.messages(chosen) if chosen else ():
+            yield Message(about.topic, about.msgtype, log_ns, bytes(data), "ros1")
+
+
+def _bounded(kind: str, path: Path) -> Callable[[bytes], bytes]:
+    return lambda data: unpack(kind, data, where=path)
+
+
+def _read_sqlite(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Message]:
+    if set("?#%") & set(str(path)):
+        raise InputError("the path has a letter that SQLite takes for its own", where=path, remedy="Rename it.")
+    with library("rosbags.rosbag2").Reader(path) as bag:
+        log.topics |= {one.topic: one.msgtype for one in bag.connections}
+        chosen = [one for one in bag.connections if one.topic in wanted]
+        for about, log_ns, data in bag.messages(chosen) if chosen else ():
+            yield Message(about.topic, about.msgtype, log_ns, _plain(bytes(data), path), "cdr")
+
+
+def _plain(data: bytes, path: Path) -> bytes:
+    """A message without its own packing: CDR begins with 00, Zstandard with 28."""
+    return unpack("zstd", data, where=path) if data.startswith(ZSTD) else data
+
+
+def _read_mcap(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Message]:
+    records, stream = library("mcap.records"), library("mcap.stream_reader")
+    schemas: dict[int, str] = {}
+    channels: dict[int, tuple[str, str, str]] = {}
+    with path.open("rb") as file:
+        size = path.stat().st_size
+        for outer in stream.StreamReader(file, emit_chunks=True, record_size_limit=size).records:
+            inner = [outer]
+            if isinstance(outer, records.Chunk):
+                outer.data, outer.compression = unpack(outer.compression, outer.data, where=path), ""
+                if len(outer.data) != outer.uncompressed_size:
+                    raise ValueError(f"a chunk unpacks to {len(outer.data)} bytes, not {outer.uncompressed_size}")
+                inner = stream.breakup_chunk(outer, validate_crc=True)
+            for record in inner:
+                if isinstance(record, records.Schema):
+                    schemas[record.id] = record.name
+                elif isinstance(record, records.Channel):
+                    kind = schemas.get(record.schema_id, "")
+                    channels[record.id] = record.topic, kind, record.message_encoding
+                    log.topics[record.topic] = kind
+                elif isinstance(record, records.Message) and channels[record.channel_id][0] in wanted:
+                    topic, kind, encoding = channels[record.channel_id]
+                    yield Message(topic, ros2_name(kind), record.log_time, _plain(record.data, path), encoding)
+
+
+def ros2_name(kind: str) -> str:
+    """sensor_msgs/Image, as ROS 1 names it, is sensor_msgs/msg/Image."""
+    return kind if kind.count("/") != 1 else kind.replace("/", "/msg/")
+
+
+_READ: dict[str, Callable[[Log, Path, Collection[str]], Iterator[Message]]] = {
+    ".bag": _read_ros1,
+    ".db3": _read_sqlite,
+    ".mcap": _read_mcap,
+}

@@ -1,0 +1,340 @@
+"""Show a live stream on a local page, in Foxglove, or in an MCAP file."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import import_module
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import cv2
+import numpy as np
+
+from tactilevision.errors import InputError, OutputError
+from tactilevision.files.writing import told_as_output, unfinished
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.robots.live import Told
+from tactilevision.sensors.rectification import rectify
+
+# What a stream sees, as a page on this machine: the picture, the depth beside it, and the numbers below.
+#
+# The page is served on 127.0.0.1 alone, as JPEGs that follow each other (multipart/x-mixed-replace). Pictures are
+# drawn in the server's own threads, for those who look, so that nobody looking costs nothing.
+
+DEEPEST_MM = 1.0  # mm at the top of the colours; deeper stays there, so that colours keep their meaning
+WAIT_S = 0.1  # s between two pictures: ten a second are enough to look at
+TEXT_PX = 22  # px of a line of text
+QUALITY = 85  # of the JPEGs that are shown; nothing is measured on them
+BOUNDARY = "frame"
+INK = (32, 32, 32)  # of the text, near black
+PAPER = (250, 250, 250)  # below the text, near white
+UNKNOWN = (150, 150, 150)  # where no depth is known; no colour of the map is grey
+PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>tactilevision live</title>
+<style>body{margin:1em;background:#fafafa;font:16px sans-serif}img{max-width:100%}</style>
+<h1>Live</h1><img src="/frames" alt="picture and depth"></html>"""
+
+
+def draw(rgb_rectified: Bytes, told: Told, *, rate_Hz: float) -> Bytes:
+    """Picture and depth side by side over lines of text, blue first: (h, w, 3) grey levels."""
+    height = told.moment.height
+    depth = np.where(height.valid, height.depth_mm, 0.0)
+    level = np.asarray(np.clip(255 * depth / DEEPEST_MM, 0, 255), np.uint8)
+    coloured = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)
+    coloured[~height.valid] = UNKNOWN
+    pair = np.hstack([cv2.cvtColor(rgb_rectified, cv2.COLOR_RGB2BGR), coloured])
+    lines = [
+        *words(told, rate_Hz=rate_Hz),
+        f"right: depth, from 0 (dark) to {DEEPEST_MM:g} mm (bright); grey: unknown",
+    ]
+    below = np.full((TEXT_PX * len(lines) + 8, pair.shape[1], 3), PAPER, np.uint8)
+    for number, line in enumerate(lines, start=1):
+        place = (6, TEXT_PX * number - 4)
+        cv2.putText(below, line, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, INK, 1, cv2.LINE_AA)
+    return np.asarray(np.vstack([pair, below]), np.uint8)
+
+
+def words(told: Told, *, rate_Hz: float) -> tuple[str, ...]:
+    """What is written below the pictures."""
+    moment, wrench = told.moment, told.moment.wrench
+    touch = f"contact, {moment.peak_mm:.3f} mm deep" if moment.contact else "nothing touches"
+    pushed = wrench is not None and (moment.contact or np.any(wrench.force_N))
+    lines = [f"{told.shot.name}: {touch}" + (", no force" if wrench is not None and not pushed else "")]
+    if wrench is not None and pushed:
+        forces = zip("xyz", wrench.force_N, strict=True)
+        known = [f"f{axis} {force:+.3f} N" for axis, force in forces if math.isfinite(force)]
+        lines.append(", ".join(known) + f" (fz +- {wrench.force_std_N[2]:.3f})")
+    lines.append(f"{rate_Hz:.0f} frames a second, {told.age_ms:.0f} ms old")
+    return (*lines, *(f"flag: {flag}" for flag in moment.height.flags))
+
+
+class Preview:
+    """The page while it is open; `show` hands it the newest moment."""
+
+    def __init__(self, reconstructor: Reconstructor, port: int) -> None:
+        self.reconstructor = reconstructor
+        self._newest: tuple[Told, float] | None = None
+        self._turn = threading.Condition()
+        self._ended = False
+        try:
+            self._server = ThreadingHTTPServer(("127.0.0.1", port), _handler(self))
+        except (OSError, OverflowError) as fault:
+            raise InputError(
+                "the preview's port cannot be used", where="--preview", value=port, remedy="Name another, or 0."
+            ) from fault
+        self._server.daemon_threads = True
+        self._thread = threading.Thread(target=self._server.serve_forever, name="preview", daemon=True)
+
+    @property
+    def address(self) -> str:
+        """Where a browser finds it."""
+        return f"http://127.0.0.1:{self._server.server_address[1]}/"
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._turn:
+            self._ended = True
+            self._turn.notify_all()
+        self._server.shutdown()
+        self._server.server_close()
+
+    def show(self, told: Told, rate_Hz: float) -> None:
+        """Put the newest moment up."""
+        with self._turn:
+            self._newest = told, rate_Hz
+            self._turn.notify_all()
+
+    def next(self, last: int) -> tuple[int, bytes] | None:
+        """The number of a frame other than `last`, and it as JPEG; None when there are no more."""
+        with self._turn:
+            self._turn.wait_for(lambda: self._ended or (self._newest and self._newest[0].shot.number != last))
+            if self._ended or self._newest is None:
+                return None
+            told, rate_Hz = self._newest
+        picture = draw(rectify(self.reconstructor.sensor, told.shot.rgb), told, rate_Hz=rate_Hz)
+        encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+        return told.shot.number, encoded.tobytes()
+
+
+def _handler(preview: Preview) -> type[BaseHTTPRequestHandler]:
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            if self.path == "/frames":
+                self._frames()
+            elif self.path == "/":
+                self._whole(PAGE)
+            else:
+                self.send_error(404)
+
+        def log_message(self, format: str, *args: object) -> None:  # noqa: A002 -- the base class names it so
+            """The terminal is for the numbers."""
+
+        def _whole(self, page: bytes) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.send_header("Content-Length", str(len(page)))
+            self.end_headers()
+            self.wfile.write(page)
+
+        def _frames(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={BOUNDARY}")
+            self.end_headers()
+            last, pause = -1, threading.Event()
+            while (found := preview.next(last)) is not None:
+                last, jpeg = found
+                head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+                try:
+                    self.wfile.write(head.encode() + jpeg + b"\r\n")
+                except OSError:  # the browser has gone
+                    return
+                pause.wait(WAIT_S)
+
+    return Handler
+
+
+# What a stream sees for Foxglove: over its websocket on this machine, and as an MCAP file. Extra `foxglove`.
+#
+# Topics: /picture the rectified frame (RawImage), /depth the map and /tractions the forces as grids (Grid; places
+# on the pad from its centre, in metres; MPa), /wrench and /state as JSON. Times are this machine's, since 1970.
+
+PAD = "pad"  # frame of reference of everything
+MM = 1e-3  # metres: Foxglove's unit of length
+PORT = 8765  # where Foxglove looks for a server
+_NUMBERS = {"type": "array", "items": {"type": ["number", "null"]}}
+_WRENCH = {
+    "type": "object",
+    "properties": dict.fromkeys(("force_N", "force_std_N", "moment_Nmm", "moment_std_Nmm"), _NUMBERS),
+}
+_STATE = {
+    "type": "object",
+    "properties": {
+        "contact": {"type": "boolean"},
+        "peak_mm": {"type": "number"},
+        "age_ms": {"type": "number"},
+        "rate_Hz": {"type": "number"},
+        "flags": {"type": "array", "items": {"type": "string"}},
+    },
+}
+
+
+def check_installed() -> None:
+    """Raise InputError where the extra is missing."""
+    try:
+        import_module("foxglove")
+    except ImportError as fault:
+        raise InputError(
+            "the package foxglove-sdk is missing",
+            where="--foxglove and --mcap",
+            remedy="Install it: pip install 'tactilevision[foxglove]'.",
+        ) from fault
+
+
+class Foxglove:
+    """Open while frames come; `show` hands it each moment.
+
+    `serve`: on PORT of this machine. `mcap`: the file, which has its name once it is whole, also where the stream
+    ended by a fault. Raises InputError where the extra is missing, OutputError where the disk refuses.
+    """
+
+    def __init__(self, reconstructor: Reconstructor, *, serve: bool = False, mcap: Path | None = None) -> None:
+        self.reconstructor, self.mcap = reconstructor, mcap
+        check_installed()
+        import foxglove
+        from foxglove import channels
+
+        self._context = foxglove.Context()
+        self._picture = channels.RawImageChannel("/picture", context=self._context)
+        self._depth = channels.GridChannel("/depth", context=self._context)
+        self._tractions = channels.GridChannel("/tractions", context=self._context)
+        self._wrench = foxglove.Channel("/wrench", schema=_WRENCH, context=self._context)
+        self._state = foxglove.Channel("/state", schema=_STATE, context=self._context)
+        self._began_ns = time.time_ns() - round(1e9 * time.monotonic())
+        self._scratch = None if mcap is None else mcap.with_name(f"{unfinished()}{mcap.name}")
+        self._writer, self._server = None, None
+        if self._scratch is not None:
+            with told_as_output(self._scratch):
+                self._scratch.parent.mkdir(parents=True, exist_ok=True)
+                self._writer = foxglove.open_mcap(self._scratch, allow_overwrite=True, context=self._context)
+        if serve:
+            self._server = _served(self._context)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._server is not None:
+            self._server.stop()
+        if self._writer is not None and self._scratch is not None and self.mcap is not None:
+            try:
+                with told_as_output(self.mcap):
+                    self._writer.close()
+                    self._scratch.replace(self.mcap)
+            except (RuntimeError, OutputError) as refused:  # its own kind of error, also for a full disk
+                if kind is not None:  # what ended the stream is told, an interrupt above all
+                    return
+                if isinstance(refused, OutputError):
+                    raise
+                raise OutputError(
+                    f"cannot be written: {refused}",
+                    where=self.mcap,
+                    remedy="Is the disk full?",
+                ) from refused
+            finally:
+                with suppress(OSError):
+                    self._scratch.unlink(missing_ok=True)
+
+    def show(self, told: Told, rate_Hz: float) -> None:
+        """Send one moment on all topics."""
+        from foxglove.messages import RawImage
+
+        moment, at_ns = told.moment, self._began_ns + round(1e9 * told.shot.time_s)
+        stamp = _stamp(at_ns)
+        rgb = rectify(self.reconstructor.sensor, told.shot.rgb)
+        height, width = rgb.shape[:2]
+        size: dict[str, Any] = {"width": width, "height": height, "step": 3 * width}
+        data = np.ascontiguousarray(rgb).tobytes()
+        picture = RawImage(timestamp=stamp, frame_id=PAD, encoding="rgb8", data=data, **size)
+        self._picture.log(picture, log_time=at_ns)
+        depth = moment.height
+        known = np.where(depth.valid, depth.depth_mm * MM, np.nan)
+        self._depth.log(_grid({"elevation": known}, depth.mm_per_px, stamp=stamp), log_time=at_ns)
+        state = {"contact": moment.contact, "peak_mm": moment.peak_mm, "age_ms": told.age_ms, "rate_Hz": rate_Hz}
+        self._state.log(state | {"flags": list(depth.flags)}, log_time=at_ns)
+        found, wrench = moment.tractions, moment.wrench
+        if found is None or wrench is None:
+            return
+        fields = {"t_x": found.t_x, "t_y": found.t_y, "t_z": found.t_z}
+        grid = _grid(fields, found.mm_per_px, stamp=stamp, first_mm=found.first_mm)
+        self._tractions.log(grid, log_time=at_ns)
+        names = ("force_N", "force_std_N", "moment_Nmm", "moment_std_Nmm")
+        self._wrench.log({name: _plain(getattr(wrench, name)) for name in names}, log_time=at_ns)
+
+
+def _served(context: Any) -> Any:
+    import foxglove
+
+    try:
+        return foxglove.start_server(name="tactilevision", host="127.0.0.1", port=PORT, context=context)
+    except (OSError, RuntimeError) as fault:
+        raise InputError(
+            "Foxglove's port is taken", where="--foxglove", value=PORT, remedy="End the other server."
+        ) from fault
+
+
+def _grid(fields: dict[str, Floats], mm_per_px: Pair, *, stamp: Any, first_mm: Pair | None = None) -> Any:
+    """Fields (H, W) as one grid of float32, each cell centred where its number holds."""
+    from foxglove.messages import (
+        Grid,
+        PackedElementField,
+        PackedElementFieldNumericType,
+        Pose,
+        Quaternion,
+        Vector2,
+        Vector3,
+    )
+
+    stacked = np.stack([np.asarray(field, "<f4") for field in fields.values()], axis=-1)
+    rows, columns, count = stacked.shape
+    sizes = zip((columns, rows), mm_per_px, strict=True)
+    first = first_mm or tuple(-(n - 1) / 2 * step for n, step in sizes)
+    corner = [MM * (place - step / 2) for place, step in zip(first, mm_per_px, strict=True)]
+    return Grid(
+        timestamp=stamp,
+        frame_id=PAD,
+        pose=Pose(
+            position=Vector3(x=corner[0], y=corner[1], z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+        ),
+        column_count=columns,
+        cell_size=Vector2(x=MM * mm_per_px[0], y=MM * mm_per_px[1]),
+        row_stride=4 * count * columns,
+        cell_stride=4 * count,
+        fields=[
+            PackedElementField(name=name, offset=4 * k, type=PackedElementFieldNumericType.Float32)
+            for k, name in enumerate(fields)
+        ],
+        data=np.ascontiguousarray(stacked).tobytes(),
+    )
+
+
+def _stamp(at_ns: int) -> Any:
+    from foxglove.messages import Timestamp
+
+    return Timestamp(sec=at_ns // 10**9, nsec=at_ns % 10**9)
+
+
+def _plain(values: tuple[float, ...]) -> list[float | None]:
+    """JSON has no NaN."""
+    return [value if math.isfinite(value) else None for value in values]

@@ -1,0 +1,230 @@
+"""Measure the tangential displacement of the gel's surface between two frames, with its deviation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.photometric.markers import MIN_COUNT, evenly_spaced
+from tactilevision.records.maps import ShearMap
+from tactilevision.records.measured import Bools, Bytes, Floats, Pair
+from tactilevision.shear.markers import MarkerMotion, find_markers, follow_markers, hull, spread_motion
+
+# Dense motion of the ink's own texture, made blind to light.
+#
+# Contact changes the light over millimetres, the ink's grain over tenths: each channel's logarithm loses its mean
+# over `GRAIN_PX` pixels, so a factor of light drops out. Ink darkens all colours alike while noise is each
+# channel's own: what two channels differ by is noise, which gives each channel's variance (three-cornered hat),
+#
+#     2 s_r^2 = V(r - g) + V(r - b) - V(g - b),
+#
+# so that dark and noisy channels weigh little where they are dark. The weighted mean is divided by its contrast
+# and followed by OpenCV's inverse-search flow (Kroeger et al., ECCV 2016), both ways. Standard deviation: half the
+# squared difference where the way forth and the way back do not meet, and what is left between the two pictures
+# after the motion is undone, over the texture's slope: noise, and light that changed too fast to drop out.
+
+GRAIN_PX = 2.0  # px: size of the texture's grains
+CONTRAST_PX = 12.0  # px over which contrast and noise are measured
+ROUND_TRIP_PX = 1.0  # px: flow there and back that ends farther off is lost
+MIN_KNOWN = 0.5  # share of the view
+TEXTURE_OVER_NOISE = 1.5  # times the noise: weaker texture cannot be followed
+CORRELATION_PX = 8.0  # the flow's own patch
+Singles = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Texture:
+    """The untouched gel's grain, made ready once: `weights` (H, W, 3) of the channels, `pattern` (H, W) of unit
+    contrast, `slope` its mean square gradient, `known` (H, W) where it stands out of the noise."""
+
+    weights: Singles
+    pattern: Singles
+    slope: Singles
+    known: Bools
+
+
+def read_texture(before: Bytes) -> Texture:
+    """The texture of an untouched frame (H, W, 3)."""
+    fine = _fine(before)
+    variance = _channel_noise(fine)
+    weights = np.asarray(1 / variance / (1 / variance).sum(axis=2, keepdims=True), dtype=np.float32)
+    pattern, known = _pattern(fine, weights)
+    along, down = (cv2.Sobel(pattern, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1)))
+    slope = _smooth(np.asarray((along**2 + down**2) / 2), CORRELATION_PX)
+    return Texture(weights, pattern, slope, known)
+
+
+def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools] | None:
+    """Motion (H, W, 2) in px of what was at each pixel of `before`, its standard deviation, and where valid.
+
+    None where the texture drowns in the noise over MIN_KNOWN of either picture: the untouched one is often a
+    mean of many, and shows more than one frame can.
+    """
+    second, seen = _pattern(_fine(after), before.weights)
+    if (before.known & seen).mean() < MIN_KNOWN:
+        return None  # under a contact the light's own change passes for noise here; what is left judges there
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    flow.setFinestScale(0)
+    flow.setUseSpatialPropagation(True)
+    images = [_as_bytes(before.pattern), _as_bytes(second)]
+    forth = flow.calc(images[0], images[1], None)
+    back = flow.calc(images[1], images[0], None)
+    rows, columns = second.shape
+    x, y = np.meshgrid(np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32))
+    to_x, to_y = x + forth[..., 0], y + forth[..., 1]
+    returned = cv2.remap(back, to_x, to_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    undone = cv2.remap(second, to_x, to_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    apart = _smooth(((forth + returned) ** 2).mean(axis=2) / 2, CORRELATION_PX)
+    left = _smooth((undone - before.pattern) ** 2, CORRELATION_PX)
+    patch = CORRELATION_PX / GRAIN_PX  # independent grains along a side of what the flow matches
+    std = np.sqrt(apart + left / (patch**2 * np.maximum(before.slope, 1e-12)))
+    inside = (to_x >= 0) & (to_x <= columns - 1) & (to_y >= 0) & (to_y <= rows - 1)
+    valid = np.asarray(before.known & inside & (std < ROUND_TRIP_PX), dtype=np.bool_)
+    return forth.astype(np.float64), std.astype(np.float64), valid
+
+
+def _fine(rgb: Bytes) -> Singles:
+    """The logarithm of each channel (H, W, 3) without what is coarser than the grain."""
+    light = np.log1p(rgb.astype(np.float32))
+    return np.asarray(cv2.GaussianBlur(light, (0, 0), 0.7) - cv2.GaussianBlur(light, (0, 0), GRAIN_PX))
+
+
+def _channel_noise(fine: Singles) -> Singles:
+    """Variance of each channel's own noise (H, W, 3), from what the channels differ by."""
+    r, g, b = cv2.split(fine)
+    rg, rb, gb = (_smooth(one**2, CONTRAST_PX) for one in (r - g, r - b, g - b))
+    found = np.stack([rg + rb - gb, rg + gb - rb, rb + gb - rg], axis=2) / 2
+    return np.asarray(np.maximum(found, 0.02 * (rg + rb + gb)[..., None]) + 1e-9)
+
+
+def _pattern(fine: Singles, weights: Singles) -> tuple[Singles, Bools]:
+    """The weighted mean (H, W) of unit contrast, and where it stands out of the noise."""
+    mean = np.einsum("hwc,hwc->hw", fine, weights)
+    noise = np.einsum("hwc,hwc->hw", _channel_noise(fine), weights**2)
+    power = _smooth(mean**2, CONTRAST_PX)
+    scale = np.sqrt(np.maximum(power, noise))
+    return np.asarray(mean / scale), np.asarray(power > (1 + TEXTURE_OVER_NOISE**2) * noise, dtype=np.bool_)
+
+
+def _smooth(picture: npt.NDArray[Any], size_px: float) -> Singles:
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), size_px), dtype=np.float32)
+
+
+def _as_bytes(texture: Singles) -> Bytes:
+    return np.asarray(np.clip(128 + 40 * texture, 0, 255), dtype=np.uint8)
+
+
+# Two frames -> tangential displacement of the gel's surface, with its standard deviation.
+#
+# What the untouched frame says is read once; then each frame is held against it.
+
+STEP_PX = 4  # px: grid on which motion is spread; markers lie much farther apart
+LOST = "markers lost"
+NOTHING_TO_FOLLOW = "the gel shows neither markers nor texture to follow"
+
+
+@dataclass(frozen=True, slots=True)
+class Untouched:
+    """The untouched gel, ready to be compared with: its `markers` (N, 2) in pixels, its `texture`, or neither."""
+
+    shape: tuple[int, int]
+    mm_per_px: Pair
+    markers: Floats | None = None
+    texture: Texture | None = None
+
+    @property
+    def shows(self) -> bool:
+        """Whether there is anything to follow."""
+        return self.markers is not None or self.texture is not None
+
+    def shear(self, frame: Bytes) -> ShearMap:
+        """Displacement since then of what a rectified frame (H, W, 3) shows, at places of the untouched one.
+
+        Without anything to follow no pixel is valid, and a flag says so. Where more than a tenth of the markers
+        are not found again the map is flagged. Raises InputError for a frame of another size.
+        """
+        if frame.shape != (*self.shape, 3):
+            raise InputError(
+                "the two frames are of one size, (H, W, 3)", where="measure_shear", value=(self.shape, frame.shape)
+            )
+        if self.markers is not None:
+            return _by_markers(self.markers, frame, self.mm_per_px)
+        if self.texture is None:
+            return _nothing(self.shape, self.mm_per_px, (NOTHING_TO_FOLLOW,))
+        followed = follow_texture(self.texture, frame)
+        if followed is None:
+            return _nothing(self.shape, self.mm_per_px, (NOTHING_TO_FOLLOW,))
+        motion, std_px, valid = followed
+        scale = np.array(self.mm_per_px)
+        return ShearMap(
+            u_x_mm=motion[..., 0] * scale[0],
+            u_y_mm=motion[..., 1] * scale[1],
+            valid=valid,
+            mm_per_px=self.mm_per_px,
+            std_mm=std_px * float(scale.mean()),
+            correlation_px=np.inf,  # light that a contact bends deceives all of it alike
+        )
+
+
+def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = None) -> Untouched:
+    """Read a rectified frame (H, W, 3) of the untouched gel.
+
+    `markers` True or False says whether the gel carries marks; None: looked for. Without marks the texture of the
+    ink is followed, where it stands out of the noise over half of the view. Raises InputError where markers are
+    promised but too few are found.
+    """
+    if reference.ndim != 3 or reference.shape[2] != 3:
+        raise InputError("a frame is (H, W, 3)", where="read_untouched", value=reference.shape)
+    shape = (reference.shape[0], reference.shape[1])
+    places = find_markers(reference) if markers is not False else np.zeros((0, 2))
+    if markers and len(places) < MIN_COUNT:
+        raise InputError(
+            "too few markers in the reference frame to follow the gel",
+            where="read_untouched",
+            value=len(places),
+            remedy="Say markers=False to follow the ink's texture.",
+        )
+    if markers or (markers is None and evenly_spaced(places)):
+        return Untouched(shape, mm_per_px, markers=places)
+    texture = read_texture(reference)
+    return Untouched(shape, mm_per_px, texture=texture if texture.known.mean() >= MIN_KNOWN else None)
+
+
+def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: bool | None = None) -> ShearMap:
+    """Displacement of `frame` since `reference`, once; for many frames keep what `read_untouched` gives."""
+    return read_untouched(reference, mm_per_px, markers=markers).shear(frame)
+
+
+def marker_motion(reference: Bytes, frame: Bytes, *, guess_px: Floats | None = None) -> MarkerMotion:
+    """The markers of `reference` (H, W, 3) and how each moved, in px, for drawing and following."""
+    return follow_markers(find_markers(reference), find_markers(frame), guess_px=guess_px)
+
+
+def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:
+    motion = follow_markers(places, find_markers(frame))
+    shape = (frame.shape[0], frame.shape[1])
+    found = int(motion.found.sum())
+    flags = (f"{LOST}: {len(places) - found} of {len(places)}",) if found < 0.9 * len(places) else ()
+    if found < MIN_COUNT:
+        return _nothing(shape, mm_per_px, flags)
+    dense, std_px = spread_motion(motion, shape, step_px=STEP_PX)
+    spacing = float(np.sqrt(np.prod(np.ptp(places, axis=0)) / len(places)))
+    return ShearMap(
+        u_x_mm=dense[..., 0] * mm_per_px[0],
+        u_y_mm=dense[..., 1] * mm_per_px[1],
+        valid=hull(places[motion.found], shape),
+        mm_per_px=mm_per_px,
+        std_mm=std_px * float(np.mean(mm_per_px)),
+        correlation_px=spacing,
+        flags=flags,
+    )
+
+
+def _nothing(shape: tuple[int, int], mm_per_px: Pair, flags: tuple[str, ...]) -> ShearMap:
+    unknown = np.zeros(shape)
+    return ShearMap(unknown, unknown, np.zeros(shape, dtype=bool), mm_per_px, flags=flags)

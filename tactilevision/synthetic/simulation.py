@@ -1,0 +1,347 @@
+"""Simulate a recording with known truth, frame by frame, and write it."""
+
+from __future__ import annotations
+
+import datetime
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tactilevision.errors import OutputError
+from tactilevision.files.runs import LOCK, output_lock
+from tactilevision.files.writing import replacing, write_text
+from tactilevision.recording import layout
+from tactilevision.recording.model import BallPress as BallRecord, Recording
+from tactilevision.recording.write import write_recording
+from tactilevision.records.measured import Bytes, Floats, ForceSeries, Pair
+from tactilevision.records.rig import Gel, Indenter, Press, Sensor
+from tactilevision.synthetic.ball import BallPress
+from tactilevision.synthetic.camera import Imaging, build_camera, distortion
+from tactilevision.synthetic.gel import Flat, Grid
+from tactilevision.synthetic.options import GelOptions, SimulationOptions
+from tactilevision.synthetic.scenario import (
+    DEPTH_STD_MM,
+    PlannedPress,
+    Scenario,
+    certified,
+    curves,
+    draw_scenario,
+    read_forces,
+    stream,
+    truth_of,
+)
+
+# Reference pictures: the untouched gel, and balls pressed into it here and there.
+
+_AVERAGED = 16  # frames in one reference picture: the gel stands still, so one averages
+
+
+def picture_still(camera: Imaging, surface: BallPress | Flat, *, rng: np.random.Generator) -> Bytes:
+    """A reference picture: the mean of several frames, raw geometry, (H, W, 3) uint8."""
+    return camera.expose(camera.ideal(surface), rng, averaged=_AVERAGED)
+
+
+def plan_balls(
+    count: int, radii_mm: tuple[float, ...], *, half_mm: Pair, gel: GelOptions, rng: np.random.Generator
+) -> tuple[BallPress, ...]:
+    """Ball presses over the whole field, by a sequence that fills it evenly (R2), radii in turn."""
+    start = rng.random(2)
+    steps = np.array([0.7548776662466927, 0.5698402909980532])
+    balls = []
+    for i in range(count):
+        place = ((start + i * steps) % 1.0) * 2 - 1
+        place = np.sign(place) * np.abs(place) ** 1.25  # closer together where the presses are
+        radius = radii_mm[i % len(radii_mm)]
+        contact = float(radius * rng.uniform(0.35, 0.58))
+        x, y = place * (np.asarray(half_mm) - 1.0 - contact)
+        balls.append(BallPress(radius, contact, gel.thickness_mm, gel.poisson_ratio, (float(x), float(y))))
+    return tuple(balls)
+
+
+# A simulated recording as the record that reading it gives, and its pictures, one at a time.
+
+_SUFFIX = {"png": ".png", "jpeg": ".jpg"}
+
+
+def recording_of(folder: Path, scenario: Scenario) -> Recording:
+    """All that the maker of the recording would know, but for its pictures."""
+    options = scenario.options
+    pictured = options.frames in _SUFFIX
+    forces = ForceSeries(*read_forces(scenario), scenario.sensor.noise_N) if pictured else None
+    gauge, drawn = options.frames == "points", curves(scenario) if options.frames == "curves" else ()
+    listed = {curve.press for curve in drawn}
+    return Recording(
+        path=folder,
+        name=options.name,
+        date=datetime.date.fromisoformat(options.date),
+        sensor=_sensor(options, pictured),
+        force_std_N=scenario.sensor.noise_N,
+        force_rate_Hz=options.rig.force_rate_Hz,
+        depth_source="gauge" if gauge else "vision",
+        depth_std_mm=options.indenters.height_std_mm if gauge else DEPTH_STD_MM,
+        clock_offset_s=round(scenario.clock_offset_s, 5) if options.rig.state_clock_offset and pictured else None,
+        indenters={f"A{i + 1}": _indenter(options, i) for i in range(len(options.indenters.heights_mm))},
+        presses=tuple(_press(p) for p in scenario.presses if pictured or p.label in listed),
+        forces=forces,
+        points=certified(scenario) if gauge else (),
+        curves=drawn,
+    )
+
+
+def _sensor(options: SimulationOptions, pictured: bool) -> Sensor:
+    camera, gel = options.camera, options.gel
+    gelslim = camera.light_seed is None and (camera.width_px, camera.height_px) == (427, 320)
+    known = gel.prior_std is not None
+    prior = gel.poisson_ratio if gel.prior is None else gel.prior
+    pad = Gel(
+        thickness_mm=gel.thickness_mm,
+        shape="disc",
+        radius_mm=gel.radius_mm,
+        poisson_ratio=prior if known else None,
+        poisson_ratio_std=gel.prior_std,
+    )
+    return Sensor(
+        kind="gelslim3" if gelslim else "custom",
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        mm_per_px=camera.mm_per_px,
+        gel=pad,
+        rectification=distortion(camera).to_rectified if pictured and camera.distortion_px > 0 else None,
+        has_markers=camera.markers,
+        serial="simulated",
+    )
+
+
+def _indenter(options: SimulationOptions, number: int) -> Indenter:
+    kit = options.indenters
+    return Indenter(
+        name=f"A{number + 1}",
+        radius_mm=kit.radius_mm,
+        height_mm=kit.heights_mm[number],
+        height_std_mm=kit.height_std_mm,
+        bevel=kit.bevel,
+        bevel_distance_mm=kit.bevel_distance_mm if kit.state_bevel_place else None,
+        bevel_angle_deg=kit.bevel_angle_deg if kit.state_bevel_place else None,
+    )
+
+
+def _press(press: PlannedPress) -> Press:
+    """A row of presses.csv: the protocol, which does not know what went wrong."""
+    return Press(
+        press=press.label,
+        indenter=press.indenter,
+        start_s=round(press.start_s, 4),
+        end_s=round(press.end_s, 4),
+        rest_s=round(press.rest_s, 2),
+        speed_mm_s=press.protocol.speed_mm_s,
+        hold_s=press.protocol.hold_s,
+    )
+
+
+def ball_records(
+    folder: Path, balls: tuple[BallPress, ...], *, grid: Grid, stated: bool
+) -> tuple[BallRecord, ...]:
+    """Rows of the balls' table; with `stated` also where each ball is, in rectified pixels."""
+    records = []
+    for i, ball in enumerate(balls):
+        path = folder / layout.BALLS / f"{i:02d}.png"
+        step_x, step_y = grid.spacing_mm
+        x, y = (ball.centre_mm[0] - grid.x_mm[0]) / step_x, (ball.centre_mm[1] - grid.y_mm[0]) / step_y
+        place = (round(float(x), 2), round(float(y), 2)) if stated else None
+        contact = round(ball.contact_radius_mm / step_x, 2) if stated else None
+        records.append(BallRecord(path, ball.radius_mm, place, contact))
+    return tuple(records)
+
+
+def write_toml(path: Path, content: Mapping[str, Any]) -> None:
+    import tomli_w
+
+    write_text(path, tomli_w.dumps(content))
+
+
+def write_picture(path: Path, rgb: Bytes, *, jpeg_quality: int = 95) -> None:
+    """A picture by its suffix; JPEG keeps the colours at full resolution, which photometry needs."""
+    settings = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]  # smallest for noisy pictures
+    if path.suffix == ".jpg":
+        settings = [
+            cv2.IMWRITE_JPEG_QUALITY,
+            jpeg_quality,
+            cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+            cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+        ]
+    _, data = cv2.imencode(path.suffix, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), settings)
+    with replacing(path) as temporary:
+        temporary.write_bytes(data.tobytes())
+
+
+class FrameWriter:
+    """Writes frames as they come and remembers their names and times for the table of frames."""
+
+    def __init__(self, folder: Path, options: SimulationOptions) -> None:
+        self._folder, self._quality = folder / layout.FRAMES, options.jpeg_quality
+        self._suffix = _SUFFIX[options.frames]
+        self.names: list[str] = []
+        self.times_s: list[float] = []
+
+    def add(self, rgb: Bytes, time_s: float) -> None:
+        self.names.append(f"{len(self.names):05d}{self._suffix}")
+        self.times_s.append(round(time_s, 4))
+        write_picture(self._folder / self.names[-1], rgb, jpeg_quality=self._quality)
+
+    def tear(self, index: int) -> None:
+        """Cut a frame's file in half, as a full disk or a lost connection does."""
+        path = self._folder / self.names[index]
+        data = path.read_bytes()
+        path.write_bytes(data[: len(data) // 2])
+
+
+# A whole recording with known truth, made frame by frame: the test bench of everything that reads recordings.
+
+Progress = Callable[[int, int], None]
+TRUTH = "truth.toml"
+
+
+def simulate(
+    out: Path | str, *, seed: int, options: SimulationOptions | None = None, progress: Progress | None = None
+) -> Path:
+    """Write a recording and its truth.toml into `out`, and return that path.
+
+    The same seed and options give the same bytes on the same machine and versions. `progress(done, of)` is
+    called after each picture. Raises InputError for impossible options, OutputError where `out` is refused.
+    """
+    return write_scenario(out, draw_scenario(options or SimulationOptions(), seed), progress=progress)
+
+
+def write_scenario(
+    out: Path | str, scenario: Scenario, *, camera: Imaging | None = None, progress: Progress | None = None
+) -> Path:
+    """Write a scenario's recording and its truth.toml into `out`, and return that path.
+
+    `camera` takes every picture; None: the options' own. Raises OutputError where `out` is refused.
+    """
+    folder = Path(out)
+    with output_lock(folder):
+        _clear(folder)
+        write_toml(folder / TRUTH, truth_of(scenario))
+        record = recording_of(folder, scenario)
+        if record.forces is not None:
+            cameras = _cameras(scenario) if camera is None else (camera, camera)
+            record = _pictured(record, scenario, cameras, progress or (lambda done, of: None))
+        write_recording(record)
+    return folder
+
+
+def _clear(folder: Path) -> None:
+    """Make room where an earlier simulation stands (it has a truth.toml); nothing else is ever replaced."""
+    if not any(path.name != LOCK for path in folder.iterdir()):
+        return
+    if not (folder / TRUTH).is_file():
+        raise OutputError(
+            "the folder holds files that no simulation wrote",
+            where=folder,
+            remedy="Name a folder that is empty or not there yet.",
+        )
+    tables = (layout.FRAME_TABLE, layout.FORCES, layout.PRESSES, layout.STAGE, layout.CURVES, layout.POINTS)
+    try:
+        for name in (layout.SETTINGS, *tables):  # the settings first: without them it is no recording
+            (folder / name).unlink(missing_ok=True)
+        for name in (layout.FRAMES, layout.FLATS, layout.BALLS):
+            if (folder / name).is_dir():
+                shutil.rmtree(folder / name)
+        (folder / layout.BALL_TABLE).unlink(missing_ok=True)
+    except OSError as fault:
+        raise OutputError(
+            f"cannot be cleared: {fault.strerror or fault}", where=folder, remedy="Choose another folder."
+        ) from fault
+
+
+def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
+    """For each press the times (N,) s of the frames that are kept, on the camera's clock."""
+    rng = stream(scenario.seed, 2)
+    rig = scenario.options.rig
+    chosen = []
+    for press in scenario.presses:
+        times = np.arange(press.start_s, press.end_s, 1 / rig.frame_rate_Hz)
+        times = times + np.clip(rng.normal(0.0, 4e-4, times.size), -2e-3, 2e-3)
+        if rig.frames_per_press is not None:
+            times = times[_telling(press, times, rig.frames_per_press)]
+        if press.fault == "dropped_frames":
+            since = times - press.touch_time_s
+            times = times[(since < -0.25) | (since > 0.25 + press.protocol.dwell_s)]
+        chosen.append((press, times))
+    return chosen
+
+
+def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
+    """Indices of the frames worth keeping: dense round the bevel's touch, some of every other phase."""
+    interval = float(np.median(np.diff(times)))
+    turn = press.motion.loading_time_s(float(press.motion.face_mm.max()))
+    contact = press.motion.loading_time_s(0.0)
+    event = turn if np.isnan(press.touch_time_s) else press.touch_time_s
+    dwell = press.protocol.dwell_s
+    onward = event + dwell + interval * np.array([1, 2, 4, 8, 16] if dwell > 0 else [8, 16])
+    contact_times = np.concatenate([event + interval * np.arange(-3, 5), onward])
+    hold, release = press.protocol.hold_s, np.array(press.motion.time_s[-3:-1])
+    rest = [press.start_s, contact + 3 * interval, turn + 0.7 * hold, press.end_s]
+    # the clocks show there
+    release_times = release[0] + np.array([0.1, 0.25, 0.4, 0.55]) * (release[1] - release[0])
+    more = max(count - contact_times.size - release_times.size - len(rest), 0)
+    growing = np.linspace(event - 0.5 * (turn - event), turn, 2 * more // 3 + 2)[1:-1]
+    ramp = np.linspace(contact, event, more - 2 * more // 3 + 2)[1:-1]
+    wanted = np.concatenate([contact_times, rest, release_times, growing, ramp])
+    return np.unique(np.clip(np.searchsorted(times, wanted), 0, times.size - 1))
+
+
+def _cameras(scenario: Scenario) -> tuple[Imaging, Imaging]:
+    """The camera as it took the reference pictures and as it takes the frames."""
+    camera = build_camera(scenario.options.camera, stream(scenario.seed, 3))
+    end_s = scenario.presses[-1].end_s if scenario.presses else 1.0
+    return camera, replace(camera, slope_response=replace(scenario.options.slope_response, end_s=end_s))
+
+
+def _pictured(
+    record: Recording, scenario: Scenario, cameras: tuple[Imaging, Imaging], progress: Progress
+) -> Recording:
+    """Write the pictures and give the record that lists them."""
+    options, folder, (camera, worn) = scenario.options, record.path, cameras
+    rng = stream(scenario.seed, 4)
+    plan, balls = frame_times(scenario), _balls(scenario)
+    total, done = sum(times.size for _, times in plan) + len(balls) + options.flats, 0
+    frames = FrameWriter(folder, options)
+    for press, times in plan:
+        for time_s in times:
+            frames.add(worn.picture(press.surface(float(time_s)), rng, time_s=float(time_s)), float(time_s))
+            progress(done := done + 1, total)
+    if options.torn_frame:
+        frames.tear(_unimportant(plan))
+    records = ball_records(folder, balls, grid=camera.grid, stated=options.state_balls)
+    flats = [folder / layout.FLATS / f"{i:02d}.png" for i in range(options.flats)]
+    stills = [(path, Flat()) for path in flats] + list(zip((r.path for r in records), balls, strict=True))
+    for path, surface in stills:
+        write_picture(path, picture_still(camera, surface, rng=rng))
+        progress(done := done + 1, total)
+    names, times_s = tuple(frames.names), np.array(frames.times_s)
+    return replace(record, frame_names=names, frame_times_s=times_s, balls=records)
+
+
+def _unimportant(plan: list[tuple[PlannedPress, Floats]]) -> int:
+    """Index of the last frame, in free air, of the first good press."""
+    first = next((i for i, (press, _) in enumerate(plan) if not press.fault), 0)
+    return sum(times.size for _, times in plan[: first + 1]) - 1
+
+
+def _balls(scenario: Scenario) -> tuple[BallPress, ...]:
+    camera = scenario.options.camera
+    half = (camera.width_px * camera.mm_per_px[0] / 2, camera.height_px * camera.mm_per_px[1] / 2)
+    return plan_balls(
+        scenario.options.balls,
+        scenario.options.ball_radii_mm,
+        half_mm=half,
+        gel=scenario.options.gel,
+        rng=stream(scenario.seed, 5),
+    )
