@@ -1,0 +1,13 @@
+"""Numbers that several files use, each stated once: levels, prefixes of units, guards, and a silicone's nu."""
+
+from __future__ import annotations
+
+Z95 = 1.96  # standard deviations to either side that hold 95 % of a normal distribution
+KILO = 1e3  # m to mm, N to mN, s to ms
+MILLI = 1e-3  # mm to m, mN to N, ms to s
+MICRO = 1e-6
+TINY = 1e-9  # keeps a denominator from zero; far below every length in mm, force in N and time in s here
+
+NU_SILICONE = (0.45, 0.4999)  # Poisson's ratio of silicones: the range where nothing states it
+NU_NOMINAL = 0.48  # Poisson's ratio at which a curve is computed where nothing states it; E then stays open
+NU_MAX = NU_SILICONE[1]  # the highest that tables and solvers take: a bonded layer of .5 has no finite stiffness
