@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 import numpy as np
 from scipy.special import ndtr
 
-from calibration.inputs.denoised_depth import BRANCHES, branches, drawn_off, nominal_depth
+from calibration.inputs.denoised_depth import BRANCHES, after_deepest, branches, nominal_depth
 from calibration.inputs.depth_path import in_phase, with_one_clock
 from calibration.inputs.observations import TYPICAL_FORCE_N, TYPICAL_ZERO_MM, Observations
 from tactilevision.errors import InputError
@@ -117,7 +117,7 @@ KEPT = 8  # data sets of which it is kept: a fit asks at every step
 @lru_cache(maxsize=KEPT)
 def pull_level_N(data: Observations) -> float:
     """The force, N, below which a reading pulls; NaN where too little air was read on the way in."""
-    air = data.normal_N[~drawn_off(data) & (data.depth_mm < 0)]
+    air = data.normal_N[~after_deepest(data) & (data.depth_mm < 0)]
     if air.size < MIN_AIR:
         return float("nan")
     return float(np.median(air) - PULL_SIGMA * max(mad_std(air), TYPICAL_FORCE_N))
@@ -379,7 +379,7 @@ def _moved_mm(distance_mm: Floats, zero_mm: Floats) -> Floats:
 
 def _clinging(data: Observations, clear: Bools) -> Bools:
     """The samples (N,) near the touch on the way out; none unless many pull, which no zero of a depth does."""
-    near = drawn_off(data) & ~clear
+    near = after_deepest(data) & ~clear
     pulls = data.normal_N[near & (data.depth_mm < 0)] < pull_level_N(data)
     return near & bool(pulls.size and np.mean(pulls) > MIN_PULLING_SHARE)
 

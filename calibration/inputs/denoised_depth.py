@@ -48,7 +48,7 @@ def branches(data: Observations) -> Ints:
     return np.where(known >= 0, known, found)
 
 
-def drawn_off(data: Observations) -> Bools:
+def after_deepest(data: Observations) -> Bools:
     """Samples (N,) after the deepest of their press."""
     after = np.zeros(data.size, dtype=bool)
     for start, end in zip(data.first, [*data.first[1:], data.size], strict=True):
