@@ -13,6 +13,7 @@ distinguishes it. Source: form by judgement (tanh is the simplest response with 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 

@@ -215,5 +215,5 @@ def starting_modulus(data: Observations) -> float:
     deep = data.depth_mm > 0.5 * np.max(data.depth_mm)
     per_depth = float(np.median(data.normal_N[deep] / data.depth_mm[deep]))
     radius, thickness = float(np.median(data.radius_mm)), data.gel.thickness_mm
-    unit = punch_stiffness(1.0, NU_NOMINAL, radius_mm=np.array([radius]), thickness_mm=np.array([thickness]))[0]
+    unit = punch_stiffness(1.0, NU_NOMINAL, radius_mm=np.array([radius]), thickness_mm=thickness)[0]
     return max(per_depth / float(unit) / 1.1, 1e-4)

@@ -245,9 +245,9 @@ RATIO_RANGE: Pair = (0.05, 10)  # a/h of kappa's table
 
 
 def punch_stiffness(
-    modulus_MPa: float, poisson_ratio: float, *, radius_mm: Floats, thickness_mm: Floats
+    modulus_MPa: float, poisson_ratio: float, *, radius_mm: Floats, thickness_mm: Floats | float
 ) -> Floats:
-    """Return the force over depth of a frictionless flat punch, N/mm; radius and thickness (N,).
+    """Return the force over depth (N,) of a frictionless flat punch, N/mm; radius (N,), thickness (N,) or one.
 
         P = 2 a E kappa(nu, a/h) / (1 - nu^2) w
 
