@@ -231,8 +231,8 @@ def _longest(data: Observations) -> float:
 def since_touch(data: Observations) -> Floats:
     """Return the time since the depth passed 0 (N,), s, 0 before; the first sample of a press begun in the gel."""
     parts = []
-    for start, end in zip(data.first, [*data.first[1:], data.size], strict=True):
-        time, depth = data.time_s[start:end], data.depth_mm[start:end]
+    for one in data.spans:
+        time, depth = data.time_s[one], data.depth_mm[one]
         before = max(int(np.argmax(depth > 0)) - 1, 0)
         (t0, *t1), (w0, *w1) = time[before : before + 2], depth[before : before + 2]
         touch = t0 - w0 * (t1[0] - t0) / (w1[0] - w0) if w1 and w1[0] > w0 else t0

@@ -81,7 +81,7 @@ def largest_past_depth(data: Observations) -> Floats:
     """Return the largest depth (N,) that each sample's place has seen up to it, mm."""
     seen: dict[tuple[float, float], float] = {}
     largest = np.empty(data.size)
-    for key, start, end in zip(spots(data), data.first, [*data.first[1:], data.size], strict=True):
-        run = np.maximum.accumulate(np.maximum(data.depth_mm[start:end], seen.get(key, MICRO)))
-        largest[start:end], seen[key] = run, float(run[-1])
+    for key, one in zip(spots(data), data.spans, strict=True):
+        run = np.maximum.accumulate(np.maximum(data.depth_mm[one], seen.get(key, MICRO)))
+        largest[one], seen[key] = run, float(run[-1])
     return largest

@@ -1,7 +1,8 @@
 """Groups of repeated presses, and covariates recorded along with depth and force.
 
-Presses of one radius at one rate (within a factor 2) are repeats of each other. A group's smooth basis removes its mean
-curve, so that noise is estimated from differences between repeats and from roughness, not from what a law lacks.
+Presses of one radius at one rate (within a factor 2) are repeats of each other. A group's smooth basis removes its
+mean curve, so that noise is estimated from differences between repeats and from roughness, not from what a law
+lacks.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ def repeat_groups(data: Observations) -> Ints:
 def group_basis(data: Observations) -> Floats:
     """Return smooth curves of each group's branches, (N, k): polynomials in the depth, in a hold in the time.
 
-    In air they are a constant for each phase, since the curve has a corner at the touch, and adhesion acts in unloading
-    only.
+    In air they are a constant for each phase, since the curve has a corner at the touch, and adhesion acts in
+    unloading only.
     """
     groups = repeat_groups(data)[data.press]
     branch = branches(data) + np.where(data.depth_mm > 0, 0, len(BRANCHES))

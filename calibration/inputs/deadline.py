@@ -37,7 +37,7 @@ class Deadline:
 
 
 class Each(Protocol):
-    """Executor of independent steps `act(one)`: returns calls in the order given, each with its result or error."""
+    """Executor of independent steps `act(one)`: yields calls in the order given, each with its result or error."""
 
     def __call__(self, act: Callable[[Given], Made], given: Sequence[Given]) -> Iterator[Callable[[], Made]]: ...
 

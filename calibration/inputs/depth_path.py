@@ -37,8 +37,8 @@ _KEPT: deque[tuple[tuple[np.ndarray, ...], _Course]] = deque(maxlen=8)
 def depth_at(data: Observations, later_s: float) -> Floats:
     """Return the depth (N,) at each sample's time plus `later_s`.
 
-    The depth is linear in each phase, with corners between the samples where two phases meet: linear interpolation of
-    the samples would be wrong there by up to speed times the gap. Outside the samples the punch moves on at the
+    The depth is linear in each phase, with corners between the samples where two phases meet: linear interpolation
+    of the samples would be wrong there by up to speed times the gap. Outside the samples the punch moves on at the
     press's speed where the press begins on its way in or ends on its way out; else it stands still.
     """
     course, press = _course(data), data.press
@@ -59,14 +59,13 @@ def _course(data: Observations) -> _Course:
 
 def _new_course(data: Observations) -> _Course:
     branch, times, depths, samples, after = ways(data), list[Floats](), list[Floats](), list[Floats](), 0.0
-    for start, end, speed in zip(data.first, [*data.first[1:], data.size], data.presses.speed_mm_s, strict=True):
-        one = slice(start, end)
+    for one, speed in zip(data.spans, data.presses.speed_mm_s, strict=True):
         time, depth = with_corners(
             data.time_s[one], data.depth_mm[one], branch=branch[one], speed_mm_s=float(speed)
         )
         if _coming(time, depth, float(speed)):
             time, depth = np.append(time[0] - COMING_S, time), np.append(depth[0] - speed * COMING_S, depth)
-        if (going := _leaving(time, depth, int(branch[end - 1]), float(speed))) is not None:
+        if (going := _leaving(time, depth, int(branch[one][-1]), float(speed))) is not None:
             time, depth = np.append(time, time[-1] + COMING_S), np.append(depth, depth[-1] + going * COMING_S)
         times.append(time - time[0] + after)
         depths.append(depth)
@@ -185,8 +184,8 @@ def with_one_clock(data: Observations) -> Observations:
 def offset_by_phase(data: Observations) -> float:
     """Return the offset (s), of a grid, at which depths and forces are in phase; 0 unless they are far out of it.
 
-    At each offset a cubic of the depth through 0 is fitted to each radius' force, independent of any law. The offset is
-    chosen by the radii whose residual falls most, and the residual of all forces together must not grow.
+    At each offset a cubic of the depth through 0 is fitted to each radius' force, independent of any law. The
+    offset is chosen by the radii whose residual falls most, and the residual of all forces together must not grow.
     """
     steady = replace(data, depth_mm=denoised_depth(data))
     residual = np.array([_residual_of_cubic(steady, np.maximum(depth_at(steady, -o), 0.0)) for o in GRID_S])

@@ -29,7 +29,7 @@ STATED_DOF = 20  # readings by which a stated noise is taken to be known
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """Samples of some presses as (m, t), one row a press: `rows` index all samples, `real` is False for padding."""
+    """Samples of some presses as (m, t), one row a press: `rows` index all samples, `real` is False if padded."""
 
     rows: Ints
     real: Bools

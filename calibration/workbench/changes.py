@@ -1,4 +1,4 @@
-"""What a person can do to a model, as histories that follow each other; to undo is to go back to the last."""
+"""Actions on a model as a sequence of histories; undo returns to the last one."""
 
 from __future__ import annotations
 
@@ -11,36 +11,35 @@ from calibration.tasks.session import History, Labelled, Step
 from calibration.workbench.opened import Opened
 from tactilevision.errors import InputError
 
-NOW = "now"  # the state that stands, beside those with a name
-FIT_S = 120.0  # s that one change may take: a slow effect on 39 presses takes half a minute
-READ_S = 1800.0  # s where frames are read anew or a report is drawn: a hundred presses on a slow machine
-PRESS_S = 6.0  # s that a press's frames take to be read anew: 57 s for ten were measured
+NOW = "now"  # name of the current state
+FIT_S = 120  # s, limit of one change: a slow effect on 39 presses takes half a minute
+READ_S = 1800  # s, limit where frames are read again or a report is written: a hundred presses on a slow machine
+PRESS_S = 6  # s to read a press's frames again: 57 s for ten were measured
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """The history that stands, those before it, and those that were undone."""
+    """Current history, those before it, and those that were undone."""
 
     now: History
     past: tuple[History, ...] = ()
     future: tuple[History, ...] = ()
 
     def then(self, history: History) -> Track:
-        """One more change; what was undone is forgotten."""
+        """Return the track with one more change; undone ones are discarded."""
         return Track(history, (*self.past, self.now))
 
     def undo(self) -> Track:
-        """Without the last change. Raises InputError where there is none."""
+        """Return the track without the last change. Raises InputError where there is none."""
         if not self.past:
             raise InputError("there is nothing to undo", where="workbench")
         *past, before = self.past
         taken_back = len(before.steps) < len(self.now.steps) and before.left_out == self.now.left_out
-        undone = self.now.undo() if taken_back else before  # `tactilevision steps --redo` puts it back
-        back = replace(undone, labels=self.now.labels)
-        return Track(back, tuple(past), (*self.future, self.now))
+        last = self.now.undo() if taken_back else before  # `tactilevision steps --redo` restores it
+        return Track(replace(last, labels=self.now.labels), tuple(past), (*self.future, self.now))
 
     def redo(self) -> Track:
-        """With the change that was undone last. Raises InputError where there is none."""
+        """Return the track with the change that was undone last. Raises InputError where there is none."""
         if not self.future:
             raise InputError("there is nothing to redo", where="workbench")
         *future, after = self.future
@@ -48,7 +47,7 @@ class Track:
 
 
 def change(track: Track, action: str, value: str, opened: Opened) -> Track:
-    """The track after an action of the page. Raises InputError for one that is not possible."""
+    """Return the track after an action of the page. Raises InputError for an impossible one."""
     if action == "undo":
         return track.undo()
     if action == "redo":
@@ -72,13 +71,13 @@ def _remove(history: History, value: str, _opened: Opened) -> History:
 def _leave_out(history: History, value: str, opened: Opened) -> History:
     names = press_names(opened.data)
     if value not in names or value in history.left_out:
-        raise InputError("there is no such press to leave out", where="workbench", value=value)
+        raise InputError("there is no such press to exclude", where="workbench", value=value)
     return replace(history, left_out=tuple(sorted((*history.left_out, value))))
 
 
 def _put_back(history: History, value: str, _opened: Opened) -> History:
     if value not in history.left_out:
-        raise InputError("this press is not left out", where="workbench", value=value)
+        raise InputError("this press is not excluded", where="workbench", value=value)
     return replace(history, left_out=tuple(name for name in history.left_out if name != value))
 
 
@@ -88,12 +87,9 @@ def _restore(history: History, value: str, _opened: Opened) -> History:
 
 
 def named_state(history: History, name: str) -> Labelled:
-    """A state by its name; the plain law and what stands are always two. Raises InputError for an unknown name."""
-    found = next((one for one in history.labels if one.name == name), None)
-    if found is None and name == BASE:
-        return Labelled(BASE, (), history.left_out)
-    if found is None and name == NOW:
-        return Labelled(NOW, history.steps, history.left_out)
+    """Return a state by its name, also BASE and NOW. Raises InputError for an unknown name."""
+    standard = (Labelled(BASE, (), history.left_out), Labelled(NOW, history.steps, history.left_out))
+    found = next((one for one in (*history.labels, *standard) if one.name == name), None)
     if found is None:
         raise InputError("there is no state of this name", where="workbench", value=name)
     return found
@@ -109,13 +105,13 @@ _CHANGES: Mapping[str, Callable[[History, str, Opened], History]] = {
 
 
 def seconds_anew(key: str, opened: Opened) -> float:
-    """How long reading the frames anew takes before this effect is in, in s; 0 where nothing is read."""
+    """Return the time, s, to read the frames again for this effect; 0 where none are read."""
     asks = getattr(opened.effect(key), "treatment", "") and any(opened.frames)
     return PRESS_S * sum(len(one.points) for one in opened.measured) if asks else 0.0
 
 
 def seconds_allowed(action: str, value: str, opened: Opened) -> float:
-    """After how many s a change is stopped, and the page says so."""
+    """Return the time limit of a change, s."""
     quick = action == "card" or (action == "add" and not _reads(value, opened))
     return FIT_S if quick else READ_S
 
@@ -123,16 +119,16 @@ def seconds_allowed(action: str, value: str, opened: Opened) -> float:
 def _reads(key: str, opened: Opened) -> bool:
     try:
         return seconds_anew(key, opened) > 0
-    except InputError:  # an unknown effect, which the change itself refuses
+    except InputError:  # an unknown effect: the change itself raises
         return False
 
 
 def in_words(action: str, value: str, opened: Opened) -> str:
-    """What is at work, as a person says it."""
+    """Return an action in words."""
     said = value.replace("_", " ")
-    anew = ": the frames are read anew" if action == "add" and _reads(value, opened) else ""
+    anew = ": the frames are read again" if action == "add" and _reads(value, opened) else ""
     return {
-        "open": "fitting the plain law",
+        "open": f"fitting the {BASE}",
         "add": f"adding {said}{anew}",
         "remove": f"removing {said}",
         "card": f"fitting {said}",

@@ -1,4 +1,4 @@
-"""The workbench's page: its files, its requests by name, and its actions."""
+"""Server of the workbench's page: its files, its requests by name, and its actions."""
 
 from __future__ import annotations
 
@@ -18,14 +18,12 @@ from tactilevision.errors import InputError
 from tactilevision.local_page import POLICY, Answer, LocalPage
 from tactilevision.records.measured import Bytes
 
-# What the page can ask for, by name.
-
-PATIENCE_S = 10.0  # s that a question for news waits for some: so long a closed tab is not missed
-QUALITY = 85  # of a JPEG that is looked at; nothing is measured on it
+PATIENCE_S = 10  # s that a request for news waits
+QUALITY = 85  # of a JPEG for display
 
 
 def _state(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
-    """What stands, once it is other than the version that the page knows."""
+    """Return the state once it differs from the version that the page has."""
     bench.wait(int(asked.get("since", "0")), PATIENCE_S, tab=asked.get("tab", "")[:40])
     return state_view(bench)
 
@@ -39,7 +37,7 @@ def _tried(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _frames(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
-    """The frames of a press, and what its certificate says of them."""
+    """Return the frames of a press with its certificate's data."""
     frames = _frames_of(bench, asked)
     return {"frames": [], "times": []} if frames is None else frames.view(asked["press"])
 
@@ -58,7 +56,7 @@ def _jpeg(rgb: Bytes) -> Answer:
 
 
 def _height(bench: Bench, asked: Mapping[str, str]) -> Answer:
-    """The height map row by row as 4-byte numbers, mm; NaN where nothing is known."""
+    """Return the height map row by row as 4-byte floats, mm; NaN where not valid."""
     height = _of_recording(bench, asked).see(int(asked["number"])).height
     depth = np.where(height.valid, height.depth_mm, np.nan).astype("<f4")
     rows, columns = depth.shape
@@ -91,8 +89,6 @@ ANSWERS: Mapping[str, Callable[[Bench, Mapping[str, str]], Answer | dict[str, An
 }
 
 
-# The workbench's page: its files, the library that draws, what it can ask for, and its actions.
-
 PAGE = Path(__file__).parent / "page"
 PAGE_FILES: Mapping[str, tuple[str, str]] = {
     "": ("page.html", "text/html; charset=utf-8"),
@@ -102,10 +98,10 @@ PAGE_FILES: Mapping[str, tuple[str, str]] = {
     "page.css": ("page.css", "text/css; charset=utf-8"),
 }
 PLOTLY = "plotly.js"
-KEPT = {"Cache-Control": "private, max-age=86400"}  # of the library that draws: it is large
+KEPT = {"Cache-Control": "private, max-age=86400"}  # for plotly, which is large
 PLOTLYS_POLICY = POLICY.replace("style-src 'self'", "style-src 'self' 'unsafe-inline'").replace(
     "img-src 'self'", "img-src 'self' data: blob:"
-)  # plotly writes its own styles, and makes pictures in the browser
+)  # plotly writes styles and makes pictures in the browser
 
 
 class Server(LocalPage):
@@ -113,7 +109,7 @@ class Server(LocalPage):
 
     def __init__(self, bench: Bench, port: int = 0) -> None:
         self.bench = bench
-        plotly()  # said now where it is missing
+        plotly()  # fails here where it is missing
         super().__init__(port=port, headers={"Content-Security-Policy": PLOTLYS_POLICY})
 
     def __exit__(
@@ -142,12 +138,12 @@ class Server(LocalPage):
 
 @cache
 def plotly() -> bytes:
-    """The library that draws, from the installed package. Raises InputError where there is none."""
+    """Return plotly's script from the installed package. Raises InputError where it is missing."""
     try:
         from plotly.offline import get_plotlyjs
     except ImportError as fault:
         raise InputError(
-            "the workbench draws with plotly, which is not installed",
+            "the workbench needs plotly, which is not installed",
             where="workbench",
             remedy="pip install 'tactilevision[workbench]'",
         ) from fault

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibration.report.report import Picture
+from calibration.report.page import Picture
 from tactilevision.cli.console import Progress
 from tactilevision.files.writing import plain_name
 from tactilevision.plots import calibration as indentation, style

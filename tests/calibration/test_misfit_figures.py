@@ -124,7 +124,7 @@ def test_strips_are_sorted_by_evidence_and_share_one_scale(found: Comparison, fi
 
 def test_the_error_falls_to_the_band_of_the_repeatability(found: Comparison) -> None:
     fall = error_fall_of_comparison(found)
-    assert fall.models == ("plain law", "+ depth zero")
+    assert fall.models == ("base model", "+ depth zero")
     assert fall.held_out
     assert fall.error == tuple(one.held_out_N for one in found.models)
     assert fall.error[1] < 0.5 * fall.error[0]
