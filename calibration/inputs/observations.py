@@ -249,7 +249,9 @@ class Observations:
     def _rows(self, rows: Ints, *, press: Ints, presses: Presses) -> Observations:
         names = (*OF_SAMPLES, "reconstructed_mm", "reconstructed_std_mm", "off_mm")
         given = {name: getattr(self, name) for name in names}
-        arrays = {name: array[rows] for name, array in given.items() if isinstance(array, np.ndarray)}
+        arrays: dict[str, Any] = {
+            name: array[rows] for name, array in given.items() if isinstance(array, np.ndarray)
+        }
         if self.slopes is not None:
             arrays["slopes"] = self.slopes.take(rows)
         return replace(self, press=press, presses=presses, **arrays)

@@ -57,7 +57,7 @@ class Frames:
         return [int(k) for k in np.flatnonzero((times >= row.start_s) & (times <= row.end_s))]
 
     def view(self, press: str) -> dict[str, Any]:
-        """Return the frames of a press, times in s from the first, and the certificate's event, face, bevel, force."""
+        """Return the frames of a press, their times in s from the first, and the certificate's data."""
         numbers = self.of_press(press)
         times = self.recording.frame_times_s[numbers]
         first = float(times[0]) if numbers else 0.0

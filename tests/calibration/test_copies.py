@@ -48,12 +48,12 @@ def test_a_copied_press_is_left_out_and_named() -> None:
     data = made()
     kept = usable(copied(data, 2, onto=8))
     assert kept.count == data.count - 1
-    assert "press p8 has the samples of press p2: left out" in kept.warnings
+    assert "press p8 has the samples of press p2: excluded" in kept.warnings
 
 
 def test_a_press_copied_from_another_recording_is_named_with_it() -> None:
     kept = usable(copied(made(), 2, onto=8, recording=1))
-    assert "press p8 of friday has the samples of press p2 of monday: left out" in kept.warnings
+    assert "press p8 of friday has the samples of press p2 of monday: excluded" in kept.warnings
 
 
 def test_presses_of_one_law_that_repeat_each_other_are_no_copies() -> None:

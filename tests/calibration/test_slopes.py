@@ -115,8 +115,8 @@ def test_shadows_are_cured_by_reading_frames_anew_or_left_out_with_the_reason() 
     faces = float(np.sqrt(np.mean((dark.reconstructed_mm - DEPTHS) ** 2)))
     assert fall.faces == pytest.approx((faces, faces)), "shadows beside them leave the faces alone"
     said = fall_sentence(fall)
-    assert "the depth that the picture reads beside the faces" in said
-    assert f"The faces themselves are off by {1e3 * faces:.1f} µm" in said
+    assert "the reconstructed depth next to the faces" in said
+    assert f"The error of the faces themselves is {1e3 * faces:.1f} µm" in said
     labels = [one.get_text() for one in draw_error_fall(fall).legends[0].get_texts()]
     assert {"the faces", "the gel beside the faces"} <= set(labels)
     left = compare(dark, ["cast_shadow"], rng=np.random.default_rng(0))

@@ -118,7 +118,7 @@ def test_presses_of_several_recordings_have_names_of_their_own() -> None:
     kept = leave_out(both, ["gel 2/p0"])
     assert kept.count == data.count - 1
     assert kept.presses.recording.sum() == data.count // 2 - 1
-    with pytest.raises(InputError, match="no press is left"):
+    with pytest.raises(InputError, match="every press is excluded"):
         leave_out(both, press_names(both))
     with pytest.raises(InputError, match="--leave-out"):
         leave_out(both, ["p0"])
