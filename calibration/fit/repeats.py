@@ -17,7 +17,7 @@ from calibration.noise.reml import (
     BEYOND_CHANCE,
     Weighing,
     estimate_noise,
-    far_less,
+    far_below_stated,
     log_sizes,
     newton_move,
     own_scale,
@@ -69,7 +69,7 @@ def beyond_stated(fitted: Fit) -> float | None:
         return None
     own = own_scale(fitted.noise, dof)
     more = fdtrc(dof, STATED_DOF, own**2) < BEYOND_CHANCE
-    return own if more or far_less(fitted.noise, dof) else None
+    return own if more or far_below_stated(fitted.noise, dof) else None
 
 
 def _explained(steady: Fit) -> Floats:

@@ -70,9 +70,9 @@ class FlatPunch(Composable):
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
         """Return E, nu, then beta for each radius in rising order, then gamma for each, if bent."""
         modulus = modulus_parameter(starting_modulus(data))
-        curvature = betas_of_theory(data) if self.one_depth else betas(data)
+        curvature = betas_by_theory(data) if self.one_depth else betas(data)
         known = (modulus, poisson_parameter(data.gel, self.free_poisson_ratio), *curvature)
-        return (*known, *bends(data)) if self.bent else known
+        return (*known, *gammas(data)) if self.bent else known
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with c and the force on its own radius and thickness."""
@@ -147,7 +147,7 @@ def betas(data: Observations) -> tuple[Parameter, ...]:
     return tuple(Parameter(n, "1", 0.85, (-3.0, 12.0), "curvature of P/w against w/h", 1.0) for n in names)
 
 
-def betas_of_theory(data: Observations) -> tuple[Parameter, ...]:
+def betas_by_theory(data: Observations) -> tuple[Parameter, ...]:
     """Return the same with a prior from theory: its range, from neo-Hooke to sticking Hencky, as 95 %.
 
     Without friction only where all presses are lubricated. Raises InputError outside the a/h of that range.
@@ -168,7 +168,7 @@ def betas_of_theory(data: Observations) -> tuple[Parameter, ...]:
     return tuple(held)
 
 
-def bends(data: Observations) -> tuple[Parameter, ...]:
+def gammas(data: Observations) -> tuple[Parameter, ...]:
     """Return one gamma a radius, within the range of theory, with a prior about 0."""
     gel, table = data.gel, []
     nu = nominal_nu(gel)

@@ -65,7 +65,7 @@ class Noise:
     """Sizes of the noise: `scale` on the stated noise (or in N), `gain` (1) and `zero_mm` of a press.
 
     `correlation` of neighbouring samples, but for the share `white` of their variance; `dof` degrees of freedom;
-    `stated`: the samples' noise was stated; `belied`: repeats show significantly less than half of it, so it has
+    `stated`: the samples' noise was stated; `overstated`: repeats show significantly less than half of it, so it has
     no weight.
     """
 
@@ -76,12 +76,12 @@ class Noise:
     white: float = 0.0
     dof: float = np.inf
     stated: bool = True
-    belied: bool = False
+    overstated: bool = False
 
     @property
     def trust(self) -> float:
         """Degrees of freedom of the stated noise."""
-        return STATED_DOF if self.stated and not self.belied else 0.0
+        return STATED_DOF if self.stated and not self.overstated else 0.0
 
     def of_press_N(self, about: Linear) -> float:
         """Return the rms error of the force, N, by a press's gain and zero."""
@@ -133,17 +133,17 @@ class Whitener:
     def __init__(self, data: Observations, noise: Noise, about: Linear) -> None:
         self._parts = rectangles(data)
         self._std = noise.scale * about.base_N
-        self._alike = Alike.of(noise, data)
+        self._filter = CorrelatedNoise.of(noise, data)
         shared = np.column_stack([noise.gain * about.force_N, noise.zero_mm * about.slope_N_per_mm])
         self._shared = [
-            _Shared.of(self._alike.innovations(part, shared / self._std[:, None])) for part in self._parts
+            _Shared.of(self._filter.innovations(part, shared / self._std[:, None])) for part in self._parts
         ]
 
     def apply(self, values: Floats) -> Floats:
         """Return W values, of shape (N,) or (N, k)."""
         columns = values.reshape(values.shape[0], -1) / self._std[:, None]
         pairs = zip(self._parts, self._shared, strict=True)
-        tables = [shared.add(self._alike.innovations(part, columns), -shared.shrink) for part, shared in pairs]
+        tables = [shared.add(self._filter.innovations(part, columns), -shared.shrink) for part, shared in pairs]
         return self._flat(tables).reshape(values.shape)
 
     def colour(self, values: Floats) -> Floats:
@@ -151,14 +151,14 @@ class Whitener:
         columns = values.reshape(values.shape[0], -1)
         pairs = zip(self._parts, self._shared, strict=True)
         back = [(part.padded(columns), shared, 1 / (1 - shared.shrink) - 1) for part, shared in pairs]
-        tables = [self._alike.correlate(shared.add(table, share)) for table, shared, share in back]
+        tables = [self._filter.correlate(shared.add(table, share)) for table, shared, share in back]
         return np.asarray((self._flat(tables) * self._std[:, None]).reshape(values.shape))
 
     def of_samples(self, values: Floats) -> Floats:
         """Return the part of errors (N,) expected from the samples' own noise, without the part a press shares."""
         white = self.apply(values)[:, None]
         pairs = [(part.padded(white), shared) for part, shared in zip(self._parts, self._shared, strict=True)]
-        tables = [self._alike.correlate(shared.add(table, -shared.shrink)) for table, shared in pairs]
+        tables = [self._filter.correlate(shared.add(table, -shared.shrink)) for table, shared in pairs]
         return np.asarray(self._flat(tables)[:, 0] * self._std)
 
     def _flat(self, tables: Sequence[Floats]) -> Floats:
@@ -191,7 +191,7 @@ class _Shared:
 
 
 @dataclass(frozen=True, slots=True)
-class Alike:
+class CorrelatedNoise:
     """Kalman filter of correlated plus white noise: std of each sample's innovation (T,), and its gain (T,).
 
     Source: Kalman, J. Basic Eng. 82 (1960) 35.
@@ -202,7 +202,7 @@ class Alike:
     correlation: float
 
     @classmethod
-    def of(cls, noise: Noise, data: Observations) -> Alike:
+    def of(cls, noise: Noise, data: Observations) -> CorrelatedNoise:
         """Return the filter of a process of variance 1, with as many steps as the longest press."""
         steps = max(part.rows.shape[1] for part in rectangles(data))
         variance: list[float] = []

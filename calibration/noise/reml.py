@@ -25,7 +25,7 @@ from itertools import combinations
 import numpy as np
 
 from calibration.inputs.observations import TYPICAL_GAIN, TYPICAL_ZERO_MM, Observations
-from calibration.noise.model import STATED_DOF, Alike, Linear, Noise, rectangles
+from calibration.noise.model import STATED_DOF, CorrelatedNoise, Linear, Noise, rectangles
 from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.measured import Floats
 
@@ -85,7 +85,7 @@ class Weighing:
 
     def __init__(self, data: Observations, about: Linear, noise: Noise) -> None:
         self._parts, self._base = rectangles(data), about.base_N
-        self._alike = Alike.of(noise, data)
+        self._filter = CorrelatedNoise.of(noise, data)
         self._shared = self._weighed(np.column_stack([about.force_N, about.slope_N_per_mm]))
         self._common = self._with_shared(self._shared)
 
@@ -111,12 +111,12 @@ class Weighing:
         """Return the same of each, (n,)."""
         _, volumes = inverse_of_one_plus(self._common * _squares(noises))
         scale = np.array([noise.scale for noise in noises])
-        own = 2 * float(self._base.size) * np.log(scale) + self._alike.log_volume(self._parts)
+        own = 2 * float(self._base.size) * np.log(scale) + self._filter.log_volume(self._parts)
         return np.asarray(own + np.sum(np.log(volumes), axis=1))
 
     def _weighed(self, columns: Floats) -> list[Floats]:
         scaled = columns / self._base[:, None]
-        return [self._alike.innovations(part, scaled) for part in self._parts]
+        return [self._filter.innovations(part, scaled) for part in self._parts]
 
     def _with_shared(self, tables: Sequence[Floats]) -> Floats:
         """Return the products of gain and zero with these columns, (M, 2, k), presses in order of rectangles."""
@@ -170,8 +170,8 @@ def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jac
         return replace(first, scale=UNKNOWN_SHARE * float(np.max(np.abs(about.force_N))), dof=1.0)
     columns = np.column_stack([residual_N, jacobian])
     best = _likeliest(data, about, columns, precision, first=first, shared=shared, finest_N=finest)
-    if stated and far_less(best, dof):
-        first = replace(best, correlation=0.0, white=0.0, belied=True)
+    if stated and far_below_stated(best, dof):
+        first = replace(best, correlation=0.0, white=0.0, overstated=True)
         best = _likeliest(data, about, columns, precision, first=first, shared=shared, finest_N=finest)
     freedom = dof + best.trust
     if data.is_curves:
@@ -210,7 +210,7 @@ def own_scale(noise: Noise, dof: float) -> float:
     return float(np.sqrt(max(((dof + noise.trust) * noise.scale**2 - noise.trust) / dof, 0.0)))
 
 
-def far_less(noise: Noise, dof: float) -> bool:
+def far_below_stated(noise: Noise, dof: float) -> bool:
     """Return whether samples scatter significantly less than half as much as stated, by F of the two variances.
 
     Above half, the stated noise may include what all samples of a press share.

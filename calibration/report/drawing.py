@@ -188,7 +188,7 @@ class Card:
     overlay: Overlay | None
 
 
-def carded(found: Diagnosis) -> list[str]:
+def card_keys(found: Diagnosis) -> list[str]:
     """Return the effects with a card: those added, those not distinguishable from them, those tried."""
     return list(dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *found.tried]))
 
@@ -199,7 +199,7 @@ def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
     by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
     elsewhere = {w.key for w in found.would_have_to_be} - {e.key for e in found.effects}
     made = []
-    for key in carded(found):
+    for key in card_keys(found):
         if key in elsewhere:  # in the table of sizes needed
             continue
         if key in by_sight:

@@ -148,7 +148,7 @@ class Evidence:
         return self.p_adjusted < LEVEL
 
 
-def look(opened: Opened, now: Fitted, *, seed: int = 0) -> tuple[Evidence, ...]:
+def find_evidence(opened: Opened, now: Fitted, *, seed: int = 0) -> tuple[Evidence, ...]:
     """Return the evidence for every other effect, the most significant first, untestable ones last."""
     base, rng = now.found.models[-1].fitted, np.random.default_rng(seed)
     tested = score_test(base, opened.catalogue, rng=rng, of_rig=True)
@@ -181,14 +181,14 @@ def _of_picture(now: Fitted, rng: np.random.Generator) -> list[Evidence]:
     return []
 
 
-def with_pictures(
+def fit_likeliest(
     now: Fitted, evidence: Sequence[Evidence], *, report: Callable[[tuple[Evidence, ...]], bool]
 ) -> None:
     """Fit the most significant effects and call `report` with all after each; it returns whether to go on."""
     table = list(evidence)
     for k, one in enumerate(table[:REFITTED]):
         if one.significant and one.of == OF_FORCE:
-            table[k] = opened_card(now, one)
+            table[k] = fitted_evidence(now, one)
             if not report(tuple(table)):
                 return
     report((*sorted(table[:REFITTED], key=_cost), *table[REFITTED:]))
@@ -199,7 +199,7 @@ def _cost(one: Evidence) -> float:
     return inf if one.fitted is None else one.fitted.cost
 
 
-def opened_card(now: Fitted, one: Evidence) -> Evidence:
+def fitted_evidence(now: Fitted, one: Evidence) -> Evidence:
     """Return the effect fitted on top of the model; with `why` where it cannot be fitted."""
     base: Fit = now.found.models[-1].fitted
     if one.of != OF_FORCE or one.fitted is not None:

@@ -31,9 +31,9 @@ from calibration.workbench.analysis import (
     Models,
     Question,
     Verdict,
-    look,
-    opened_card,
-    with_pictures,
+    find_evidence,
+    fit_likeliest,
+    fitted_evidence,
 )
 from calibration.workbench.changes import Track, change, in_words, named_state, seconds_allowed
 from calibration.workbench.opened import Opened, what_changed
@@ -357,8 +357,8 @@ class Bench:
             if place not in self._suggested:
                 self._show(busy="testing effects", since_s=time.monotonic())
                 if place not in self._looks:
-                    self._keep_look(place, look(self.opened, shown.now, seed=shown.history.seed))
-                with_pictures(shown.now, self._looks[place], report=lambda table: self._keep_look(place, table))
+                    self._keep_look(place, find_evidence(self.opened, shown.now, seed=shown.history.seed))
+                fit_likeliest(shown.now, self._looks[place], report=lambda table: self._keep_look(place, table))
                 self._suggested[place] = suggest(self._fitted(shown.history).found)
             self._show(suggested=self._suggested[place], busy="")
             if len(self.opened.measured) > 1 and not shown.weeks:
@@ -401,7 +401,7 @@ class Bench:
         shown = self._shown
         if shown.now is None:
             return
-        table = tuple(opened_card(shown.now, e) if e.effect.key == key else e for e in shown.evidence)
+        table = tuple(fitted_evidence(shown.now, e) if e.effect.key == key else e for e in shown.evidence)
         self._keep_look(self._place(shown.history), table)
 
     def _side_by_side(self, value: str) -> Sides | None:

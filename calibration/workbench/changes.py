@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from calibration.inputs.observations import press_names
@@ -48,42 +47,30 @@ class Track:
 
 def change(track: Track, action: str, value: str, opened: Opened) -> Track:
     """Return the track after an action of the page. Raises InputError for an impossible one."""
-    if action == "undo":
-        return track.undo()
-    if action == "redo":
-        return track.redo()
-    if action == "label":
-        return replace(track, now=track.now.label(value))
-    if action not in _CHANGES:
-        raise InputError("there is no such action", where="workbench", value=action)
-    return track.then(_CHANGES[action](track.now, value, opened))
-
-
-def _add(history: History, value: str, opened: Opened) -> History:
-    effect = opened.effect(value)
-    return history.add(Step(value, opened.files.get(effect.key, "")))
-
-
-def _remove(history: History, value: str, _opened: Opened) -> History:
-    return history.remove(value)
-
-
-def _leave_out(history: History, value: str, opened: Opened) -> History:
-    names = press_names(opened.data)
-    if value not in names or value in history.left_out:
-        raise InputError("there is no such press to exclude", where="workbench", value=value)
-    return replace(history, left_out=tuple(sorted((*history.left_out, value))))
-
-
-def _put_back(history: History, value: str, _opened: Opened) -> History:
-    if value not in history.left_out:
-        raise InputError("this press is not excluded", where="workbench", value=value)
-    return replace(history, left_out=tuple(name for name in history.left_out if name != value))
-
-
-def _restore(history: History, value: str, _opened: Opened) -> History:
-    state = named_state(history, value)
-    return replace(history, steps=state.steps, left_out=state.left_out, undone=())
+    now = track.now
+    match action:
+        case "undo":
+            return track.undo()
+        case "redo":
+            return track.redo()
+        case "label":
+            return replace(track, now=now.label(value))
+        case "add":
+            return track.then(now.add(Step(value, opened.files.get(opened.effect(value).key, ""))))
+        case "remove":
+            return track.then(now.remove(value))
+        case "leave_out":
+            if value not in press_names(opened.data) or value in now.left_out:
+                raise InputError("there is no such press to exclude", where="workbench", value=value)
+            return track.then(replace(now, left_out=tuple(sorted((*now.left_out, value)))))
+        case "put_back":
+            if value not in now.left_out:
+                raise InputError("this press is not excluded", where="workbench", value=value)
+            return track.then(replace(now, left_out=tuple(name for name in now.left_out if name != value)))
+        case "restore":
+            state = named_state(now, value)
+            return track.then(replace(now, steps=state.steps, left_out=state.left_out, undone=()))
+    raise InputError("there is no such action", where="workbench", value=action)
 
 
 def named_state(history: History, name: str) -> Labelled:
@@ -93,15 +80,6 @@ def named_state(history: History, name: str) -> Labelled:
     if found is None:
         raise InputError("there is no state of this name", where="workbench", value=name)
     return found
-
-
-_CHANGES: Mapping[str, Callable[[History, str, Opened], History]] = {
-    "add": _add,
-    "remove": _remove,
-    "leave_out": _leave_out,
-    "put_back": _put_back,
-    "restore": _restore,
-}
 
 
 def seconds_anew(key: str, opened: Opened) -> float:

@@ -28,26 +28,10 @@ def _state(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
     return state_view(bench)
 
 
-def _curves(bench: Bench, _asked: Mapping[str, str]) -> dict[str, Any]:
-    return curve_view(bench.shown)
-
-
-def _tried(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
-    return tried_view(bench.shown, asked["name"], float(asked["value"]))
-
-
 def _frames(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
     """Return the frames of a press with its certificate's data."""
     frames = _frames_of(bench, asked)
     return {"frames": [], "times": []} if frames is None else frames.view(asked["press"])
-
-
-def _picture(bench: Bench, asked: Mapping[str, str]) -> Answer:
-    return _jpeg(_of_recording(bench, asked).see(int(asked["number"])).rgb)
-
-
-def _small(bench: Bench, asked: Mapping[str, str]) -> Answer:
-    return _jpeg(_of_recording(bench, asked).small(int(asked["number"])))
 
 
 def _jpeg(rgb: Bytes) -> Answer:
@@ -80,11 +64,11 @@ def _frames_of(bench: Bench, asked: Mapping[str, str]) -> Frames | None:
 
 ANSWERS: Mapping[str, Callable[[Bench, Mapping[str, str]], Answer | dict[str, Any]]] = {
     "state": _state,
-    "curves": _curves,
-    "tried": _tried,
+    "curves": lambda bench, _asked: curve_view(bench.shown),
+    "tried": lambda bench, asked: tried_view(bench.shown, asked["name"], float(asked["value"])),
     "frames": _frames,
-    "picture": _picture,
-    "small": _small,
+    "picture": lambda bench, asked: _jpeg(_of_recording(bench, asked).see(int(asked["number"])).rgb),
+    "small": lambda bench, asked: _jpeg(_of_recording(bench, asked).small(int(asked["number"]))),
     "height": _height,
 }
 

@@ -361,16 +361,11 @@ def curve_view(shown: Shown) -> dict[str, Any]:
     models = shown_models(shown)
     if not models:
         return {"models": [], "presses": [], "strips": []}
-    fits = {name: one.fitted for name, one in models.items()}
     try:
-        curves, strips = (
-            force_curves(fits),
-            residual_strips(fits, [m.covariates for m in models.values()], most=EVERY),
-        )
-    except InputError:  # two states on other presses: the last one alone
+        return curve_view_of(models)
+    except InputError:  # two states of different presses: the last one alone
         last = list(models)[-1]
         return curve_view_of({last: models[last]})
-    return _view(curves, strips, next(iter(fits.values())))
 
 
 def curve_view_of(models: Mapping[str, Compared]) -> dict[str, Any]:
