@@ -145,7 +145,7 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float, sett
 
 
 def _polish(residual: Residual, found: Minimum, box: Box) -> Minimum:
-    """One Gauss-Newton step by orthogonal factors: the last digits of an ill-conditioned problem."""
+    """Refine a minimum by one Gauss-Newton step by orthogonal factors, for ill-conditioned problems."""
     size = np.linalg.norm(found.jacobian, axis=0)
     if not (size > 0).all():
         return found

@@ -229,7 +229,7 @@ class Observations:
         return self._rows(rows, press=number[self.press[rows]], presses=self.presses.take(keep))
 
     def at(self, press: Ints) -> Observations:
-        """Return, for points, a sample for each of these presses (N,), in rising order, repeats allowed."""
+        """Return a sample (of points) for each of these presses (N,), in rising order, repeats allowed."""
         return self._rows(press, press=press, presses=self.presses)
 
     def samples(self, keep: Bools) -> Observations:

@@ -65,8 +65,8 @@ class Noise:
     """Sizes of the noise: `scale` on the stated noise (or in N), `gain` (1) and `zero_mm` of a press.
 
     `correlation` of neighbouring samples, but for the share `white` of their variance; `dof` degrees of freedom;
-    `stated`: the samples' noise was stated; `overstated`: repeats show significantly less than half of it, so it has
-    no weight.
+    `stated`: the samples' noise was stated; `overstated`: repeats show significantly less than half of it, so it
+    has no weight.
     """
 
     scale: float
