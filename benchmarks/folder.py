@@ -24,8 +24,7 @@ from benchmarks.vision import QUALITY, calibrated
 from tactilevision.batch import folder as batch
 from tactilevision.batch.folder import DepthJob, Form, reconstruct_folder
 from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording
-from tactilevision.recording import frames as reading
+from tactilevision.recording import Recording, frames as reading
 from tactilevision.synthetic.gel import Flat
 from tactilevision.synthetic.profile import punch_profile
 from tactilevision.synthetic.punch import PunchPress

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.own_contacts import KINDS, direction_errors, gain, seen
-from benchmarks.public_frames import SETS as PUBLIC
-from benchmarks.public_frames import Balls
+from benchmarks.public_frames import SETS as PUBLIC, Balls
 from benchmarks.real_frames import REAL, ROOT, SETS, real_balls
 from tactilevision.files import write_json
 from tactilevision.photometric import calibrate_from_balls, load_network

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import io
 import re
-import statistics
 import tokenize
 from collections.abc import Iterator
 from functools import cache
@@ -13,9 +12,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(path for package in ("tactilevision", "calibration") for path in (ROOT / package).rglob("*.py"))
-LONGEST_FUNCTION = 35  # lines of code: a function is read whole on one screen
-MEDIAN_FUNCTION = 6  # lines of code
-LONGEST_FILE = 350  # lines
+LONGEST_FUNCTION = 60  # lines of code: a step is read whole on one screen
+LONGEST_FILE = 600  # lines: a chapter
 TABLES = 60  # statements laid out by hand; the formatter lays out all else
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -65,7 +63,6 @@ def test_functions_are_short() -> None:
     sizes = [(size(path, node), f"{where(path, node)} {node.name}") for path, node in functions()]
     long = [one for one in sizes if one[0] > LONGEST_FUNCTION]
     assert long == []
-    assert statistics.median(lines for lines, _ in sizes) <= MEDIAN_FUNCTION
 
 
 def test_files_are_short() -> None:
@@ -140,15 +137,3 @@ def test_public_array_functions_name_shape_and_unit() -> None:
 
 def test_no_code_asks_for_the_calibrated_method_by_its_class() -> None:
     assert [str(p) for p in SOURCES if re.search(r"isinstance\([^)]*CalibratedMethod", p.read_text())] == []
-
-
-def test_the_packages_are_few_enough_to_be_seen_at_a_glance() -> None:
-    packages, loose = 0, {}
-    for package in ("tactilevision", "calibration"):
-        inside = [p for p in (ROOT / package).iterdir() if not p.name.startswith("__")]
-        folders = [p for p in inside if p.is_dir() and (p / "__init__.py").is_file()]
-        files = [p for p in inside if p.suffix == ".py"]
-        packages += len(folders)
-        loose[package] = len(files)
-    assert packages <= 36
-    assert max(loose.values()) <= 8, loose

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 ROOT = Path(__file__).parents[2]
-BEFORE = ROOT / "tests" / "data" / "before"
+DATA = ROOT / "tests" / "data"
 FRAMES = 28  # of the small recording: more than are done before a second process starts
 PICTURES = "frames/*.png"
 
@@ -52,7 +52,7 @@ def prepare(folder: Path) -> dict[str, Command]:
 def frame_commands(frames: Path) -> tuple[Command, ...]:
     """Height maps and forces of a small recording, which is made in the folder `frames`."""
     _small_recording(frames)
-    method, material = str(BEFORE / "methods" / "polynomial.npz"), str(BEFORE / "calibrated" / "calibration.json")
+    method, material = str(DATA / "methods" / "polynomial.npz"), str(DATA / "calibration.json")
     read = (str(frames), "--even-so", "--method", method, "--pictures")
     return (
         Command("depth tiff", ("depth", *read, "0", "--workers", "2"), frames, changing=PICTURES, workers=2),
@@ -78,7 +78,7 @@ def point_commands(points: Path) -> tuple[Command, ...]:
 
 def _small_recording(folder: Path) -> Path:
     """Two pictures of 112 x 84 px, blended with a little noise into more; forces and presses beside them."""
-    shutil.copytree(BEFORE / "small", folder)
+    shutil.copytree(DATA / "small", folder)
     settings = folder / "recording.toml"
     text = settings.read_text(encoding="utf-8").replace('shape = "disc"', 'shape = "unbounded"')
     settings.write_text(text.replace("radius_mm = 15.0\n", ""), encoding="utf-8")

@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.faults.commands import Command, contents, nearly_same, visible
-from benchmarks.faults.process import Ended, import_what_it_took, run, started
-from benchmarks.faults.process import ended as ended_of
+from benchmarks.faults.process import Ended, ended as ended_of, import_what_it_took, run, started
 
 OLD = b"\n old"  # marks a file of an earlier run
 

@@ -16,8 +16,7 @@ from calibration.repeats.pure_error import repeatability_rms
 from calibration.result.by_radius import own_lines
 from calibration.result.poisson_routes import contradictions, holding_each, of_fit
 from calibration.result.published_route import published_route
-from calibration.result.radii_apart import FLAG as APART
-from calibration.result.radii_apart import radii_apart
+from calibration.result.radii_apart import FLAG as APART, radii_apart
 from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from calibration.result.round_result import of_round
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from tactilevision.cli import console
-from tactilevision.cli import misfit_pictures as keep
+from tactilevision.cli import console, misfit_pictures as keep
 
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis

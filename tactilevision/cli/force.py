@@ -217,8 +217,7 @@ def _figures(
 ) -> list[dict[str, Any]]:
     """Draw the strongest frames, the course of the resultant, what E and nu do to it, and what is left."""
     from tactilevision.cli import moments
-    from tactilevision.plots import force as draw
-    from tactilevision.plots import resultants, style
+    from tactilevision.plots import force as draw, resultants, style
     from tactilevision.recording import read_frame
 
     said: list[dict[str, Any]] = []
@@ -241,8 +240,7 @@ def _figures(
 def _sensitivity(
     job: ForceJob, found: TractionMap, ranges: tuple[Sensitivity, ...], folder: Path
 ) -> list[dict[str, Any]]:
-    from tactilevision.plots import force as draw
-    from tactilevision.plots import style
+    from tactilevision.plots import force as draw, style
 
     if not ranges:
         return []

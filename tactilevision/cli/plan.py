@@ -56,8 +56,7 @@ def plan(
 
     Give --radius, --heights and --thickness, or a RECORDING that states them.
     """
-    from calibration.tasks.plan import Goal
-    from calibration.tasks.plan import plan as find_plan
+    from calibration.tasks.plan import Goal, plan as find_plan
     from tactilevision.files import write_json
 
     design = _read(recording) if recording is not None else _blank(thickness)

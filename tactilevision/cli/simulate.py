@@ -35,8 +35,7 @@ def simulate(
     shadows: Annotated[bool, typer.Option(help="Let the lamps, strips of 12 by 2 mm, cast shadows.")] = False,
 ) -> None:
     """Simulate a recording: gel, camera, rig and their faults; truth.toml says what was put in."""
-    from tactilevision.synthetic import SimulationOptions
-    from tactilevision.synthetic import simulate as run
+    from tactilevision.synthetic import SimulationOptions, simulate as run
     from tactilevision.synthetic.strips import SHADOW_STRIP_MM
 
     options = SimulationOptions(frames=frames.value)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tactilevision.cli import console
-from tactilevision.cli import source as sources
+from tactilevision.cli import console, source as sources
 from tactilevision.errors import InputError
 
 if TYPE_CHECKING:

@@ -145,8 +145,7 @@ def _profiles(
     places = np.arange(bounds_mm[0] + 0.5 * BIN_PX * px, bounds_mm[1], BIN_PX * px)
     r = places.astype(np.float32)
     if compiled():
-        from tactilevision.integration.profile_kernels import inward as inward_of
-        from tactilevision.integration.profile_kernels import rays
+        from tactilevision.integration.profile_kernels import inward as inward_of, rays
 
         x, y = np.empty((2, len(across), len(r)), np.float32)
         along_x, along_y = (r / np.float32(mm) for mm in mm_per_px)

@@ -23,11 +23,9 @@ from tactilevision.files import as_json, pack_arrays, replacing, write_json
 from tactilevision.photometric.background import SlopeBackground
 from tactilevision.photometric.ball.shading_fit import TERMS
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.illumination.kept_lamps import SHAPES as LAMP_SHAPES
-from tactilevision.photometric.illumination.kept_lamps import lamp_arrays, lamps_of
+from tactilevision.photometric.illumination.kept_lamps import SHAPES as LAMP_SHAPES, lamp_arrays, lamps_of
 from tactilevision.photometric.illumination.light_match import light_of
-from tactilevision.photometric.kept_walls import SHAPES as WALL_SHAPES
-from tactilevision.photometric.kept_walls import wall_arrays, walls_of
+from tactilevision.photometric.kept_walls import SHAPES as WALL_SHAPES, wall_arrays, walls_of
 from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod

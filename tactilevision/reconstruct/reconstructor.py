@@ -7,11 +7,10 @@ untouched gel.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -49,9 +48,6 @@ from tactilevision.records.maps import as_frame
 from tactilevision.records.taught_walls import TaughtWalls, WallLessons
 from tactilevision.sensors import rectify
 from tactilevision.uncertainty.depth import DepthError, MapEvidence
-
-if TYPE_CHECKING:
-    from tactilevision.reconstruct.gpu.reader import TorchReader
 
 Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None, tuple[str, ...]]
 # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
@@ -93,7 +89,6 @@ class Reconstructor:
         self.grids: TwoGridPoisson | None = None
         if self.referenced and (tiled := self.referenced.tiled_evaluator):
             self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
-        self.elsewhere: TorchReader | None = None
         self.shadows: LightField | None = None
         self.keeps_shadows = self.unknown_lamps = False
         self.lean = LEAN
@@ -198,10 +193,9 @@ class Reconstructor:
         """Depth, validity and deviation (H, W) each of a rectified picture, its flags; walls by a `law`."""
         if self.grids and self.referenced and (tiled := self.referenced.tiled_evaluator):
             return self._on_two_grids(rgb, self.referenced, tiled, self.grids, law=law)
-        slopes, untouched, drift, steepest, surface, lost = self._evaluate_tiled(rgb)
+        slopes, untouched, drift, steepest, lost = self._evaluate_tiled(rgb)
         walls = self._walls(slopes, steepest, law)
-        if surface is None or walls:
-            surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
+        surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         self.zero = self._zero_plane(surface, untouched, self.sensor.mm_per_px)
         level(surface, self.zero)
         std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift, lost_share=lost)
@@ -218,7 +212,7 @@ class Reconstructor:
         law: WallLaw,
     ) -> Mapped:
         """As `_mapped`, gentle gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
-        tiles = self.elsewhere.read_tiles(rgb) if self.elsewhere else reader.read_tiles(rgb)
+        tiles = reader.read_tiles(rgb)
         walls: list[PunchEdge] = []
         if tiles.steepest >= law.gentlest:
             walls = restore_windows(
@@ -321,29 +315,11 @@ class Reconstructor:
         if self.referenced:
             self.referenced.follow(rgb, share)
             self.light_check = None
-            if self.elsewhere is not None:
-                self.elsewhere.follow()
 
-    def use(self, device: str) -> bool:
-        """Read frames on torch's `device` ("cuda") from here on; False where torch cannot be told how.
-
-        The maps are the same to rounding. On an H100 no frame came sooner so (benchmarks/gpu.py).
-        """
-        from tactilevision.reconstruct.gpu.reader import TorchReader
-
-        if self.referenced:
-            with suppress(LookupError):
-                self.elsewhere = TorchReader(self.referenced, self.sensor.mm_per_px, device)
-                return True
-        return False
-
-    def _evaluate_tiled(
-        self, rgb: Bytes
-    ) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None, Patch | None]:
-        """Slopes, untouched blocks, drift, greatest |slope|, surface and `lost_share`, where they are known."""
+    def _evaluate_tiled(self, rgb: Bytes) -> tuple[SlopeMap, Bools, Drift | None, float, Patch | None]:
+        """Slopes, untouched blocks, drift, greatest |slope| and `lost_share`, where they are known."""
         if self.referenced is None:
             slopes = self.method.slopes(rgb)
-            return slopes, flat_blocks(slopes), None, np.inf, None, None
-        reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.referenced.read(rgb), None)
-        drift = reading.drift
-        return reading.slopes, drift.untouched, drift, reading.steepest, surface, reading.lost_share
+            return slopes, flat_blocks(slopes), None, np.inf, None
+        reading = self.referenced.read(rgb)
+        return reading.slopes, reading.drift.untouched, reading.drift, reading.steepest, reading.lost_share

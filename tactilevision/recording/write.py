@@ -13,8 +13,7 @@ import tomli_w
 
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_text
-from tactilevision.recording import layout
-from tactilevision.recording import write_tables as tables
+from tactilevision.recording import layout, write_tables as tables
 from tactilevision.recording.model import Recording
 from tactilevision.records import Bytes, Sensor
 

@@ -10,8 +10,7 @@ from typing import Any
 import cv2
 
 from tactilevision.files import replacing, write_text
-from tactilevision.recording import BallPress as BallRecord
-from tactilevision.recording import Recording, layout
+from tactilevision.recording import BallPress as BallRecord, Recording, layout
 from tactilevision.records import Bytes, ForceSeries, Gel, Indenter, Press, Sensor
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.gel import Grid

@@ -29,8 +29,7 @@ from tactilevision.recording import write_image
 from tactilevision.records import Bytes, Frame
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
-from lamp_sensor import LAMPS, SHAPE, free, pressed, saved
-from lamp_sensor import profile as made_profile
+from lamp_sensor import LAMPS, SHAPE, free, pressed, profile as made_profile, saved
 
 
 def run(*words: object) -> int:

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactilevision.cli import force as command
-from tactilevision.cli import main
+from tactilevision.cli import force as command, main
 from tactilevision.force.field import NO_CONTACT
 from tactilevision.force.frame import FrameForce
 from tactilevision.recording import read_recording

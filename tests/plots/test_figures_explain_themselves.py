@@ -25,8 +25,7 @@ from tactilevision.contact.bevel_onset import Growth, Onset
 from tactilevision.plots import diagnosis, indentation, joint, misfit, style, validation
 from tactilevision.plots.film import Shot, _Stage
 from tactilevision.plots.press import draw_press
-from tactilevision.records import CertifiedPoint, Estimate, Footprint, HeightMap
-from tactilevision.records import misfit as misfit_records
+from tactilevision.records import CertifiedPoint, Estimate, Footprint, HeightMap, misfit as misfit_records
 
 SHOWN_PX = 500
 LEAST_PX = 8.0  # height of a letter's body that is read without effort

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from lamp_sensor import TOML, free, pressed, saved, write_ball_folder, write_frames
 
-from tactilevision.cli import calibrate_sensor as command
-from tactilevision.cli import main
+from tactilevision.cli import calibrate_sensor as command, main
 from tactilevision.exports.tiff import read_tiff
 from tactilevision.photometric import save_method
 from tactilevision.profile.read import read_profile
@@ -23,7 +22,7 @@ from tactilevision.profile.seen import Seen
 from tactilevision.profile.sensor import load_sensor
 from tactilevision.recording import read_image, write_image
 
-BEFORE = Path(__file__).parents[1] / "data" / "before"
+DATA = Path(__file__).parents[1] / "data"
 
 
 def run(*words: object) -> int:
@@ -95,8 +94,8 @@ def test_a_newer_reference_is_taken(made: Path, tmp_path: Path, capsys: pytest.C
 
 def test_the_recording_that_a_profile_was_made_from_is_read_with_it(tmp_path: Path) -> None:
     """A recording with an older method: what it lacks of the light is in the profile."""
-    shutil.copytree(BEFORE / "small", tmp_path / "small")
-    words = ("--method", BEFORE / "methods" / "polynomial.npz")
+    shutil.copytree(DATA / "small", tmp_path / "small")
+    words = ("--method", DATA / "methods" / "polynomial.npz")
     write_image(tmp_path / "small/reference/flat/a.png", read_image(tmp_path / "small/frames/00000.jpg"))
     assert run("calibrate-sensor", tmp_path / "small", *words, "--light-only", "--out", tmp_path / "a.tvs") == 0
     assert run("depth", tmp_path / "small", *words, "--out", tmp_path / "one", "--pictures", 0, "--even-so") == 0

@@ -16,8 +16,7 @@ from calibration.effects.support.private import load_effect, new_effect
 from calibration.inputs.excluded_presses import leave_out, press_names
 from calibration.session import History, load_history
 from calibration.tasks.compare import compare
-from calibration.workbench import bench as bench_module
-from calibration.workbench import changes
+from calibration.workbench import bench as bench_module, changes
 from calibration.workbench.bench import Bench
 from calibration.workbench.changes import Track
 from calibration.workbench.curve_view import curve_view, tried_view

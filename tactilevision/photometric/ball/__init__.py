@@ -1,5 +1,1 @@
 """Ball presses: detection, samples, consistency, cross-validation."""
-
-from tactilevision.renamed import names_of
-
-__getattr__ = names_of(__name__)  # of the module that was here before

@@ -1,0 +1,13 @@
+from .effects import EFFECTS as EFFECTS
+from .effects.viscoelasticity import Viscoelasticity as Viscoelasticity
+from .inputs.observations import Measured as Measured, Observations as Observations
+from .laws import LAWS as LAWS
+from .model.parameters import Parameter as Parameter
+from .model.stages import Effect as Effect, EffectBase as EffectBase, Stage as Stage, State as State
+from .tasks.calibrate import calibrate as calibrate, observe as observe
+from .tasks.compare import compare as compare
+from .tasks.diagnose import diagnose as diagnose
+from .tasks.forecast import Design as Design, PressNoise as PressNoise
+from .tasks.history import history as history
+from .tasks.plan import Goal as Goal, plan as plan
+from .tasks.validate import validate as validate
