@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,14 @@ def test_a_worker_without_the_library_is_refused() -> None:
     assert fault is not None
     assert "'none'" in str(fault)
     assert refusal(versions(), versions()) is None
+
+
+def test_a_worker_without_the_library_says_so() -> None:
+    cloudpickle = pytest.importorskip("cloudpickle")
+    code = "import sys, pickle; sys.modules['tactilevision'] = None; print(pickle.load(sys.stdin.buffer)())"
+    question = cloudpickle.dumps(connect._asking())
+    out = subprocess.run([sys.executable, "-c", code], input=question, capture_output=True, check=True)
+    assert out.stdout.split() == [b"{}"]
 
 
 def test_what_answers_but_is_no_scheduler_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
