@@ -399,18 +399,6 @@ def doubt_of_scale(
     )
 
 
-def doubt_beside_shadows(
-    recording: Recording, reconstructor: Reconstructor, *, certified: Sequence[Certified]
-) -> str:
-    """A sentence where gentle faces are off once shadows, which may hide it, are undone; "" where not."""
-    radii = [ball.ball_radius_mm for ball in recording.balls]
-    undone = without_shadows(recording, reconstructor, certified=certified, seen=True) if radii else Undone(None)
-    off = scale_off(undone.pairs)
-    if off is None:
-        return ""
-    return scale_question(off, len(undone.pairs), radii_mm=radii, shadows=" without cast shadows")
-
-
 def without_shadows(
     recording: Recording, reconstructor: Reconstructor, *, certified: Sequence[Certified], seen: bool
 ) -> Undone:

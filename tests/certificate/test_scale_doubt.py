@@ -11,7 +11,7 @@ import pytest
 
 from tactilevision.heightmap.shadows_seen import undo_by
 from tactilevision.press import certified_faces as scale_doubt
-from tactilevision.press.certified_faces import Certified, doubt_beside_shadows, doubt_of_scale
+from tactilevision.press.certified_faces import Certified, doubt_of_scale
 from tactilevision.recording.model import Recording
 from tactilevision.recording.read import read_recording
 from tactilevision.records.rig import Indenter, Press
@@ -50,14 +50,11 @@ def test_a_wrong_radius_is_asked_for_whatever_shadows_do(stated: float, monkeypa
     reader = rendered_reconstructor()
     monkeypatch.setattr(scale_doubt, "find_lamps", lambda *_: found_lamps())  # it takes a while
     monkeypatch.setattr(scale_doubt, "share_seen", lambda _, one: undo_by(one, found_lamps()) and 0.58)
-    said = doubt_beside_shadows(recording, reader, certified=certified)
-    assert bool(said) == (stated > 1)
     pairs = [(1.09 * one.depth_mm, one.depth_mm) for one in certified]  # with shadows
     told = doubt_of_scale(recording, reader, pairs=pairs, certified=certified)
     if stated > 1:
         assert "without cast shadows is" in told
         assert "stated as 2, 4 mm really 1.8" in told
-        assert told == said
     else:
         assert "lamps cast shadows beside them" in told
         assert "the balls' radius stands" in told
