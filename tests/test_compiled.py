@@ -22,7 +22,7 @@ from tactilevision.heightmap import (
     walls as wall_law,
     zero_plane,
 )
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.walls import PunchEdge
 from tactilevision.photometric import drift
@@ -67,7 +67,7 @@ def alike(pair: tuple[Any, Any], *, rtol: float = 1e-9, atol: float = 1e-9) -> N
 @pytest.fixture(scope="module")
 def sample() -> tuple[Recording, Reconstructor]:
     recording = read_recording(ROOT / "sample_frames" / "gelslim3")
-    return recording, calibrate_light(recording)
+    return recording, build_reconstructor(recording)
 
 
 @pytest.mark.parametrize("name", FRAMES)

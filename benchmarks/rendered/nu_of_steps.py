@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rendered.judge import true_depth_mm
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.press.poisson_from_rise import average_slopes, fit_nu, surface_view
@@ -36,7 +36,7 @@ def report(folders: Sequence[Path]) -> None:
     print(7 * "|---" + "|")
     for folder in folders:
         recording, truth = read_recording(folder), tomllib.loads((folder / "truth.toml").read_text())
-        reader = calibrate_light(recording)
+        reader = build_reconstructor(recording)
         views = _views(folder, recording, reader, truth["step"])
         nu, ink = truth["gel"]["poisson_ratio"], truth["rig"]["ink"]["reflectance"]
         for radius in sorted({seen.radius_mm for seen, _ in views}):
@@ -60,7 +60,7 @@ def _views(
     for number, step in enumerate(steps, start=1):
         frame, drawn = read_frame(recording, number), true_depth_mm(folder, f"frame_{number:05d}")
         seen = reader.slope_map(frame)
-        q, p = np.gradient(drawn, *scale[::-1])
+        q, p = np.gradient(drawn, scale[1], scale[0])
         views.append(
             (_view(seen, step, recording, number), _view(replace(seen, dz_dx=p, dz_dy=q), step, recording, number))
         )

@@ -14,7 +14,7 @@ from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.press.bevel_contact import DETECTION_CHI2, BevelContact, search_bevel_contacts
 from tactilevision.press.certificate import Certificate, certified_point, evidence_of, judge_point, press_curve
-from tactilevision.press.certified_faces import certified_of, doubt_of_scale, find_depth_scale
+from tactilevision.press.certified_faces import find_depth_scale, scale_warning
 from tactilevision.press.clock import (
     PressDepths,
     clock_jump_warnings,
@@ -84,9 +84,7 @@ def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
         if point.accepted and (touch := evidence[point.press].touch) is not None
     ]
     given = next((one.bevel_contact for one in events.values()), None)
-    doubt = doubt_of_scale(
-        measurements.recording, measurements.reconstructor, pairs=faces, certified=certified_of(points)
-    )
+    doubt = scale_warning(faces, [ball.ball_radius_mm for ball in measurements.recording.balls])
     askew = tilt_warning([evidence[point.press] for point in points if point.accepted])
     certificate = Certificate(
         points=points,

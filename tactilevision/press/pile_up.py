@@ -80,11 +80,11 @@ def _relative_error(method: object) -> float:
 # outer one (mm), less what the free gel shows there; from frames of about the touch's depth, each carried to it in
 # proportion.
 
-RINGS = 4  # between the nearest and the farthest distance
+RINGS = 6  # between the nearest and the farthest distance
 NEAREST_MM = 0.4  # mm beside the edge: nearer is the wall, its ink and the blur
 NEAREST_PX = 4.0  # pixels beside the edge: nearer is the wall, its ink and the blur
 NEAREST = 0.16  # of the radius, beside the edge, where the first ring begins
-FARTHEST = 0.5  # of the radius, beside the edge, where the last ring ends
+FARTHEST = 1.0  # of the radius, beside the edge, where the last ring ends
 BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are left out, lest the bevel's dent be read
 NEAR = 0.15  # of the event's depth: frames this near to it are read
 FREE = 0.05  # of the event's depth: shallower frames show the free gel
