@@ -23,7 +23,7 @@ import numpy as np
 from calibration.fit.finite_depth import FiniteDepth, finite_depth, stated_edge_mm, straight_line
 from calibration.fit.least_squares import NORMAL95, Fit, fit
 from calibration.inputs.observations import Observations
-from calibration.laws.flat_punch import NU_TABLE, STATED_NU_STD, FlatPunch
+from calibration.laws.flat_punch import NU_TABLE, OPEN_NU, STATED_NU_STD, FlatPunch
 from calibration.laws.theory import GEL_MODULUS_MPA, punch_stiffness, sticking_surplus
 from calibration.model.composition import Model
 from calibration.model.stages import EDGE, STICKING
@@ -244,8 +244,9 @@ def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tu
         if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(NU_SILICONE)[0]:
             return found, "radii"
     low, high = possible = poisson_range(fitted)
-    kind = "silicone gels" if possible == NU_SILICONE else "tabulated gels"
-    assumptions.append(f"these data do not determine poisson_ratio; {kind} lie in [{low:g}, {high:g}]")
+    kinds = {NU_SILICONE: "silicone gels lie", OPEN_NU: "tabulated gels lie"}
+    kind = kinds.get(possible, "the rise next to the punch leaves it")
+    assumptions.append(f"these data do not determine poisson_ratio; {kind} in [{low:.4g}, {high:.4g}]")
     why = "one punch radius determines the stiffness c and the curve E(nu), not nu"
     if several:
         why = "the radii differ too little for these errors to determine nu"

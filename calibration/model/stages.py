@@ -193,8 +193,8 @@ class EffectBase:
     not show it; None: the parameter's scale. `check`: what a person can do. `depth_source`: the one kind of depth
     that it applies to; None: any. `condition`: the condition of the rig that it fits ("sticking", "edge",
     "thickness"), which is otherwise stated or assumed. `instead_of_beta`: its rank, from 1, among the explanations
-    of a beta outside theory; 0: none. `treatment`: how frames are read again once the effect is added
-    ("undo_shadows"); "": it is fitted. `start_values`: fixed starts of a fit, a row each.
+    of a beta outside theory; 0: none. `treatment`: what `treat(data)` does to the observations once the effect is
+    added ("outside_shadow_zone"); "": it is fitted. `start_values`: fixed starts of a fit, a row each.
     """
 
     key: ClassVar[str] = ""

@@ -27,7 +27,10 @@ from tactilevision.errors import InputError
 from tactilevision.records.constants import KILO
 
 MISFIT = 0.05  # smallest p of a covariate below which the page reports a misfit
-ANEW = " Below, the depths are corrected by these sizes; `compare` reads the frames again, with another error."
+ANEW = (
+    " Below, the depths are corrected by these sizes; `compare` excludes what a wall may shade instead, to "
+    "another error."
+)
 OWN_IDEA = (
     "To test an idea of your own, write it as an effect: tactilevision new-effect my_effect.py, then diagnose "
     "with --effect my_effect.py."

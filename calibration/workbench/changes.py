@@ -12,8 +12,7 @@ from tactilevision.errors import InputError
 
 NOW = "now"  # name of the current state
 FIT_S = 120  # s, limit of one change: a slow effect on 39 presses takes half a minute
-READ_S = 1800  # s, limit where frames are read again or a report is written: a hundred presses on a slow machine
-PRESS_S = 6  # s to read a press's frames again: 57 s for ten were measured
+READ_S = 1800  # s, limit of a report: a hundred presses on a slow machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,32 +81,17 @@ def named_state(history: History, name: str) -> Labelled:
     return found
 
 
-def seconds_anew(key: str, opened: Opened) -> float:
-    """Return the time, s, to read the frames again for this effect; 0 where none are read."""
-    asks = getattr(opened.effect(key), "treatment", "") and any(opened.frames)
-    return PRESS_S * sum(len(one.points) for one in opened.measured) if asks else 0.0
-
-
-def seconds_allowed(action: str, value: str, opened: Opened) -> float:
+def seconds_allowed(action: str) -> float:
     """Return the time limit of a change, s."""
-    quick = action == "card" or (action == "add" and not _reads(value, opened))
-    return FIT_S if quick else READ_S
+    return FIT_S if action in ("card", "add") else READ_S
 
 
-def _reads(key: str, opened: Opened) -> bool:
-    try:
-        return seconds_anew(key, opened) > 0
-    except InputError:  # an unknown effect: the change itself raises
-        return False
-
-
-def in_words(action: str, value: str, opened: Opened) -> str:
+def in_words(action: str, value: str) -> str:
     """Return an action in words."""
     said = value.replace("_", " ")
-    anew = ": the frames are read again" if action == "add" and _reads(value, opened) else ""
     return {
         "open": f"fitting the {BASE}",
-        "add": f"adding {said}{anew}",
+        "add": f"adding {said}",
         "remove": f"removing {said}",
         "card": f"fitting {said}",
         "export": "writing the report",

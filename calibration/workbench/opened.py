@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -125,9 +125,8 @@ class Opened:
     """Recordings as `compare` reads them.
 
     `data`: all accepted presses; `bulge` and `bound`: knowledge of nu; `private`: the user's effects, with their
-    `files` by key; `frames` of recordings with pictures; `marks` of the files when they were read; `read_anew`:
-    returns all presses by the treatment that an effect of the picture asks for; `listed`: the effects to test
-    besides the private ones.
+    `files` by key; `frames` of recordings with pictures; `marks` of the files when they were read; `listed`: the
+    effects to test besides the private ones.
     """
 
     paths: tuple[Path, ...]
@@ -140,7 +139,6 @@ class Opened:
     frames: tuple[Frames | None, ...] = ()
     warnings: tuple[str, ...] = ()
     marks: Marks = ()
-    read_anew: Callable[[Effect], Mapping[str, Observations]] = lambda _: {}
     listed: tuple[Effect, ...] = tuple(EFFECTS.values())
 
     @property

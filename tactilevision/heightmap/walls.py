@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from tactilevision.compiled import compiled
 from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges, solved, window_of
 from tactilevision.photometric.colour_change import Planes
 from tactilevision.photometric.windows import Window
@@ -25,7 +22,6 @@ from tactilevision.records.measured import Bools, Floats, Pair
 # And what walls of one sensor's pictures are found by.
 
 LEAN = 2.1  # 1/tan of 25 degrees: lamps of these sensors stand at 15 to 35
-GENTLER = 0.5  # of the limit, from which walls are told where nothing of them is steeper than it
 LEAST_MM = 1e-6  # mm: smaller changes of depth are carried as this one
 
 
@@ -33,22 +29,11 @@ LEAST_MM = 1e-6  # mm: smaller changes of depth are carried as this one
 class WallLaw:
     """How walls are found: `limit` is the steepest slope that is read reliably; infinite, and there are none.
 
-    `lean` of the lamps: 1/tan of their mean elevation. Not `strict`: also walls that the slopes outside do not
-    keep to, of a picture whose shadows are half undone. `taught` by certified faces of the sensor.
+    `taught` by certified faces of the sensor.
     """
 
     limit: float
-    lean: float = LEAN
-    strict: bool = True
     taught: TaughtWalls | None = None
-
-    @property
-    def gentlest(self) -> float:
-        """The slope that a wall shows somewhere, at least: a camera blurs even a steep one that is narrow.
-
-        Where shadows may be left these look like such walls, and only what is steeper than the limit is told.
-        """
-        return self.limit if self.strict else GENTLER * self.limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,11 +142,6 @@ class WallLight:
     seen: Floats
     seen_rate: Floats
 
-    @cached_property
-    def lines(self) -> Floats:
-        """S, C, their rates, h and its rate, (6, n), as kernels take them."""
-        return np.stack([self.sine, self.cosine, self.sine_rate, self.cosine_rate, self.seen, self.seen_rate])
-
 
 @lru_cache
 def wall_light(lean: float) -> WallLight:
@@ -205,13 +185,6 @@ class Law:
                           float(rate @ slopes / (rate @ rate)), 0.0, 0.0])  # fmt: skip
         bend = 3 * start[3] / self.radius_mm
         prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * start[3], bend, bend / self.radius_mm]) ** -2
-        if compiled():
-            from tactilevision.heightmap.edge_kernels import fitted
-
-            law = self.places[0], self.step, self.rates, STEEPEST / (TABLED - 1), self.light.lines, MIN_RATE
-            limits = DAMPING, CONVERGENCE_TOL, MAX_ITERATIONS
-            unknown, normal, off = fitted(start, prior, self.s, slopes, std, *law, *limits)
-            return unknown, np.asarray(cv2.invert(normal)[1]), off
 
         def misfit(unknown: Floats) -> tuple[float, Floats, Floats, Floats]:
             """Squares that are left, half their gradient (6,), normal equations (6, 6), and deviations (n,)."""
@@ -341,7 +314,7 @@ def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, law: WallLaw) -> list
     """The walls round flat faces in `slopes` (H, W)."""
     edges = [
         fit_edge(circle, law, px=min(mm_per_px))
-        for circle in find_circular_edges(slopes, mm_per_px, limit=law.limit, gentlest=law.gentlest)
+        for circle in find_circular_edges(slopes, mm_per_px, limit=law.limit)
     ]
     return [edge if law.taught is None else edge.taught_by(law.taught) for edge in edges if edge is not None]
 
@@ -357,12 +330,6 @@ def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> Non
         outer, inner = edge.radius_mm + edge.reach_mm, edge.radius_mm + edge.places_mm[0]
         window, x, y = window_of(slopes.dz_dx.shape, edge.centre_mm, mm_per_px=mm_per_px, outer_mm=outer)
         step, lines = edge.places_mm[1] - edge.places_mm[0], _lines(edge, half)
-        if compiled() and _writable(slopes.dz_dx) and _writable(slopes.dz_dy):
-            from tactilevision.heightmap.edge_kernels import put
-
-            at = window[0].start, window[1].start, x[0], y[:, 0], max(inner - 2 * half, 0.0), inner, outer
-            put(slopes.dz_dx, slopes.dz_dy, *at, MIN_FACE, step, edge.depth_mm, *lines)
-            continue
         square = (x * x).astype(np.float32) + (y * y).astype(np.float32)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
         face = (square < max(inner - 2 * half, 0.0) ** 2).view(np.uint8)
@@ -392,11 +359,6 @@ def _interpolated(lines: tuple[Floats, Floats], at: Floats) -> tuple[Floats, Flo
     return steep, remaining
 
 
-def _writable(plane: npt.NDArray[Any]) -> bool:
-    """Whether kernels may write to a plane (H, W) as it lies."""
-    return plane.dtype == np.float32 and plane.flags.c_contiguous and plane.flags.writeable
-
-
 def restore_windows(
     fine: Sequence[Planes],
     windows: Sequence[Window],
@@ -422,8 +384,7 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     mean, s = edge.slopes, edge.places_mm - edge.radius_mm
     known = np.isfinite(mean)
-    reaches_limit = edge.highest[known].max(initial=0.0) >= walls.limit
-    steep = known & ~(edge.highest < (walls.limit if reaches_limit else walls.gentlest))
+    steep = known & ~(edge.highest < walls.limit)
     if not steep.any():
         return None
     hidden, usual = float(s[steep].max()), max(FAR * edge.radius_mm, 8 * px)
@@ -432,9 +393,9 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
     if hidden > HIDDEN_SHARE * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
         return None
     std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + edge.std**2)[use]
-    law = Law(edge.radius_mm, px, far, wall_light(round(walls.lean, 2)), s[use])
+    law = Law(edge.radius_mm, px, far, wall_light(LEAN), s[use])
     unknown, covariance, off = law.fitted(mean[use], std)
-    if walls.strict and float(np.mean(np.square(off[s[use] > 0]))) > MAX_MISFIT[int(far > usual)]:
+    if float(np.mean(np.square(off[s[use] > 0]))) > MAX_MISFIT[int(far > usual)]:
         return None
     shift, reach = float(unknown[0]), hidden + px
     falls, fall, rate = law.falls(unknown, reach - shift)
