@@ -1,4 +1,4 @@
-"""Cast shadows: slopes next to a face that a lamp does not reach are read too steep, the more the deeper the press.
+"""Cast shadows: slopes next to a face that a lamp does not reach are read too steep, more so for deep presses.
 
     seen = w (1 + (A w/s) D),    D = (r w - b - d)/W, clipped to [0, 1]
 
