@@ -70,7 +70,7 @@ def test_points_equal_to_each_other_stay_and_are_named() -> None:
     assert without_copies(points).warnings == points.warnings
     kept = without_copies(copied(points, 2, onto=8))
     assert kept.count == points.count
-    assert "copies if not rounded alike: p8 of p2" in kept.warnings[-1]
+    assert "copies unless by rounding: p8 of p2" in kept.warnings[-1]
 
 
 @pytest.mark.parametrize("stated", [True, False], ids=["speed stated", "speed not stated"])
