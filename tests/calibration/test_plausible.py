@@ -85,7 +85,7 @@ def test_a_diagnosis_is_not_adequate_where_the_slope_stands_at_its_end() -> None
     found = diagnose(data, np.random.default_rng(0))
     assert found.verdict == "AMBIGUOUS"
     assert "thickness" in found.candidates
-    assert "or a unit" in verdict_sentence(found)
+    assert "or a wrong unit" in verdict_sentence(found)
 
 
 def of_three_radii(stated: dict[float, float]) -> Measured:
