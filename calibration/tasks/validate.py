@@ -13,12 +13,13 @@ import numpy as np
 from calibration.inputs.checks import check
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
-from calibration.result.result import versions
+from calibration.result.result import CalibrationResult, versions
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_curve import PunchCurve, punch_curve, tabulated_curve
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
+from tactilevision.records.constants import NU_MAX, Z95
 from tactilevision.records.measured import Floats, Material, Pair
 from tactilevision.records.rig import Indenter
 
@@ -186,6 +187,19 @@ def validate(
         found.append(_compare(data, samples, material, law, friction))
     notes = [*data.warnings[len(given.warnings) :], *_assumptions(data, material)]
     return Validation(material, samples, tuple(found), _rivals(data, samples, material), tuple(notes))
+
+
+def middle_material(result: CalibrationResult) -> Material:
+    """Return the middle of nu's interval and E at the fitted stiffness there, where the data leave nu open.
+
+    The two vary together along E(nu), by the interval's width.
+    """
+    nus, moduli = np.array(result.youngs_modulus_of_nu).T
+    low, high = result.poisson_ratio.interval95 or (nus[0], nus[-1])
+    nu = (low + high) / 2
+    ends = np.array([np.interp((low, high), nus, moduli), (low, high)])
+    std = np.diff(ends)[:, 0] / (2 * Z95)
+    return Material(float(np.interp(nu, nus, moduli)), min(nu, NU_MAX), np.outer(std, std))
 
 
 def representative(data: Observations) -> Samples:

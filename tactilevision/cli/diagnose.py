@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -14,7 +12,6 @@ import typer
 
 from tactilevision.cli import console, pictures as keep
 from tactilevision.cli.analysis import (
-    ANSWERED,
     Private,
     Recordings,
     Seed,
@@ -23,12 +20,8 @@ from tactilevision.cli.analysis import (
     commands_of,
     keep_history,
     named_effects,
-    not_in_frames,
-    observed,
-    taken_with_nu,
 )
 from tactilevision.cli.compare import forget_found, keep_calibration
-from tactilevision.cli.measure import with_what_was_read
 
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
@@ -38,7 +31,6 @@ if TYPE_CHECKING:
     from calibration.report.drawing import Card, ResidualMap
     from calibration.report.report import Picture
     from calibration.tasks.session import Step
-    from tactilevision.cli.measure import Taken
     from tactilevision.cli.pictures import FigureFolder
 
 
@@ -48,8 +40,6 @@ With = Annotated[
     list[str] | None,
     typer.Option("--with", metavar="KEY|FILE.py", help="An effect that is in from the start."),
 ]
-
-ABSENT = "the frames show none, where the balls tell how they would look"  # why an effect is ruled out
 
 
 def diagnose(
@@ -67,27 +57,31 @@ def diagnose(
     time_limit: TimeLimit = None,
 ) -> None:
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
-
-    from calibration.inputs.deadline import Deadline, Watch
-    from calibration.laws.flat_punch import elastomer_bound
+    from calibration.inputs.deadline import Deadline
     from calibration.report.diagnosis_report import summary
-    from calibration.tasks import diagnose as method
     from calibration.tasks.session import Step
     from tactilevision.cli.pictures import FigureFolder
-    from tactilevision.cluster.pool import step_pool
     from tactilevision.files.writing import staged, write_json
+    from tactilevision.pipeline import certify_recordings, diagnose_recording, height_residuals
 
-    deadline, bound = Deadline.after(time_limit), elastomer_bound(prior)
+    deadline = Deadline.after(time_limit)
     (sure, sure_files), (own, own_files) = named_effects(known), named_effects(private)
-    taken, bulge = taken_with_nu(recordings, cluster=cluster)
-    with step_pool(workers, cluster) as each, console.progress_bar("diagnosing:") as progress:
-        watch, data = Watch(progress, deadline, each), observed(taken)
-        asked = partial(method.diagnose, data, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
-        alone = _asked_of_frames(asked, taken, seed)
-    found, files = _with_what_was_read(alone, taken), sure_files | own_files
+    taken = certify_recordings(recordings, scale_doubt=False, cluster=cluster, listener=console)
+    found = diagnose_recording(
+        taken,
+        effects=own,
+        known=sure,
+        prior=prior,
+        seed=seed,
+        deadline=deadline,
+        workers=workers,
+        cluster=cluster,
+        listener=console,
+    )
+    files = sure_files | own_files
     steps = [*(Step(effect.key, files.get(effect.key, "")) for effect in sure), *steps_of(found, files)]
     commands = commands_of(recordings, found, files, prior=prior)
-    surfaces = reliefs(taken)
+    surfaces = height_residuals(taken)
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
     with staged(out) as stage:
         write_json(stage / "diagnosis.json", content)
@@ -99,27 +93,9 @@ def diagnose(
         figures = FigureFolder(stage, form)
         write_diagnosis(found, figures, title=title, private=own, reliefs=surfaces, commands=commands)
     forget_found(out)
-    console.warn(alone.after.warnings)
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content, json)
-
-
-def _asked_of_frames(asked: Callable[..., Diagnosis], taken: Sequence[Taken], seed: int) -> Diagnosis:
-    """What was asked; once more without what is named, where the frames rule it out."""
-    import numpy as np
-
-    found = asked(np.random.default_rng(seed))
-    absent = not_in_frames(taken, found)
-    if not absent:
-        return found
-    again = asked(np.random.default_rng(seed), ruled_out=absent)
-    return replace(again, not_testable={**again.not_testable, **dict.fromkeys(absent, ABSENT)})
-
-
-def _with_what_was_read(found: Diagnosis, taken: Sequence[Taken]) -> Diagnosis:
-    before, after = (with_what_was_read(one, taken, answered=ANSWERED) for one in (found.before, found.after))
-    return replace(found, before=before, after=after)
 
 
 def steps_of(found: Diagnosis, files: Mapping[str, str]) -> list[Step]:
@@ -291,34 +267,6 @@ def _drawn(card: Card, folder: FigureFolder) -> Drawn:
     name = _words(card.overlay.key)
     words = f"Orange: what is left without it; black: what {name} explains of it; blue: what is left with {name}."
     return Drawn(card, folder.keep(draw_overlay(card.overlay), f"candidates/{card.key}.png", caption=words))
-
-
-def reliefs(taken: Sequence[Taken]) -> list[ResidualMap]:
-    """What the height maps of each recording with frames leave."""
-    from calibration.report.drawing import Surface, residual_map
-
-    found = []
-    for one in taken:
-        if one.certificate is None or one.recording.sensor.gel is None:
-            continue
-        surfaces = []
-        for point in one.certificate.points:
-            evidence = one.certificate.evidence.get(point.press)
-            if not point.accepted or evidence is None or evidence.height_map is None or evidence.footprint is None:
-                continue
-            indenter = one.recording.indenters[point.indenter]
-            surfaces.append(
-                Surface(
-                    evidence.height_map,
-                    evidence.footprint.centre_mm,
-                    indenter.radius_mm,
-                    point.depth_mm,
-                    indenter.bevel,
-                )
-            )
-        left = residual_map(surfaces, one.recording.sensor.gel)
-        found += [left] if left is not None else []
-    return found
 
 
 def _words(key: str) -> str:

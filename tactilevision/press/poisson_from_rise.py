@@ -238,9 +238,11 @@ def with_nu(
             f"The fall of the gel beside the punch over depth grows by {growth[0]:.0%}: lamps cast shadows there."
         )
         told = [f"{seen} {said}"]
-        if not any("gentle faces" in line for line in certificate.warnings):
+        if not certificate.scale_doubt:
             certified = certified_of(certificate.points)
-            told.append(doubt_beside_shadows(recording, reconstructor, certified=certified))
+            doubt = doubt_beside_shadows(recording, reconstructor, certified=certified)
+            certificate = replace(certificate, scale_doubt=doubt)
+            told.append(doubt)
         certificate = replace(
             certificate, warnings=(*certificate.warnings, *filter(None, told)), flags=(*certificate.flags, FLAG)
         )

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from tactilevision.cli.analysis import not_in_frames
 from tactilevision.heightmap import shadows_seen
 from tactilevision.heightmap.shadows_seen import SAID, shows_none
+from tactilevision.pipeline import not_in_frames
 
 
 def found(*keys: str, candidates: tuple[str, ...] = ()) -> Any:
