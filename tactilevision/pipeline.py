@@ -217,7 +217,7 @@ def diagnose_recording(
     >>> found = diagnose_recording("sample_frames/hidden_material")
     >>> print(found.verdict, [effect.key for effect in found.effects])
     >>> print(found.errors.held_out_before, found.errors.held_out_after)  # N
-    >>> print(found.after.youngs_modulus)  # MPa
+    >>> print(found.material.after.youngs_modulus)  # MPa
     """
     import numpy as np
 
@@ -236,11 +236,11 @@ def diagnose_recording(
         absent = not_in_frames(certified, found)
         if absent:
             found = search(np.random.default_rng(seed), ruled_out=absent)
-            why = {**found.not_testable, **dict.fromkeys(absent, NOT_IN_FRAMES)}
-            found = replace(found, not_testable=why)
-    heard.warn(found.after.warnings)
-    before, after = (with_warnings_of(one, certified) for one in (found.before, found.after))
-    return replace(found, before=before, after=after)
+            why = {**found.limits.not_testable, **dict.fromkeys(absent, NOT_IN_FRAMES)}
+            found = replace(found, limits=replace(found.limits, not_testable=why))
+    heard.warn(found.material.after.warnings)
+    before, after = (with_warnings_of(one, certified) for one in (found.material.before, found.material.after))
+    return replace(found, material=replace(found.material, before=before, after=after))
 
 
 def compare_recordings(
@@ -297,7 +297,7 @@ def validate_recording(
         material = read_material(calibration or stored)
     else:
         result = calibrate_recording(one)
-        material = result.material or middle_material(result)
+        material = result.material or middle_material(result.poisson_ratio.interval95, result.youngs_modulus_of_nu)
         if result.material is None:
             nu = f"{material.poisson_ratio:.3f}"
             heard.warn([f"the data do not fix nu: the middle of its interval, {nu}, is taken, and E that fits it"])

@@ -47,7 +47,6 @@ FAR_FROM = (
 LEVEL = 0.05  # of all that may end in anything but ADEQUATE
 SHARE = 0.6  # of the level that effects have: they are more, and what they name can be put right
 SCATTER = "scatter while loading"
-FAILED = "it failed"
 ONE_WAY = 0.9999  # cosine from which two directions are one
 
 LESS = (1.0, 0.125, 0.25, 0.5)  # over the presses' estimated gain, that are tried: 4 % may be .5 %
@@ -56,6 +55,12 @@ FEW_PRESSES = 12  # fewer hardly tell how they scatter: six or seven gains besid
 FEW_POINTS = 24  # of one reading a press, which is all that tells how presses scatter
 
 _Rows = tuple[Floats, Floats, Floats]  # scores (b, k), scatter while loading (b, M'), what presses say (b, q)
+
+
+class Failure(str):
+    """The reason that an effect cannot be tested: it raised an error."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,7 +250,7 @@ def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str,
             if not why:
                 tables[effect.key] = _directions(fitted, effect, base)
         except (Exception, SystemExit) as fault:  # of a private effect, anything; the rest of the analysis goes on
-            why = f"{FAILED}: {type(fault).__name__}: {fault}"
+            why = Failure(f"it failed: {type(fault).__name__}: {fault}")
         if why:
             missing[effect.key] = why
     return tables, missing

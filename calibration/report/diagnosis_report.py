@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from calibration.diagnosis.diagnosis import Added, Diagnosis
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
-from calibration.diagnosis.score_test import FAILED
+from calibration.diagnosis.score_test import Failure
 from calibration.effects import PLAIN, get_effect
 from calibration.model.stages import EffectBase
 from calibration.report import page, wording
@@ -56,19 +56,23 @@ def summary(found: Diagnosis) -> list[str]:
     ]
     lines += [
         f"  {w.key}: {w.parameter} would have to be {_size(w)} (R^2 {w.r_squared:.4f})"
-        for w in found.would_have_to_be
+        for w in found.remainder.would_have_to_be
     ]
-    if found.change_point is not None:
-        lines.append(f"  since press {found.change_point}")
-    before, after = found.before.youngs_modulus, found.after.youngs_modulus
+    if found.remainder.change_point is not None:
+        lines.append(f"  since press {found.remainder.change_point}")
+    before, after = found.material.before.youngs_modulus, found.material.after.youngs_modulus
     if found.effects:
         lines += [f"E before: {wording.estimate(before)}", f"E after:  {wording.estimate(after)}"]
     else:
         lines.append(f"E: {wording.estimate(after)}")
     lines += allowed_for(found)
-    if found.not_testable:
-        lines.append("not testable with these data: " + ", ".join(in_words(key) for key in found.not_testable))
-    lines += [f"  {in_words(key)}: {why}" for key, why in found.not_testable.items() if why.startswith(FAILED)]
+    if found.limits.not_testable:
+        lines.append(
+            "not testable with these data: " + ", ".join(in_words(key) for key in found.limits.not_testable)
+        )
+    lines += [
+        f"  {in_words(key)}: {why}" for key, why in found.limits.not_testable.items() if isinstance(why, Failure)
+    ]
     return [*lines, *([next_sentence(found)] if found.measure_next else [])]
 
 
@@ -104,8 +108,8 @@ def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: S
 
     `commands`: what to try, ready to run.
     """
-    standing = [one for one in shown.cards if one.card.key not in found.tried]
-    failed = [one for one in shown.cards if one.card.key in found.tried]
+    standing = [one for one in shown.cards if one.card.key not in found.search.tried]
+    failed = [one for one in shown.cards if one.card.key in found.search.tried]
     plain = [] if shown.plain is None else [_plain(shown.plain)]
     return page.page(
         title,
@@ -135,10 +139,10 @@ def _misfit(found: Diagnosis, shown: Evidence) -> list[str]:
     """Where the model fails: of the force, unless the picture's depth alone does; the other folded away."""
     force = [*_figures(shown.misfit), page.folded("Every press", *_figures(shown.every_press))]
     seen = _figures(shown.picture)
-    if found.effects and not any(effect.key in found.fitted.model.keys for effect in found.effects):
+    if found.effects and not any(effect.key in found.fits.fitted.model.keys for effect in found.effects):
         quiet = page.folded("The forces, which the model explains as well as they repeat", *force)
         return [page.section("Where the picture's depth fails", *seen, quiet)]
-    fails = min((one.p_adjusted for one in found.covariates_before), default=1.0) < MISFIT
+    fails = min((one.p_adjusted for one in found.search.covariates_before), default=1.0) < MISFIT
     return [
         page.section("Where the model fails" if fails else "Measured and modelled force", *force),
         page.folded("The depth that the picture reads, against the certified one", *seen),
@@ -178,7 +182,7 @@ def _head(found: Diagnosis) -> str:
     lines = [page.paragraph(f"{found.verdict}. {verdict_sentence(found)}", kind="lead")]
     lines += [page.paragraph(text) for text in (*stopped_sentence(found), *reading_sentence(found))]
     lines += [page.paragraph(_in_plain_words(effect)) for effect in found.effects]
-    lines += [page.paragraph(_needed(w)) for w in found.would_have_to_be]
+    lines += [page.paragraph(_needed(w)) for w in found.remainder.would_have_to_be]
     lines += [page.paragraph(text) for text in (*_material_moves(found), *allowed_for(found))]
     if found.verdict == "UNKNOWN":
         lines.append(page.paragraph(OWN_IDEA))
@@ -188,10 +192,10 @@ def _head(found: Diagnosis) -> str:
 
 def _material_moves(found: Diagnosis) -> list[str]:
     """What the finding does to E, in a sentence."""
-    before, after = found.before.youngs_modulus, found.after.youngs_modulus
+    before, after = found.material.before.youngs_modulus, found.material.after.youngs_modulus
     if not found.effects or before.value is None or after.value is None:
         return []
-    if found.fitted is found.base:
+    if found.fits.fitted is found.fits.base:
         return [f"Young's modulus rests on the certified depths and stays {wording.estimate(after)}."]
     return [
         f"With it, Young's modulus is {wording.estimate(after)}; without, it would read "
@@ -272,10 +276,10 @@ def _card(drawn: Drawn, found: Diagnosis) -> str:
 
 def _fall_of(found: Diagnosis, key: str) -> list[tuple[str, str]]:
     """What adding an effect of the force did to the error, as in the picture of its fall."""
-    keys = [effect.key for effect in found.effects if effect.key in found.fitted.model.keys]
-    if key not in keys or len(found.held_out) <= len(keys):
+    keys = [effect.key for effect in found.effects if effect.key in found.fits.fitted.model.keys]
+    if key not in keys or len(found.errors.held_out_N) <= len(keys):
         return []
-    before, after = (1e3 * found.held_out[keys.index(key) + k] for k in (0, 1))
+    before, after = (1e3 * found.errors.held_out_N[keys.index(key) + k] for k in (0, 1))
     return [("error on presses left out", f"from {before:.1f} to {after:.1f} mN")]
 
 
@@ -293,7 +297,10 @@ def _material(found: Diagnosis) -> str:
         ("slope β", "beta"),
     )
     rows = [
-        (title, *(wording.estimate(getattr(result, name)) for result in (found.before, found.after)))
+        (
+            title,
+            *(wording.estimate(getattr(result, name)) for result in (found.material.before, found.material.after)),
+        )
         for title, name in names
     ]
     return page.table(("", "plain law", after_words(found)), rows)
@@ -302,7 +309,7 @@ def _material(found: Diagnosis) -> str:
 def _outside(found: Diagnosis) -> str:
     rows = [
         (in_words(w.key), f"{w.parameter} = {_size(w)}", f"{w.r_squared:.4f}", f"{1e3 * w.rms_error_N:.1f}")
-        for w in found.would_have_to_be
+        for w in found.remainder.would_have_to_be
     ]
     return page.table(
         ("candidate", "what it would have to be", "R² of P/w", "rms error (mN)"), rows, numbers=(2, 3)
@@ -324,13 +331,19 @@ def _next(found: Diagnosis) -> str:
 
 
 def _untestable(found: Diagnosis) -> str:
-    rows = [(in_words(key), why, _bias(found.possible_bias.get(key))) for key, why in found.not_testable.items()]
+    rows = [
+        (in_words(key), why, _bias(found.limits.possible_bias.get(key)))
+        for key, why in found.limits.not_testable.items()
+    ]
     return page.table(("effect", "why", "E could be off by"), rows, numbers=(2,))
 
 
 def _from_here_on(found: Diagnosis) -> str:
     """What would have shown, from which size on, and what smaller could do to E."""
-    rows = [(in_words(key), shown_size(found, key), _bias(share)) for key, share in found.below_visibility.items()]
+    rows = [
+        (in_words(key), shown_size(found, key), _bias(share))
+        for key, share in found.limits.below_visibility.items()
+    ]
     return page.table(("effect", "shows from", "smaller, E could be off by up to"), rows, numbers=(2,))
 
 

@@ -101,29 +101,39 @@ def _box(fitted: Fit) -> Box:
 
 def own_offsets(found: Diagnosis) -> Offsets | None:
     """Each press's own offset where something about the presses is odd; None where nothing is."""
-    fitted = found.whole or found.fitted
-    if not (found.odd or found.odd.scattered or found.change_point):
+    fitted = found.fits.whole or found.fits.fitted
+    if not (found.presses.odd or found.presses.odd.scattered or found.remainder.change_point):
         return None
     order = np.argsort(fitted.data.presses.order, kind="stable")
     own, labels = own_zero_mm(fitted), fitted.data.presses.label
     named = tuple(labels[k] for k in order)
-    since = named.index(found.change_point) if found.change_point in named else None
-    return Offsets(named, 1e3 * (own - np.median(own))[order], tuple(n in found.odd.presses for n in named), since)
+    since = named.index(found.remainder.change_point) if found.remainder.change_point in named else None
+    return Offsets(
+        named, 1e3 * (own - np.median(own))[order], tuple(n in found.presses.odd.presses for n in named), since
+    )
 
 
 def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] | None:
     """Separation (k, k), in std (1), of the added and best-scoring effects that show; None for fewer than two."""
-    keys = dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.score_test)])
+    keys = dict.fromkeys(
+        [*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.search.score_test)]
+    )
     fits = []
-    for key in [key for key in keys if key in EFFECTS and key in found.visible and key not in found.not_testable]:
+    for key in [
+        key
+        for key in keys
+        if key in EFFECTS and key in found.limits.visible and key not in found.limits.not_testable
+    ]:
         with suppress(*CANNOT_FIT):
-            fits.append(refit_with(found.base, get_effect(key)))
+            fits.append(refit_with(found.fits.base, get_effect(key)))
         if len(fits) == most:
             break
-    fits = [one for one in fits if _shows(found.base, one)]
+    fits = [one for one in fits if _shows(found.fits.base, one)]
     if len(fits) < 2:
         return None
-    table = [[0.0 if one is other else _parted(found.base, one, other.effect) for other in fits] for one in fits]
+    table = [
+        [0.0 if one is other else _parted(found.fits.base, one, other.effect) for other in fits] for one in fits
+    ]
     return [one.effect.key for one in fits], np.array(table)
 
 
@@ -145,9 +155,9 @@ def _parted(base: Fit, one: Candidate, other: Effect) -> float:
 
 def sighting(found: Diagnosis) -> Sighting | None:
     """Seen over certified depth of each sample, as read and corrected; None where no picture gave a depth."""
-    if found.sight is None:
+    if found.search.sight is None:
         return None
-    base, last = found.sight.base, found.sight.current
+    base, last = found.search.sight.base, found.search.sight.current
     data = base.data
     against = [("certified depth (mm)", data.depth_mm)]
     if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
@@ -160,13 +170,13 @@ def sighting(found: Diagnosis) -> Sighting | None:
             ("azimuth beside the face (°, 90 is down)", data.slopes.azimuth_deg),
         ]
     face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
-    corrected = data.normal_N / read_alone(last) if found.sight.steps else None
+    corrected = data.normal_N / read_alone(last) if found.search.sight.steps else None
     return Sighting(depth_ratio(base), corrected, face, tuple(against))
 
 
 def picture_lacks(found: Diagnosis) -> str:
     """What the picture cannot be looked at by, and why."""
-    return "" if found.sight is None else unseen_beside(found.sight.base.data)
+    return "" if found.search.sight is None else unseen_beside(found.search.sight.base.data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,14 +190,14 @@ class Card:
 
 def carded(found: Diagnosis) -> list[str]:
     """The effects that get a card: those added, those that these data cannot tell from them, those tried."""
-    return list(dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *found.tried]))
+    return list(dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *found.search.tried]))
 
 
 def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
     """One card a candidate, fitted alone on top of the base model."""
     known = {**EFFECTS, **{effect.key: effect for effect in private}}
-    by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
-    elsewhere = {w.key for w in found.would_have_to_be} - {e.key for e in found.effects}
+    by_sight = set() if found.search.sight is None else {s.key for s in found.search.sight.first.effects}
+    elsewhere = {w.key for w in found.remainder.would_have_to_be} - {e.key for e in found.effects}
     made = []
     for key in carded(found):
         if key in elsewhere:  # in the table of what each would have to be
@@ -195,18 +205,18 @@ def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
         if key in by_sight:
             made.append(Card(key, (), None))  # its pictures are those of the picture's depth
         elif key in known:
-            made.append(_card(found.base, known[key]))
+            made.append(_card(found.fits.base, known[key]))
     return made
 
 
 def plain_card(found: Diagnosis) -> Card | None:
     """The plain error that comes nearest to what no effect explains; None where there is none."""
-    if found.plain is None:
+    if found.remainder.plain is None:
         return None
-    one = found.plain
+    one = found.remainder.plain
     pairs = zip(one.effect.parameters, one.own_values, strict=True)
     values = tuple((p.name, float(v), p.unit) for p, v in pairs)
-    return Card(one.effect.key, values, replace(overlay(found.fitted, one), key=PLAIN_ERROR))
+    return Card(one.effect.key, values, replace(overlay(found.fits.fitted, one), key=PLAIN_ERROR))
 
 
 def _card(base: Fit, effect: Effect) -> Card:

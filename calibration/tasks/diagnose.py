@@ -10,14 +10,24 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis.covariates import change_point
+from calibration.diagnosis.decision import (
+    STRANGE_BETA,
+    Outcome,
+    against_instrument_errors,
+    decide,
+    odd_presses,
+    outcome,
+)
 from calibration.diagnosis.diagnosis import (
     Added,
     Diagnosis,
     Errors,
-    Outcome,
-    against_instrument_errors,
-    odd_presses,
-    outcome,
+    Fits,
+    Limits,
+    MaterialChange,
+    OddPresses,
+    SearchRecord,
+    UnexplainedMisfit,
 )
 from calibration.diagnosis.experiment_design import plan_next, press_again
 from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
@@ -47,7 +57,7 @@ from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
-from calibration.result.material import AT_BOUND, material_by_routes
+from calibration.result.material import material_by_routes
 from calibration.result.poisson_routes import informed, of_bulge, of_prior, tightest
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import base_fit, base_model, fit_alone, fit_errors, with_stated_noise
@@ -116,23 +126,17 @@ def unrisen(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
     return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
 
 
-# From a misfit to its cause: what is missing from the model, what cannot be told apart, what to measure next.
+# From a misfit to its cause: what is missing from the model, what cannot be distinguished, what to measure next.
 #
 #     testable? -> base model -> search (test, refit, confirm, add) -> is anything left? -> does it matter?
 #
-# Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. One test,
-# at one level, stands before anything but ADEQUATE, calibrated by one bootstrap (score_test.py); two searches
-# share it. Evidence ranks what it lets through, held-out presses confirm it. The verdict is ADEQUATE (nothing
-# stands out, or what does is harmless), IDENTIFIED (an effect, and no other that fits as well), AMBIGUOUS (several
-# fit as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect of the catalogue
-# explains, and E, a force or a depth may be off by more than its interval says).
+# Forces are searched, and the picture's depth where there is a certified one; `decision.decide` has the rule.
 
 POINTS_ALONE = "curves_not_used"  # of presses that a camera saw
 WHY_POINTS = (
     "only certified points take part: along the ramp the depth is the picture's, whose walls err by percent "
     "from depth to depth, so what follows time and history within a press is not looked for"
 )
-STRANGE_BETA = {"beta_outside_theory", AT_BOUND}  # flags of a slope that is not the contact's
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
 
@@ -161,11 +165,13 @@ def diagnose(
     fitted = partial(held, catalogue=catalogue, ruled_out=ruled_out)
     found = whole = fitted(data)
     aside, foreign = tuple[str, ...](), False
-    while not watch.over and found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
-        aside, foreign = (*aside, *found.odd.presses), foreign or found.odd.foreign
+    while (
+        not watch.over and (odd := found.presses.odd).presses and len(aside) + len(odd.presses) <= FEW * data.count
+    ):
+        aside, foreign = (*aside, *odd.presses), foreign or odd.foreign
         others = ~np.isin(np.array(data.presses.label), aside)
         found = fitted(data.take(others))
-    return _beside(whole, found, aside, foreign=foreign) if aside and not found.odd.presses else whole
+    return _beside(whole, found, aside, foreign=foreign) if aside and not found.presses.odd.presses else whole
 
 
 def _diagnosed(
@@ -203,7 +209,8 @@ def _diagnosed(
         sight = outcome(forward_selection(seen, others, rng=rng, level=level, watch=watch), level)
     watch.tell("what it does to the material")
     found = _determine(_unbiased(force), sight, catalogue, rng)
-    return replace(found, before=_sourced(found.before, source), after=_sourced(found.after, source))
+    before, after = (_sourced(one, source) for one in (found.material.before, found.material.after))
+    return replace(found, material=replace(found.material, before=before, after=after))
 
 
 def _unbiased(force: Outcome) -> Outcome:
@@ -237,15 +244,13 @@ def _of_picture(effect: Effect, seen: Fit, data: Observations) -> Fit | None:
 
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
     """The diagnosis of the rest, with the presses that were set aside; what is in a foreign one is not known."""
-    odd = replace(rest.odd, presses=aside, foreign=foreign)
+    odd = replace(rest.presses.odd, presses=aside, foreign=foreign)
     plans = {plan.action: plan for plan in (*press_again(odd), *rest.measure_next)}
     return replace(
         rest,
         verdict="UNKNOWN" if foreign else rest.verdict,
-        without=rest.verdict,
-        set_aside=aside,
-        odd=odd,
-        whole=whole.fitted,
+        presses=OddPresses(odd, set_aside=aside, without=rest.verdict),
+        fits=replace(rest.fits, whole=whole.fits.fitted),
         flags=("press_stands_out", *rest.flags),
         measure_next=tuple(plans.values()),
     )
@@ -269,27 +274,42 @@ def _determine(
     candidates = tuple(dict.fromkeys(keys))
     missing, visible = _testable(both)
     looked = _looked_for(catalogue, sight)
-    missing, errors = {k: why for k, why in missing.items() if k not in candidates}, _errors(base, fitted)
+    missing, errors = {k: why for k, why in missing.items() if k not in candidates}, _errors(base, force)
     left = unexplained(force.searched, force.alternative_explanation) if force.unknown else None
     small = hidden(fitted, [e for e in looked if e.key not in candidates], missing=missing, visible=visible)
+    next_best = plan_next(
+        base, [one.sets for one in both], odd=force.odd, left=left, instead=instead, bias=small.bias
+    )
     return Diagnosis(
-        verdict=_verdict(both, flags), candidates=candidates, flags=tuple(flags), errors=errors,
+        verdict=decide(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
-        base=base, fitted=fitted, sight=None if sight is None else sight.searched,
-        before=before, after=after, unseen=unseen, alone_MPa=alone.youngs_modulus.interval95,
-        not_testable=small.why, visible=visible, possible_bias=small.bias, below_visibility=small.below,
-        covariates=force.searched.last.covariates, covariates_before=force.searched.first.covariates,
-        score_test=force.searched.first.effects, lack_of_fit_p=min(one.left for one in both),
-        measure_next=plan_next(
-            base, [one.sets for one in both], odd=both[0].odd, left=left, instead=instead, bias=small.bias
+        candidates=candidates,
+        flags=tuple(flags),
+        stopped=any(one.searched.stopped for one in both),
+        errors=errors,
+        material=MaterialChange(before, after, unseen, alone.youngs_modulus.interval95),
+        search=SearchRecord(
+            score_test=force.searched.first.effects,
+            covariates_before=force.searched.first.covariates,
+            covariates=force.searched.last.covariates,
+            lack_of_fit_p=min(one.left for one in both),
+            tried=tuple(key for one in both for key in one.tried),
+            sight=None if sight is None else sight.searched,
         ),
-        change_point=change_point(fitted, rng) if force.unknown else None, odd=force.odd, left=left,
-        nearest=next((nearest(one.searched) for one in both if one.unknown), None), would_have_to_be=explained,
-        alternative_explanation=force.alternative_explanation, left_over=force.remainder,
-        tried=tuple(key for one in both for key in one.tried), sizes={e.key: e.parameters[0] for e in looked},
-        plain=force.plain, stopped=any(one.searched.stopped for one in both),
-        held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
-    )  # fmt: skip
+        remainder=UnexplainedMisfit(
+            left=left,
+            left_over=force.remainder,
+            nearest=next((nearest(one.searched) for one in both if one.unknown), None),
+            plain=force.plain,
+            alternative_explanation=force.alternative_explanation,
+            change_point=change_point(fitted, rng) if force.unknown else None,
+            would_have_to_be=explained,
+        ),
+        presses=OddPresses(force.odd),
+        limits=Limits(small.why, small.bias, visible, {e.key: e.parameters[0] for e in looked}, small.below),
+        measure_next=next_best,
+        fits=Fits(base, fitted),
+    )
 
 
 def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: Sequence[Candidate]) -> list[float]:
@@ -335,14 +355,6 @@ def _remarks(force: Outcome) -> tuple[str, ...]:
     return () if force.remainder is None else (force.remainder.sentence,)
 
 
-def _verdict(both: Sequence[Outcome], flags: Sequence[str]) -> str:
-    if any(one.unknown for one in both):
-        return "UNKNOWN"
-    if STRANGE_BETA & set(flags) or any(len(s) > 1 for one in both for s in one.sets):
-        return "AMBIGUOUS"
-    return "IDENTIFIED" if any(one.steps for one in both) else "ADEQUATE"
-
-
 def _testable(both: Sequence[Outcome]) -> tuple[dict[str, str], dict[str, float]]:
     """What neither search could look for and why, and the smallest amplitude that would have been seen."""
     first = [one.searched.first for one in both]
@@ -378,15 +390,13 @@ def _added(fitted: Fit, step: Step) -> Added:
     return Added(key, values, step.scored.p_adjusted, step.skill)
 
 
-def _errors(base: Fit, current: Fit) -> Errors:
+def _errors(base: Fit, force: Outcome) -> Errors:
     before = fit_errors(base)
-    after = before if current is base else fit_errors(current)
-    return Errors(before.rms_N, after.rms_N, before.held_out_N, after.held_out_N, after.repeatability_N)
-
-
-def _held_out(fitted: Fit, last: Fit, errors: Errors) -> float:
-    """Of one step's fit; the last one's is known."""
-    return errors.held_out_after if fitted is last else held_out_rms(fitted)
+    last = before if force.fitted is base else fit_errors(force.fitted)
+    steps = (step.fitted for step in force.steps)
+    each = (last.held_out_N if one is force.fitted else held_out_rms(one) for one in steps)
+    held_out = (before.held_out_N, last.held_out_N)
+    return Errors(before.rms_N, last.rms_N, *held_out, last.repeatability_N, (before.held_out_N, *each))
 
 
 def _refitted(base: Fit, effects: Sequence[Effect]) -> Sequence[Candidate]:

@@ -13,7 +13,7 @@ import numpy as np
 from calibration.inputs.checks import check
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
-from calibration.result.result import CalibrationResult, versions
+from calibration.result.result import versions
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
@@ -189,13 +189,13 @@ def validate(
     return Validation(material, samples, tuple(found), _rivals(data, samples, material), tuple(notes))
 
 
-def middle_material(result: CalibrationResult) -> Material:
-    """Return the middle of nu's interval and E at the fitted stiffness there, where the data leave nu open.
+def middle_material(interval: Pair | None, modulus_of_nu: Sequence[Pair]) -> Material:
+    """Return the middle of nu's `interval` and E there, from pairs (nu, E), where the data leave nu open.
 
     The two vary together along E(nu), by the interval's width.
     """
-    nus, moduli = np.array(result.youngs_modulus_of_nu).T
-    low, high = result.poisson_ratio.interval95 or (nus[0], nus[-1])
+    nus, moduli = np.array(modulus_of_nu).T
+    low, high = interval or (nus[0], nus[-1])
     nu = (low + high) / 2
     ends = np.array([np.interp((low, high), nus, moduli), (low, high)])
     std = np.diff(ends)[:, 0] / (2 * Z95)

@@ -131,8 +131,8 @@ def commands_of(
     """What a diagnosis suggests to try, as commands: each candidate, and the plain error of an UNKNOWN."""
     from calibration.effects import written
 
-    fitted = {effect.key: written(effect) for effect in found.fitted.model.effects}
+    fitted = {effect.key: written(effect) for effect in found.fits.fitted.model.effects}
     named = [fitted.get(effect.key, effect.key) for effect in found.effects]
-    plain = [found.plain.effect.key] if found.plain is not None else []
+    plain = [found.remainder.plain.effect.key] if found.remainder.plain is not None else []
     sets = [[key] for key in found.candidates] if len(found.candidates) > len(named) else [named]
     return [compare_command(recordings, keys, files, prior=prior) for keys in (*sets, plain) if keys]

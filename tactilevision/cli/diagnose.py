@@ -88,7 +88,7 @@ def diagnose(
         keep_history(recordings, steps, stage, out=out, settings=Settings(seed, prior, apply))
         if apply:
             keep_calibration(out, stage)
-            write_json(stage / "calibration.json", found.after.as_json())
+            write_json(stage / "calibration.json", found.material.after.as_json())
         title = "Diagnosis of " + ", ".join(one.recording.name for one in taken)
         figures = FigureFolder(stage, form)
         write_diagnosis(found, figures, title=title, private=own, reliefs=surfaces, commands=commands)
@@ -104,11 +104,11 @@ def steps_of(found: Diagnosis, files: Mapping[str, str]) -> list[Step]:
     from calibration.report.misfit import error_fall_of_sight
     from calibration.tasks.session import Step
 
-    named = {e.key: e for e in found.fitted.model.effects}
+    named = {e.key: e for e in found.fits.fitted.model.effects}
     errors, added = found.errors, [e.key for e in found.effects if e.key in named]
     steps = [
         Step(written(named[key]), files.get(key, ""), errors.before, errors.after, *held, errors.floor)
-        for key, held in zip(added, pairwise(found.held_out), strict=True)
+        for key, held in zip(added, pairwise(found.errors.held_out_N), strict=True)
     ]
     for fall in error_fall_of_sight(found):
         keys = [e.key for e in found.effects if e.key not in named]
@@ -162,12 +162,15 @@ def evidence(
     curves = force_curves(fits)
     fall = error_fall_of_diagnosis(found)
     plain = plain_card(found)
-    before_after = {BASE: found.before.youngs_modulus, after_words(found): found.after.youngs_modulus}
+    before_after = {
+        BASE: found.material.before.youngs_modulus,
+        after_words(found): found.material.after.youngs_modulus,
+    }
     with console.progress_bar("drawing") as progress:
         return Evidence(
             misfit=[
                 *_of_odd_presses(found, folder),
-                *keep.keep_presses(curves, found.base.data.gel.thickness_mm, folder),
+                *keep.keep_presses(curves, found.fits.base.data.gel.thickness_mm, folder),
                 *_strips(found, fits, folder),
             ],
             fall=keep.keep_falls([*([fall] if len(fall.models) > 1 else []), *error_fall_of_sight(found)], folder),
@@ -184,14 +187,14 @@ def shown_fits(found: Diagnosis) -> dict[str, Fit]:
     """The plain law's fit, and the last one's where effects of the force were added."""
     from calibration.report.misfit import BASE
 
-    named = [e.key.replace("_", " ") for e in found.effects if e.key in found.fitted.model.keys]
-    return {BASE: found.base} | ({f"+ {' + '.join(named)}": found.fitted} if named else {})
+    named = [e.key.replace("_", " ") for e in found.effects if e.key in found.fits.fitted.model.keys]
+    return {BASE: found.fits.base} | ({f"+ {' + '.join(named)}": found.fits.fitted} if named else {})
 
 
 def _strips(found: Diagnosis, fits: dict[str, Fit], folder: FigureFolder) -> list[Picture]:
     from calibration.report.misfit import residual_strips
 
-    scored = [found.covariates_before, found.covariates][: len(fits)]
+    scored = [found.search.covariates_before, found.search.covariates][: len(fits)]
     return keep.keep_strips(residual_strips(fits, scored), folder)
 
 
