@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     Source = str | Path | Recording
 
 DEFAULT_LAW = "default"  # the only law that uses Poisson's ratio from the rise
-SHADOW_CORRECTION = "undo_shadows"  # the treatment that an effect of the picture may ask for
-NOT_IN_FRAMES = "the frames show none of it"  # why an effect is ruled out
 
 
 class Listener(Protocol):
@@ -231,13 +229,8 @@ def diagnose_recording(
     nu, bound = sharpest_poisson_ratio(certified), elastomer_bound(prior)
     with step_pool(workers, cluster) as each, heard.progress_bar("diagnosing:") as progress:
         watch = Watch(progress, deadline, each)
-        search = partial(diagnose, data, effects=effects, known=known, bulge=nu, bound=bound, watch=watch)
-        found = search(np.random.default_rng(seed))
-        absent = not_in_frames(certified, found)
-        if absent:
-            found = search(np.random.default_rng(seed), ruled_out=absent)
-            why = {**found.limits.not_testable, **dict.fromkeys(absent, NOT_IN_FRAMES)}
-            found = replace(found, limits=replace(found.limits, not_testable=why))
+        rng = np.random.default_rng(seed)
+        found = diagnose(data, rng, effects=effects, known=known, bulge=nu, bound=bound, watch=watch)
     heard.warn(found.material.after.warnings)
     before, after = (with_warnings_of(one, certified) for one in (found.material.before, found.material.after))
     return replace(found, material=replace(found.material, before=before, after=after))
@@ -264,7 +257,7 @@ def compare_recordings(
 
     heard = listener or Collected()
     certified = _all_certified(recordings, None, heard)
-    data, again = observed(certified, left_out), treated(certified, effects, left_out, listener=heard)
+    data = observed(certified, left_out)
     with heard.progress_bar("fitting") as progress:
         return compare(
             data,
@@ -272,7 +265,6 @@ def compare_recordings(
             rng=np.random.default_rng(seed),
             bulge=sharpest_poisson_ratio(certified),
             bound=elastomer_bound(prior),
-            treated=again,
             progress=progress,
             deadline=deadline,
         )
@@ -369,14 +361,14 @@ def _certify(
     recording: Recording, listener: Listener, *, poisson_ratio: bool, scale_doubt: bool
 ) -> CertifiedRecording:
     """Return the recording with its certificate, where it has frames; `listener` hears its warnings at once."""
-    from tactilevision.heightmap.build import calibrate_light
+    from tactilevision.heightmap.build import build_reconstructor
     from tactilevision.press.certification import certify, require_all
 
     if not recording.frame_names:
         return CertifiedRecording(recording)
     require_all(recording)
     with listener.progress_bar("calibrating the light"):
-        reconstructor = calibrate_light(recording, "polynomial" if recording.balls else None)
+        reconstructor = build_reconstructor(recording, "polynomial" if recording.balls else None)
     listener.warn(reconstructor.warnings)
     with listener.progress_bar("certifying presses") as progress:
         certificate = certify(recording, reconstructor, progress=progress)
@@ -401,23 +393,6 @@ def with_poisson_ratio(
     certificate = certificate if scale_doubt else certificate.without_scale_doubt()
     listener.warn(certificate.warnings[len(before.warnings) :])
     return replace(certified, certificate=certificate, poisson_ratio=nu)
-
-
-def shadows_corrected(certified: CertifiedRecording, listener: Listener) -> CertifiedRecording | None:
-    """Return the recording certified from shadow-corrected maps; None where its frames show no cast shadows.
-
-    Its reconstructor corrects them from then on; faces stay as deep as their walls have them.
-    """
-    from tactilevision.heightmap.shadows_seen import with_shadows
-    from tactilevision.press.certification import certify
-
-    reader = certified.reconstructor
-    light = with_shadows(certified.recording, reader).shadows if reader else None
-    if reader is None or light is None:
-        return None
-    reader.shadows = light.unrefined
-    with listener.progress_bar("correcting cast shadows") as progress:
-        return replace(certified, certificate=certify(certified.recording, reader, progress=progress))
 
 
 # From certified recordings to what a fit takes, and to its result.
@@ -497,35 +472,6 @@ def observed(certified: Sequence[CertifiedRecording], left_out: Sequence[str] = 
 
     sets = [one.measured for one in certified]
     return leave_out(observe_all(sets) if any(one.curves for one in sets) else observe(sets), left_out)
-
-
-def treated(
-    certified: Sequence[CertifiedRecording],
-    effects: Sequence[Effect],
-    left_out: Sequence[str] = (),
-    *,
-    listener: Listener | None = None,
-) -> dict[str, Observations]:
-    """Return the measurements read anew in each way that an effect asks for, where frames show its cause."""
-    wanted = {str(getattr(effect, "treatment", "")) for effect in effects}
-    heard = listener or Collected()
-    again = [shadows_corrected(one, heard) for one in certified] if SHADOW_CORRECTION in wanted else []
-    if not any(again):
-        return {}
-    return {SHADOW_CORRECTION: observed([new or old for new, old in zip(again, certified, strict=True)], left_out)}
-
-
-def not_in_frames(certified: Sequence[CertifiedRecording], found: Diagnosis) -> tuple[str, ...]:
-    """Return keys of effects that the diagnosis names or leaves open, whose cause no frame shows."""
-    from calibration.effects import EFFECTS
-    from tactilevision.heightmap.shadows_seen import shows_none
-
-    named = {effect.key for effect in found.effects} | set(found.candidates)
-    keys = [key for key in named if getattr(EFFECTS.get(key), "treatment", "") == SHADOW_CORRECTION]
-    absent = bool(keys) and all(
-        one.reconstructor is not None and shows_none(one.recording, one.reconstructor) for one in certified
-    )
-    return tuple(keys) if absent else ()
 
 
 def height_residuals(certified: Sequence[CertifiedRecording]) -> list[ResidualMap]:

@@ -23,7 +23,7 @@ from calibration.inputs.deadline import Watch
 from calibration.result.material import AT_BOUND
 
 MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
-CORRECTED = 0.5  # the same where frames are then read anew: the form need only name the cause, and is tested again
+CORRECTED = 0.5  # the same where the last effect has a treatment: its form need only name the cause
 STRANGE_BETA = {"beta_outside_theory", AT_BOUND}  # flags of a slope that is not the contact's
 NOTHING_ODD = OutlyingPresses()
 
@@ -75,7 +75,7 @@ def decide(searches: Sequence[Outcome], flags: Sequence[str]) -> str:
        (`refit.equals`).
     4. *Unknown.* The search explains too little where
        a. a significant residual moves E or a reading by more than .65 std (`Remainder.matters`), unless the
-          effects added explain 90 % of the misfit (50 % where frames are then read anew);
+          effects added explain 90 % of the misfit (50 % where the last one has a treatment);
        b. a press is unlike all others, or like presses scatter more than they may and no effect is added;
        c. an instrument error outside the catalogue explains as much as the effects added, or more than all that
           was tried (`unexplained.alternative_explanation`).
@@ -118,7 +118,7 @@ def outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD
         so_far = tuple(c.effect.key for c in searched.rounds[-1].candidates)
         return Outcome(searched, steps, () if steps else so_far, left, not steps, tuple(flags), odd)
     flags += ["small_remainder"] if over else []
-    enough = CORRECTED if searched.to_be_cured else MOSTLY
+    enough = CORRECTED if searched.to_be_treated else MOSTLY
     mostly = 0 < len(steps) < MAX_EFFECTS and searched.explained > enough and not odd.wanders
     matters = over is not None and over.matters and not mostly
     if not (matters or odd.presses or (odd.scattered and not steps)):

@@ -102,9 +102,9 @@ class Searched:
         return self.rounds[0].score_test
 
     @property
-    def to_be_cured(self) -> bool:
-        """Whether frames are to be read anew for the last effect."""
-        return bool(self.steps) and cured_anew(self.steps[-1])
+    def to_be_treated(self) -> bool:
+        """Whether the last effect has a treatment."""
+        return bool(self.steps) and has_treatment(self.steps[-1])
 
     @property
     def explained(self) -> float:
@@ -149,7 +149,7 @@ def forward_selection(
             break
         steps.append(step)
         current = step.fitted
-        if cured_anew(step):  # the rest is tested once the frames are read anew
+        if has_treatment(step):  # the rest is tested once the measurements are treated
             break
     last = rounds[-1].score_test
     if looked_at is not current:
@@ -158,8 +158,8 @@ def forward_selection(
     return Searched(base, start, tuple(rounds), tuple(steps), last, other, watch.over)
 
 
-def cured_anew(step: Step) -> bool:
-    """Return whether the effect of a step is corrected by reading the frames anew."""
+def has_treatment(step: Step) -> bool:
+    """Return whether the effect of a step has a treatment of the measurements."""
     return bool(getattr(step.best.effect, "treatment", ""))
 
 

@@ -81,7 +81,7 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
     """The recordings as compare takes them, with the reasons of what was rejected."""
     from calibration.laws.flat_punch import elastomer_bound
     from calibration.workbench.opened import Opened, file_marks
-    from tactilevision.pipeline import certify_recordings, observed, sharpest_poisson_ratio, treated
+    from tactilevision.pipeline import certify_recordings, observed, sharpest_poisson_ratio
 
     paths = tuple(Path(name) for name in history.recordings)
     marks = file_marks(paths)
@@ -98,7 +98,6 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
         frames=tuple(_frames(one) for one in taken),
         warnings=tuple(warning for one in taken for warning in one.recording.warnings),
         marks=marks,
-        read_anew=lambda effect: treated(taken, [effect], listener=console),
     )
 
 
