@@ -106,7 +106,7 @@ class _Listener(ThreadingHTTPServer):
         super().__init__(place, _Handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that goes in the middle of a question is no fault; all else is told as ever."""
+        """Ignore a browser that disconnects during a request; report all other errors as usual."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
@@ -140,10 +140,10 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(lambda: self.server.page.post(name, parse_json(body, where="the page")))
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 -- the base class names it so
-        """The terminal is for what the user should see."""
+        """Log nothing: the terminal is for what the user should see."""
 
     def _let_in(self, path: str, *, post: bool) -> str | None:
-        """What is asked for under the token; None where the request is turned away."""
+        """Return the name asked for under the token; None if the request is refused."""
         page = self.server.page
         _, token, *rest = [*path.split("/", 2), "", ""]
         if not _comes_from_page(self.headers, page.hosts, post=post):
@@ -155,7 +155,7 @@ class _Handler(BaseHTTPRequestHandler):
         return None
 
     def _answer(self, make: Callable[[], Answer | dict[str, Any] | None]) -> None:
-        """What was asked for, or what was wrong with the question in one sentence."""
+        """Send what was asked for, or one sentence on what is wrong with the request."""
         try:
             made = make()
         except TactilevisionError as fault:
@@ -189,7 +189,7 @@ def _json(content: dict[str, Any]) -> Answer:
 
 
 def _comes_from_page(headers: Any, hosts: tuple[str, ...], *, post: bool) -> bool:
-    """Whether a request is this page's own, or of a person who opens its address.
+    """Return whether a request is this page's own, or of a person who opens its address.
 
     Another site's page is known by its Origin, or by Sec-Fetch-Site; a name that was made to lead here, by Host.
     """

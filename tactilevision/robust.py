@@ -23,7 +23,7 @@ Floats = npt.NDArray[np.float64]
 
 
 def median(values: Array) -> Any:
-    """Medians (...,) along the last axis of (..., n), in their unit, as np.median gives them.
+    """Return the medians (...,) along the last axis of (..., n), in their unit, as np.median gives them.
 
     Assumes at least one value along that axis, and no NaN.
     """
@@ -34,19 +34,21 @@ def median(values: Array) -> Any:
 
 
 def mad_std(values: Array, *, centre: float | None = None) -> float:
-    """Standard deviation of all `values` (..., n), in their unit, about their median or a known `centre`."""
+    """Return the standard deviation of all `values` (..., n), in their unit, about their median or a known
+    `centre`.
+    """
     off = values if centre == 0.0 else values - (np.median(values) if centre is None else centre)
     return MAD_TO_STD * float(np.median(np.abs(off)))
 
 
 def frame_mad_std(values: Array, *, centre: float | None = None) -> float:
-    """As `mad_std` of values (n,) in any unit, by the quick `median`: for what every frame asks."""
+    """Return `mad_std` of values (n,) in any unit by the quick `median`, for every frame."""
     off = values if centre == 0.0 else values - (median(values) if centre is None else centre)
     return MAD_TO_STD * float(median(np.abs(off)))
 
 
 def second_difference_std(readings: Array) -> float:
-    """Noise of one of equally spaced `readings` (n,), in their unit, from their second differences.
+    """Estimate the noise of one of equally spaced `readings` (n,), in their unit, from their second differences.
 
         s = 1.4826 median |x_(i-1) - 2 x_i + x_(i+1)| / sqrt(6)
 
@@ -56,13 +58,13 @@ def second_difference_std(readings: Array) -> float:
 
 
 def tukey_weight(residual: Floats, std: float) -> Floats:
-    """Tukey's biweight (n,) of residuals (n,) in the unit of `std`; 0 from TUKEY_WIDTH deviations on."""
+    """Return Tukey's biweight (n,) of residuals (n,) in the unit of `std`; 0 from TUKEY_WIDTH deviations on."""
     relative = residual / (TUKEY_WIDTH * std)
     return np.where(np.abs(relative) < 1, (1 - relative**2) ** 2, 0.0)
 
 
 def geman_mcclure_weight(residual: Floats, width: float) -> Floats:
-    """Weight 1 / (1 + (r / width)^2)^2 (n,) of residuals r (n,), in the unit of `width`.
+    """Return the weight 1 / (1 + (r / width)^2)^2 (n,) of residuals r (n,), in the unit of `width`.
 
     Source: Geman & McClure, Bull. Int. Statist. Inst. 52 (1987) 5: it falls to a quarter at `width`.
     """

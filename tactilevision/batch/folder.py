@@ -59,12 +59,12 @@ class FrameResult:
 
     @classmethod
     def of(cls, row: Row) -> Self:
-        """From its row of text. Raises InputError where a cell is no number."""
+        """Read a row of text. Raises InputError if a cell is not a number."""
         peak_mm, area_mm2, ms, std_mm = read_cells(row[2:-1], where=row[0])
         return cls(row[0], row[1], peak_mm, area_mm2, ms, std_mm, tuple(row[-1].split()))
 
     def as_row(self) -> Row:
-        """As text, every digit kept."""
+        """Return the row as text, every digit kept."""
         numbers = (self.peak_mm, self.contact_area_mm2, self.ms, self.peak_std_mm)
         return (self.frame, self.status, *map(repr, numbers), " ".join(self.flags))
 
@@ -103,7 +103,7 @@ class DepthJob:
         return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags).as_row()
 
     def kept(self, row: Row) -> bool:
-        """Whether the map is there. A store that is being filled is there as a whole."""
+        """Return whether the map is there; a store that is being filled is there as a whole."""
         FrameResult.of(row)
         if row[1] != "ok":
             return True
@@ -199,7 +199,7 @@ def _reconstruct(
 
 
 def _apart(recording: Recording) -> dict[str, str]:
-    """Names of the frames' maps: without their endings, but where two frames differ in nothing else."""
+    """Return names of the frames' maps: without their endings, unless two frames differ in nothing else."""
     stems = Counter(Path(name).stem for name in recording.frame_names)
     apart = {name: stem if stems[stem := Path(name).stem] == 1 else name for name in recording.frame_names}
     if len(set(apart.values())) != len(apart):
@@ -212,7 +212,7 @@ def _apart(recording: Recording) -> dict[str, str]:
 
 
 def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, float]:
-    """Peak depth (mm) of a map (H, W), and its area in contact (mm²; contact/region.py).
+    """Return peak depth (mm) of a map (H, W), and its area in contact (mm²; contact/region.py).
 
     `error` of the map's method.
 
@@ -222,7 +222,9 @@ def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, 
 
 
 def peak_and_area(height: HeightMap, contact: Bools) -> tuple[float, float]:
-    """Peak depth (mm) and area in contact (mm²) as `measure` has them, of a map whose contact (H, W) is known."""
+    """Return peak depth (mm) and area in contact (mm²) as `measure` does, of a map whose contact (H, W) is
+    known.
+    """
     depth = height.depth_mm.ravel() if height.valid.all() else height.depth_mm[height.valid]
     if depth.size == 0:
         return float("nan"), float("nan")
@@ -231,7 +233,7 @@ def peak_and_area(height: HeightMap, contact: Bools) -> tuple[float, float]:
 
 
 def _peak_mm(depth_mm: Array) -> float:
-    """The 99.9th percentile of depths (n,), out of the few that a sample of them says to be the deepest."""
+    """Return the 99.9th percentile of depths (n,), from the few that a sample of them shows to be the deepest."""
     few = depth_mm[::PEAK_SAMPLED]
     limit = np.partition(few, len(few) * 99 // 100)[len(few) * 99 // 100]
     deepest = depth_mm.take(np.flatnonzero(depth_mm > limit))
@@ -242,7 +244,7 @@ def _peak_mm(depth_mm: Array) -> float:
 
 
 def _at_share(ordered: Array, share: float) -> float:
-    """What np.percentile says of values (n,) in their order, to the last bit, without its checks."""
+    """Return np.percentile of sorted values (n,), to the last bit, without its checks."""
     place = (len(ordered) - 1) * (100 * share / 100)
     below = int(place)
     low, step = ordered[below], ordered[below + 1] - ordered[below]
@@ -251,7 +253,9 @@ def _at_share(ordered: Array, share: float) -> float:
 
 
 def std_at(height: HeightMap, peak_mm: float) -> float:
-    """Standard deviation in mm of the depths (H, W) from `peak_mm` on: their median; NaN where it is not known."""
+    """Return the standard deviation in mm of the depths (H, W) from `peak_mm` on: their median; NaN where it is
+    not known.
+    """
     if height.std_mm is None:
         return float("nan")
     deep = np.flatnonzero(height.depth_mm >= peak_mm)
@@ -260,11 +264,11 @@ def std_at(height: HeightMap, peak_mm: float) -> float:
 
 
 def table(rows: Iterable[FrameResult]) -> str:
-    """depth.csv: what is not known is left empty."""
+    """Return depth.csv; what is not known is left empty."""
     return csv_text([COLUMNS, *map(cells, rows)])
 
 
 def cells(row: FrameResult) -> tuple[str, ...]:
-    """A row of depth.csv."""
+    """Return a row of depth.csv."""
     numbers = (row.peak_mm, row.contact_area_mm2, row.ms, row.peak_std_mm)
     return (row.frame, row.status, *("" if np.isnan(n) else f"{n:.4f}" for n in numbers), " ".join(row.flags))

@@ -62,11 +62,13 @@ class Job(Protocol):
         ...
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """`number` is the frame's place among `Recording.frame_names`."""
+        """Compute one row; `number` is the frame's place among `Recording.frame_names`."""
         ...
 
     def kept(self, row: Row) -> bool:
-        """Whether what the row promises is still on disk. Raises InputError for a row that no call returned."""
+        """Return whether what the row promises is still on disk. Raises InputError for a row that no call
+        returned.
+        """
         ...
 
 
@@ -78,7 +80,7 @@ class Journal:
     fingerprint: str
 
     def read(self, job: Job) -> dict[str, Row]:
-        """Rows of an earlier run of this fingerprint, by frame; a row that was cut off in writing is left out."""
+        """Read rows of an earlier run of this fingerprint, by frame; a row cut off in writing is skipped."""
         try:
             lines = read_text(self.path).split("\n")
             rows = [tuple(row) for row in csv.reader(lines[1:-1])]
@@ -97,7 +99,7 @@ class Journal:
         append_text(self.path, as_line(row))
 
     def end(self) -> None:
-        """The run is over and its results are in place."""
+        """Delete the journal: the results are in place."""
         self.path.unlink(missing_ok=True)
 
 
@@ -118,7 +120,7 @@ def run_job(
     progress: Progress | None = None,
     begin: Callable[[], None] | None = None,
 ) -> list[Row]:
-    """Every frame's row in the order of the frames; those that the journal holds are not done again.
+    """Compute every frame's row in the order of the frames; those in the journal are not computed again.
 
     `begin` is called first where nothing is left of an earlier run. `progress` is told what was done before,
     then after each frame, so that a rate taken from it is this run's own. `cluster` is the address of a Dask
@@ -149,7 +151,7 @@ def run_job(
 
 
 def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
-    """A hash of the first frame's map (H, W), in mm: another method or calibration gives another one."""
+    """Hash the first frame's map (H, W), in mm: another method or calibration gives another hash."""
     numbers = range(len(recording.frame_names))
     frame = next((frame for frame in _frames(recording, numbers) if isinstance(frame, Frame)), None)
     if frame is not None:
@@ -159,7 +161,7 @@ def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap
 
 
 def as_line(row: Row) -> str:
-    """A row as a line of CSV."""
+    """Return a row as a line of CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow(row)
     return text.getvalue()
@@ -183,7 +185,9 @@ def _start_on_cluster(recording: Recording, job: Job) -> None:
 
 
 def _on_one_thread() -> None:
-    """Also keeps the memory of one frame for the next: else glibc maps every array anew, and clears it."""
+    """Use one thread, and keep the memory of one frame for the next: else glibc maps and clears every array
+    anew.
+    """
     import cv2
 
     cv2.setNumThreads(1)
@@ -200,7 +204,7 @@ def _read_and_do(numbers: list[int]) -> list[Row]:
 
 
 def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | BadFrame]:
-    """The frames of these numbers; one of another kind or size, or beyond a limit, is a bad one, and only that."""
+    """Yield the frames of these numbers; one of another kind or size, or beyond a limit, is a bad one alone."""
     left = deque(numbers)
     while left:
         try:
@@ -243,7 +247,9 @@ def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], work
 
 
 def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: str) -> Iterator[Row]:
-    """Frames whose task ended its workers are tried once more, each alone; one that does it again is named."""
+    """Yield rows from the cluster; frames whose task ended its workers are tried once more, each alone, then
+    named.
+    """
     if not left:
         return
     frames_path = recording.frames_path and recording.frames_path.absolute()
@@ -276,7 +282,7 @@ class _Flight:
     size: int = SHIPMENT
 
     def landed(self) -> Iterator[Row]:
-        """Rows of the tasks that are done, one at least."""
+        """Return rows of the tasks that are done, one at least."""
         for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
             numbers = self.pending.pop(future)
             try:
@@ -291,7 +297,7 @@ class _Flight:
 def _shipments(
     pool: ClusterPool, recording: Recording, left: list[int], *, flight: _Flight
 ) -> Iterator[tuple[list[int], Future[Timed]]]:
-    """Pictures are read by the workers themselves; of a video each frame is sent."""
+    """Yield tasks: pictures are read by the workers themselves; of a video each frame is sent."""
     assert recording.frames_path is not None
     if recording.frames_path.is_dir():
         rest = deque(left)
@@ -309,12 +315,12 @@ def _timed(do: Callable[..., list[Row]], *given: Any) -> Timed:
 
 
 def _chunk(count: int, workers: int) -> int:
-    """Frames of a task, so that workers end at about the same time."""
+    """Return the number of frames of a task, so that workers end at about the same time."""
     return min(max(MIN_CHUNK, count // (4 * workers)), CHUNK)
 
 
 def _tasks(pool: Executor, recording: Recording, left: list[int], *, chunk: int) -> Iterator[Future[list[Row]]]:
-    """Pictures are read by the workers themselves; a video can be read by one process only."""
+    """Return tasks: pictures are read by the workers themselves; a video can be read by one process only."""
     assert recording.frames_path is not None
     if recording.frames_path.is_dir():
         for start in range(0, len(left), chunk):
@@ -336,7 +342,7 @@ def _part(recording: Recording, numbers: list[int]) -> Recording:
 
 
 def _bare(recording: Recording) -> Recording:
-    """Without what no frame needs: it travels to every worker."""
+    """Return the recording without what no frame needs: it travels to every worker."""
     return replace(recording, indenters={}, presses=(), forces=None, stage=None, curves=(), points=(), extra={},
                    settings={}, warnings=())  # fmt: skip
 
@@ -345,13 +351,13 @@ def _bare(recording: Recording) -> Recording:
 
 
 def fingerprint_of(recording: Recording, *parts: object) -> str:
-    """Of the recording's place and frames as they stand there, and of what else decides the result."""
+    """Hash the recording's place and frames, and what else determines the result."""
     about = [str(recording.path.resolve()), *recording.frame_names, *as_they_stand(recording), *map(repr, parts)]
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
 def as_they_stand(recording: Recording) -> Iterator[str]:
-    """Size and time of every picture, or of the video: of one that was changed nothing is taken over."""
+    """Return size and time of every picture, or of the video, so that a changed one is computed again."""
     path, names = recording.frames_path, recording.frame_names
     pictures = () if path is None else [path / name for name in names] if path.is_dir() else [path]
     for file in (*pictures, *recording.flats):

@@ -42,12 +42,12 @@ class Branch:
     why: str = ""
 
     def path_of(self, row: FrameResult) -> str:
-        """A frame's path in the tree."""
+        """Return a frame's path in the tree."""
         return row.frame if self.name == "." else f"{self.name}/{row.frame}"
 
 
 def find_sources(root: Path | str, *, leave: Path | None = None) -> tuple[Path, ...]:
-    """Recordings, folders that hold pictures, and videos below `root`, by name; nothing inside a recording.
+    """Find recordings, folders that hold pictures, and videos below `root`, by name; nothing inside a recording.
 
     Hidden folders are left alone, and `leave`, where results go, and links that lead back to where they are.
     Raises InputError where there is no such folder.
@@ -71,7 +71,7 @@ def reconstruct_tree(
     with_std: bool = False,
     method: str = "",
 ) -> tuple[Branch, ...]:
-    """Height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
+    """Write height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
 
     `read` opens a source; `light` makes its reconstructor. `method` is another word where they read otherwise.
     A run that was cut off goes on where it was: sources that it finished are known by their depth.csv. Raises
@@ -120,7 +120,7 @@ def _reconstruct(
 
 
 def _checked(root: Path, every: Sequence[Branch]) -> tuple[Branch, ...]:
-    """All branches; raises InputError where not one of them could be read."""
+    """Return all branches. Raises InputError if none of them could be read."""
     if all(branch.why for branch in every):
         raise InputError(
             "none of its recordings, folders and videos can be read",
@@ -131,7 +131,7 @@ def _checked(root: Path, every: Sequence[Branch]) -> tuple[Branch, ...]:
 
 
 def _opened(root: Path, out: Path, read: Open) -> tuple[dict[str, Recording], list[Branch]]:
-    """The sources below `root` by their path in it, and those that cannot be read."""
+    """Open the sources below `root` by their path in it; return them and those that cannot be read."""
     found: dict[str, Recording] = {}
     refused: list[Branch] = []
     for path in find_sources(root, leave=out):
@@ -158,7 +158,7 @@ def _branch(name: str, recording: Recording, out: Path, *, light: Light, run: Ru
 
 
 def _finished(place: Path) -> Path:
-    """Says, until the whole tree is done, that this branch is."""
+    """Return the file that marks this branch as done until the whole tree is."""
     return place / ".depth-finished"
 
 
@@ -204,7 +204,7 @@ def _frames_of(folder: Path) -> Path | None:
 
 
 def _table(branches: Sequence[Branch]) -> str:
-    """Every frame under its path in the tree; a source that was passed over is one row."""
+    """List every frame under its path in the tree; a source that could not be read is one row."""
     lines: list[tuple[str, ...]] = [COLUMNS]
     for branch in branches:
         if branch.why:

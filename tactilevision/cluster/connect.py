@@ -22,13 +22,13 @@ MISSING = "none"
 
 
 def versions() -> dict[str, str]:
-    """Of this process."""
+    """Return the versions of this process."""
     told = {name: _version(name) for name in PACKAGES}
     return told | {KERNELS: _version(KERNELS) if compiled() else MISSING}
 
 
 def refusal(here: dict[str, str], there: dict[str, str]) -> ClusterError | None:
-    """What is wrong with a worker's versions; None where they are those of this process."""
+    """Return what is wrong with a worker's versions; None if they are those of this process."""
     for name in (*PACKAGES, KERNELS):
         if there.get(name, MISSING) != here[name]:
             return ClusterError(
@@ -41,7 +41,7 @@ def refusal(here: dict[str, str], there: dict[str, str]) -> ClusterError | None:
 
 
 def _to_share(name: str, wanted: str) -> str:
-    """What makes a version one on all machines: numba's may also be left out on all."""
+    """Return the part of a version that all machines must share; numba may also be missing on all."""
     if name != KERNELS:
         return f"Install {name} {wanted} on every worker"
     without = f"{SWITCH}=0 on all machines"
@@ -64,7 +64,7 @@ WHERE = "--cluster"
 
 
 def address_of(where: str) -> str:
-    """The scheduler's address: `where` itself, or what the scheduler's file of that name says."""
+    """Return the scheduler's address: `where` itself, or the content of the scheduler's file of that name."""
     path = Path(where)
     if "://" in where or not (path.suffix or path.exists()):
         return where
@@ -81,7 +81,7 @@ def address_of(where: str) -> str:
 
 
 def open_client(where: str) -> Any:
-    """A client whose workers have this library in this version. Raises ClusterError where that cannot be had."""
+    """Connect to workers that have this library in this version. Raises ClusterError if there are none."""
     try:
         from distributed import Client
     except ImportError as fault:
@@ -104,7 +104,7 @@ def open_client(where: str) -> Any:
 
 
 def _check_form(address: str) -> None:
-    """Dask itself waits long for a host that cannot be there. Other schemes than these are its own affair."""
+    """Check an address: Dask itself waits long for a host that cannot exist. Other schemes are not checked."""
     scheme, _, rest = address.rpartition("://")
     host, _, port = rest.rpartition(":")
     if scheme not in ("", "tcp", "tls"):
@@ -123,7 +123,7 @@ def _check_form(address: str) -> None:
 
 
 async def _greet(address: str) -> None:
-    """Raises ClusterError where something answers that is no Dask, as a web page does, which Dask waits for."""
+    """Raise ClusterError if something other than Dask answers, such as a web page, for which Dask waits."""
     from distributed.comm import connect
 
     try:
@@ -135,7 +135,7 @@ async def _greet(address: str) -> None:
 
 
 def check_cluster(where: str) -> None:
-    """Raises ClusterError where `open_client` would, before anything is written."""
+    """Raise ClusterError if `open_client` would, before anything is written."""
     open_client(where).close()
 
 
@@ -160,7 +160,7 @@ def _check(client: Any, address: str) -> None:
 
 
 def _asking() -> Callable[[], dict[str, str]]:
-    """A function that travels by value: a worker without this library can answer it, too, with nothing."""
+    """Return a function that travels by value, so that a worker without this library can answer it too."""
 
     def ask() -> dict[str, str]:
         try:

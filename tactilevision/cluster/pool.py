@@ -147,7 +147,7 @@ class ClusterPool(Executor):
             ticket.future.set_result(outcome) if fault is None else ticket.future.set_exception(fault)
 
     def _meant(self, ticket: _Ticket, fault: Exception) -> Exception | None:
-        """The fault in our words; None where the task was handed over again."""
+        """Return the error in our words; None if the task was submitted again."""
         from distributed import KilledWorker
 
         from tactilevision.cluster.worker import NotBegun
@@ -203,7 +203,7 @@ def _is_lost(ticket: _Ticket) -> bool:
 
 @contextmanager
 def cluster_pool(where: str, start: Callable[..., None] | None = None, *given: Any) -> Iterator[ClusterPool]:
-    """The workers of the scheduler at `where`, an address or a scheduler's file.
+    """Connect to the workers of the scheduler at `where`, an address or a scheduler's file.
 
     `start(*given)` is called once in each, also in those that come later. Raises ClusterError where nobody
     answers there, there are no workers, or theirs is another version of this library.
@@ -219,7 +219,7 @@ def cluster_pool(where: str, start: Callable[..., None] | None = None, *given: A
 
 
 def _is_no_farewell(record: logging.LogRecord) -> bool:
-    """Whether Dask's client says more than how it lost its scheduler, which `_bring_back` says."""
+    """Return whether Dask's client reports more than the loss of its scheduler, which `_bring_back` reports."""
     return record.exc_info is None
 
 
@@ -241,7 +241,9 @@ class Steps:
         self._pool = pool
 
     def __call__(self, act: Callable[[Given], Made], given: Sequence[Given]) -> Iterator[Callable[[], Made]]:
-        """In the order of `given`. What does not travel, as an effect of the user's own file, is done here."""
+        """Yield results in the order of `given`; what cannot be sent, as an effect of the user's own file, is
+        computed here.
+        """
         tasks = list[Future[Sent]]()
         if self._pool is not None and len(given) > 1:
             try:
@@ -289,7 +291,7 @@ def _done_there(act: bytes, one: bytes) -> Sent:
 
 @contextmanager
 def step_pool(workers: int | None, cluster: str | None = None) -> Iterator[Steps]:
-    """Steps on so many processes, or on the Dask cluster at this address.
+    """Run steps on so many processes, or on the Dask cluster at this address.
 
     None: one process a core, MAX_COUNT at most, where they can be copies of this one, else this one alone.
     Raises ClusterError as `cluster_pool` does.

@@ -38,7 +38,7 @@ class Begin(WorkerPlugin):  # type: ignore[misc]
 
 
 def do(run: str, said: dict[str, str], fn: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-    """`fn(*args)` as the run's own process would. Raises ClusterError where this worker's versions differ."""
+    """Return `fn(*args)` as the run's own process would. Raises ClusterError if this worker's versions differ."""
     global _ready
     different = refusal(said, versions())
     if different is not None:

@@ -36,7 +36,7 @@ class Growth:
     fill_mm: float = 0.0
 
     def __call__(self, beyond_mm: npt.ArrayLike) -> Floats:
-        """Growth at depths beyond the onset (any shape); 0 before it."""
+        """Return the growth at depths beyond the onset (any shape); 0 before it."""
         d = np.maximum(np.asarray(beyond_mm, dtype=np.float64), 0.0)
         wedge = np.hypot(d, self.fill_mm) - self.fill_mm
         return np.asarray(self.share * d + (1 - self.share) * wedge, dtype=np.float64)
@@ -67,14 +67,14 @@ class Onset:
     shared_std: float = 0.0
 
     def signal(self, x: Floats) -> Floats:
-        """What the onset adds to the smooth course at x."""
+        """Return what the onset adds to the smooth course at x."""
         return np.asarray(self.amplitude * self.growth(x - self.at), dtype=np.float64)
 
 
 def find_onset(
     x: Floats, y: Floats, *, growth: Growth = _LINEAR, amplitude: Pair | None = None, noise: float | None = None
 ) -> Onset | None:
-    """The onset of a rise of y over x (N,), or None where there are too few readings or y only falls.
+    """Find the onset of a rise of y over x (N,); None if there are too few readings or y only falls.
 
     `amplitude` (mean, std) is what other presses say of A; `noise` of y is estimated where it is not given.
     """
@@ -106,7 +106,7 @@ class _Search:
 
 
 def _search(x: Floats, y: Floats, noise: float, *, growth: Growth, amplitude: Pair | None) -> _Search:
-    """Penalised chi-square over a grid of x0, and without any onset."""
+    """Compute the penalised chi-square over a grid of x0, and without any onset."""
     span = float(np.ptp(x))
     places = np.linspace(x.min() + 0.05 * span, x.max(), _GRID)
     design = _basis(x, places, growth) / noise
@@ -135,7 +135,7 @@ def _search(x: Floats, y: Floats, noise: float, *, growth: Growth, amplitude: Pa
 
 
 def _basis(x: Floats, places: Floats, growth: Growth) -> Floats:
-    """(places, readings, 4)."""
+    """Return the basis functions (places, readings, 4)."""
     after = growth(x[None, :] - places[:, None])
     smooth = np.broadcast_to(np.stack([np.ones_like(x), x, x * x], axis=-1), (places.size, x.size, 3))
     return np.asarray(np.concatenate([smooth, after[..., None]], axis=-1), dtype=np.float64)
@@ -165,7 +165,7 @@ def _summary(x: Floats, search: _Search, noise: float, growth: Growth) -> Onset 
 
 
 def _scatter(x: Floats, y: Floats) -> float:
-    """Noise of y from second differences along x, which a smooth course hardly touches."""
+    """Return the noise of y from second differences along x, which a smooth course hardly touches."""
     order = np.argsort(x, kind="stable")
     return max(second_difference_std(y[order]), 1e-9 + 1e-6 * float(np.ptp(y)))
 
@@ -198,18 +198,22 @@ _WALL_MM = 0.4  # beyond the punch's edge, where its wall is still steep
 
 
 def mean_distance_mm(distance_mm: float) -> float:
-    """Distance from the axis, in the mean over the strip's width, of an edge `distance_mm` off at its nearest."""
+    """Return the mean distance from the axis, over the strip's width, of an edge `distance_mm` off at its
+    nearest.
+    """
     return float(np.hypot(distance_mm, HALF_WIDTH_MM / np.sqrt(3)))
 
 
 def strip_places(reach_mm: float) -> Floats:
-    """Distances s (n,) of a strip in mm, symmetric about the axis, out to `reach_mm`."""
+    """Return the distances s (n,) of a strip in mm, symmetric about the axis, out to `reach_mm`."""
     count = int(np.floor(reach_mm / STEP_MM))
     return np.linspace(-count, count, 2 * count + 1) * STEP_MM
 
 
 def strip(field: npt.NDArray[Any], centre_px: Pair, *, px_per_mm: Pair, side: str, reach_mm: float) -> Floats:
-    """Mean of `field` (H, W[, C]) over the strip's width at strip_places(reach_mm), (S[, C]); NaN out of view."""
+    """Return the mean of `field` (H, W[, C]) over the strip's width at strip_places(reach_mm), (S[, C]); NaN out
+    of view.
+    """
     s, t = np.meshgrid(strip_places(reach_mm), np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-9, STEP_MM))
     along, across = SIDES[side], (-SIDES[side][1], SIDES[side][0])
     x = centre_px[0] + (along[0] * s + across[0] * t) * px_per_mm[0]
@@ -222,7 +226,7 @@ def strip(field: npt.NDArray[Any], centre_px: Pair, *, px_per_mm: Pair, side: st
 
 
 def height_signal(strips: Floats, s: Floats, *, distance_mm: float, radius_mm: float) -> Floats | None:
-    """Depth (N,) at the bevel's edge less that of its surroundings, less the same on the mirrored side.
+    """Return the depth (N,) at the bevel's edge less that of its surroundings, less the same on the mirrored side.
 
     The noise of a height map is long-waved (slopes are integrated), the dent of a touching edge is short: the
     surroundings take the one away and leave the other. None where the edge is out of view.

@@ -29,14 +29,14 @@ _DIRECTIONS = 180  # round the face, in which the steepest place is looked for
 
 
 def place_px(height: HeightMap, places_mm: Floats) -> Floats:
-    """Pixels (x, y) of places (..., 2) on the pad, mm from its centre."""
+    """Return the pixels (x, y) of places (..., 2) on the pad, mm from its centre."""
     rows, columns = height.depth_mm.shape
     middle = np.array([(columns - 1) / 2, (rows - 1) / 2])
     return np.asarray(np.asarray(places_mm) / np.asarray(height.mm_per_px) + middle, dtype=np.float64)
 
 
 def sample(field: npt.NDArray[Any], places_px: Floats) -> Floats:
-    """Bilinear values of `field` (H, W) or (H, W, C) at places (A, B, 2), px; NaN outside the picture."""
+    """Interpolate `field` (H, W) or (H, W, C) bilinearly at places (A, B, 2), px; NaN outside the picture."""
     grid = places_px.astype(np.float32)
     values = cv2.remap(
         np.asarray(field, dtype=np.float32),
@@ -50,8 +50,8 @@ def sample(field: npt.NDArray[Any], places_px: Floats) -> Floats:
 
 
 def edge_points(height: HeightMap, centre_mm: Pair, radius_mm: float) -> tuple[Floats, Floats, float]:
-    """Edge points (N, 2) in mm round a rough centre and radius, their steepness (N,) in mm per mm, and by how
-    much (mm) they were drawn inwards from the steepest place.
+    """Find edge points (N, 2) in mm round a rough centre and radius, their steepness (N,) in mm per mm, and how
+    far (mm) they were moved inwards from the steepest place.
 
     Searched between half and one and a half radii. Directions whose ray leaves the view or meets invalid pixels at
     the wall are left out.
@@ -76,7 +76,7 @@ def edge_points(height: HeightMap, centre_mm: Pair, radius_mm: float) -> tuple[F
 
 
 def _outward_fall(height: HeightMap, centre_mm: Pair, radii: Floats) -> Floats:
-    """-d depth/dr (directions, radii), smoothed over neighbouring directions."""
+    """Return -d depth/dr (directions, radii), smoothed over neighbouring directions."""
     angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     rays = np.stack([np.cos(angle), np.sin(angle)], axis=-1)[:, None, :] * radii[None, :, None]
     depth = np.where(height.valid, height.depth_mm, np.nan)
@@ -87,7 +87,7 @@ def _outward_fall(height: HeightMap, centre_mm: Pair, radii: Floats) -> Floats:
 
 
 def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
-    """How far outside the edge the steepest place lies, from the mean shape of the wall."""
+    """Return the distance of the steepest place outside the edge, from the mean shape of the wall."""
     if not len(at):
         return 0.0
     step = float(radii[1] - radii[0])
@@ -107,7 +107,9 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
 
 
 def _between(rows: Floats, places: Floats) -> Floats:
-    """Values of each of `rows` (n, k) at fractional indices (n, m), straight between; 0 beyond its ends."""
+    """Return the values of each of `rows` (n, k) at fractional indices (n, m), straight between; 0 beyond its
+    ends.
+    """
     last = rows.shape[1] - 1
     left = np.clip(places.astype(np.intp), 0, last - 1)
     share = places - left
@@ -117,7 +119,7 @@ def _between(rows: Floats, places: Floats) -> Floats:
 
 
 def _half_width(flank: Floats, half: float) -> float:
-    """Steps until a falling flank passes `half`."""
+    """Return the steps until a falling flank passes `half`."""
     below = np.flatnonzero(flank < half)
     if not below.size or below[0] == 0:
         return 0.0 if below.size else float(flank.size)
@@ -127,7 +129,9 @@ def _half_width(flank: Floats, half: float) -> float:
 
 @lru_cache(maxsize=1)
 def _wall_family() -> tuple[Floats, Floats]:
-    """Ratio of outer to inner half width, and offset over the inner half width, over L of the family."""
+    """Return the ratio of outer to inner half width, and offset over the inner half width, over L of the
+    family.
+    """
     step = 0.02
     x = np.arange(-8, 40, step)
     blur = np.exp(-0.5 * np.arange(-6, 6 + step, step) ** 2)
@@ -167,7 +171,7 @@ _DETECTION_SIGMA = 6.0  # times the scatter of the filter over the view: about o
 
 
 def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | None = None) -> Footprint | None:
-    """The face of `indenter`, in mm, in a map (H, W), or None where nothing stands out of the noise.
+    """Find the face of `indenter`, in mm, in a map (H, W); None if nothing exceeds the noise.
 
     `prior`, a footprint of the same press, saves the search. Works from a depth of some ten times the noise on.
     """
@@ -193,7 +197,8 @@ def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | 
 
 
 def ring_beside(height: HeightMap, face: Footprint, *, away_from: Pair) -> Floats:
-    """Depth (180,) in mm just outside the face, round it from azimuth 0 towards y, beside a mean and a slope.
+    """Return the depth (180,) in mm just outside the face, from azimuth 0 towards y, less its mean and first
+    harmonic.
 
     `away_from` (x, y) points to the bevel, whose quarter is NaN. All of it is where less than a third of the way
     round is in view.
@@ -214,7 +219,7 @@ def ring_beside(height: HeightMap, face: Footprint, *, away_from: Pair) -> Float
 
 
 def shared_ring(rings: Sequence[Floats]) -> Floats:
-    """What rings (180,) in mm have most in common, of any size and sign: their first singular vector.
+    """Return what rings (180,) in mm have most in common, of any size and sign: their first singular vector.
 
     Shadows of fixed lamps fall to the same sides of every punch. Zero where unknown, or all
     of it where fewer than three are known.
@@ -226,7 +231,7 @@ def shared_ring(rings: Sequence[Floats]) -> Floats:
 
 
 def unevenness_mm(ring: Floats, light: Floats) -> float:
-    """How much the depth just outside a face differs round it, rms in mm of a ring (180,) beside `light`'s share.
+    """Return the rms in mm of the depth just outside a face, a ring (180,), less the share of `light`.
 
     Beside a disc the gel falls away alike all round; a slot, a burr or a crumb shows there even where the wall is
     as steep as a disc's. `light` (180,) is what punches other than this one show, too. NaN for an unknown ring.
@@ -241,7 +246,7 @@ def unevenness_mm(ring: Floats, light: Floats) -> float:
 
 
 def relief_mm(height: HeightMap, face: Footprint) -> float:
-    """How far the face in a map (H, W) is from flat, rms in mm beside a plane and a dish.
+    """Return the rms in mm of the face in a map (H, W) about a plane and a dish.
 
     What broke off shows, a tilt does not.
 
@@ -261,7 +266,7 @@ def relief_mm(height: HeightMap, face: Footprint) -> float:
 
 
 def _search(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None:
-    """Rough centre and radius: the best answer of a disc-minus-ring filter."""
+    """Find a rough centre and radius: the strongest response of a disc-minus-ring filter."""
     candidates = [radius_mm] if np.isfinite(radius_mm) else list(np.geomspace(0.8, 6.0, 7))
     found = [(answer, radius) for radius in candidates if (answer := _best_disc(height, radius)) is not None]
     if not found:
@@ -292,7 +297,7 @@ def _best_disc(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None
 
 
 def _contrast(depth: Floats, known: Floats, radius: float) -> tuple[Floats, Bools]:
-    """Mean over a disc minus mean over the ring round it, and where enough of both is in view."""
+    """Return the mean over a disc minus the mean over the ring round it, and where enough of both is in view."""
     reach = int(np.ceil(_RING[1] * radius))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     distance = np.hypot(x, y)
@@ -337,13 +342,14 @@ def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:
 
 
 def _span(offset: Floats, reach: float) -> tuple[int, int]:
-    """First index within `reach` of the middle, and the first beyond it."""
+    """Return the first index within `reach` of the middle, and the first beyond it."""
     near = np.flatnonzero(np.abs(offset.ravel()) < reach)
     return (int(near[0]), int(near[-1]) + 1) if near.size else (0, 0)
 
 
 def _plane(depth_mm: Floats, face: Bools, offsets: tuple[Floats, Floats], mm_per_px: Pair) -> tuple[Floats, float]:
-    """Plane (depth at the centre, d/dx, d/dy) through the face, and the standard deviation of its depth.
+    """Fit a plane (depth at the centre, d/dx, d/dy) to the face; return it and the standard deviation of its
+    depth.
 
     Twice, the second time without what lies beyond 3 sigma. Residuals are alike over the length that their own
     gradient tells, so the face holds area / (2 pi length^2) independent readings.

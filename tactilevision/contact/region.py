@@ -38,7 +38,7 @@ WHOLE: Window = (slice(None), slice(None))
 
 
 def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
-    """Mask (H, W) of where something presses.
+    """Return the mask (H, W) of where something presses.
 
     A region is deeper than the limit of depth. Slow waves of untouched gel go as deep over wide areas. So it
     counts where enough pixels of it pass the wide limit, by the `error` of the method that made the map. That
@@ -79,7 +79,9 @@ def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
 
 
 def in_question(height: HeightMap, noise_mm: float | None = None) -> Bools:
-    """Mask (H, W) of what is deeper than the map is rough: its `noise_mm` (map_noise_mm) where that is known."""
+    """Return the mask (H, W) of what is deeper than the map is rough: its `noise_mm` (map_noise_mm) where
+    known.
+    """
     if not height.valid.any():
         return height.valid
     deepest_mm = cv2.minMaxLoc(height.depth_mm, mask=height.valid.view(np.uint8))[1]
@@ -88,7 +90,7 @@ def in_question(height: HeightMap, noise_mm: float | None = None) -> Bools:
 
 
 def strong_evidence(height: HeightMap, window: Window = WHOLE, *, among: Bools | None = None) -> Bools:
-    """Mask (h, w) of where slope or colour are such as untouched gel hardly has them, whatever depth may be off.
+    """Return the mask (h, w) of slopes or colours that untouched gel hardly has, whatever error the depth has.
 
     Of a `window` of the map. `among` (h, w): pixels among which alone a steep one is looked for. Empty for a map
     of which next to nothing is known: its slopes tell nothing either.
@@ -115,7 +117,9 @@ def _is_blind(height: HeightMap) -> bool:
 
 
 def _strong(height: HeightMap, places: npt.NDArray[np.intp]) -> Bools:
-    """`strong_evidence` of some pixels (n,), by their places in the flattened map; looked for round them alone."""
+    """Return `strong_evidence` of some pixels (n,), by their places in the flattened map, computed around them
+    alone.
+    """
     among = np.zeros(height.depth_mm.shape, np.bool_)
     among.reshape(-1)[places] = True
     window = _widened(_bounds(among), among.shape)
@@ -125,13 +129,13 @@ def _strong(height: HeightMap, places: npt.NDArray[np.intp]) -> Bools:
 
 
 def _bounds(mask: Bools) -> Window:
-    """The smallest window that holds all pixels of a mask (h, w); empty where there are none."""
+    """Return the smallest window that holds all pixels of a mask (h, w); empty where there are none."""
     left, top, across, down = cv2.boundingRect(mask.view(np.uint8))
     return slice(top, top + down), slice(left, left + across)
 
 
 def _widened(box: Window, shape: tuple[int, ...]) -> Window:
-    """A window of a map of this shape that holds all that takes part in the slopes of a box."""
+    """Return the window of a map of this shape that holds all that enters the slopes of a box."""
     return tuple(
         slice(max(0, side.start - REACH_PX), min(size, side.stop + REACH_PX))
         for side, size in zip(box, shape, strict=True)
@@ -139,18 +143,20 @@ def _widened(box: Window, shape: tuple[int, ...]) -> Window:
 
 
 def at_border(contact: Bools) -> bool:
-    """Whether a contact (H, W) reaches the picture's border."""
+    """Return whether a contact (H, W) reaches the picture's border."""
     return bool(contact[0].any() or contact[-1].any() or contact[:, 0].any() or contact[:, -1].any())
 
 
 def contact_flags(contact: Bools, error: DepthError | None = None) -> tuple[str, ...]:
-    """Flags of a `contact`, a mask (H, W) without unit, by where it lies; `error` is that of the map's method."""
+    """Return the flags of a `contact`, a mask (H, W) without unit, by where it lies; `error` is that of the map's
+    method.
+    """
     border = (BORDER,) if at_border(contact) else ()
     return (*border, BEYOND_BALLS) if error and contact.any() and error.beyond_balls(contact) else border
 
 
 def _to_its_edge(height: HeightMap, window: Window, region: Bools) -> Bools:
-    """The part of a `region` (h, w) of the map's `window` that lies behind its steepest line."""
+    """Return the part of a `region` (h, w) of the map's `window` that lies behind its steepest line."""
     if min(region.shape) < MIN_SLOPE_PX:
         return region
     smooth, steepness = _smooth_slope(height.depth_mm[window], height.mm_per_px)
@@ -167,7 +173,7 @@ def _to_its_edge(height: HeightMap, window: Window, region: Bools) -> Bools:
 
 
 def _smooth_slope(depth_mm: Array, mm_per_px: Pair) -> tuple[Array, Array]:
-    """Depth (h, w) mm without its noise, and how steep it is, mm per mm."""
+    """Return the smoothed depth (h, w) mm and its slope, mm per mm."""
     smooth = cv2.GaussianBlur(np.asarray(depth_mm, np.float32), (0, 0), SMOOTH_PX)
     wide = cv2.copyMakeBorder(smooth, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     across, down = wide[1:-1, 2:] - wide[1:-1, :-2], wide[2:, 1:-1] - wide[:-2, 1:-1]
@@ -179,7 +185,8 @@ def _smooth_slope(depth_mm: Array, mm_per_px: Pair) -> tuple[Array, Array]:
 
 
 def _steep_window(depth_mm: Array, mm_per_px: Pair, *, among: Bools | None) -> Window | None:
-    """Window of a map (h, w) in mm that holds all pixels of too steep a smooth slope; None if there are none.
+    """Return the window of a map (h, w) in mm that holds all pixels of too steep a smooth slope; None if there are
+    none.
 
     A smooth slope is a mean of slopes from one pixel to the next, within REACH_PX, so no steeper than all of them.
     """
@@ -201,8 +208,9 @@ def _steep_window(depth_mm: Array, mm_per_px: Pair, *, among: Bools | None) -> W
 def _surely_mm(
     height: HeightMap, places: npt.NDArray[np.intp], *, error: DepthError | None, noise_mm: float
 ) -> Array | float:
-    """Depth (n,) mm that untouched gel reaches at none of the pixels at `places` (n,) of the flattened map in one
-    picture of two; 0 where no deviation is known."""
+    """Return the depth (n,) mm that untouched gel reaches at none of the pixels at `places` (n,) of the flattened
+    map in one picture of two; 0 if no deviation is known.
+    """
     std_mm = untouched_std(height, error, places=places, noise_mm=noise_mm)
     if std_mm is None:
         return 0.0

@@ -29,7 +29,7 @@ class DamagedArrayError(InputError):
 
 
 def read_array(data: bytes, *, where: object) -> npt.NDArray[Any]:
-    """The one array of a .npy file, as it is, of any shape, in its unit.
+    """Read the one array of a .npy file, as it is, of any shape, in its unit.
 
     Raises DamagedArrayError where it is damaged or holds objects, InputError where it is too large.
     """
@@ -43,7 +43,7 @@ def read_array(data: bytes, *, where: object) -> npt.NDArray[Any]:
 
 
 def read_arrays(path: Path | str) -> Mapping[str, npt.NDArray[Any]]:
-    """The arrays of a .npz file by their names, as they are, of any shape, in their unit.
+    """Read the arrays of a .npz file by their names, as they are, of any shape, in their unit.
 
     Raises InputError where the file is damaged, holds objects, or unpacks to more than the limit; OSError where
     the file system refuses.
@@ -53,7 +53,7 @@ def read_arrays(path: Path | str) -> Mapping[str, npt.NDArray[Any]]:
 
 
 def unpack_arrays(data: bytes, *, where: object) -> Mapping[str, npt.NDArray[Any]]:
-    """The arrays of the bytes of a .npz file by their names, of any shape, in their unit.
+    """Read the arrays from the bytes of a .npz file by their names, of any shape, in their unit.
 
     Raises InputError as `read_arrays` does.
     """
@@ -112,7 +112,7 @@ _ENCRYPTED = 0x1  # bit of a member's flags
 
 
 def read_archive(path: Path | str) -> dict[str, bytes]:
-    """The files of a zip by their names.
+    """Read the files of a zip by their names.
 
     Raises InputError where it is damaged, too large, or not such an archive; OSError where the file system
     refuses.

@@ -21,7 +21,9 @@ _STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*
 
 
 def read_text(path: Path | str) -> str:
-    """UTF-8 text, with or without a byte order mark. Raises InputError, and OSError as `open_regular` does."""
+    """Read UTF-8 text, with or without a byte order mark. Raises InputError, and OSError as `open_regular`
+    does.
+    """
     data = read_bytes(path, limit="MAX_TEXT_MB")
     try:
         return data.decode("utf-8-sig")
@@ -30,7 +32,7 @@ def read_text(path: Path | str) -> str:
 
 
 def parse_toml(text: str, *, where: object) -> dict[str, Any]:
-    """The table that a TOML text holds. Raises InputError with the line where it is none, or beyond the limits."""
+    """Parse the table of a TOML text. Raises InputError with the line if it is not one, or beyond the limits."""
     _check_nesting(_STRINGS.sub('""', text), where)
     try:
         return tomllib.loads(text)
@@ -47,7 +49,7 @@ def parse_toml(text: str, *, where: object) -> dict[str, Any]:
 
 
 def read_json(path: Path | str) -> dict[str, Any]:
-    """The table that a JSON file holds, its numbers finite.
+    """Read the table of a JSON file, its numbers finite.
 
     Raises InputError where it is no such table, OSError where the file system refuses.
     """
@@ -55,7 +57,7 @@ def read_json(path: Path | str) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
-    """The table that a JSON text holds, its numbers finite. Raises InputError where it is no such table."""
+    """Parse the table of a JSON text, its numbers finite. Raises InputError if it is no such table."""
     check(len(text) / 1e6, "MAX_TEXT_MB", what="its size in MB", where=where)
     try:
         content = json.loads(
@@ -69,7 +71,7 @@ def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A table whose keys stand there once: of two values nobody knows which is meant."""
+    """Return the table, each key once: a repeated key is ambiguous."""
     table = dict(pairs)
     if len(table) < len(pairs):
         twice = next(key for number, (key, _) in enumerate(pairs) if key in dict(pairs[:number]))
@@ -116,14 +118,14 @@ _FORMULA = re.compile(r"'*[=+\-@\t\r＝＋－＠]")  # after marks of its own; t
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:
-    """The rows as CSV; None is an empty cell."""
+    """Format the rows as CSV; None is an empty cell."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([_marked(cell) for cell in row] for row in rows)
     return text.getvalue()
 
 
 def cell_text(cell: str) -> str:
-    """What stands in a cell that was read, without the mark that `csv_text` may have put before it."""
+    """Return what a cell holds, without the mark that `csv_text` may have put before it."""
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell
 
 

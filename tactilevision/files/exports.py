@@ -25,12 +25,12 @@ AXES = "x right, y up, z into the gel and towards the camera, mm"
 
 
 def about(height: HeightMap) -> str:
-    """One line for a file's head: its axes in mm, and what makes the map (H, W) doubtful."""
+    """Return one line for a file's head: its axes in mm, and the flags of the map (H, W)."""
     return f"height map; {AXES}" + (f"; doubtful: {' '.join(height.flags)}" if height.flags else "")
 
 
 def points_mm(height: HeightMap) -> npt.NDArray[np.float32]:
-    """Places x, y, z (H, W, 3) in mm; z is 0 where the depth is not known."""
+    """Return the places x, y, z (H, W, 3) in mm; z is 0 where the depth is not known."""
     rows, columns = height.depth_mm.shape
     x = (np.arange(columns) - (columns - 1) / 2) * height.mm_per_px[0]
     y = ((rows - 1) / 2 - np.arange(rows)) * height.mm_per_px[1]
@@ -39,7 +39,7 @@ def points_mm(height: HeightMap) -> npt.NDArray[np.float32]:
 
 
 def triangles(height: HeightMap) -> npt.NDArray[np.int32]:
-    """Triangles (T, 3): dimensionless numbers of their pixels, counted row by row among the known.
+    """Return the triangles (T, 3): dimensionless numbers of their pixels, counted row by row among the known.
 
     Two where four neighbours are known.
 

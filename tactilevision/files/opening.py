@@ -32,7 +32,9 @@ _NAMES = frozenset(name for name in globals() if name.startswith("MAX_"))
 
 
 def limit(name: str) -> int:
-    """A limit by its name, as the environment has it. Raises InputError where that is no number above 0."""
+    """Return a limit by its name, as the environment states it. Raises InputError if that is not a number
+    above 0.
+    """
     stated = os.environ.get(f"TACTILEVISION_{name}")
     if stated is None:
         return int(globals()[name])
@@ -92,12 +94,12 @@ def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
 
 
 def check_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> None:
-    """The same looks at a file that another library will open by its name."""
+    """Check a file, as `open_regular` does, that another library will open by its name."""
     open_regular(path, limit=limit).close()
 
 
 def read_bytes(path: Path | str, *, limit: str = "MAX_FILE_MB") -> bytes:
-    """All of a regular file. Raises as `open_regular` does."""
+    """Read all of a regular file. Raises as `open_regular` does."""
     with open_regular(path, limit=limit) as file:
         return file.read()
 
@@ -111,12 +113,12 @@ _UNPLAIN = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2
 
 
 def is_plain(text: str) -> bool:
-    """Whether a table or a message can hold it: no line break, no escape, no NUL, and UTF-8."""
+    """Return whether a table or a message can hold it: no line break, escape or NUL, and UTF-8."""
     return _UNPLAIN.search(text) is None
 
 
 def as_plain(text: str) -> str:
-    """The same lines with every other unplain letter spelt out (\\x1b), so that it steers no terminal."""
+    """Return the same lines with every other control character spelt out (\x1b), so that it steers no terminal."""
     return "\n".join(_UNPLAIN.sub(lambda found: ascii(found[0])[1:-1], line) for line in text.split("\n"))
 
 
@@ -132,7 +134,7 @@ def check_plain(name: str, *, where: object) -> None:
 
 
 def inside(folder: Path, name: str, *, where: object) -> Path:
-    """`folder / name`. Raises InputError where that leads out of the folder, is too long, or is not plain.
+    """Return `folder / name`. Raises InputError if that leads out of the folder, is too long, or is not plain.
 
     `where` is the file that says so.
     """
@@ -151,7 +153,7 @@ def inside(folder: Path, name: str, *, where: object) -> Path:
 
 
 def _linked(folder: Path, name: str) -> bool:
-    """Whether a part of the way from the folder to the file is a link."""
+    """Return whether a part of the way from the folder to the file is a link."""
     place = os.fspath(folder)
     for part in re.split(r"[/\\]", name):
         place = os.path.join(place, part)
@@ -168,7 +170,7 @@ def _within(path: Path, folder: Path) -> bool:
 
 
 def number(value: object, *, what: str, where: object) -> float | None:
-    """A number of a parsed document, in its unit; None where there is none (null).
+    """Return a number of a parsed document, in its unit; None if there is none (null).
 
     Raises InputError where it is text, a truth value or a list, not finite, or beyond the limit MAX_NUMBER.
     """
@@ -183,7 +185,7 @@ def number(value: object, *, what: str, where: object) -> float | None:
 
 
 def read_cells(cells: Sequence[str], *, where: object) -> list[float]:
-    """The numbers of a row of text, in their units; an empty cell is NaN.
+    """Read the numbers of a row of text, in their units; an empty cell is NaN.
 
     Raises InputError for text that is none, and as `check_numbers` does.
     """

@@ -66,12 +66,12 @@ def check_picture(data: bytes, *, where: object) -> None:
 
 
 def is_grey(data: bytes) -> bool:
-    """Whether a PNG holds no colours; decoders make colours of grey with transparency."""
+    """Return whether a PNG holds no colours; decoders make colours of grey with transparency."""
     return data.startswith(_PNG) and len(data) > 25 and data[25] in _GREY
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in px as the header has them; None where it is of another kind, or cut short."""
+    """Return width and height in px from the header; None if it is of another kind, or cut short."""
     try:
         if data.startswith(_PNG):
             width, height = struct.unpack_from(">II", data, 16)
@@ -90,7 +90,7 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
 
 
 def why_no_colours(data: bytes) -> str:
-    """What keeps decoders from the colours that the sensor saw, "" for nothing.
+    """Return what keeps decoders from the colours that the sensor saw, "" for nothing.
 
     Of bytes whose header `check_picture` has passed.
     """
@@ -108,7 +108,7 @@ def why_no_colours(data: bytes) -> str:
 
 
 def upright(data: bytes) -> bytes:
-    """The same, but for a TIFF's tag of orientation, which OpenCV follows in TIFF alone: it is taken as it lies.
+    """Return the same bytes without a TIFF's orientation tag, which OpenCV follows in TIFF alone.
 
     Of bytes whose header `check_picture` has passed.
     """
@@ -123,7 +123,7 @@ def upright(data: bytes) -> bytes:
 
 
 def orientation(data: bytes) -> int:
-    """The orientation that a file states (tag 274 of Exif and TIFF), 1 to 8; 1, as it lies, without one."""
+    """Return the orientation that a file states (tag 274 of Exif and TIFF), 1 to 8; 1, unturned, without one."""
     try:
         tiff = _exif(data)
         order = (_TIFF | _BIG_TIFF)[tiff[:4]]
@@ -134,7 +134,7 @@ def orientation(data: bytes) -> int:
 
 
 def _exif(data: bytes) -> bytes:
-    """What a file tells of itself, as a TIFF has it; a TIFF itself as it is."""
+    """Return a file's Exif, in the form of a TIFF; a TIFF itself as it is."""
     if data.startswith(_PNG):
         place = data.find(b"eXIf", 0, max(data.find(b"IDAT"), 0))
         return data[place + 4 :] if place > 0 else b""
@@ -150,8 +150,8 @@ def _exif(data: bytes) -> bytes:
 
 
 def is_stack(data: bytes) -> bool:
-    """Whether a PNG is a film, or a TIFF holds a second picture, which is neither a smaller copy nor a mask of the
-    first (TIFF 6.0, p. 36: tag 254).
+    """Return whether a PNG is a film, or a TIFF holds a second picture, which is neither a smaller copy nor a mask
+    of the first (TIFF 6.0, p. 36: tag 254).
     """
     if data.startswith(_PNG):
         film = data.find(b"acTL", 0, max(data.find(b"IDAT"), 0))
@@ -166,7 +166,9 @@ def is_stack(data: bytes) -> bool:
 
 
 def is_cut(data: bytes) -> bool:
-    """Whether a PNG or a JPEG lacks its end: decoders fill up what is lost, or reserve what a chunk states."""
+    """Return whether a PNG or a JPEG lacks its end: decoders fill up what is lost, or reserve what a chunk
+    states.
+    """
     if data.startswith(_JPEG):  # its data hold no such marks: the end follows the last start of a scan
         return data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda")
     place, kind = len(_PNG), b""
@@ -194,13 +196,14 @@ def _jpeg(data: bytes) -> tuple[int, int] | None:
 
 
 def _tiff(data: bytes) -> tuple[int, int] | None:
-    """Of the first picture in the file, which is the one that is read."""
+    """Return the tags of the first picture in the file, which is the one that is read."""
     found = _directory(data, None)[0]
     return (int(found[256]), int(found[257])) if {256, 257} <= set(found) else None
 
 
 def _directory(data: bytes, start: int | None) -> tuple[dict[int, int], int]:
-    """The tags of the directory at `start` (None: the first) that are read here, and where the next is, 0: none.
+    """Return the tags of the directory at `start` (None: the first) that are read here, and the next one's place,
+    0: none.
 
     Of a tag that stands twice, the first.
     """
@@ -216,7 +219,7 @@ def _directory(data: bytes, start: int | None) -> tuple[dict[int, int], int]:
 
 
 def _entries(data: bytes, start: int | None) -> Iterator[tuple[int, int, int]]:
-    """Tag, type and the place of the value of each entry in a directory (`start` None: the first)."""
+    """Yield tag, type and the place of the value of each entry in a directory (`start` None: the first)."""
     order, start, count = _head(data, start)
     first, entry, number = _FORMS[data[:4] in _BIG_TIFF]
     for k in range(min(count, _MAX_ENTRIES)):
@@ -226,7 +229,7 @@ def _entries(data: bytes, start: int | None) -> Iterator[tuple[int, int, int]]:
 
 
 def _head(data: bytes, start: int | None) -> tuple[str, int, int]:
-    """Order of bytes, place, and number of entries of a directory."""
+    """Return order of bytes, place, and number of entries of a directory."""
     big = data[:4] in _BIG_TIFF
     order = (_TIFF | _BIG_TIFF)[data[:4]]
     if start is None:
@@ -247,7 +250,8 @@ _LOCK = Lock()
 
 
 def decode(data: bytes) -> tuple[npt.NDArray[Any] | None, str]:
-    """The picture (H, W) or (H, W, 3 or 4), grey levels in OpenCV's order, or None; and what is said of damage.
+    """Decode the picture (H, W) or (H, W, 3 or 4), grey levels in OpenCV's order, or None; return it and messages
+    of damage.
 
     Colour profiles, unknown fields and fewer than ten stray bytes, as many cameras leave, are no damage.
     """
@@ -259,7 +263,7 @@ def decode(data: bytes) -> tuple[npt.NDArray[Any] | None, str]:
 
 
 def _decode(data: bytes) -> tuple[npt.NDArray[Any] | None, list[str]]:
-    """The picture, and the lines that were heard meanwhile."""
+    """Decode the picture; return it and the lines written to stderr meanwhile."""
     with _LOCK, _listening() as words:
         try:
             picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -271,7 +275,7 @@ def _decode(data: bytes) -> tuple[npt.NDArray[Any] | None, list[str]]:
 
 @contextmanager
 def _listening() -> Iterator[list[bytes]]:
-    """A list that holds, afterwards, what was written to stderr; it stays empty where there is no stderr."""
+    """Collect what is written to stderr in a list; it stays empty if there is no stderr."""
     words: list[bytes] = []
     try:
         before = os.dup(_STDERR)

@@ -92,7 +92,7 @@ def join_lock(folder: Path) -> bool:
 
 
 def _wait_for(path: Path, target: Path) -> tuple[int, bool]:
-    """The lock's open file, and whether a killed run had left it."""
+    """Return the lock's open file, and whether a killed run had left it."""
     until = time.monotonic() + _ENDING_S
     while True:
         handle, fresh = _open(path)
@@ -133,7 +133,7 @@ def _take(handle: int, *, fresh: bool, owner: list[str]) -> bool:
 
 
 def _flock(handle: int, *, shared: bool) -> bool | None:
-    """Whether the system gave the lock; None where the disk or the system has none."""
+    """Return whether the system gave the lock; None if the disk or the system has none."""
     if sys.platform == "win32":
         return None
     try:
@@ -153,13 +153,13 @@ def _is_at(handle: int, path: Path) -> bool:
 
 
 def _read_owner(handle: int) -> list[str]:
-    """Process, machine and time (s) of the run that holds it; nothing while it is being written."""
+    """Return process, machine and time (s) of the run that holds it; nothing while it is being written."""
     said = os.pread(handle, 200, 0).decode(errors="replace").split()
     return said if len(said) == 3 and said[0].isdecimal() and said[2].isdecimal() else []
 
 
 def _lives(owner: list[str]) -> bool:
-    """Whether the process is there; one on another machine counts as living."""
+    """Return whether the process runs; one on another machine counts as running."""
     if not owner:
         return False
     if owner[1] != socket.gethostname():
@@ -211,7 +211,7 @@ class Ticker:
 
 @contextmanager
 def worker_pool(count: int, start: Callable[..., None] | None = None, *given: Any) -> Iterator[Executor]:
-    """So many processes on this machine; `start(*given)` is called once in each.
+    """Start so many processes on this machine; `start(*given)` is called once in each.
 
     They hear no Ctrl-C: the parent does, and its workers end with it, in the midst of what they were at. What
     they write must therefore be whole at every moment. Where no other thread runs in this process they are
@@ -244,14 +244,16 @@ def worker_pool(count: int, start: Callable[..., None] | None = None, *given: An
 
 
 def copies_are_safe() -> bool:
-    """Whether workers would be copies of this process, since no other thread runs in it."""
+    """Return whether workers may be copies of this process, since no other thread runs in it."""
     with _one_thread() as alone:
         return alone
 
 
 @contextmanager
 def _one_thread() -> Iterator[bool]:
-    """Whether this process has no second thread, of a library neither: tickers and OpenCV's rest meanwhile."""
+    """Return whether this process has no second thread, of a library neither: tickers and OpenCV's rest
+    meanwhile.
+    """
     if not _THREADS.is_dir():  # another system: told by nothing
         yield False
         return
@@ -303,6 +305,6 @@ def _start(
 
 
 def _end_with(parent: Connection) -> None:
-    """The pipe closes where the parent ends, even killed: each worker watches for itself."""
+    """End this worker with its parent, even a killed one, whose end of the pipe closes."""
     wait([parent])
     os._exit(1)

@@ -98,7 +98,7 @@ def _scale(about: Any, path: Path) -> Pair | None:
 
 
 def masked(height: HeightMap) -> npt.NDArray[np.float32]:
-    """Depth (H, W) in mm as float32 with NaN where it is not known."""
+    """Return the depth (H, W) in mm as float32, NaN where it is not known."""
     depth = height.depth_mm.astype(np.float32)
     if not height.valid.all():
         depth[~height.valid] = np.nan

@@ -26,7 +26,7 @@ _LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
 
 
 def plain_name(label: str) -> str:
-    """Any text as part of a file's name that leads out of no folder and that every disk holds."""
+    """Return a text as part of a file's name that leads out of no folder and that every disk holds."""
     return re.sub(r"[^\w .+-]", "_", label)[:_LONGEST].lstrip(".")
 
 
@@ -155,7 +155,7 @@ def _cleared(path: Path) -> bool:
 
 
 def process_runs(process: int) -> bool:
-    """Whether there is a process of that number, which has not ended (a zombie has)."""
+    """Return whether there is a process of that number that has not ended (a zombie has)."""
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
@@ -168,7 +168,7 @@ def process_runs(process: int) -> bool:
 
 
 def unfinished() -> str:
-    """How names of what this process has not finished begin."""
+    """Return the prefix of the names of files that this process has not finished."""
     return f"{_UNFINISHED}{os.getpid()}-"
 
 
@@ -184,12 +184,12 @@ def write_json(path: Path | str, content: object) -> None:
 
 
 def as_json(content: object) -> str:
-    """The text that `write_json` writes."""
+    """Return the text that `write_json` writes."""
     return json.dumps(_finite(content), indent=2, allow_nan=False) + "\n"
 
 
 def pack_arrays(arrays: Mapping[str, Any], *, small: bool) -> bytes:
-    """The bytes of a .npz file of `arrays`, the same for the same ones; `small` takes longer to read."""
+    """Return the bytes of a .npz file of `arrays`, the same for the same ones; `small` takes longer to read."""
     import numpy as np
 
     packed = io.BytesIO()

@@ -75,7 +75,7 @@ def begin_frames(
 
 
 def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) -> None:
-    """One frame's fields; (rows, columns) each. Written as zarr writes a chunk, without its threads."""
+    """Write one frame's fields; (rows, columns) each, as zarr writes a chunk, without its threads."""
     with told_as_output(scratch):
         for name, values in fields.items():
             folder = scratch / name
@@ -98,7 +98,7 @@ def end_frames(scratch: Path, path: Path) -> None:
 
 @lru_cache(maxsize=16)
 def _codec(folder: str, made: tuple[int, int]) -> Any:
-    """What packs a field's chunks. Raises InputError where zarr is missing."""
+    """Return the codec of a field's chunks. Raises InputError if zarr is missing."""
     _zarr()
     import numcodecs  # type: ignore[import-untyped]  # comes with zarr
 
@@ -154,7 +154,7 @@ def _own_threads() -> Iterator[None]:
 
 
 def _loop_and_thread() -> tuple[Any, Any] | None:
-    """What zarr has at work beside this thread; None of a version that keeps it elsewhere, too."""
+    """Return zarr's event loop and thread; None of a version that keeps them elsewhere."""
     with suppress(ImportError, AttributeError):
         sync = import_module(ZARR_THREADS)
         if sync.loop[0] is not None and sync.iothread[0] is not None:

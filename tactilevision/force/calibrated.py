@@ -32,13 +32,13 @@ class Sensitivity:
     force_N: Floats
 
     def change_percent(self, found: TractionMap) -> tuple[float, float]:
-        """By how much fz moves at either end, in percent of `found`."""
+        """Return the change of fz at either end, in percent of `found`."""
         now = found.resultant_N[2]
         low, high = (100 * (float(force) / now - 1) if now > 0 else 0.0 for force in self.force_N[:, 2])
         return low, high
 
     def as_json(self, found: TractionMap) -> dict[str, Any]:
-        """For a program: the parameter's interval, the forces at its ends, and the change against `found`."""
+        """Return the parameter's interval, the forces at its ends, and the change from `found`."""
         return {
             "parameter": self.parameter,
             "unit": self.unit,
@@ -49,7 +49,8 @@ class Sensitivity:
 
 
 def read_material(path: Path | str) -> Material:
-    """E, nu and their covariance from calibration.json; where no covariance stands there, from the two std.
+    """Read E, nu and their covariance from calibration.json; without a covariance, from the two standard
+    deviations.
 
     A value that the calibration could not fix (null) is taken at the middle of its interval, its std from the
     interval's width. An incompressible gel counts as nu = .4999. Raises InputError for a file that is not a
@@ -59,7 +60,9 @@ def read_material(path: Path | str) -> Material:
 
 
 def material_of(content: Mapping[str, Any], *, where: object) -> Material:
-    """As `read_material`, of the content of calibration.json; `where` is the file, for what errors say."""
+    """Read the material, as `read_material` does, from the content of calibration.json; `where` names the file in
+    errors.
+    """
     modulus, modulus_std = _estimate(content, "youngs_modulus_MPa", where)
     poisson, poisson_std = _estimate(content, "poisson_ratio", where)
     covariance = _covariance(content, where)
@@ -76,7 +79,7 @@ def material_of(content: Mapping[str, Any], *, where: object) -> Material:
 def material_sensitivity(
     field: ForceField, found: TractionMap, height: HeightMap, shear: ShearMap | None = None
 ) -> tuple[Sensitivity, ...]:
-    """Resultants (N) of a map (H, W) with E, then nu, at the ends of the material's own 95 % interval.
+    """Return the resultants (N) of a map (H, W) with E, then nu, at the ends of the material's own 95 % interval.
 
     The other of the two is held; then both vary, as far as they do together (to first order). `found` is what
     `field` made of the maps; it is proportional to E, and for each end of nu a compliance is made and let go.
@@ -109,7 +112,7 @@ def material_sensitivity(
 
 
 def _both(ends_N: Floats, values: Floats, covariance: Floats) -> Sensitivity:
-    """`ends_N` (2, 2, 3) by parameter and end, `values` (2, 2).
+    """Combine both parameters: `ends_N` (2, 2, 3) by parameter and end, `values` (2, 2).
 
     A stiffness that is well known while E and nu are not shows here: the two then move the force by little.
     """
@@ -142,7 +145,7 @@ def _estimate(content: Mapping[str, Any], key: str, path: object) -> tuple[float
 
 
 def read_calibration(path: Path | str) -> dict[str, Any]:
-    """The content of calibration.json. Raises InputError where it cannot be read."""
+    """Read the content of calibration.json. Raises InputError if it cannot be read."""
     try:
         return read_json(path)
     except (OSError, InputError) as fault:
@@ -155,7 +158,7 @@ def read_calibration(path: Path | str) -> dict[str, Any]:
 
 
 def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
-    """(2, 2) of E and nu, from {"of": names, "matrix": rows} or from the rows alone with E and nu first."""
+    """Read (2, 2) of E and nu, from {"of": names, "matrix": rows} or from the rows alone with E and nu first."""
     entry = content.get("covariance")
     names = ["youngs_modulus_MPa", "poisson_ratio"]
     if isinstance(entry, dict):
@@ -184,7 +187,7 @@ def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
 
 
 def check_gel(path: Path | str, gel: Gel) -> None:
-    """Raises InputError where calibration.json was made on a gel of another thickness: it is another sensor's."""
+    """Raise InputError if calibration.json was made on a gel of another thickness: it is another sensor's."""
     thickness = read_thickness_mm(path)
     if thickness is not None and abs(thickness / gel.thickness_mm - 1) > SAME_GEL:
         raise InputError(
@@ -196,14 +199,16 @@ def check_gel(path: Path | str, gel: Gel) -> None:
 
 
 def read_thickness_mm(path: Path | str) -> float | None:
-    """Thickness of the gel that calibration.json was made on; None: not in it."""
+    """Read the thickness of the gel from calibration.json; None if it is not in it."""
     made_on = read_calibration(path).get("gel")
     thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else made_on
     return number(thickness, what="the thickness of the gel", where=path)
 
 
 def read_clock_offset(path: Path | str) -> float | None:
-    """F/T clock minus camera clock from a calibration.json that `read_material` accepts; None: not in it."""
+    """Read F/T clock minus camera clock from a calibration.json that `read_material` accepts; None if it is not in
+    it.
+    """
     stated = read_calibration(path).get("clock_offset_s")
     value = stated.get("value") if isinstance(stated, dict) else stated
     return number(value, what="clock_offset_s", where=path)

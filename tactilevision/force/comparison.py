@@ -33,7 +33,7 @@ class Readings:
         self._zero = None if recording.forces is None else self._free(recording)
 
     def at(self, time_s: float) -> Floats:
-        """Force (3,) at a camera time, NaN outside the readings."""
+        """Return the force (3,) at a camera time, NaN outside the readings."""
         if self.forces is None or not np.isfinite(time_s):
             return np.full(3, np.nan)
         now, times = time_s + self.offset, self.forces.time_s
@@ -46,11 +46,12 @@ class Readings:
         return np.asarray(read - np.array(zero))
 
     def press_at(self, time_s: float) -> Press | None:
-        """The press that is under way."""
+        """Return the press under way at a time."""
         return next((press for press in self.presses if press.start_s <= time_s <= press.end_s), None)
 
     def clipped(self, press: Press) -> bool:
-        """Whether the F/T sensor stood at the end of its range: STUCK and more equal readings at its extreme.
+        """Return whether the F/T sensor stood at the end of its range: STUCK and more equal readings at its
+        extreme.
 
         Noise never repeats the same number so often, and a sensor at rest in the air is not at its extreme.
         """
@@ -63,7 +64,9 @@ class Readings:
         return bool((at_end.sum(axis=0) >= STUCK).any())
 
     def _free(self, recording: Recording) -> Floats | None:
-        """(G, 4) middle time and median force of every gap between presses; None where presses are not listed."""
+        """Return (G, 4) middle time and median force of every gap between presses; None if presses are not
+        listed.
+        """
         assert recording.forces is not None
         if not recording.presses:
             return None
@@ -132,8 +135,8 @@ class Residuals:
 def residuals(
     rows: Sequence[FrameForce], *, flagged: Sequence[str] = (), reading_std_N: Sequence[float] | None = None
 ) -> Residuals | None:
-    """What can be compared; None where nothing can. `flagged`: words that make a frame unusable;
-    `reading_std_N` (3,) of one reading, None where it is not known.
+    """Return what can be compared; None if nothing can. `flagged`: words that make a frame unusable;
+    `reading_std_N` (3,) of one reading, None if unknown.
     """
     touched = [(number, row, _why_not(row, flagged)) for number, row in enumerate(rows) if touches(row)]
     kept = [(number, row) for number, row, why in touched if why != NO_READING]
@@ -157,20 +160,21 @@ def residuals(
 
 
 def touches(row: FrameForce) -> bool:
-    """Whether the frame was read, and something touches in it."""
+    """Return whether the frame was read, and something touches in it."""
     return row.read and not nothing_touches(row) and bool(np.isfinite(row.resultant_N[2]))
 
 
 def _why_not(row: FrameForce, flagged: Sequence[str]) -> str:
-    """Why a frame that touches is not compared; empty where it is."""
+    """Return why a frame that touches is not compared; empty if it is."""
     if not np.isfinite(row.measured_N[2]):
         return NO_READING
     return AT_ITS_END if row.reading_clipped else next((word for word in flagged if word in row.flags), "")
 
 
 def summary(found: Residuals) -> dict[str, dict[str, float | int | None]]:
-    """By axis: frames, rms and median residual in N, and the share of readings inside the 95 % interval; along z
-    the ratio over all and over the deepest third."""
+    """Summarise by axis: frames, rms and median residual in N, and the share of readings inside the 95 % interval;
+    along z the ratio over all and over the deepest third.
+    """
     said: dict[str, dict[str, float | int | None]] = {}
     for k, name in enumerate(AXES):
         left, std = found.residual_N[found.usable, k], found.std_N[found.usable, k]
@@ -226,7 +230,7 @@ def write_comparison(recording: Recording, rows: Sequence[FrameForce], *, folder
 
 
 def _whole(row: FrameForce) -> bool:
-    """Both forces are there, and neither a cut contact nor a slip of the map on a free gel."""
+    """Return whether both forces are known, the contact is not cut, and the map of a free gel did not slip."""
     touches = row.read and not nothing_touches(row) and CUT not in row.flags
     return touches and bool(np.isfinite([row.depth_mm, *row.measured_N]).all()) and row.measured_N[2] > MIN_N
 

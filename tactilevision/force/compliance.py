@@ -60,17 +60,19 @@ class GelCompliance:
         return self.layer.grid
 
     def block(self, receivers: Cells, sources: Cells) -> Floats:
-        """(3 R, 3 S), x of all, y of all, z of all."""
+        """Return the block (3 R, 3 S), x of all, y of all, z of all."""
         block = self.layer.block(receivers, sources)
         return block if self.sides is None else self.sides.add(block, self.grid, receivers, sources)
 
     def normal_block(self, cells: Cells) -> Floats:
-        """(C, C), depth by pressure."""
+        """Return the block (C, C) of depth by pressure."""
         block = self.layer.normal_block(cells)
         return block if self.sides is None else self.sides.add_normal(block, self.grid, cells=cells)
 
     def depth(self, cells: Cells, traction: Floats) -> Floats:
-        """Depth (rows, columns) everywhere that `traction` (3 or 1, C) at `cells` makes; sides left out."""
+        """Return the depth (rows, columns) everywhere that `traction` (3 or 1, C) at `cells` makes; sides are
+        neglected.
+        """
         rows, columns = self.grid.shape
         shape, waves = self._depth_waves
         fields = np.zeros((len(traction), rows * columns), dtype=np.float32)
@@ -91,7 +93,7 @@ class GelCompliance:
         return shape, np.stack([fft.rfft2(table[..., k], shape) for k in range(3)])
 
     def by_poisson(self, cells: Cells, parts: int) -> Floats:
-        """Derivative of the cells' own block by nu, (parts C, parts C)."""
+        """Return the derivative of the cells' own block by nu, (parts C, parts C)."""
         slope = self._poisson_slope
         layer = slope.normal_block(cells) if parts == 1 else slope.block(cells, cells)
         here = self._of_sides(self.sides, cells, layer)
@@ -172,7 +174,7 @@ def gel_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: boo
 
 
 def on_gel(gel: Gel, grid: NodeGrid) -> Bools:
-    """Mask (rows, columns) of the cells that lie wholly on the gel."""
+    """Return the mask (rows, columns) of the cells that lie wholly on the gel."""
     half = grid.spacing_mm / 2
     x, y = np.abs(grid.x_mm)[None, :] + half, np.abs(grid.y_mm)[:, None] + half
     if gel.shape == "disc" and gel.radius_mm is not None:
@@ -198,7 +200,7 @@ KEY, LAYER, LAYER_SLOPE, SIDES, SIDES_LOWER, STATIONS = (
 
 
 def as_arrays(made: GelCompliance) -> dict[str, npt.NDArray[Any]]:
-    """All that is worked out of a compliance, mm/MPa at modulus 1 MPa, under its key; of any shape."""
+    """Return all that is computed of a compliance, mm/MPa at modulus 1 MPa, under its key; of any shape."""
     slopes = made.slopes
     arrays: dict[str, npt.NDArray[Any]] = {
         KEY: np.array(_key(made.gel, made.grid, made.poisson_ratio)),
@@ -213,7 +215,8 @@ def as_arrays(made: GelCompliance) -> dict[str, npt.NDArray[Any]]:
 
 
 def of_arrays(arrays: Arrays, gel: Gel, *, grid: NodeGrid, poisson_ratio: float, where: object) -> GelCompliance:
-    """The compliance that `as_arrays` gave, mm/MPa, of any shape; another gel's, or version's, is made anew.
+    """Restore the compliance from `as_arrays`, mm/MPa, of any shape; another gel's, or version's, is computed
+    anew.
 
     Raises InputError where the arrays have the key and do not fit it.
     """
@@ -245,7 +248,7 @@ def _check(arrays: Arrays, name: str, shape: tuple[int, ...], where: object) -> 
 
 
 def _key(gel: Gel, grid: NodeGrid, poisson_ratio: float) -> str:
-    """All that the numbers depend on."""
+    """Return all that the numbers depend on."""
     outline = gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, round(poisson_ratio, 9)
     steps = VERSION, WAVES, REACH, POISSON_STEP, SIDE_POISSON_STEP, STATION_MM, LOAD_MM
     return repr((*outline, grid.shape, grid.spacing_mm, *steps))

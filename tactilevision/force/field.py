@@ -110,7 +110,7 @@ class ForceField:
     def __call__(
         self, height: HeightMap, shear: ShearMap | None = None, *, measured: MeasuredForce | None = None
     ) -> TractionMap:
-        """Traction on the gel at the moment of `height`.
+        """Return the traction on the gel at the moment of `height`.
 
         Raises InputError where the maps do not fit the field (another sensor's scale or size).
         """
@@ -127,14 +127,14 @@ class ForceField:
         return found if measured is None else constrain(found, measured)
 
     def touched(self, height: HeightMap) -> bool:
-        """Whether anything may touch: quick, so that a free gel costs no shear. Raises as a call does."""
+        """Return whether anything may touch: quick, so that a free gel needs no shear. Raises as a call does."""
         if self.compliance is None:
             self.compliance = self._set_up(height.depth_mm.shape)
         seen = observe(self.compliance.grid, height, shear=None, noise=self._noise, inside=self.compliance.inside)
         return len(candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, known=seen.known)) > 0
 
     def without_contact(self, height: HeightMap) -> TractionMap:
-        """The tractions of a map in which nothing touches: zero, to within what would not show."""
+        """Return the tractions of a map in which nothing touches: zero, to within the detection limit."""
         if self.compliance is None:
             self.compliance = self._set_up(height.depth_mm.shape)
         grid = self.compliance.grid
@@ -142,14 +142,14 @@ class ForceField:
         return _nothing(grid, height, (*seen.flags, NO_CONTACT), self._unseen_N(grid, seen))
 
     def _unseen_N(self, grid: NodeGrid, seen: Observation) -> float:
-        """Force of the least contact that would show."""
+        """Return the force of the least contact that would be detected."""
         reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
         deepest = -float(seen.displacement_mm[-1].min())
         least = max(CONTACT.patch_sigma * float(np.median(seen.depth_std_mm)), deepest)
         return 2 * grid.spacing_mm * reduced * least
 
     def _fits(self, made: GelCompliance, view_px: tuple[int, int] | None) -> bool:
-        """Whether a compliance that was made before is one for these settings and this view."""
+        """Return whether a compliance that was made before is one for these settings and this view."""
         seen = view_px is None or view_px == made.grid.view_px
         return seen and self.settings.sides and made.grid.spacing_mm == self.settings.spacing_mm
 
@@ -179,7 +179,7 @@ class ForceField:
         return self._report(compliance, seen, found, height, tuple(flags))
 
     def _overlooked(self, compliance: GelCompliance, seen: Observation, cells: Cells, found: Solution) -> Cells:
-        """Cells of weak contacts that the displacement by a deep one hides."""
+        """Return the cells of weak contacts that the displacement by a deep one hides."""
         reach = int(np.ceil(BESIDE * self.gel.thickness_mm / compliance.grid.spacing_mm))
         near = np.zeros(compliance.grid.shape, dtype=np.uint8)
         near.flat[cells] = 1
@@ -234,7 +234,7 @@ class ForceField:
     def _seen_variance(
         self, grid: NodeGrid, seen: Observation, found: Solution, weights: Floats, noise: Floats
     ) -> Floats:
-        """Variance (6,) of force and moment, N² and (N mm)², by the errors of what is seen.
+        """Return the variance (6,) of force and moment, N² and (N mm)², by the errors of what is seen.
 
         `noise` (parts C,) mm is that of each cell alone; a whole contact shares the rest.
         """
@@ -264,7 +264,9 @@ class ForceField:
         return np.prod(1 + LIKELY_SHARE * more, axis=0), np.sum(more / (1 + LIKELY_SHARE * more), axis=0)
 
     def _sticking(self, compliance: GelCompliance, seen: Observation, found: Solution) -> float:
-        """By how much of itself the normal force would be greater if the gel had not slipped at all, linearly."""
+        """Return by what fraction the normal force would be greater if the gel had not slipped at all,
+        linearly.
+        """
         depth = seen.displacement_mm[-1].ravel()[found.cells]
         held = np.stack([0 * depth, 0 * depth, depth])
         stuck = solve_all(
@@ -280,7 +282,9 @@ class ForceField:
     def _material_variance(
         self, compliance: GelCompliance, found: Solution, weights: Floats, total: Floats
     ) -> Floats:
-        """Variance (6,) of force and moment that the calibration's own covariance of (E, nu) implies."""
+        """Return the variance (6,) of force and moment that the calibration's own covariance of (E, nu)
+        implies.
+        """
         covariance = self.material.covariance
         if covariance is None:
             return np.zeros(6)
@@ -293,14 +297,14 @@ class ForceField:
 
 
 def _share(grid: NodeGrid, found: Solution, alike_mm: float) -> float:
-    """How much of an error that is alike over `alike_mm` remains in the mean over the contact."""
+    """Return the share of an error that is constant over `alike_mm` that remains in the mean over the contact."""
     width = 2 * float(np.sqrt(len(found.cells) * grid.cell_mm2 / np.pi))
     return min(1.0, alike_mm / width)
 
 
 def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poisson_ratio: float) -> float:
-    """Force of the cells whose pressure is within two deviations of none: noise that may not pull can only
-    push.
+    """Return the force of the cells whose pressure is within two deviations of none: noise that may not pull only
+    pushes.
     """
     pressure = found.traction[-1]
     noise = std_mm / (grid.spacing_mm * (1 - poisson_ratio**2))
@@ -308,8 +312,8 @@ def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poi
 
 
 def _nothing(grid: NodeGrid, height: HeightMap, flags: tuple[str, ...], unseen_N: float) -> TractionMap:
-    """No contact: zero force along each axis, to within a punch of one cell's radius, pressed in by what a
-    candidate needs.
+    """Return zero force along each axis, to within a punch of one cell's radius pressed in by what a candidate
+    needs.
     """
     fields = np.zeros((3, grid.shape[0] * grid.shape[1]))
     total, std = np.zeros(6), np.array([unseen_N] * 3 + [np.nan] * 3)

@@ -104,7 +104,7 @@ def force_job(
     untouched: Untouched | None = None,
     compliance: GelCompliance | None = None,
 ) -> ForceJob:
-    """All that a frame needs, made once: compliance, the untouched gel, and where tractions go.
+    """Prepare what every frame needs: compliance, the untouched gel, and where tractions go.
 
     Shear is followed from the first frame of the untouched gel among the recording's references, or from
     `untouched`; without one, fx and fy stay unknown. `compliance` is the gel's where it was made before. Raises
@@ -130,13 +130,13 @@ def force_job(
 
 
 def untouched_frame(recording: Recording) -> Bytes | None:
-    """The first reference picture of the untouched gel, rectified; None where the recording has none."""
+    """Return the first reference picture of the untouched gel, rectified; None if the recording has none."""
     flats = read_flats(replace(recording, flats=recording.flats[:1]))
     return rectify(recording.sensor, flats[0]) if flats else None
 
 
 def beside(row: FrameForce, readings: Readings) -> FrameForce:
-    """The row with the F/T reading and the press of its time."""
+    """Add the F/T reading and the press of its time to a row."""
     press = readings.press_at(row.time_s)
     if press is None:
         return replace(row, measured_N=triple(readings.at(row.time_s)))
@@ -146,7 +146,7 @@ def beside(row: FrameForce, readings: Readings) -> FrameForce:
 
 
 def table(rows: Sequence[FrameForce]) -> str:
-    """resultants.csv: what is not known is left empty."""
+    """Return resultants.csv; what is not known is left empty."""
     return csv_text([COLUMNS, *map(_cells, rows)])
 
 
@@ -163,7 +163,7 @@ def _untouched(recording: Recording) -> Untouched | None:
 
 
 def _what_decides(job: ForceJob) -> tuple[object, ...]:
-    """Whatever would give a frame another force."""
+    """Return all that would change a frame's force."""
     field, material = job.field, job.field.material
     covariance = None if material.covariance is None else material.covariance.tolist()
     follows = job.untouched is not None and job.untouched.shows

@@ -77,7 +77,7 @@ class TractionStore:
                     os.posix_fallocate(file.fileno(), 0, self.scratch.stat().st_size)
 
     def write(self, number: int, fields: dict[str, Singles]) -> None:
-        """One frame's fields, (rows, columns) each."""
+        """Write one frame's fields, (rows, columns) each."""
         if self.form == "zarr":
             write_frame(self.scratch, number, fields=fields)
             return
@@ -86,7 +86,7 @@ class TractionStore:
         stack.flush()
 
     def exists(self) -> bool:
-        """Whether the scratch is there."""
+        """Return whether the scratch is there."""
         return self.scratch.exists()
 
     def end(self, frames: Sequence[str], good: Sequence[int]) -> None:
@@ -150,7 +150,7 @@ class FrameForce:
         return not self.why
 
     def as_row(self) -> Row:
-        """As text, every digit kept, without what is put beside it later."""
+        """Return the row as text, every digit kept, without what is added later."""
         numbers = (
             self.time_s,
             *self.resultant_N,
@@ -163,7 +163,7 @@ class FrameForce:
 
     @classmethod
     def of(cls, row: Row) -> Self:
-        """From its row of text. Raises InputError where a cell is no number."""
+        """Read a row of text. Raises InputError if a cell is not a number."""
         n = read_cells(row[1:14], where=row[0])
         return cls(row[0], n[0], (n[1], n[2], n[3]), (n[4], n[5], n[6]), (n[7], n[8], n[9]), n[10], (n[11], n[12]),
                    row[14], row[15])  # fmt: skip
@@ -207,13 +207,17 @@ class ForceJob:
         return as_force(found, frame).as_row()
 
     def solve(self, frame: Frame) -> Solved:
-        """Raises InputError for a frame that cannot be read, ConvergenceError where the contact never settles."""
+        """Solve for the forces. Raises InputError for a frame that cannot be read, ConvergenceError if the contact
+        does not settle.
+        """
         solved = self._solved(frame, self.reconstructor.height_map(frame))
         doubts = tuple(MEANING[flag] for flag in add(solved.height.flags, self._beyond_balls(solved.height)))
         return replace(solved, found=replace(solved.found, flags=(*solved.found.flags, *doubts)))
 
     def _beyond_balls(self, height: HeightMap) -> tuple[str, ...]:
-        """The flag of a contact whose depth is extrapolated; what a border cuts, the field says itself."""
+        """Return the flag of a contact whose depth is extrapolated; a cut by the border is flagged by the field
+        itself.
+        """
         if not self.field.touched(height):
             return ()
         error = self.reconstructor.error
@@ -229,7 +233,7 @@ class ForceJob:
         return Solved(height, shear, self.field(height, shear))
 
     def sensitivity(self, solved: Solved) -> tuple[Sensitivity, ...]:
-        """What the material's own 95 % interval does to the force; nothing where it states none."""
+        """Return how the material's 95 % interval changes the force; nothing if it states none."""
         if self.field.material.covariance is None:
             return ()
         return material_sensitivity(self.field, solved.found, solved.height, solved.shear)
@@ -240,13 +244,13 @@ class ForceJob:
         return Solved(height, None, replace(found, flags=flags))
 
     def kept(self, row: Row) -> bool:
-        """Whether the store that holds the frame's tractions is there."""
+        """Return whether the store that holds the frame's tractions is there."""
         FrameForce.of(row)
         return bool(row[15]) or self.store.exists()
 
 
 def as_force(found: TractionMap, frame: Frame) -> FrameForce:
-    """The numbers of a map of tractions."""
+    """Return the numbers of a map of tractions."""
     pressure = np.maximum(np.nan_to_num(found.t_z), 0)
     total = float(pressure.sum())
     place = NOTHING[:2]
@@ -262,5 +266,5 @@ def as_force(found: TractionMap, frame: Frame) -> FrameForce:
 
 
 def nothing_touches(row: FrameForce) -> bool:
-    """Whether the frame was read and shows a gel that is free."""
+    """Return whether the frame was read and shows a gel that is free."""
     return row.read and NO_CONTACT in row.flags

@@ -29,14 +29,14 @@ GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 9  # of the same rule; they sum to 2
 
 
 def quadratic(xi: Floats) -> tuple[Floats, Floats]:
-    """Values and slopes (3, N) of the three quadratic functions on [-1, 1] at `xi` (N,)."""
+    """Return the values and slopes (3, N) of the three quadratic functions on [-1, 1] at `xi` (N,)."""
     values = np.stack([xi * (xi - 1) / 2, 1 - xi**2, xi * (xi + 1) / 2])
     return values, np.stack([xi - 0.5, -2 * xi, xi + 0.5])
 
 
 def shape_functions() -> tuple[Floats, Floats, Floats]:
-    """At the 27 points: values (27 points, 27 nodes), slopes (27, 27, 3) by the element's own axes, weights
-    (27,).
+    """Return values (27 points, 27 nodes), slopes (27, 27, 3) by the element's own axes and weights (27,) at the
+    27 points.
     """
     value, slope = quadratic(GAUSS)
     values = np.einsum("ip,jq,kr->rqpkji", value, value, value).reshape(27, 27)
@@ -49,7 +49,7 @@ def shape_functions() -> tuple[Floats, Floats, Floats]:
 
 
 def stiffness(nodes_mm: Floats, elements: Elements, *, poisson_ratio: float) -> sparse.csc_matrix:
-    """K (3 N, 3 N) of `nodes_mm` (N, 3) and `elements` (M, 27) at modulus 1 MPa; unknown 3 n + i is node n
+    """Return K (3 N, 3 N) of `nodes_mm` (N, 3) and `elements` (M, 27) at modulus 1 MPa; unknown 3 n + i is node n
     along i.
     """
     parts = [
@@ -67,7 +67,7 @@ def _chunks(elements: Elements) -> int:
 
 
 def _element_matrices(corners: Floats, poisson_ratio: float) -> Floats:
-    """(m, 81, 81) of elements with node places `corners` (m, 27, 3)."""
+    """Return (m, 81, 81) of elements with node places `corners` (m, 27, 3)."""
     values, slopes, weights = shape_functions()
     jacobian = np.einsum("pna,mni->mpia", slopes, corners)
     measure = np.linalg.det(jacobian) * weights
@@ -122,7 +122,7 @@ class GelMesh:
 
 
 def gel_mesh(gel: Gel, element_mm: float) -> GelMesh:
-    """Mesh of a gel that has sides (disc or rectangle) with elements about `element_mm` wide."""
+    """Mesh a gel that has sides (disc or rectangle) with elements about `element_mm` wide."""
     if gel.shape == "disc" and gel.radius_mm is not None:
         patches = _disc(gel.radius_mm, element_mm)
     elif gel.size_mm is not None:
@@ -141,14 +141,16 @@ def gel_mesh(gel: Gel, element_mm: float) -> GelMesh:
 
 
 def _rectangle(size_mm: tuple[float, float], element_mm: float) -> Floats:
-    """Node places (2 n + 1, 2 m + 1, 2) of the whole plane, x fastest."""
+    """Return the node places (2 n + 1, 2 m + 1, 2) of the whole plane, x fastest."""
     axes = [_graded(max(4, int(np.ceil(length / element_mm)))) * length / 2 for length in size_mm]
     x, y = np.meshgrid(*axes)
     return np.stack([x, y], axis=-1)
 
 
 def _graded(count: int) -> Floats:
-    """Places of quadratic nodes on [-1, 1], closer together towards both ends; middles halve their elements."""
+    """Return the places of quadratic nodes on [-1, 1], closer together towards both ends; middles halve their
+    elements.
+    """
     even = np.linspace(-1, 1, count + 1)
     ends = even + 0.6 * np.sin(np.pi * even) / np.pi
     return np.sort(np.concatenate([ends, (ends[1:] + ends[:-1]) / 2]))
@@ -174,7 +176,7 @@ def _disc(radius_mm: float, element_mm: float) -> list[Floats]:
 
 
 def _merge(patches: list[Floats]) -> tuple[Floats, Indices]:
-    """Places (N, 2) without doubles and nine-node quads (M, 9), x fastest within each."""
+    """Merge equal places (N, 2); return them and nine-node quads (M, 9), x fastest within each."""
     places = np.concatenate([p.reshape(-1, 2) for p in patches])
     scale = np.abs(places).max()
     _, first, number = np.unique(np.round(places / scale, 9) + 0.0, axis=0, return_index=True, return_inverse=True)
@@ -193,14 +195,17 @@ def _merge(patches: list[Floats]) -> tuple[Floats, Indices]:
 
 
 def _outline(quads: Indices) -> Indices:
-    """Sides (S, 3) of the quads that no other quad shares, counter-clockwise (x right, y up) round the element."""
+    """Return the sides (S, 3) of the quads that no other quad shares, counter-clockwise (x right, y up) round the
+    element.
+    """
     sides = np.concatenate([quads[:, list(side)] for side in ((0, 1, 2), (2, 5, 8), (8, 7, 6), (6, 3, 0))])
     _, number, count = np.unique(sides[:, 1], return_inverse=True, return_counts=True)
     return np.asarray(sides[count[number] == 1])
 
 
 def face_values(mesh: GelMesh, places_mm: Floats) -> tuple[Indices, Floats]:
-    """Nodes (P, 9) of the face's element that each place lies in, and their shape functions (P, 9) there.
+    """Return the nodes (P, 9) of the face's element that each place lies in, and their shape functions (P, 9)
+    there.
 
     Raises ValueError for a place outside the mesh.
     """
@@ -220,7 +225,7 @@ def face_values(mesh: GelMesh, places_mm: Floats) -> tuple[Indices, Floats]:
 
 
 def _local(corners: Floats, place: Floats) -> Floats:
-    """Coordinates in [-1, 1]^2 of a place in a nine-node quad, by Newton's method."""
+    """Return the coordinates in [-1, 1]^2 of a place in a nine-node quad, by Newton's method."""
     local = np.zeros(2)
     for _ in range(12):
         value, slope = quadratic(local)
@@ -263,7 +268,7 @@ class WallPoints:
 
 
 def wall_points(mesh: GelMesh) -> WallPoints:
-    """Three by three points on every element's side on the wall."""
+    """Return three by three points on every element's side on the wall."""
     value, slope = quadratic(GAUSS)
     corners = mesh.nodes_mm[mesh.edges, :2]
     places = np.einsum("np,eni->epi", value, corners).reshape(-1, 2)
@@ -288,7 +293,9 @@ def wall_points(mesh: GelMesh) -> WallPoints:
 
 
 def _levels(depths_mm: Floats) -> tuple[Floats, Floats]:
-    """Quadrature depths (L,) and the share (L, node levels) of each in the nodal levels, times its length."""
+    """Return the quadrature depths (L,) and the share (L, node levels) of each in the nodal levels, times its
+    length.
+    """
     value, _ = quadratic(GAUSS)
     places, share = [], np.zeros((3 * (len(depths_mm) // 2), len(depths_mm)))
     for element in range(len(depths_mm) // 2):

@@ -34,7 +34,8 @@ DOUBT = 0.3  # of a contact's displacement of the gel beside it: linear theory a
 
 
 def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.NDArray[np.intp]:
-    """Flat indices of the cells that may touch, by depth and its standard deviation (rows, columns) in mm.
+    """Return the flat indices of the cells that may touch, by depth and its standard deviation (rows, columns) in
+    mm.
 
     Empty where nothing does.
     """
@@ -54,7 +55,7 @@ def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.ND
 
 
 def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usable: Bools) -> npt.NDArray[np.intp]:
-    """Flat indices of the cells (rows, columns) of a weak contact beside a deep one.
+    """Return flat indices of the cells (rows, columns) of a weak contact next to a deep one.
 
     There the depth `left_mm` over that one's own (`moved_mm`) stands out.
 
@@ -79,12 +80,14 @@ def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usabl
 
 
 def pulling(pressure: Floats, std: float = 0.0) -> Bools:
-    """Mask (C,) of the pressures (MPa) of an active set that are to be left out; `std` of one, alike."""
+    """Return the mask (C,) of the pressures (MPa) of an active set that are to be excluded; `std` of one,
+    alike.
+    """
     return np.asarray(pressure < max(FAINTEST * float(np.max(pressure, initial=0.0)), std))
 
 
 def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
-    """A quarter of the graph Laplacian of the cells (C,): R, dimensionless (C, C).
+    """Return a quarter of the graph Laplacian of the cells (C,): R, dimensionless (C, C).
 
     x R x is the squared step to the neighbours.
 
@@ -106,7 +109,7 @@ def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
 
 
 def at_border(cells: npt.NDArray[np.intp], usable: Bools) -> Bools:
-    """Mask (C,) of the cells beside one of which nothing is known: at the border of the view, gel or map."""
+    """Return the mask (C,) of the cells with an unknown neighbour: at the border of the view, gel or map."""
     inside = np.pad(usable, 1)
     row, column = np.divmod(cells, usable.shape[1])
     beyond = [inside[row + 1 + dy, column + 1 + dx] for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]
@@ -148,11 +151,11 @@ class Compliance(Protocol):
         ...
 
     def block(self, receivers: Cells, sources: Cells) -> Floats:
-        """(3 R, 3 S), x of all, y of all, z of all."""
+        """Return the block (3 R, 3 S), x of all, y of all, z of all."""
         ...
 
     def normal_block(self, cells: Cells) -> Floats:
-        """(C, C), depth by pressure."""
+        """Return the block (C, C) of depth by pressure."""
         ...
 
 
@@ -168,25 +171,28 @@ class Solution:
     subcell: float
 
     def gain(self, weights: Floats) -> Floats:
-        """weights (K, nC) @ M^-1."""
+        """Return weights (K, nC) @ M^-1."""
         return np.asarray(lapack.dpotrs(self.factor, weights.T, lower=1)[0].T)
 
     def propagate(self, weights: Floats, std_mm: Floats) -> Floats:
-        """Covariance (K, K) of weights (K, nC) @ traction, for displacements with `std_mm` (nC,)."""
+        """Return the covariance (K, K) of weights (K, nC) @ traction, for displacements with `std_mm` (nC,)."""
         once = self.gain(weights)
         full = (once + self.subcell * self.gain(once)) * std_mm
         return np.asarray(full @ full.T)
 
     def shift(self, weights: Floats, moved_mm: Floats, component: int = -1) -> Floats:
-        """What weights (K, nC) @ traction gains (K,) where one component of all cells' displacement is greater by
-        `moved_mm` (C,) at once: the last, depth, or another."""
+        """Return the change (K,) of weights (K, nC) @ traction where one component of all cells' displacement
+        grows by `moved_mm` (C,) at once: the last, depth, or another.
+        """
         whole = np.zeros_like(self.traction)
         whole[component] = moved_mm
         once = lapack.dpotrs(self.factor, whole.ravel(), lower=1)[0]
         return np.asarray(weights @ (once + self.subcell * lapack.dpotrs(self.factor, once, lower=1)[0]))
 
     def cell_std(self, std_mm: Floats) -> Floats:
-        """Standard deviation (n, C) of each traction; that the components are coupled is left out (2 % of it)."""
+        """Return the standard deviation (n, C) of each traction; the components' coupling (2 % of it) is
+        neglected.
+        """
         count, found = len(self.cells), np.empty_like(self.traction)
         lower = np.tril(self.factor)
         for k in range(len(found)):
@@ -208,7 +214,7 @@ def solve_normal(
     poisson_ratio: float,
     adhesive: bool = False,
 ) -> Solution:
-    """Pressure alone (MPa), as of a contact without friction, from the depth (C,) of `cells`."""
+    """Solve for pressure alone (MPa), as of a contact without friction, from the depth (C,) of `cells`."""
     whole = compliance.normal_block(cells)
     return _narrow(whole, compliance.grid, cells, depth_mm[None], np.array([std_mm]), poisson_ratio, adhesive)
 
@@ -222,7 +228,7 @@ def solve_all(
     poisson_ratio: float,
     adhesive: bool = False,
 ) -> Solution:
-    """Tractions along x, y, z in MPa from `displacement_mm` (3, C) of the same cells; `std_mm` (3,).
+    """Solve for tractions along x, y, z in MPa from `displacement_mm` (3, C) of the same cells; `std_mm` (3,).
 
     The contact is narrowed by the pressure alone first: that system is a ninth as large.
     """
@@ -280,12 +286,12 @@ def _solved(
 
 
 def _rms_guess(u: Floats, unit: float) -> Floats:
-    """Rms of the traction before it is known: a displacement that changes over some cells, tied to the largest."""
+    """Guess the rms of the traction: a displacement that changes over some cells, tied to the largest."""
     size = np.sqrt(np.mean(u**2, axis=1)) / (4 * unit)
     return np.asarray(np.maximum(size, 1e-2 * size.max()) + np.finfo(float).tiny)
 
 
 def _rms(x: Floats, noise: Floats) -> Floats:
-    """Rms of the traction, with what the noise adds taken out, but not below a third of the noise."""
+    """Return the rms of the traction, corrected for the noise, but not below a third of the noise."""
     square = np.mean(x**2, axis=1)
     return np.asarray(np.sqrt(np.maximum(square - noise**2, noise**2 / 10)) + np.finfo(float).tiny)

@@ -37,7 +37,9 @@ class CellCompliance:
     table: Floats
 
     def block(self, receivers: npt.NDArray[np.intp], sources: npt.NDArray[np.intp]) -> Floats:
-        """(3 R, 3 S): displacement (x of all, y of all, z of all) by traction, for flat indices of cells."""
+        """Return the block (3 R, 3 S): displacement (x of all, y of all, z of all) by traction, for flat indices
+        of cells.
+        """
         rows, columns = self.grid.shape
         r_row, r_column = np.divmod(receivers, columns)
         s_row, s_column = np.divmod(sources, columns)
@@ -47,7 +49,7 @@ class CellCompliance:
         return np.asarray(entries.transpose(2, 0, 3, 1).reshape(3 * len(receivers), 3 * len(sources)))
 
     def normal_block(self, cells: npt.NDArray[np.intp]) -> Floats:
-        """(C, C): depth by pressure alone."""
+        """Return the block (C, C) of depth by pressure alone."""
         rows, columns = self.grid.shape
         row, column = np.divmod(cells, columns)
         wide = 2 * columns - 1
@@ -57,7 +59,7 @@ class CellCompliance:
 
 
 def layer_cells(grid: NodeGrid, *, thickness_mm: float, poisson_ratio: float) -> CellCompliance:
-    """The compliance between all cells of `grid` on an unbounded layer bonded to a rigid base."""
+    """Return the compliance between all cells of `grid` on an unbounded layer bonded to a rigid base."""
     fine = grid.spacing_mm / WAVES
     counts = [
         WAVES * fft.next_fast_len(2 * n + int(np.ceil(REACH * thickness_mm / grid.spacing_mm))) for n in grid.shape
@@ -105,9 +107,7 @@ class LayerStress:
     step_mm: float
 
     def at(self, level: int, offset_mm: Floats) -> Floats:
-        """Stress (P, 3 loads, 3, 3) at `offset_mm` (P, 2) from the load; 0 beyond the grid, where the layer
-        forgets.
-        """
+        """Return the stress (P, 3 loads, 3, 3) at `offset_mm` (P, 2) from the load; 0 beyond the grid."""
         half = self.stress.shape[1] // 2
         place = offset_mm / self.step_mm + half
         low = np.floor(place).astype(np.intp)
@@ -129,7 +129,9 @@ class LayerStress:
 def layer_stress(
     depths_mm: Floats, cell_mm: float, *, thickness_mm: float, poisson_ratio: float, reach_mm: float
 ) -> LayerStress:
-    """Stress (MPa) at `depths_mm` (n,) of a cell `cell_mm` wide that carries the force 1 N (traction 1/cell^2)."""
+    """Return the stress (MPa) at `depths_mm` (n,) of a cell `cell_mm` wide that carries the force 1 N (traction
+    1/cell^2).
+    """
     step = STEP_MM_OF_CELL * cell_mm
     count = fft.next_fast_len(2 * int(np.ceil(1.5 * reach_mm / step)))
     k_y = 2 * np.pi * np.fft.fftfreq(count, step)[:, None]
@@ -150,7 +152,7 @@ def layer_stress(
 
 
 def wave_stress(k: Floats, depth_mm: float, *, thickness_mm: float, poisson_ratio: float) -> Floats:
-    """(8, ...) real parts: LL, TT, zz, Lz by a normal load, the same by one along L, in that order.
+    """Return (8, ...) real parts: LL, TT, zz, Lz by a normal load, the same by one along L, in that order.
 
     For the normal load LL, TT, zz are real and Lz imaginary (i times the number given); for the load along L
     the other way round with LL, TT, zz = -i times, Lz = 1 times the number given.
@@ -181,7 +183,7 @@ def wave_stress(k: Floats, depth_mm: float, *, thickness_mm: float, poisson_rati
 
 
 def _turned(waves: Floats, across: tuple[Floats, Floats], c: Floats, s: Floats) -> list[list[Waves]]:
-    """Stress entries (as PAIRS) in x, y, z for loads along x, y, z, complex."""
+    """Return the stress entries (as PAIRS) in x, y, z for loads along x, y, z, complex."""
     zero = np.zeros_like(waves[0])
     normal = _rotated(waves[0], waves[1], waves[2], zero, 1j * waves[3], zero, c, s)
     along = _rotated(-1j * waves[4], -1j * waves[5], -1j * waves[6], zero, waves[7], zero, c, s)
@@ -194,7 +196,7 @@ def _turned(waves: Floats, across: tuple[Floats, Floats], c: Floats, s: Floats) 
 def _rotated(
     ll: Waves, tt: Waves, zz: Waves, lt: Waves, lz: Waves, tz: Waves, c: Floats, s: Floats
 ) -> list[Waves]:
-    """xx yy zz xy xz yz of a tensor given along L = (c, s) and T = (-s, c)."""
+    """Return xx yy zz xy xz yz of a tensor given along L = (c, s) and T = (-s, c)."""
     return [
         c * c * ll + s * s * tt - 2 * c * s * lt,
         s * s * ll + c * c * tt + 2 * c * s * lt,
@@ -206,7 +208,7 @@ def _rotated(
 
 
 def _across(k: Floats, depth_mm: float, thickness_mm: float) -> tuple[Floats, Floats]:
-    """sinh(ks)/cosh(kh) and -cosh(ks)/cosh(kh), s = h - z: LT over i and Tz of a load across k."""
+    """Return sinh(ks)/cosh(kh) and -cosh(ks)/cosh(kh), s = h - z: LT over i and Tz of a load across k."""
     down, mirrored = np.exp(-k * depth_mm), np.exp(-k * (2 * thickness_mm - depth_mm))
     below = 1 + np.exp(-2 * k * thickness_mm)
     return (down - mirrored) / below, -(down + mirrored) / below

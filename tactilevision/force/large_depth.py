@@ -69,7 +69,7 @@ def depth_factors(
 def patch_factor(
     radius_mm: Floats, depth_mm: Floats, *, stretch: Floats, thickness_mm: float, poisson_ratio: float
 ) -> Floats:
-    """The factor of each patch (n,), a ratio; the arrays alike."""
+    """Return the factor of each patch (n,), a ratio; the arrays alike."""
     depth = np.clip(depth_mm, 0, THINNEST * thickness_mm)
     thinner = thickness_mm - depth * radius_mm**2 / (radius_mm**2 + thickness_mm**2)
     wider = radius_mm * (1 + np.clip(stretch, -0.5, 0.5) / 2)
@@ -80,6 +80,6 @@ def patch_factor(
 
 
 def surface_stretch(grid: NodeGrid, displacement_mm: Floats) -> Floats:
-    """du_x/dx + du_y/dy (rows, columns), dimensionless."""
+    """Return du_x/dx + du_y/dy (rows, columns), dimensionless."""
     along = np.gradient(displacement_mm[0], grid.spacing_mm, axis=1)
     return np.asarray(along + np.gradient(displacement_mm[1], grid.spacing_mm, axis=0))

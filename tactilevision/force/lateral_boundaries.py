@@ -32,7 +32,7 @@ VERSION = 1  # part of every hash: raise it when the numbers change
 
 
 def cache_folder() -> Path:
-    """Where tables are kept. Not made before something is written."""
+    """Return the folder that keeps tables; it is made when something is written."""
     own = os.environ.get("TACTILEVISION_CACHE")
     if own:
         return Path(own)
@@ -41,7 +41,7 @@ def cache_folder() -> Path:
 
 
 def kept(name: str, key: object, *, make: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    """The array of `key`, of any shape and in any unit: read where it was kept, else made and kept."""
+    """Return the array of `key`, of any shape and unit: read from the cache, else computed and kept."""
     digest = hashlib.sha256(repr((VERSION, name, key)).encode()).hexdigest()[:20]
     path = cache_folder() / f"{name}-{digest}.npz"
     found = _read(path, repr(key))
@@ -95,7 +95,7 @@ class SideTable:
     spacing_mm: float
 
     def add(self, block: Floats, grid: NodeGrid, receivers: Cells, sources: Cells) -> Floats:
-        """`block` (3 R, 3 S) of the layer plus the sides' part; the load is a cell's, 1 MPa over its area."""
+        """Add the sides' part to `block` (3 R, 3 S) of the layer; the load is a cell's, 1 MPa over its area."""
         to, to_weights = self._stations(grid, receivers)
         of, of_weights = self._stations(grid, sources)
         part = self._cut(to, of)
@@ -105,7 +105,7 @@ class SideTable:
         return np.asarray(block + grid.cell_mm2 * inner.reshape(block.shape))
 
     def add_normal(self, block: Floats, grid: NodeGrid, *, cells: Cells) -> Floats:
-        """The same for depth by pressure alone."""
+        """Add the sides' part for depth by pressure alone."""
         used, weights = self._stations(grid, cells)
         part = self._cut(used, used)[:, 2, :, 2]
         return block + grid.cell_mm2 * (weights @ part @ weights.T) if part.any() else block
@@ -115,7 +115,9 @@ class SideTable:
         return np.asarray(self.table.reshape(count, 3, count, 3)[to][:, :, of], dtype=np.float64)
 
     def _stations(self, grid: NodeGrid, cells: Cells) -> tuple[Cells, Floats]:
-        """The stations that `cells` lie between and the weights (cells, stations) of linear interpolation."""
+        """Return the stations that `cells` lie between and the weights (cells, stations) of linear
+        interpolation.
+        """
         row, column = np.divmod(cells, grid.shape[1])
         y = np.clip(grid.y_mm[row] / self.spacing_mm + (self.rows - 1) / 2, 0, self.rows - 1.001)
         x = np.clip(grid.x_mm[column] / self.spacing_mm + (self.columns - 1) / 2, 0, self.columns - 1.001)
@@ -131,7 +133,9 @@ class SideTable:
 
 
 def side_table(gel: Gel, grid: NodeGrid, *, poisson_ratio: float) -> SideTable | None:
-    """The table for the stations over `grid`, made or read from the cache; None where no side is near the view."""
+    """Return the table for the stations over `grid`, computed or from the cache; None if no side is near the
+    view.
+    """
     rows, columns = (int(np.ceil((n - 1) * grid.spacing_mm / STATION_MM)) + 1 for n in grid.shape)
     places = _admissible(gel, _station_places(rows, columns))
     if gel.shape == "unbounded" or not (_distance(gel, places) < FORGETS * gel.thickness_mm).any():
@@ -143,7 +147,9 @@ def side_table(gel: Gel, grid: NodeGrid, *, poisson_ratio: float) -> SideTable |
 
 
 def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm: float | None = None) -> Singles:
-    """(3 S, 3 S) displacement at `places_mm` (S, 2) that the free sides add to a force of 1 N at each, float32."""
+    """Return (3 S, 3 S) displacement at `places_mm` (S, 2) that the free sides add to a force of 1 N at each,
+    float32.
+    """
     mesh = gel_mesh(gel, element_mm or _element_mm(gel))
     wall = wall_points(mesh)
     near = _distance(gel, places_mm) < FORGETS * gel.thickness_mm
@@ -176,7 +182,9 @@ def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm
 
 
 def _element_mm(gel: Gel) -> float:
-    """Three fifths of the thickness, or as much as keeps the mesh small enough to factorise in seconds."""
+    """Return an element size of three fifths of the thickness, or the least that keeps the mesh factorised in
+    seconds.
+    """
     if gel.shape == "disc" and gel.radius_mm is not None:
         area = np.pi * gel.radius_mm**2
     else:
@@ -185,7 +193,9 @@ def _element_mm(gel: Gel) -> float:
 
 
 def _wall_forces(mesh: GelMesh, wall: WallPoints, field: LayerStress, places_mm: Floats) -> Floats:
-    """(unknowns on the wall, 3 S): nodal forces of the layer's traction on the wall, by loads at `places_mm`."""
+    """Return (unknowns on the wall, 3 S): nodal forces of the layer's traction on the wall, by loads at
+    `places_mm`.
+    """
     count = len(places_mm)
     total = np.zeros((len(wall.unknowns), count, 3))
     for level in range(len(wall.depths_mm)):
@@ -203,7 +213,7 @@ def _station_places(rows: int, columns: int) -> Floats:
 
 
 def _distance(gel: Gel, places_mm: Floats) -> Floats:
-    """How far each place is from the nearest side; below 0 outside."""
+    """Return the distance of each place from the nearest side; below 0 outside."""
     if gel.shape == "disc" and gel.radius_mm is not None:
         return np.asarray(gel.radius_mm - np.hypot(*places_mm.T))
     if gel.shape == "rectangle" and gel.size_mm is not None:
@@ -212,7 +222,7 @@ def _distance(gel: Gel, places_mm: Floats) -> Floats:
 
 
 def _admissible(gel: Gel, places_mm: Floats) -> Floats:
-    """Each place, or the nearest one that keeps half a load's distance from the side."""
+    """Return each place, or the nearest one that keeps half a load's distance from the side."""
     keep = LOAD_MM / 2
     if gel.shape == "disc" and gel.radius_mm is not None:
         distance = np.hypot(*places_mm.T)
@@ -226,7 +236,7 @@ def _admissible(gel: Gel, places_mm: Floats) -> Floats:
 
 
 def _at_places(mesh: GelMesh, answer: Floats, places_mm: Floats) -> Floats:
-    """(3 P, R): the solutions at places on the free face, interpolated by the elements' own functions."""
+    """Return (3 P, R): the solutions at places on the free face, interpolated by the elements' own functions."""
     nodes, values = face_values(mesh, places_mm)
     unknowns = answer[: 3 * mesh.per_layer].reshape(mesh.per_layer, 3, -1)
     return np.asarray(np.einsum("pn,pnir->pir", values, unknowns[nodes]).reshape(3 * len(places_mm), -1))

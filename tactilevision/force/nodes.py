@@ -49,7 +49,9 @@ class NodeGrid:
 
 
 def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, *, spacing_mm: float) -> NodeGrid:
-    """As many whole cells as fit into the view. Raises InputError on a scale or spacing that makes no grid."""
+    """Lay as many whole cells as fit into the view. Raises InputError for a scale or spacing that makes no
+    grid.
+    """
     if not all(np.isfinite(s) and s > 0 for s in mm_per_px):
         raise InputError(
             "forces need the scale in mm per pixel, x and y, above 0",
@@ -74,7 +76,8 @@ def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, *, spacing_mm: float) ->
 
 
 def cell_means(grid: NodeGrid, picture: Array, *, valid: Bools | None) -> tuple[Floats, Bools]:
-    """Mean of `picture` (H, W) over each cell, in its unit, and a mask of cells that are known well enough.
+    """Return the mean of `picture` (H, W) over each cell, in its unit, and a mask of cells that are known well
+    enough.
 
     Cells that are not known are 0.
     """
@@ -95,14 +98,16 @@ def cell_means(grid: NodeGrid, picture: Array, *, valid: Bools | None) -> tuple[
 
 
 def mean_std(grid: NodeGrid, std_mm: float, *, correlation_px: float) -> float:
-    """Standard deviation of a cell's mean where each pixel has `std_mm`, alike over `correlation_px` pixels."""
+    """Return the standard deviation of a cell's mean where each pixel has `std_mm`, alike over `correlation_px`
+    pixels.
+    """
     pixels = grid.cell_mm2 / (grid.mm_per_px[0] * grid.mm_per_px[1])
     return float(std_mm) / float(np.sqrt(max(1.0, pixels / max(1.0, correlation_px) ** 2)))
 
 
 @lru_cache(maxsize=8)
 def _overlaps(grid: NodeGrid) -> tuple[Singles, Singles]:
-    """(rows, H) and (W, columns): the share of each pixel in each cell, summing to 1 over a cell."""
+    """Return (rows, H) and (W, columns): the share of each pixel in each cell, summing to 1 over a cell."""
     down = _overlap(grid.view_px[0], grid.mm_per_px[1], grid.shape[0], grid.spacing_mm)
     along = _overlap(grid.view_px[1], grid.mm_per_px[0], grid.shape[1], grid.spacing_mm)
     return down.astype(np.float32), np.ascontiguousarray(along.T, dtype=np.float32)

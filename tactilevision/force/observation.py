@@ -56,7 +56,7 @@ class PixelNoise:
 def observe(
     grid: NodeGrid, height: HeightMap, *, shear: ShearMap | None, noise: PixelNoise, inside: Bools
 ) -> Observation:
-    """Means over the cells of depth and shear (H, W), in mm.
+    """Average depth and shear (H, W), in mm, over the cells.
 
     `std_mm` of a pixel's depth stands in where the map has none.
 
@@ -87,7 +87,9 @@ def observe(
 
 
 def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Array, Bools]:
-    """Depth (H, W), in mm, of the material that was at each pixel of the untouched frame; a mask of known ones."""
+    """Return the depth (H, W), in mm, of the material that was at each pixel of the untouched frame; a mask of
+    known ones.
+    """
     rows, columns = depth.shape
     u_x, u_y = (np.asarray(u, dtype=np.float32) for u in (shear.u_x_mm, shear.u_y_mm))
     if not shear.valid.all():
@@ -104,7 +106,8 @@ def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Arra
 
 
 def noise_of_cells(depth: Floats, known: Bools) -> float:
-    """Standard deviation of the cells' depths (rows, columns), in their mm, from second differences along rows.
+    """Return the standard deviation of the cells' depths (rows, columns), in their mm, from second differences
+    along rows.
 
     Robust to the few that touch.
     """
@@ -114,7 +117,7 @@ def noise_of_cells(depth: Floats, known: Bools) -> float:
 
 
 def unevenness(grid: NodeGrid, depth: Floats, *, known: Bools, away_mm: float) -> float:
-    """Robust size (mm) of the depths (rows, columns) that lie `away_mm` and more from a contact.
+    """Return the robust size (mm) of the depths (rows, columns) that lie `away_mm` and more from a contact.
 
     A contact is whatever is half as deep as the deepest cell.
 
@@ -131,7 +134,8 @@ def unevenness(grid: NodeGrid, depth: Floats, *, known: Bools, away_mm: float) -
 
 
 def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, away_mm: float) -> float:
-    """By what factor, at least 1, still gel is farther from flat than the map's `std_mm` (rows, columns) says.
+    """Return by what factor, at least 1, untouched gel is farther from flat than the map's `std_mm` (rows,
+    columns).
 
     Asked of the cells `away_mm` and more from whatever is half as deep as the deepest; where these are fewer than
     MIN_FAR the map stands for itself.
@@ -144,7 +148,9 @@ def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, 
 
 
 def _from_deep(grid: NodeGrid, depth: Floats, known: Bools) -> Floats | None:
-    """Distance of the known cells (N,) from the cells half as deep as the deepest, mm; None where none is deep."""
+    """Return the distance of the known cells (N,) from the cells half as deep as the deepest, mm; None where none
+    is deep.
+    """
     deepest = float(np.max(depth, where=known, initial=0.0))
     if deepest <= 0:
         return None
@@ -154,7 +160,7 @@ def _from_deep(grid: NodeGrid, depth: Floats, known: Bools) -> Floats | None:
 def _depth_std(
     grid: NodeGrid, height: HeightMap, noise: PixelNoise, depth: Floats, known: Bools
 ) -> tuple[float, Floats]:
-    """Standard deviation from cell to cell, and (rows, columns) of the depth itself.
+    """Return the standard deviation from cell to cell, and (rows, columns) of the depth itself.
 
     An error that a whole contact shares does not roughen it: from cell to cell only what is seen there counts.
     """
@@ -176,8 +182,9 @@ def _depth_std(
 
 
 def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> float:
-    """Rms of the stated standard deviation where the gel is at least half as deep as anywhere; far away the shear
-    is better known, and of no use."""
+    """Return the rms of the stated standard deviation where the gel is at least half as deep as the deepest; far
+    away it is smaller, and of no use.
+    """
     if np.ndim(shear.std_mm) == 0:
         return float(shear.std_mm)
     at_cells = np.asarray(shear.std_mm)[_centres(grid)]
@@ -188,7 +195,7 @@ def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> 
 
 
 def _centres(grid: NodeGrid) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Indices (rows, 1), (1, columns) of the pixels at the cells' middles."""
+    """Return the indices (rows, 1), (1, columns) of the pixels at the cells' middles."""
     (height, width), (sx, sy) = grid.view_px, grid.mm_per_px
     row = np.round(grid.y_mm / sy + (height - 1) / 2).astype(np.intp)
     column = np.round(grid.x_mm / sx + (width - 1) / 2).astype(np.intp)
@@ -196,7 +203,9 @@ def _centres(grid: NodeGrid) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]
 
 
 def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Floats:
-    """Cell means; a cell without shear takes that of the nearest cell that has it, and the map is flagged."""
+    """Return cell means; a cell without shear takes that of the nearest cell that has it, and the map is
+    flagged.
+    """
     means, known = cell_means(grid, field, valid=valid)
     if known.all():
         return means
@@ -206,7 +215,7 @@ def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Fl
 
 
 def _share_known(shear: ShearMap, depth: Array) -> float:
-    """Of the view or of its deep part, whichever is less."""
+    """Return the known share of the view or of its deep part, whichever is less."""
     if shear.valid.all():
         return 1.0
     top = float(depth.max())
@@ -236,7 +245,7 @@ def _check(grid: NodeGrid, height: HeightMap, shear: ShearMap | None) -> None:
 
 
 def is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
-    """Whether pressure reaches the border: that of its cells, summed, stands out of its own deviation.
+    """Return whether pressure reaches the border: the sum over its cells is significant.
 
     That holds errors that the whole contact shares, and those of each cell alone.
     """
@@ -251,7 +260,7 @@ def is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
 
 
 def force_beyond(grid: NodeGrid, found: Solution, seen: Observation, *, scale: Floats, cut: bool) -> Floats:
-    """Squared force (3,), N², that may lie where nothing is known.
+    """Return the squared force (3,), N², that may lie where nothing is known.
 
     Beyond the border that cuts a contact, its cells' traction carried on for half the contact's width; in a hole
     of the map, the mean traction round it, over no more than it.

@@ -42,7 +42,7 @@ class MeasuredForce:
 
 
 def wrench_weights(grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.intp]], *, parts: int) -> Floats:
-    """(6, parts * C): force and moment by the tractions; parts is 3, or 1 for the normal one alone."""
+    """Return (6, parts * C): force and moment by the tractions; parts is 3, or 1 for the normal one alone."""
     row, column = np.divmod(cells, grid.shape[1])
     x, y, one, none = grid.x_mm[column], grid.y_mm[row], np.ones(len(cells)), np.zeros(len(cells))
     along_x = np.stack([one, none, none, none, none, -y])
@@ -52,7 +52,7 @@ def wrench_weights(grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.int
 
 
 def constrain(found: TractionMap, measured: MeasuredForce) -> TractionMap:
-    """The map moved towards `measured`, with the mismatch of the free map kept beside it.
+    """Move the map towards `measured`; the mismatch of the free map is kept.
 
     Axes that the map does not know (NaN) stay so. A map without contact is returned with the mismatch and a flag.
     """
@@ -87,7 +87,7 @@ def constrain(found: TractionMap, measured: MeasuredForce) -> TractionMap:
 
 
 def moment(fields: list[Floats], place: TractionMap) -> Triple:
-    """(mx, my, mz) about the pad's centre, N mm, of tractions on the nodes of `place`."""
+    """Return (mx, my, mz) about the pad's centre, N mm, of tractions on the nodes of `place`."""
     x = place.first_mm[0] + place.mm_per_px[0] * np.arange(fields[0].shape[1])[None, :]
     y = place.first_mm[1] + place.mm_per_px[1] * np.arange(fields[0].shape[0])[:, None]
     cell = place.mm_per_px[0] * place.mm_per_px[1]
@@ -96,5 +96,5 @@ def moment(fields: list[Floats], place: TractionMap) -> Triple:
 
 
 def triple(values: Floats) -> Triple:
-    """Three plain numbers of values (3,), in their N or N mm."""
+    """Return values (3,) as three plain numbers, in their N or N mm."""
     return (float(values[0]), float(values[1]), float(values[2]))

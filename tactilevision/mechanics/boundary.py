@@ -47,7 +47,9 @@ SAME_PAD = 1e-9  # relative difference below which two pads are one
 def softening(
     distance_mm: npt.ArrayLike, *, radius_mm: float, thickness_mm: float, poisson_ratio: float
 ) -> Floats:
-    """s (any shape) for a punch in the middle of a disc whose rim is `distance_mm` from the punch's edge."""
+    """Return s (any shape) for a punch in the middle of a disc whose rim is `distance_mm` from the punch's
+    edge.
+    """
     d = positive("distance_mm", distance_mm) / float(positive("thickness_mm", thickness_mm))
     alpha = float(positive("radius_mm", radius_mm)) / thickness_mm
     for what, low, high, value in (
@@ -68,7 +70,7 @@ def softening(
 
 
 def rim_share(depth_mm: npt.ArrayLike, contact: FlatContact, *, poisson_ratio: float) -> Floats:
-    """What the pad's rim takes off P at a depth (any shape), over P on a pad of five thicknesses; 0 from there on.
+    """Return what the pad's rim takes off P at a depth (any shape), over P on a pad of five thicknesses.
 
     s at this distance, less what it is on such a pad, times the tabulated ratio. Within 10 % of itself. Raises
     InputError as `softening` does.
@@ -93,7 +95,9 @@ def rim_share(depth_mm: npt.ArrayLike, contact: FlatContact, *, poisson_ratio: f
 def off_centre_softening(
     place_mm: Pair, *, pad_radius_mm: float, radius_mm: float, thickness_mm: float, poisson_ratio: float
 ) -> float:
-    """Mean of s over all directions from a punch at `place_mm` (x, y from the pad's centre) to a disc's rim."""
+    """Return the mean of s over all directions from a punch at `place_mm` (x, y from the pad's centre) to a disc's
+    rim.
+    """
     away = float(np.hypot(*place_mm))
     angle = (np.arange(DIRECTIONS) + 0.5) * (2 * np.pi / DIRECTIONS)
     inside = pad_radius_mm**2 - (away * np.sin(angle)) ** 2
@@ -106,7 +110,7 @@ def off_centre_softening(
 
 @lru_cache(maxsize=1)
 def _table() -> tuple[Floats, Floats]:
-    """ln s (a/h, nu, d/h) at small strain, and the ratio (a/h, nu, d/h, friction, w/h)."""
+    """Return ln s (a/h, nu, d/h) at small strain, and the ratio (a/h, nu, d/h, friction, w/h)."""
     with np.load(TABLE, allow_pickle=False) as content:
         linear, ratio = content["log_softening"].astype(float), content["ratio"].astype(float)
     card = json.loads(TABLE.with_suffix(".json").read_text(encoding="utf-8"))
@@ -122,5 +126,7 @@ def fingerprint(*arrays: Floats) -> str:
 
 
 def _weights(nodes: tuple[float, ...], at: float) -> Floats:
-    """Linear interpolation as weights: the tables are nearly straight between nodes, and must not overshoot."""
+    """Return the weights of linear interpolation: the tables are nearly straight between nodes, and must not
+    overshoot.
+    """
     return np.array([np.interp(at, nodes, row) for row in np.eye(len(nodes))])

@@ -45,7 +45,7 @@ def write_table(path: Path = b.TABLE) -> None:
 def linear_shares(
     a_over_h: tuple[float, ...], poisson_ratios: tuple[float, ...], *, distances: tuple[float, ...]
 ) -> Floats:
-    """s (a/h, nu, d/h) at small strain, the punch frictionless and sharp."""
+    """Return s (a/h, nu, d/h) at small strain, the punch frictionless and sharp."""
     shape = len(a_over_h), len(poisson_ratios), len(distances) + 1
     grid = product(a_over_h, poisson_ratios, (*distances, FAR))
     stiffness = np.array([stiffness_at_touch(nu, a, d_over_h=d) for a, nu, d in grid]).reshape(shape)
@@ -53,7 +53,9 @@ def linear_shares(
 
 
 def stiffness_at_touch(poisson_ratio: float, a_over_h: float, *, d_over_h: float) -> float:
-    """P/(E w) in mm of a sharp sliding punch on a gel of 3 mm whose rim is `d_over_h` from the punch's edge."""
+    """Return P/(E w) in mm of a sharp sliding punch on a gel of 3 mm whose rim is `d_over_h` from the punch's
+    edge.
+    """
     face = GluedFace(3 * a_over_h, slides=True)
     model = build(PunchProblem(Material(1.0, poisson_ratio), face, 3.0, 3 * (a_over_h + d_over_h)))
     (state,) = march(equations(model, by_force=False), [1e-4], log=[])
@@ -61,14 +63,16 @@ def stiffness_at_touch(poisson_ratio: float, a_over_h: float, *, d_over_h: float
 
 
 def depth_ratios() -> Floats:
-    """Ratios (a/h, nu, d/h, friction, w/h) of the share the rim takes off at depth to that at small strain."""
+    """Return the ratios (a/h, nu, d/h, friction, w/h) of the share the rim takes off at depth to that at small
+    strain.
+    """
     grid = list(product(b.RATIO_A_OVER_H, b.RATIO_POISSON, b.RATIO_DISTANCES, b.RATIO_FRICTIONS))
     shape = *map(len, (b.RATIO_A_OVER_H, b.RATIO_POISSON, b.RATIO_DISTANCES, b.RATIO_FRICTIONS)), -1
     return np.array([depth_ratio(*place) for place in grid]).reshape(shape)
 
 
 def depth_ratio(a_over_h: float, poisson_ratio: float, d_over_h: float, friction: float) -> Floats:
-    """The same at one place (w/h,); where one of the two presses ends the last ratio stands."""
+    """Return the ratio at one place (w/h,); where one of the two presses ends, its last value is kept."""
     near, wide = (_forces(poisson_ratio, a_over_h, pad, friction) for pad in (a_over_h + d_over_h, WIDE))
     many = min(len(near), len(wide))
     (small,) = np.diff(linear_shares((a_over_h,), (poisson_ratio,), distances=(WIDE - a_over_h, d_over_h)).ravel())

@@ -56,7 +56,8 @@ def rounded_contact(
     poisson_ratio: float,
     sticking: float = 0.0,
 ) -> tuple[Floats, Floats]:
-    """Radius of the contact in mm, and the share of a flat punch's force of that radius, at each depth (N,).
+    """Return the radius of the contact in mm, and the share of a flat punch's force of that radius, at each depth
+    (N,).
 
     `sticking` from 0 (the gel slides over the edge) to 1 (it sticks to it).
     """
@@ -95,7 +96,7 @@ def _growth(
 
 
 def _half_space(r: Floats, b: float | Floats, edge_mm: float) -> Floats:
-    """Depth at which the contact reaches r, and the depth that the rounding loses, (2, n)."""
+    """Return the depth at which the contact reaches r, and the depth that the rounding loses, (2, n)."""
     x = np.sqrt((r - b) * (r + b)) / b
     small = x < 0.05  # where the differences below cancel
     gap = np.where(small, x**3 * (1 / 3 - x**2 * (1 / 5 - x**2 / 7)), x - np.arctan(x))
@@ -106,7 +107,9 @@ def _half_space(r: Floats, b: float | Floats, edge_mm: float) -> Floats:
 
 
 def _of_layer(poisson_ratio: float, ratio: Floats, flat: Floats) -> Floats:
-    """The same on a layer over that on a half-space, (2, n): at r/h = `ratio` and b/r = `flat`, (n,) each."""
+    """Return what a layer makes of both over a half-space, (2, n): at r/h = `ratio` and b/r = `flat`, (n,)
+    each.
+    """
     nu, alpha = _variables(np.array([poisson_ratio]), ratio)
     table = np.tensordot(chebyshev.chebvander(nu, SIZES[0] - 1)[0], _table(), axes=(0, 1))
     over_ratio = chebyshev.chebvander(alpha, SIZES[1] - 1)
@@ -115,7 +118,7 @@ def _of_layer(poisson_ratio: float, ratio: Floats, flat: Floats) -> Floats:
 
 
 def _variables(nu: Floats, ratio: Floats) -> tuple[Floats, Floats]:
-    """nu and r/h as the polynomials know them, from -1 to 1; outside, the nearest."""
+    """Return nu and r/h as the polynomials take them, from -1 to 1; outside, the nearest."""
     ends = -np.log(0.5 + OFFSET), -np.log(OFFSET)
     along = (-np.log(0.5 + OFFSET - np.clip(nu, 0, 0.5)) - ends[0]) / (ends[1] - ends[0])
     low, high = np.log(RATIOS)
@@ -124,7 +127,9 @@ def _variables(nu: Floats, ratio: Floats) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=1)
 def _table() -> Floats:
-    """Coefficients (2, *SIZES) through the exact ratios at Chebyshev's nodes; a quarter of a second, once."""
+    """Return the coefficients (2, *SIZES) through the exact ratios at Chebyshev's nodes; a quarter of a second,
+    once.
+    """
     places = [chebyshev.chebpts1(size) for size in SIZES]
     top, bottom = 0.5 + OFFSET, OFFSET
     nus = 0.5 + OFFSET - top ** (1 - (places[0] + 1) / 2) * bottom ** ((places[0] + 1) / 2)
@@ -138,7 +143,7 @@ def _table() -> Floats:
 
 
 def exact_ratios(poisson_ratio: float, ratio: float, *, v: Floats) -> Floats:
-    """What `_of_layer` keeps, without interpolation: at nu, r/h, and b/r = `v` (n,) in (0, 1)."""
+    """Return the ratios of `_of_layer` without interpolation: at nu, r/h, and b/r = `v` (n,) in (0, 1)."""
     x, weights = gauss(NODES)
     u, u_weights = gauss(KERNEL_NODES, KERNEL_END)
     waves = np.cos(np.multiply.outer(x, ratio * u))

@@ -64,5 +64,5 @@ HALF_FRICTION = 3.0  # far above where friction has all its effect: nearly strai
 
 
 def friction_place(friction: float) -> float:
-    """mu -> [0, 1), no slip -> 1."""
+    """Map a coefficient of friction to [0, 1); no slip is 1."""
     return 1.0 if math.isinf(friction) else friction / (friction + HALF_FRICTION)

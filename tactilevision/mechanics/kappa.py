@@ -51,7 +51,7 @@ def kappa(poisson_ratio: float, a_over_h: float) -> float: ...
 @overload
 def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floats: ...
 def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floats:
-    """kappa, dimensionless, from the integral equation.
+    """Return kappa, dimensionless, from the integral equation.
 
     Numbers give a float, arrays an array of their broadcast shape.
     """
@@ -62,7 +62,7 @@ def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floa
 
 
 def kappa_gradient(poisson_ratio: float, a_over_h: float) -> tuple[float, float]:
-    """(d kappa/d nu, d kappa/d(a/h)), as accurate as kappa itself.
+    """Return (d kappa/d nu, d kappa/d(a/h)), as accurate as kappa itself.
 
     With Phi(xi) = Int_0^1 phi cos(xi x) dx and g = 1 - K, symmetry of M gives
     d kappa/d nu = (2/pi) alpha Int g_nu Phi(alpha u)^2 du and
@@ -79,13 +79,13 @@ def kappa_gradient(poisson_ratio: float, a_over_h: float) -> tuple[float, float]
 
 
 def fast_kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> Floats:
-    """kappa from the shipped table, of the arguments' broadcast shape; relative error below 1e-7."""
+    """Return kappa from the shipped table, of the arguments' broadcast shape; relative error below 1e-7."""
     nu, alpha = _checked(poisson_ratio, a_over_h)
     return np.asarray(np.exp(_spline().ev(_stretched(nu), np.log(alpha))))
 
 
 def fast_kappa_gradient(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> tuple[Floats, Floats]:
-    """(d kappa/d nu, d kappa/d(a/h)) of fast_kappa, dimensionless, of their broadcast shape.
+    """Return (d kappa/d nu, d kappa/d(a/h)) of fast_kappa, dimensionless, of their broadcast shape.
 
     Within 3e-5 of kappa_gradient.
     """

@@ -42,7 +42,9 @@ class LayerCompliance:
 
 
 def layer_compliance(u: npt.ArrayLike, poisson_ratio: float) -> LayerCompliance:
-    """C_zz, C_LL, C_T and c in units of h/mu at u = q h >= 0 (any shape); exact at u = 0 and at nu = .5 too."""
+    """Return C_zz, C_LL, C_T and c in units of h/mu at u = q h >= 0 (any shape); exact at u = 0 and at nu = .5
+    too.
+    """
     u = np.asarray(u, dtype=float)
     if not (u >= 0).all():
         raise InputError("a wave number lies at or above 0", where="layer_compliance", value=float(np.min(u)))
@@ -70,7 +72,8 @@ def surface_compliance(
     poisson_ratio: float,
     thickness_mm: float,
 ) -> npt.NDArray[np.complex128]:
-    """C (..., 3, 3) in mm/MPa for wave numbers of the common shape (...): u_i = C_ij t_j, i and j over x, y, z.
+    """Return C (..., 3, 3) in mm/MPa for wave numbers of the common shape (...): u_i = C_ij t_j, i and j over x,
+    y, z.
 
     Waves are exp(+i k x), the convention of numpy.fft.ifft. At k = 0 the direction does not matter: C is diagonal.
     """
@@ -92,7 +95,9 @@ def surface_compliance(
 
 
 def _compression(u: Floats, k: float, fall: Floats, ramp: Floats) -> Floats:
-    """(2k sinh 2u - 4u) exp(-2u)/u; for small u, where the terms cancel at k = 1, from the series of sinh."""
+    """Return (2k sinh 2u - 4u) exp(-2u)/u; for small u, where the terms cancel at k = 1, from the series of
+    sinh.
+    """
     y = 2 * np.minimum(u, SERIES_BELOW)
     excess = y**2 / 3 * (1 + y**2 / 20 * (1 + y**2 / 42 * (1 + y**2 / 72)))
     return np.asarray(np.where(u < SERIES_BELOW, fall * (4 * (k - 1) + 2 * k * excess), k * ramp - 4 * fall))

@@ -30,7 +30,7 @@ GRID = 200  # places across the base
 
 
 def base_energy(r_mm: npt.ArrayLike, *, radius_mm: float, thickness_mm: float, poisson_ratio: float) -> Floats:
-    """W(r) (any shape) under a punch at unit depth on a gel of unit Young's modulus, 1/mm^2 times MPa."""
+    """Return W(r) (any shape) under a punch at unit depth on a gel of unit Young's modulus, 1/mm^2 times MPa."""
     from scipy.special import j0, j1
 
     r = np.asarray(r_mm, dtype=float) / float(positive("thickness_mm", thickness_mm))
@@ -49,7 +49,9 @@ def base_energy(r_mm: npt.ArrayLike, *, radius_mm: float, thickness_mm: float, p
 
 
 def base_stress(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats]:
-    """(sigma_zz, sigma_rz) at the base over the surface's pressure wave, at u = q h (n,), up to their signs."""
+    """Return (sigma_zz, sigma_rz) at the base over the surface's pressure wave, at u = q h (n,), up to their
+    signs.
+    """
     k, nu = 3 - 4 * poisson_ratio, poisson_ratio
     lame, one, zero, fall = 2 * nu / (1 - 2 * nu), np.ones_like(u), np.zeros_like(u), np.exp(-u)
     # u_z = (A + B z) exp(-z) + (C + D z) exp(z - u), u_x = i g; rows: u_z, g, their z-derivatives
@@ -81,7 +83,8 @@ def base_stress(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats]:
 def equivalent_thickness(
     thickness_mm: Floats, known: Bools, *, mm_per_px: Pair, centre_mm: Pair, radius_mm: float, poisson_ratio: float
 ) -> float:
-    """h_eq (mm) of a thickness map (H, W), `known` where it is valid, for a punch at `centre_mm` on the pad.
+    """Return h_eq (mm) of a thickness map (H, W), `known` where it is valid, for a punch at `centre_mm` on the
+    pad.
 
     Raises InputError where the map misses more than a tenth of what counts, or holds a thickness not above 0.
     """

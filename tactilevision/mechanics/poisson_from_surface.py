@@ -70,7 +70,9 @@ class Press:
 
 
 def prepare(blocks: Blocks, *, blur_mm: float, step_std: float, bowl_std_per_mm: float) -> Press | None:
-    """None where the view shows too little of the gel beside the punch, or neither the face nor a known depth."""
+    """Return the view, or None if it shows too little gel outside the punch, or neither the face nor a known
+    depth.
+    """
     beside = ~blocks.face
     if beside.sum() < MIN_BLOCKS:
         return None
@@ -85,13 +87,13 @@ def prepare(blocks: Blocks, *, blur_mm: float, step_std: float, bowl_std_per_mm:
 
 
 def true_depth(press: Press, gain: float) -> float:
-    """Depth of the punch: certified where that is known, else the map's own over its gain."""
+    """Return the depth of the punch: certified where that is known, else the map's own over its gain."""
     certified = press.blocks.view.certified_depth_mm
     return certified if np.isfinite(certified) else press.depth_mm / gain
 
 
 def profile(press: Press, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
-    """Depth over the face's depth, a ratio, on the press's radial grid (n,), blurred.
+    """Return the depth over the face's depth, a ratio, on the press's radial grid (n,), blurred.
 
     `rise_factor` scales the gel beside it.
     """
@@ -115,12 +117,14 @@ def profile(press: Press, joint: Joint, *, model: ProfileModel, rise_factor: flo
 
 @lru_cache(maxsize=256)
 def _seen(case: PunchCase, source: ProfileSource, step_over_a: float, count: int) -> Floats:
-    """seen_profile on the radial grid of a view: most steps of a fit ask for the same case again."""
+    """Return seen_profile on the radial grid of a view; cached, since most steps of a fit need the same case."""
     return seen_profile(step_over_a * np.arange(count, dtype=float), case, source=source)
 
 
 def _shape(r_mm: Floats, press: Press, joint: Joint, model: ProfileModel) -> Floats:
-    """Error of the rise over the depth, linear between the model's places, fading as the profile does."""
+    """Return the error of the rise over the depth, linear between the model's places, fading as the profile
+    does.
+    """
     if not joint.shape:
         return np.zeros(len(r_mm))
     beside = (r_mm - press.blocks.view.radius_mm) / joint.thickness_mm
@@ -167,7 +171,7 @@ def whiten(press: Press, noise: NoiseModel) -> WhitePress:
 
 
 def residual(white: WhitePress, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
-    """What is left after the press's own unknowns have been fitted, (n + UNKNOWNS + 1,), in standard deviations.
+    """Return the residual after the press's own unknowns were fitted, (n + UNKNOWNS + 1,), in standard deviations.
 
     The last ones are what the priors of the unknowns and the certified depth add.
     """
@@ -176,7 +180,7 @@ def residual(white: WhitePress, joint: Joint, *, model: ProfileModel, rise_facto
 
 
 def unknowns(white: WhitePress, joint: Joint, *, model: ProfileModel) -> Floats:
-    """The press's own unknowns (UNKNOWNS,), in the order given above."""
+    """Return the press's own unknowns (UNKNOWNS,), in the order given above."""
     return np.asarray(np.linalg.lstsq(*_system(white, joint, model, 1.0), rcond=None)[0])
 
 
@@ -349,7 +353,9 @@ def _presses(
 
 
 def _centred(task: _Task, theta: Floats) -> list[SurfaceView]:
-    """The views with the centre that a first fit finds: near the edge the profile bends too much for one step."""
+    """Move the views to the centre that a first fit gives: near the edge the profile is too curved for one
+    step.
+    """
     moved = []
     for press in task.presses:
         view = press.blocks.view
@@ -437,7 +443,9 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
 
 
 def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Floats]:
-    """Derivative of each press's residual by the k joint unknowns, (n + UNKNOWNS + 1, k); inwards at a bound."""
+    """Return the derivative of each press's residual by the k joint unknowns, (n + UNKNOWNS + 1, k); inwards at a
+    bound.
+    """
     base = _residuals(task, theta, white)
     columns = []
     for index in range(len(theta)):
@@ -449,7 +457,7 @@ def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Flo
 
 
 def _by_direction(white: Sequence[WhitePress], slopes: Sequence[Floats], now: Sequence[Floats]) -> Floats:
-    """Scores (SECTORS, k) of the blocks that lie in one direction from the punch, over all presses.
+    """Return the scores (SECTORS, k) of the blocks that lie in one direction from the punch, over all presses.
 
     A map that reads one light wrong errs alike in one direction in every press.
     """
@@ -464,7 +472,7 @@ def _by_direction(white: Sequence[WhitePress], slopes: Sequence[Floats], now: Se
 
 
 def _trend(presses: Sequence[Press], estimates: Floats, weights: Floats) -> float:
-    """Half of what nu changes by over the depths, as far as that exceeds what noise and scatter make at 95 %.
+    """Return half of nu's change over the depths, as far as it exceeds what noise and scatter give at 95 %.
 
     The gel has one nu: a change with depth is what profile or map have wrong, and no depth is known to be right.
     """
@@ -484,7 +492,7 @@ def _trend(presses: Sequence[Press], estimates: Floats, weights: Floats) -> floa
 
 
 def _by_depth(white: Sequence[WhitePress], scores: Floats) -> Floats:
-    """Scores (groups, k) of the presses of about one depth: what a model has wrong there, repeats do not mend."""
+    """Return scores (groups, k) of presses of about one depth: repeats do not reduce a model's error there."""
     depth = np.array([true_depth(press.press, 1.0) for press in white])
     order = np.argsort(depth)
     group = np.concatenate([[0], np.cumsum(np.diff(depth[order]) > SAME_DEPTH * depth[order][1:])])
@@ -494,7 +502,7 @@ def _by_depth(white: Sequence[WhitePress], scores: Floats) -> Floats:
 
 
 def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float:
-    """Half of the 95 % interval of nu that the scatter of groups shows; 0 for fewer than four of them."""
+    """Return half of the 95 % interval of nu that the scatter of groups shows; 0 for fewer than four of them."""
     from scipy.stats import t
 
     count = len(scores)

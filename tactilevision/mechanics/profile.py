@@ -77,7 +77,9 @@ class ProfileSource(Protocol):
 
 
 def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: float) -> tuple[Floats, Floats]:
-    """(rise, u_r) per unit of depth at r/a >= 1 (any shape), by quadrature; some ten microseconds a point."""
+    """Return (rise, u_r) per unit of depth at r/a >= 1 (any shape), by quadrature; some ten microseconds a
+    point.
+    """
     from scipy.special import j0, j1
 
     r = np.asarray(r_over_a, dtype=float)
@@ -96,7 +98,7 @@ def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: fl
 
 
 def linear_profile(r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
-    """exact_profile from a spline in r (error below 3e-6 of the depth for a/h above .2, 1e-4 below).
+    """Return exact_profile from a spline in r (error below 3e-6 of the depth for a/h above .2, 1e-4 below).
 
     Rise and u_r over w, dimensionless, of the shape of `r_over_a`; beyond r = a + 20 h both are 0. A
     ProfileSource; depth and friction of the case play no part in it.
@@ -140,7 +142,8 @@ LINEAR = ProfileModel(
 
 
 def friction_share(friction: float) -> float:
-    """How much of friction's effect on the profile a coefficient mu >= 0 has: 0 at none, 1 from mu = .3 on.
+    """Return the share of friction's full effect on the profile at a coefficient mu >= 0: 0 at none, 1 from mu =
+    .3 on.
 
     With x = mu/.3 below 1: x (1.4 - .4 x), which finite elements at mu = .15 (.5 to .7) support; above, the effect
     of more friction is below a few parts in ten thousand of the depth.
@@ -150,7 +153,7 @@ def friction_share(friction: float) -> float:
 
 
 def friction_of_share(share: float) -> float:
-    """The least coefficient of friction that has this share, in [0, 1], of the full effect."""
+    """Return the least coefficient of friction that has this share, in [0, 1], of the full effect."""
     return FULL_FRICTION * (1.4 - float(np.sqrt(1.96 - 1.6 * min(share, 1.0)))) / 0.8
 
 
@@ -163,7 +166,9 @@ def surface_rise(
     poisson_ratio: float,
     source: ProfileSource = linear_profile,
 ) -> Floats:
-    """Rise of the gel (mm, positive out of it; -depth under the face) at *material* radius r >= 0 (any shape)."""
+    """Return the rise of the gel (mm, positive out of it; -depth under the face) at *material* radius r >= 0 (any
+    shape).
+    """
     r = np.asarray(r_mm, dtype=float)
     case = punch_case(depth_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     rise, _ = source(np.maximum(r / radius_mm, 1.0), case)
@@ -179,13 +184,13 @@ def seen_rise(
     poisson_ratio: float,
     source: ProfileSource = linear_profile,
 ) -> Floats:
-    """Rise (mm) at the radius r_mm (any shape) where a camera sees it, as a height map shows it."""
+    """Return the rise (mm) at the radius r_mm (any shape) where a camera sees it, as a height map shows it."""
     case = punch_case(depth_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     return depth_mm * seen_profile(np.asarray(r_mm, dtype=float) / radius_mm, case, source=source)
 
 
 def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = linear_profile) -> Floats:
-    """Rise per unit of depth at the *deformed* radius, (r + u_r)/a (any shape); -1 under the face.
+    """Return the rise per unit of depth at the *deformed* radius, (r + u_r)/a (any shape); -1 under the face.
 
     The map r -> r + u_r is inverted on a fine grid of material radii; its own slope stays near 1 at depths below a
     fifth of the thickness.
@@ -203,7 +208,9 @@ def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = l
 
 
 def punch_case(depth_mm: float, *, radius_mm: float, thickness_mm: float, poisson_ratio: float) -> PunchCase:
-    """The case of a punch in mm; InputError where a length is not above 0 or the depth reaches the thickness."""
+    """Return the case of a punch in mm; InputError where a length is not above 0 or the depth reaches the
+    thickness.
+    """
     radius, thickness = float(positive("radius_mm", radius_mm)), float(positive("thickness_mm", thickness_mm))
     if not 0 <= depth_mm < thickness:
         raise InputError("a depth lies in [0, thickness)", where="punch_case", value=depth_mm)
@@ -211,7 +218,8 @@ def punch_case(depth_mm: float, *, radius_mm: float, thickness_mm: float, poisso
 
 
 def punch_pressure(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: float) -> Floats:
-    """Pressure over its mean, p/p_mean, at r/a in [0, 1) (any shape); it grows like 1/sqrt(1 - r) to the edge.
+    """Return the pressure over its mean, p/p_mean, at r/a in [0, 1) (any shape); it grows like 1/sqrt(1 - r) to
+    the edge.
 
     The mean is P/(pi a^2) = 2 E* kappa w/(pi a).
     """
@@ -227,19 +235,19 @@ def punch_pressure(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: f
 
 
 def _kernel_nodes(reach_over_h: float) -> int:
-    """Enough Gauss nodes to follow cos(alpha u) J0(u r/h): half a node for each radian, and 64 for the kernel."""
+    """Return enough Gauss nodes to follow cos(alpha u) J0(u r/h): half a node a radian, and 64 for the kernel."""
     return int(0.5 * KERNEL_END * reach_over_h) + 64
 
 
 def _half_space(punch: PunchSolution, r: Floats) -> Floats:
-    """Int_0^1 phi(x)/sqrt(r^2 - x^2) dx, by x = r sin(theta), which takes the singular edge away."""
+    """Return Int_0^1 phi(x)/sqrt(r^2 - x^2) dx, by x = r sin(theta), which takes the singular edge away."""
     share, weights = gauss(48)
     end = np.arcsin(1 / r)
     return np.asarray(end * (punch.series(r[..., None] * np.sin(end[..., None] * share)) @ weights))
 
 
 def _coupling_defect(u: Floats, poisson_ratio: float) -> Floats:
-    """L_inf - L(u), written so that nothing cancels."""
+    """Return L_inf - L(u), written so that nothing cancels."""
     k, fall = 3 - 4 * poisson_ratio, np.exp(-2 * u)
     below = k * (1 + fall**2) + (4 * u**2 + 1 + k**2) * fall
     above = fall * ((1 - 2 * poisson_ratio) * (4 * u**2 + (1 + k) ** 2) + 4 * u**2)
@@ -248,7 +256,7 @@ def _coupling_defect(u: Floats, poisson_ratio: float) -> Floats:
 
 @lru_cache(maxsize=64)
 def _profile_spline(poisson_ratio: float, a_over_h: float) -> BSpline:
-    """Both profiles over s = sqrt((r - a)/h), in which the square root at the punch's edge is smooth."""
+    """Return both profiles over s = sqrt((r - a)/h), in which the square root at the punch's edge is smooth."""
     from scipy.interpolate import make_interp_spline
 
     s = np.linspace(0, np.sqrt(REACH), SPLINE_NODES)

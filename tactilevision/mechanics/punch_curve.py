@@ -35,7 +35,7 @@ class PunchCurve:
     ended: str = ""
 
     def force_at(self, depth_mm: npt.ArrayLike) -> Floats:
-        """Force (N) at depths of any shape; NaN beyond the curve."""
+        """Return the force (N) at depths of any shape; NaN beyond the curve."""
         depth = np.asarray(depth_mm, dtype=float)
         inside = (depth >= 0) & (depth <= self.depth_mm[-1] * (1 + 1e-9))
         held = np.clip(
@@ -44,7 +44,7 @@ class PunchCurve:
         return np.asarray(np.where(inside, depth * self._secant()(np.sqrt(held)), np.nan))
 
     def depth_at(self, force_N: npt.ArrayLike) -> Floats:
-        """Depth (mm) at forces of any shape; NaN beyond the curve."""
+        """Return the depth (mm) at forces of any shape; NaN beyond the curve."""
         force = np.asarray(force_N, dtype=float)
         depths = np.linspace(0, 1, GRID) ** 2 * self.depth_mm[-1]
         forces = self.force_at(depths)
@@ -59,7 +59,8 @@ class PunchCurve:
 
 
 def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve:
-    """P(w) on first loading to `deepest_mm`, or as deep as the table or the elements get, whichever goes deeper.
+    """Return P(w) on first loading to `deepest_mm`, or as deep as the table or the elements get, whichever goes
+    deeper.
 
     Raises InputError for depths outside (0, thickness), ConvergenceError where not even the first touch is solved.
     """
@@ -78,7 +79,9 @@ def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> 
 
 
 def tabulated_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve | None:
-    """P(w) to `deepest_mm` or as deep as the table goes; None where it holds no such contact or material."""
+    """Return P(w) to `deepest_mm` or as deep as the table goes; None where it holds no such contact or
+    material.
+    """
     try:
         reach = punch_reach(contact, material)
         depths = np.linspace(0.05, 1, 24) ** 2 * min(deepest_mm, reach)

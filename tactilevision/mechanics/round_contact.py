@@ -100,7 +100,7 @@ class ContactCurve:
 def contact_at(
     body: RoundBody, contact_radius_mm: float, *, thickness_mm: float, poisson_ratio: float
 ) -> tuple[float, float]:
-    """(depth in mm, force over E in mm^2) at which the contact has this radius; half a millisecond."""
+    """Return (depth in mm, force over E in mm^2) at which the contact has this radius; half a millisecond."""
     x, weights = gauss(NODES)
     alpha = contact_radius_mm / thickness_mm
     right = np.stack([np.ones(NODES), body.sag(contact_radius_mm * x)], axis=1)
@@ -113,7 +113,8 @@ def contact_at(
 def contact_curve(
     body: RoundBody, depth_mm: npt.ArrayLike, *, thickness_mm: float, poisson_ratio: float
 ) -> ContactCurve:
-    """Force and contact radius at depths > 0 (any shape), from 80 solutions and a smooth curve through them.
+    """Return the force and contact radius at depths > 0 (any shape), from 80 solutions and a smooth curve through
+    them.
 
     Interpolated in logarithms, in which the half-space's power laws are straight: relative error below 1e-6.
     """
@@ -140,7 +141,7 @@ def contact_force(
     poisson_ratio: float,
     thickness_mm: float,
 ) -> Floats:
-    """Force (N) at depths > 0 (mm, any shape)."""
+    """Return the force (N) at depths > 0 (mm, any shape)."""
     curve = contact_curve(body, depth_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     return np.asarray(float(positive("youngs_modulus_MPa", youngs_modulus_MPa)) * curve.force_over_E_mm2)
 
@@ -148,7 +149,7 @@ def contact_force(
 def half_space_force(
     body: Ball | Cone, depth_mm: npt.ArrayLike, *, youngs_modulus_MPa: float, poisson_ratio: float
 ) -> Floats:
-    """Hertz' ball (a parabola) and Sneddon's cone: what thin-layer corrections multiply.
+    """Return the force of Hertz' ball (a parabola) or Sneddon's cone, which thin-layer corrections multiply.
 
     In N, of the shape of `depth_mm`.
     """
@@ -160,7 +161,7 @@ def half_space_force(
 
 
 def _bracket(body: RoundBody, depths: tuple[float, float], case: dict[str, float]) -> tuple[float, float]:
-    """Contact radii whose depths enclose those asked for."""
+    """Return the contact radii whose depths enclose those asked for."""
     largest = min(A_OVER_H_RANGE[1] * case["thickness_mm"], body.largest_contact_mm())
     low = high = min(0.1 * case["thickness_mm"], largest)
     while contact_at(body, low, **case)[0] > depths[0]:
@@ -199,17 +200,23 @@ GARCIA_CONE = (0.721, 0.650, 0.491, 0.225)  # coefficients of the series' powers
 
 
 def dimitriadis_ball(chi: npt.ArrayLike) -> Floats:
-    """Dimitriadis et al. (2002), eq. 12: a ball on a bonded incompressible layer; chi (any shape) in [0, 1]."""
+    """Return the factor of Dimitriadis et al. (2002), eq. 12, for a ball on a bonded incompressible layer; chi
+    (any shape) in [0, 1].
+    """
     return _polynomial(chi, DIMITRIADIS_BALL)
 
 
 def garcia_ball(chi: npt.ArrayLike) -> Floats:
-    """Garcia and Garcia (2018) for a ball on a bonded incompressible layer; chi (any shape) in [0, 1]."""
+    """Return the factor of Garcia and Garcia (2018) for a ball on a bonded incompressible layer; chi (any shape)
+    in [0, 1].
+    """
     return _polynomial(chi, GARCIA_BALL)
 
 
 def garcia_cone(chi: npt.ArrayLike) -> Floats:
-    """Garcia and Garcia (2018) for a cone on a bonded incompressible layer; chi (any shape) in [0, 1]."""
+    """Return the factor of Garcia and Garcia (2018) for a cone on a bonded incompressible layer; chi (any shape)
+    in [0, 1].
+    """
     return _polynomial(chi, GARCIA_CONE)
 
 

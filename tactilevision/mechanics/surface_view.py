@@ -71,7 +71,8 @@ class Blocks:
 
 
 def reduce_view(view: SurfaceView, *, block_mm: float, guard_mm: float, reach_mm: float) -> Blocks:
-    """Average a view in blocks of `block_mm`: the face within a - guard, the gel from a + guard to `reach_mm`.
+    """Average a view in blocks of `block_mm`: the face within a - guard, the gel from a + guard to
+    `reach_mm`.
 
     Raises InputError where the map and the mask differ in shape, or a scale or the radius is not above 0.
     """
@@ -128,7 +129,7 @@ def _blocks(
 def _labels(
     x: Floats, y: Floats, face: Bools, block_mm: float
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Number of each pixel's block, and how many pixels each block has; blocks are centred on the axis."""
+    """Return each pixel's block number, and how many pixels each block has; blocks are centred on the axis."""
     column, row = (np.rint(part / block_mm).astype(int) for part in (x, y))
     width = 2 * int(np.abs(column).max(initial=0)) + 1
     _, label, count = np.unique(2 * (row * width + column) + face, return_inverse=True, return_counts=True)
@@ -136,7 +137,7 @@ def _labels(
 
 
 def _radial(label: npt.NDArray[np.intp], at: Floats, weight: Floats, shape: tuple[int, int]) -> csr_array:
-    """Linear interpolation on the radial grid at position `at` (in steps), summed with weights into blocks."""
+    """Interpolate linearly on the radial grid at position `at` (in steps), summed with weights into blocks."""
     from scipy.sparse import csr_array
 
     low = np.minimum(at.astype(int), shape[1] - 2)
@@ -183,12 +184,14 @@ class NoiseModel:
     white_mm: float
 
     def covariance(self, blocks: Blocks) -> Floats:
-        """(n, n), mm^2."""
+        """Return the covariance (n, n), mm^2."""
         smooth = self.std_mm**2 * matern(_distances(blocks) / self.length_mm)
         return np.asarray(smooth + np.diag(self.white_mm**2 / blocks.share))
 
     def effective_samples(self, blocks: Blocks) -> float:
-        """How many independent readings of the same variance fix a mean as well: 1' R^-1 1, R the correlation."""
+        """Return the number of independent readings of the same variance with an equally certain mean: 1' R^-1 1,
+        R the correlation.
+        """
         matrix = self.covariance(blocks)
         scale = np.sqrt(np.diag(matrix))
         ones = np.ones(len(scale))
@@ -199,13 +202,15 @@ WHITE = NoiseModel(0.0, 1.0, START_STD_MM)
 
 
 def matern(distance: Floats) -> Floats:
-    """Correlation, -1 to 1, at a distance of any shape in parts of the length: dimensionless."""
+    """Return the correlation, -1 to 1, at a distance of any shape in parts of the length: dimensionless."""
     reach = np.sqrt(3) * distance
     return np.asarray((1 + reach) * np.exp(-reach))
 
 
 def estimate_noise(blocks: Sequence[Blocks], misfits: Sequence[Floats], *, block_mm: float) -> NoiseModel:
-    """The noise of all presses together, from their misfits (n,) each, in mm; blocks are `block_mm` apart."""
+    """Estimate the noise of all presses together from their misfits (n,) each, in mm; blocks are `block_mm`
+    apart.
+    """
     edges = (np.arange(LONGEST + 1) + 0.5) * block_mm
     total, pairs, variance, count = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1), 0.0, 0.0
     distance_sum = np.zeros(len(edges) - 1)
@@ -226,7 +231,7 @@ def estimate_noise(blocks: Sequence[Blocks], misfits: Sequence[Floats], *, block
 
 
 def _match(variance: float, products: Floats, lags: Floats, pairs: Floats) -> NoiseModel:
-    """Least squares of s^2 rho(lag/L) to the mean products, over a range of L; what is left at lag 0 is white."""
+    """Fit s^2 rho(lag/L) to the mean products by least squares, over a range of L; the rest at lag 0 is white."""
     best = (np.inf, 0.0, 1.0)
     for length in np.geomspace(lags.min(initial=1.0) / 2, lags.max(initial=1.0), 40):
         shape = matern(lags / length)

@@ -38,14 +38,14 @@ CONVERGENCE_TOL = 1e-9  # relative change at which the iteration ends
 
 
 def upright(x: Floats, a_over_h: float) -> Floats:
-    """w_up/(a theta), dimensionless, at x of any shape; a/h beyond the table takes the nearest that it has."""
+    """Return w_up/(a theta), dimensionless, at x of any shape; a/h beyond the table takes the nearest."""
     ratio = np.full(x.shape, float(np.clip(a_over_h, RATIOS[0], RATIOS[-1])))
     inside = np.maximum(_spline().ev(np.clip(x, -1, 2), ratio), 0.0)
     return np.asarray(np.where(x >= 2, x, np.where(x <= -1, 0.0, inside)))
 
 
 def solve(x: Floats, a_over_h: float, *, squares: int = SQUARES) -> Floats:
-    """The same ratio by solving the contact for each x (n,); half a second for thirty on one core."""
+    """Solve the contact for the same ratio at each x (n,); half a second for thirty on one core."""
     side = 2 / squares
     wave = np.fft.rfft2(_influence(squares, side, a_over_h))
     line = (np.arange(squares) + 0.5) * side - 1
@@ -78,7 +78,9 @@ def _spline() -> RectBivariateSpline:
 
 
 def _influence(squares: int, side: float, a_over_h: float) -> Floats:
-    """Depth at each square, wrapped for convolution (2n, 2n), from unit pressure on one; E* = 1, lengths in a."""
+    """Return the depth at each square, wrapped for convolution (2n, 2n), from unit pressure on one; E* = 1,
+    lengths in a.
+    """
     from scipy.special import j0
 
     steps = np.minimum(np.arange(2 * squares), 2 * squares - np.arange(2 * squares)) * side
@@ -99,13 +101,15 @@ def _influence(squares: int, side: float, a_over_h: float) -> Floats:
 
 
 def _corner(x: Floats, y: Floats) -> Floats:
-    """Love's antiderivative x ln(y + r) + y ln(x + r)."""
+    """Return Love's antiderivative x ln(y + r) + y ln(x + r)."""
     r = np.hypot(x, y)  # the arguments lie off the squares' centres, so neither logarithm meets 0
     return np.asarray(x * np.log(y + r) + y * np.log(x + r))
 
 
 def _pressed(wave: npt.NDArray[np.complex128], face: Bools, gap: Floats) -> float:
-    """Total pressure where the face (n, n) overlaps by `gap` (n, n): conjugate gradients with p >= 0."""
+    """Return the total pressure where the face (n, n) overlaps by `gap` (n, n), by conjugate gradients with p >=
+    0.
+    """
     size = len(gap)
 
     def depth(p: Floats) -> Floats:

@@ -77,7 +77,7 @@ def touch_depth(
 
 
 def _placed(indenter: Indenter, thickness_mm: float) -> tuple[float, float]:
-    """Height of the face over the bevel and the bevel's distance, mm, checked."""
+    """Check and return the height of the face over the bevel and the bevel's distance, mm."""
     height, distance = indenter.height_mm, indenter.bevel_distance_mm
     if height is None or distance is None:
         raise InputError(
@@ -108,7 +108,7 @@ def _rho(
 
 
 def _solve(height: float, rho: Callable[[float], float]) -> tuple[float, float]:
-    """Fixed point of w = H/(1 + rho(w)): rho hardly depends on w, so that it contracts fast."""
+    """Return the fixed point of w = H/(1 + rho(w)), which converges fast since rho hardly depends on w."""
     depth = height
     for _ in range(STEPS):
         ratio = rho(depth)

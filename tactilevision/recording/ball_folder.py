@@ -38,12 +38,12 @@ COLUMNS = Columns(words=("experiment_reldir",), numbers=(DIAMETER,))
 
 
 def is_gs_sdk_folder(root: Path) -> bool:
-    """Whether gs_sdk has collected presses there."""
+    """Return whether gs_sdk has collected presses there."""
     return (root / CATALOGUE).is_file() and not (root / CATALOGUE).is_symlink()
 
 
 def read_catalogue(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
-    """The presses in the order of the catalogue, with their labels, and warnings.
+    """Read the presses in the order of the catalogue, with their labels; return them and warnings.
 
     Raises RecordingError for a diameter that is none and a picture that is missing, InputError for a name that
     leads out of the folder and a label that holds no circle.
@@ -72,7 +72,9 @@ def _press(root: Path, table: Table, row: int) -> BallPress:
 
 
 def read_label(path: Path) -> tuple[tuple[float, float], float]:
-    """Centre (x, y) and radius of a contact, px of the picture. Raises RecordingError where there is no circle."""
+    """Read centre (x, y) and radius of a contact, px of the picture. Raises RecordingError if there is no
+    circle.
+    """
     arrays = read_arrays(path)
     numbers = [np.ravel(arrays.get(name, np.zeros(0))) for name in ("center", "radius")]
     if [len(one) for one in numbers] != [2, 1] or any(one.dtype.kind not in "iuf" for one in numbers):
@@ -106,7 +108,7 @@ def read_ball_folder(
     mm_per_px: float | None = None,
     ball_radius_mm: float | None = None,
 ) -> Recording:
-    """The pictures of a bare folder, with its ball presses and its pictures of the untouched gel.
+    """Read the pictures of a bare folder, with its ball presses and its pictures of the untouched gel.
 
     The arguments are those of `read_folder`; `ball_radius_mm` is that of all presses, where no table says it.
     Raises RecordingError as that does, and for ball presses without a picture of the untouched gel.
@@ -137,7 +139,7 @@ def read_ball_folder(
 def _of_gs_sdk(
     root: Path, sensor: Sensor | Path | str | None, reference: Path | str, mm_per_px: float | None
 ) -> Recording:
-    """Presses as gs_sdk collected them; their labels are those of a ball.csv in the folder where there is one."""
+    """Read presses as gs_sdk collected them; labels in a ball.csv in the folder take precedence."""
     found = read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px, guess=True)
     balls, notes = read_balls(root, root / TABLE) if (root / TABLE).is_file() else read_catalogue(root)
     if found.sensor.rectification is not None and not (root / TABLE).is_file():
@@ -147,7 +149,7 @@ def _of_gs_sdk(
 
 
 def place_of_balls(root: Path) -> tuple[Path, Path] | None:
-    """The folder of presses and where their table is; None where there is neither."""
+    """Find the folder of presses and the path of their table; None if there is neither."""
     for reference in (root, root / layout.BALLS.split("/")[0]):
         if (reference / BALL).is_dir():
             return reference / BALL, reference / TABLE
@@ -155,7 +157,7 @@ def place_of_balls(root: Path) -> tuple[Path, Path] | None:
 
 
 def _alike(folder: Path, found: Recording, radius_mm: float | None) -> tuple[BallPress, ...]:
-    """All pictures but those of the untouched gel, as presses of one ball."""
+    """Return all pictures but those of the untouched gel as presses of one ball."""
     if radius_mm is None:
         raise RecordingError(
             "the radius of the balls is not known",

@@ -45,7 +45,8 @@ Notes = tuple[str, ...]
 
 
 def guess_scale(settings: SensorSettings, size_px: tuple[int, int]) -> tuple[SensorSettings, Notes]:
-    """The settings of a sensor with the scale of pictures of `size_px` (width, height), and what was guessed.
+    """Return the settings of a sensor with the scale of pictures of `size_px` (width, height), and what was
+    guessed.
 
     A picture of the sensor's usual shape shows its usual view, however many pixels it has. Raises RecordingError
     for one of another shape.
@@ -72,7 +73,8 @@ def guess_scale(settings: SensorSettings, size_px: tuple[int, int]) -> tuple[Sen
 def guess_flats(
     root: Path, frames_path: Path, names: Sequence[str], *, first: int = 0
 ) -> tuple[tuple[Path, ...], tuple[int, ...], Notes]:
-    """Pictures of the untouched gel, or the number of the frame that is taken for one, and what was guessed.
+    """Find pictures of the untouched gel, or the number of the frame taken for one; return them and what was
+    guessed.
 
     It is the `first` by number where none is named so. Of no frame `names` nothing is guessed: what the folder
     `reference` holds is all.
@@ -167,7 +169,7 @@ def _of_recording(root: Path, flats: tuple[Path, ...], mm_per_px: float | None) 
 def _built(
     settings: SensorSettings, place: Path, size: tuple[int, int], mm_per_px: float | None
 ) -> tuple[Sensor, tuple[str, ...]]:
-    """The sensor of settings that may leave its scale open."""
+    """Build the sensor of settings that may leave its scale open."""
     if mm_per_px is not None:
         settings = settings.model_copy(update={"mm_per_px": [mm_per_px, mm_per_px]})
     settings, guessed = guess_scale(settings, size)
@@ -184,7 +186,7 @@ def _scaled(sensor: Sensor | Path | str, mm_per_px: float | None) -> Sensor:
 
 
 def _frames_of(root: Path) -> tuple[Path, tuple[str, ...]]:
-    """Where the frames lie, and their names: of a folder, a video, or a picture by itself."""
+    """Return where the frames are, and their names: of a folder, a video, or a single picture."""
     if root.is_file() and root.suffix.lower() in layout.IMAGE_SUFFIXES:
         return root.parent, (root.name,)
     path = root if root.is_file() else find_frames(root) or root
@@ -205,7 +207,7 @@ def _names(root: Path) -> tuple[str, ...]:
 
 
 def _elsewhere(root: Path) -> str:
-    """Where below a folder without pictures some lie, or what lies there instead."""
+    """Return a folder below one without pictures that has some, or else what kinds of files are there."""
     folders = [path for path in sorted(root.rglob("*"))[:MAX_LOOKED] if path.is_dir() and list_images(path)]
     if folders:
         return f"There are some in {folders[0]}. "
@@ -214,7 +216,7 @@ def _elsewhere(root: Path) -> str:
 
 
 def _passed_over(folder: Path) -> tuple[str, ...]:
-    """A warning for pictures of a kind that is not read, since their frames are missed by nobody else."""
+    """Return a warning for pictures of a kind that is not read."""
     entries = sorted(os.listdir(folder)) if folder.is_dir() else []
     left = [name for name in entries if name.lower().endswith(_UNREAD) and name[0] != "."]
     return (f"passed over, since pictures of this kind are not read: {some(left)}",) if left else ()
@@ -240,14 +242,14 @@ def _sensor_settings(sensor: Path | str) -> tuple[SensorSettings, Path, tuple[st
 
 
 def _named(reference: Path | str | None, root: Path) -> Path | None:
-    """The reference; where nothing has its name, what has it in `root`."""
+    """Return the path of the reference, looked up in `root` if nothing else has its name."""
     if reference is None or Path(reference).exists() or not (root / reference).exists():
         return None if reference is None else Path(reference)
     return root / reference
 
 
 def list_references(path: Path | None) -> tuple[Path, ...]:
-    """The picture at `path`, or those in that folder; raises RecordingError where there are none."""
+    """List the picture at `path`, or those in that folder. Raises RecordingError if there are none."""
     if path is None:
         return ()
     found = (path,) if path.is_file() else tuple(path / name for name in list_images(path))

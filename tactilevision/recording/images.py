@@ -45,7 +45,7 @@ def read_image(path: Path | str, *, white_level: float | None = None) -> Bytes:
 
 
 def read_stored(path: Path) -> npt.NDArray[Any]:
-    """The picture as the file has it, grey levels of any shape and type, red first.
+    """Read the picture as the file has it, grey levels of any shape and type, red first.
 
     Raises as `read_image` does.
     """
@@ -61,7 +61,7 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
 
 
 def decode_image(data: bytes, path: Path) -> Bytes:
-    """As `read_image`, of the bytes of a file; `path` says what they are, for what errors say."""
+    """Decode the bytes of a file as `read_image` does; `path` names them in errors."""
     return as_rgb(_stored(data, path), path)
 
 
@@ -114,7 +114,7 @@ def as_rgb(picture: npt.NDArray[Any], path: Path, *, white_level: float | None =
 
 
 def _levels(picture: npt.NDArray[Any], path: Path, white_level: float | None) -> Bytes:
-    """Grey levels (H, W, 3) of 8 bits out of those of any type. Raises RecordingError for a type of no use."""
+    """Convert to grey levels (H, W, 3) of 8 bits. Raises RecordingError for a type that holds none."""
     if picture.dtype == np.uint8:
         return np.ascontiguousarray(picture)
     if picture.dtype == np.uint16:
@@ -137,7 +137,7 @@ def _levels(picture: npt.NDArray[Any], path: Path, white_level: float | None) ->
 
 
 def check_coloured(rgb: Bytes, where: Path | str) -> Bytes:
-    """The picture (H, W, 3) as it is; raises RecordingError for a grey one whose three colours are equal."""
+    """Return the picture (H, W, 3); raise RecordingError for a grey one whose three colours are equal."""
     for few in (rgb[::_SPARSE, ::_SPARSE], rgb):
         if not ((few[..., 0] == few[..., 1]) & (few[..., 1] == few[..., 2])).all():
             return rgb
@@ -174,7 +174,7 @@ def _array(data: bytes, path: Path) -> npt.NDArray[Any]:
 
 
 def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
-    """The picture in OpenCV's order of colours."""
+    """Decode the picture in OpenCV's order of colours."""
     if is_cut(data):
         raise TornImageError("the picture is cut short", where=path, remedy=_REMEDY_TORN)
     picture, damage = decode(data)
@@ -224,12 +224,12 @@ def count_frames(path: Path) -> int:
 
 
 def stated_frames(path: Path) -> int:
-    """The number of frames as the container has it: often exact, at times an estimate, 0 if unsaid."""
+    """Return the number of frames that the container states: often exact, at times an estimate, 0 if unknown."""
     return max(int(_open(path).get(cv2.CAP_PROP_FRAME_COUNT)), 0)
 
 
 def _key(path: Path) -> _Key:
-    """The file as it is now: one that was written anew is another video."""
+    """Identify the file as it is now: one that was rewritten is another video."""
     about = path.stat()
     return path, about.st_mtime_ns, about.st_size
 

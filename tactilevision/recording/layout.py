@@ -110,7 +110,9 @@ BALL_COLUMNS = Columns(
 
 
 def nearest(name: str, among: Iterable[str]) -> str:
-    """The name that was probably meant: the same but for brackets, a unit or a slip; "" where none is."""
+    """Return the name that was probably meant: the same but for brackets, a unit or a slip; "" if there is
+    none.
+    """
     plain, folded = _folded(name), {_folded(other): other for other in among}
     for other in folded:
         if other.rpartition("_")[0] == plain or plain.rpartition("_")[0] == other:
@@ -120,10 +122,10 @@ def nearest(name: str, among: Iterable[str]) -> str:
 
 
 def _folded(name: str) -> str:
-    """In small letters, `Depth (mm)` being depth_mm."""
+    """Return the name in small letters, `Depth (mm)` as depth_mm."""
     return re.sub(r"[^\w./-]+", "_", name.casefold()).strip("_")
 
 
 def some(names: Sequence[str]) -> str:
-    """The first three, and how many more there are."""
+    """Return the first three names, and how many more there are."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -135,13 +135,13 @@ _PLACES: dict[Need, tuple[str, str, str]] = {
 
 
 def is_bare(recording: Recording) -> bool:
-    """Whether its pictures came without a recording.toml."""
+    """Return whether the pictures came without a recording.toml."""
     return not (recording.path / layout.SETTINGS).is_file()
 
 
 @contextmanager
 def faults_of_flats(recording: Recording) -> Iterator[None]:
-    """A fault of pictures of the untouched gel names where they are; of a bare folder, the option for others."""
+    """Make errors of pictures of the untouched gel name where they are and, of a bare folder, --reference."""
     folder = recording.path / layout.FLATS
     own = {flat.parent for flat in recording.flats} <= {folder} and not is_bare(recording)
     with faults_of_reference(folder if own else place_of_flats(recording), option=not own):
@@ -150,7 +150,7 @@ def faults_of_flats(recording: Recording) -> Iterator[None]:
 
 @contextmanager
 def faults_of_reference(where: Path | None, *, option: bool = True) -> Iterator[None]:
-    """A fault of the pictures of the untouched gel names `where` they are (None: as it is), and --reference."""
+    """Make errors of pictures of the untouched gel name `where` they are (None: unchanged), and --reference."""
     try:
         yield
     except InputError as fault:
@@ -162,7 +162,9 @@ def faults_of_reference(where: Path | None, *, option: bool = True) -> Iterator[
 
 
 def place_of_flats(recording: Recording) -> Path:
-    """The picture of the untouched gel, or the folder of several; the recording where there is none."""
+    """Return the path of the picture of the untouched gel, or the folder of several; the recording if there is
+    none.
+    """
     names, frames = recording.frame_names, recording.frames_path
     flats = [*recording.flats, *(frames / names[k] for k in recording.flat_frames if frames is not None)]
     return flats[0] if len(flats) == 1 else flats[0].parent if flats else recording.path

@@ -45,7 +45,7 @@ _MAX_MISSING = 0.5  # share of the listed pictures that may be missing
 
 
 def list_images(folder: Path) -> list[str]:
-    """Names of the pictures in a folder, in the order in which a person counts (2 before 10).
+    """List the pictures in a folder by name, in numerical order (2 before 10).
 
     Raises InputError for a name that no table can hold.
     """
@@ -67,7 +67,7 @@ def _as_counted(name: str) -> list[tuple[int, int, str]]:
 
 
 def find_frames(root: Path) -> Path | None:
-    """The folder of images, or the one video, of a recording; None where there is neither."""
+    """Find the folder of images, or the one video, of a recording; None if there is neither."""
     folder = root / layout.FRAMES
     if _image_names(folder):
         return folder
@@ -84,7 +84,7 @@ def find_frames(root: Path) -> Path | None:
 
 
 def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
-    """frames.csv; and, as warnings, which pictures it lists that are gone, and how many are there unlisted.
+    """Read frames.csv; return it and warnings of listed pictures that are missing and of unlisted ones.
 
     A frame or two that got lost are no reason to refuse thousands: readers meet them as BadFrame. Raises
     RecordingError where most are missing, since such a list is of other pictures.
@@ -108,7 +108,7 @@ def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
 def _check_present(
     table: Table, names: Sequence[str], present: set[str], *, spare: float = 0.0
 ) -> tuple[str, ...]:
-    """Names that are not there; raises where they are more than the share `spare`, or lack but their ending."""
+    """Return the names that are missing; raise if they exceed the share `spare`, or lack only their ending."""
     missing = [row for row, name in enumerate(names) if name not in present]
     if missing:
         name = names[missing[0]]
@@ -126,7 +126,7 @@ def _check_present(
 
 
 def _check_indices(table: Table, video: Path) -> None:
-    """Frames of a video are listed by number, from 0, rising; 12.0 is written as 12."""
+    """Check that frames of a video are listed by number, from 0, rising; 12.0 is read as 12."""
     last = -1
     table.words["frame"] = [re.sub(r"\.0*$", "", name) for name in table.words["frame"]]
     for row, name in enumerate(table.words["frame"]):
@@ -145,18 +145,20 @@ def _check_indices(table: Table, video: Path) -> None:
 
 
 def find_flats(root: Path) -> tuple[Path, ...]:
-    """Pictures of the untouched gel."""
+    """List the pictures of the untouched gel."""
     folder = root / layout.FLATS
     return tuple(folder / name for name in list_images(folder))
 
 
 def find_balls(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
-    """Ball presses with what their table says of them, and warnings."""
+    """Read ball presses with their table; return them and warnings."""
     return read_balls(root / layout.BALLS, root / layout.BALL_TABLE)
 
 
 def read_balls(folder: Path, path: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
-    """The ball presses in a folder by the table at `path`, and warnings; none where there is neither."""
+    """Read the ball presses in a folder by the table at `path`; return them and warnings, none if there is
+    neither.
+    """
     images = list_images(folder)
     if not images and not path.is_file():
         return (), ()
@@ -197,7 +199,9 @@ def _ball(table: Table, row: int, folder: Path) -> BallPress:
 def first_look(
     frames_path: Path, names: Sequence[str], *, white_level: float | None = None
 ) -> tuple[tuple[int, int], tuple[str, ...]]:
-    """(width, height) of the first picture that can be read, and warnings. Raises where none of the first can."""
+    """Return (width, height) of the first picture that can be read, and warnings. Raises if none of the first
+    can.
+    """
     why = ""
     if frames_path.is_file():
         rgb = next(iter_video(frames_path, [int(names[0])]))[1] if names else None
@@ -222,8 +226,10 @@ def first_look(
 def most_sizes(
     frames_path: Path, names: Sequence[str], first_px: tuple[int, int]
 ) -> tuple[tuple[int, int], int, tuple[str, ...]]:
-    """(width, height) that most of some pictures have, the number of the first such, and a warning if others come
-    before. `first_px` is the size of the first that can be read; it stands where no other is the more usual."""
+    """Return (width, height) that most of some pictures have, the number of the first such, and a warning if
+    others come before. `first_px` is the size of the first that can be read; it holds if no other is more
+    frequent.
+    """
     if frames_path.is_file():
         return first_px, 0, ()
     looked = dict.fromkeys(np.linspace(0, len(names) - 1, _SIZED).astype(int).tolist())
@@ -241,7 +247,7 @@ def most_sizes(
 
 
 def _size_of(path: Path) -> tuple[int, int] | None:
-    """Width and height of a picture; None for one that cannot be read."""
+    """Return width and height of a picture; None for one that cannot be read."""
     try:
         height, width = read_stored(path).shape[:2]
     except (InputError, OSError):
@@ -265,7 +271,7 @@ def check_references(
 def doubts_of_turning(
     frames_path: Path | None, names: Sequence[str], references: Sequence[Path]
 ) -> tuple[str, ...]:
-    """A warning where references state another orientation than a folder's first frame; no tag is followed."""
+    """Return a warning if references state another orientation than a folder's first frame; no tag is followed."""
     stated = {path: turned for path in references if (turned := _orientation(path)) is not None}
     usual = _orientation(frames_path / names[0]) or 1 if names and frames_path and frames_path.is_dir() else 1
     others = [path for path, turned in stated.items() if turned != usual]
@@ -279,7 +285,7 @@ def doubts_of_turning(
 
 
 def _orientation(path: Path) -> int | None:
-    """That a file states; None for one that cannot be read."""
+    """Return the orientation that a file states; None for one that cannot be read."""
     try:
         return orientation(read_bytes(path))
     except (InputError, OSError):
@@ -299,7 +305,7 @@ def check_size(size_px: tuple[int, int], frame_size_px: tuple[int, int], path: P
 
 
 def _doubts_of_depth(stored: npt.NDArray[Any], name: str, white_level: float | None) -> tuple[str, ...]:
-    """Cameras of 10, 12 or 14 bits often store their numbers in 16; nothing in the file says so."""
+    """Return a warning if 16 bits probably hold numbers of 10, 12 or 14; nothing in the file states it."""
     brightest = int(stored.max()) if stored.dtype == np.uint16 else 65535
     if white_level is not None or brightest >= 2**14:
         return ()
@@ -345,7 +351,7 @@ def read_frame(recording: Recording, index: int) -> Frame:
 
 
 def read_flats(recording: Recording) -> list[Bytes]:
-    """The raw pictures (H, W, 3), grey levels, of the untouched gel: those of their own, or frames taken for one.
+    """Read the raw pictures (H, W, 3), grey levels, of the untouched gel: their own, or the frames taken for it.
 
     Raises RecordingError for one that cannot be read.
     """
@@ -355,7 +361,7 @@ def read_flats(recording: Recording) -> list[Bytes]:
 
 
 def read_reference(recording: Recording, path: Path) -> Bytes:
-    """The raw picture (H, W, 3), grey levels, of the untouched gel or a ball press at `path`.
+    """Read the raw picture (H, W, 3), grey levels, of the untouched gel or a ball press at `path`.
 
     Raises RecordingError where it cannot be read, or has another size than the frames.
     """

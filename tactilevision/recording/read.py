@@ -84,7 +84,7 @@ def _judged(recording: Recording, press: Press, missing_s: float, said: str) -> 
 
 
 def doubts(recording: Recording) -> Iterator[str]:
-    """What is legal but unlikely, one sentence each, for a person to look at."""
+    """Yield a sentence for each thing that is legal but unlikely."""
     yield from _doubts_of_frames(recording)
     yield from _doubts_of_forces(recording)
     yield from _doubts_of_depths(recording)
@@ -118,7 +118,7 @@ def _doubts_of_curve_rows(recording: Recording) -> Iterator[str]:
 
 
 def _repeated(curve: Curve) -> int:
-    """How many rows of a curve are the rows before them once more."""
+    """Count the rows of a curve that repeat the row before them."""
     readings = np.column_stack([curve.time_s, curve.depth_mm, curve.force_N])
     return int(np.count_nonzero(np.all(np.diff(readings, axis=0) == 0, axis=1)))
 
@@ -192,7 +192,7 @@ def _doubts_of_forces(recording: Recording) -> Iterator[str]:
 
 
 def _read_by_press(recording: Recording, starts_s: Floats, ends_s: Floats) -> bool:
-    """Whether readings pause again and again between presses: gaps (n,) that hold no press's middle.
+    """Return whether readings pause regularly between presses: gaps (n,) that hold no press's middle.
 
     With an unknown clock offset, gaps that are alike: the half of them are at least half as long as the longest.
     """
@@ -259,7 +259,7 @@ def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None)
 
 
 def _completed(settings: Settings, sensor: Mapping[str, Any]) -> Settings:
-    """With keys of [sensor] that the file leaves out."""
+    """Add keys of [sensor] that the file lacks."""
     left_out = {key: value for key, value in sensor.items() if getattr(settings.sensor, key) is None}
     return settings.model_copy(update={"sensor": settings.sensor.model_copy(update=left_out)})
 
@@ -329,14 +329,14 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
 
 
 def _light_alone(root: Path, flats: Sequence[Path], balls: Sequence[BallPress]) -> tuple[Path, list[str]] | None:
-    """Folder and names of the pictures that tell the size of a recording of ball presses and nothing else."""
+    """Return folder and names of the pictures that determine the size in a recording of ball presses only."""
     if not (flats and balls) or _named(root, layout.CURVES, layout.POINTS):
         return None
     return flats[0].parent, [flat.name for flat in flats]
 
 
 def _check_no_frames_needed(recording: Recording) -> None:
-    """Without pictures there must be curves, points or ball presses; a list of pictures must not be there."""
+    """Check that, without pictures, there are curves, points or ball presses, and no list of pictures."""
     root, folder = recording.path, recording.path / layout.FRAMES
     light_alone = _named(root, layout.BALL_TABLE) and not _is_calibration(root)
     listed = _named(root, layout.FRAME_TABLE)
@@ -364,12 +364,12 @@ def _check_no_frames_needed(recording: Recording) -> None:
 
 
 def _is_calibration(root: Path) -> bool:
-    """Whether times matter: then a missing frames.csv is a fault at once."""
+    """Return whether times matter: then a missing frames.csv is an error."""
     return _named(root, layout.FORCES, layout.PRESSES)
 
 
 def _named(root: Path, *names: str) -> bool:
-    """Whether one of these stands in the folder, be it a pipe or a link to nowhere: its reader says so."""
+    """Return whether one of these is in the folder, even a pipe or a broken link: its reader reports it."""
     return any(os.path.lexists(root / name) for name in names)
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def read_frame_table(path: Path) -> Table:
-    """frames.csv: every name once, time never going backwards."""
+    """Read frames.csv: every name once, time never going backwards."""
     table = read_table(path, layout.FRAME_COLUMNS)
     check_time(table, table.numbers["time_s"])
     first: dict[str, int] = {}
@@ -50,7 +50,7 @@ MAX_FORCE_N = 1e6  # N: a hundred tonnes on a pad of some cm2; more is another u
 
 
 def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[ForceSeries, Table]:
-    """forces.csv turned into the rectified frame's axes.
+    """Read forces.csv, turned into the rectified frame's axes.
 
     force = R reading, with R of [force] rotation. Torque turns with det(R) R, since it is an axial vector;
     the noise of independent readings becomes sqrt(R^2 std^2), element by element. Where std_N is left out, the
@@ -80,7 +80,7 @@ def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[For
 
 
 def read_stage(path: Path) -> tuple[StageSeries, Table]:
-    """stage.csv: place of the motion stage on the F/T sensor's clock."""
+    """Read stage.csv: place of the motion stage on the F/T sensor's clock."""
     table = read_table(path, layout.STAGE_COLUMNS, least_rows=2)
     check_time(table, table.numbers["time_s"])
     return StageSeries(table.numbers["time_s"], table.numbers["z_mm"]), table
@@ -103,13 +103,13 @@ def check_time(table: Table, time_s: Floats, *, rows: Floats | None = None) -> N
 
 
 def as_three(values: Sequence[float]) -> tuple[float, float, float]:
-    """x, y, z of a list that is known to hold them."""
+    """Return a list of three as (x, y, z)."""
     x, y, z = values
     return x, y, z
 
 
 def rotation(settings: ForceSettings, toml: Path) -> Floats | None:
-    """[force] rotation (3, 3), None where it is left out. A left-handed set of axes is legal (det -1)."""
+    """Return [force] rotation (3, 3), None if it is absent. Left-handed axes are legal (det -1)."""
     if settings.rotation is None:
         return None
     turn = np.array(settings.rotation, dtype=float)
@@ -124,12 +124,12 @@ def rotation(settings: ForceSettings, toml: Path) -> Floats | None:
 
 
 def turns(rotation: Floats) -> bool:
-    """Whether a matrix (3, 3), dimensionless, turns without stretching."""
+    """Return whether a matrix (3, 3), dimensionless, is orthogonal."""
     return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3))
 
 
 def step_noise(readings: Floats) -> Floats:
-    """Standard deviation (3,) of one reading, from the differences of successive ones (T, 3).
+    """Estimate the standard deviation (3,) of one reading from the differences of successive ones (T, 3).
 
     1.4826 median |d - median d| / sqrt(2), which slow changes of force leave alone; not below that of the
     readings' own rounding, step / sqrt(12). Too low where neighbouring readings were filtered together.
@@ -169,7 +169,7 @@ _DROP = re.compile(r"fall_(\d+)_([\d.]+)_([\d.]+)_mm")
 
 
 def point_columns(point: CertifiedPoint) -> dict[str, Any]:
-    """Cells of one point by column: details, edge profile (fall_AZIMUTH_FROM_TO_mm) and extra."""
+    """Return the cells of one point by column: details, edge profile (fall_AZIMUTH_FROM_TO_mm) and extra."""
     details = point.details
     cells: dict[str, Any] = {column: getattr(details, name) for column, name in (_NUMBERS | _WORDS).items()}
     cells[_READINGS] = details.force_readings
@@ -182,7 +182,9 @@ def point_columns(point: CertifiedPoint) -> dict[str, Any]:
 
 
 def split_columns(cells: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments `details`, `edge_profile` and `extra` of CertifiedPoint from the further cells of one row."""
+    """Return the arguments `details`, `edge_profile` and `extra` of CertifiedPoint from the further cells of one
+    row.
+    """
     numbers: dict[str, Any] = {name: _number(cells, column) for column, name in _NUMBERS.items()}
     words: dict[str, Any] = {name: _word(cells, column) for column, name in _WORDS.items()}
     readings, dwell = _number(cells, _READINGS), _number(cells, _DWELL)
@@ -206,7 +208,7 @@ def _drop(column: str, drop_mm: float) -> EdgeDrop:
 
 
 def _number(cells: Mapping[str, Any], name: str) -> float:
-    """The number of a cell; NaN where it holds none, for these columns are for the reader's information."""
+    """Return the number of a cell; NaN if it holds none, since these columns are for information."""
     try:
         return float(cells.get(name, np.nan))
     except (TypeError, ValueError):
@@ -224,7 +226,7 @@ _WORDS_OF_TRUTH = {"true": True, "1": True, "yes": True, "": True, "false": Fals
 
 
 def read_presses(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[Press, ...], Table]:
-    """presses.csv in the order of time: each label once, each indenter described, none overlapping another."""
+    """Read presses.csv in the order of time: each label once, each indenter described, no overlaps."""
     table = read_table(path, layout.PRESS_COLUMNS)
     check_indenters(table, indenters)
     _check_labels(table)
@@ -254,7 +256,7 @@ def read_presses(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[P
 
 
 def read_points(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[CertifiedPoint, ...], Table]:
-    """points.csv; depth and force may be empty only where `accepted` is false."""
+    """Read points.csv; depth and force may be empty only where `accepted` is false."""
     table = read_table(path, layout.POINT_COLUMNS)
     check_indenters(table, indenters)
     for name in ("depth_std_mm", "fz_std_N"):
@@ -264,7 +266,7 @@ def read_points(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[Ce
 
 
 def read_curves(path: Path) -> tuple[tuple[Curve, ...], Table]:
-    """curves.csv: one Curve for each label, in the order in which they first stand there."""
+    """Read curves.csv: one Curve for each label, in the order of their first rows."""
     table = read_table(path, layout.CURVE_COLUMNS, least_rows=2)
     phases = np.array(table.words.get("phase", [""] * len(table.lines)))
     for row in np.flatnonzero(~np.isin(phases, ("", *layout.PHASES))).tolist():
@@ -309,7 +311,7 @@ def check_indenters(table: Table, indenters: Mapping[str, Indenter]) -> None:
 
 
 def _key(name: str) -> str:
-    """A name as a key of TOML: in quotes where a dot or a space would part it."""
+    """Return a name as a key of TOML, quoted if it holds a dot or a space."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 

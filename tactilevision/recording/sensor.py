@@ -27,7 +27,7 @@ Size = tuple[int, int]
 def build_sensor(
     settings: SensorSettings, toml: Path, *, frame_size_px: Size | None
 ) -> tuple[Sensor, tuple[str, ...]]:
-    """The sensor, and what a person should know about it.
+    """Build the sensor; return it and warnings.
 
     `frame_size_px` (width, height) is that of the pictures, None where there are none: then a custom sensor may
     leave its size and scale out (0 and NaN).
@@ -111,7 +111,7 @@ def _named(
 
 
 def read_maps(path: Path) -> Maps:
-    """map_x, map_y (height, width) float32 of a rectification: rectified[y, x] = raw[map_y, map_x]."""
+    """Read map_x, map_y (height, width) float32 of a rectification: rectified[y, x] = raw[map_y, map_x]."""
     try:
         arrays = read_arrays(path)
     except OSError as fault:
@@ -131,7 +131,7 @@ def read_maps(path: Path) -> Maps:
 
 
 def maps_of(arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> Maps:
-    """map_x, map_y (height, width) float32, px, of the arrays of a rectification; `path` is their file.
+    """Return map_x, map_y (height, width) float32, px, of the arrays of a rectification; `path` is their file.
 
     Raises RecordingError where they are no such maps.
     """
@@ -151,7 +151,7 @@ def maps_of(arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> Maps:
 
 
 def _doubts_of_maps(maps: Maps, frame_size_px: Size) -> tuple[str, ...]:
-    """Maps of another camera, or with x and y exchanged, look past the picture."""
+    """Return a warning if maps look past the picture: of another camera, or with x and y exchanged."""
     inside = [(axis >= -0.5) & (axis <= size - 0.5) for axis, size in zip(maps, frame_size_px, strict=True)]
     share = 1 - float(np.mean(inside[0] & inside[1]))
     if share < 0.5:
@@ -163,7 +163,7 @@ def _doubts_of_maps(maps: Maps, frame_size_px: Size) -> tuple[str, ...]:
 
 
 def _stated_size(settings: SensorSettings, straight: Size | None, toml: Path) -> Size | None:
-    """Width and height as far as known; raises where what is stated is not what was found."""
+    """Return width and height as far as known; raise if what is stated differs from what was found."""
     stated = (settings.width_px, settings.height_px)
     if straight is not None:
         for name, said, found in zip(("width_px", "height_px"), stated, straight, strict=True):

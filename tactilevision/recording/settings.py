@@ -40,7 +40,7 @@ def _finite(value: float) -> float:
 
 
 def _pair(value: Any) -> Any:
-    """One number stands for x and y alike."""
+    """Repeat one number for x and y."""
     return [value, value] if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
@@ -74,7 +74,7 @@ class _Settings(BaseModel):
 
 
 def _halved(table: _Settings) -> str:
-    """What a radius that is missing would be, where the table states a diameter."""
+    """Return what a missing radius would be, if the table states a diameter."""
     stated = (table.model_extra or {}).get("diameter_mm")
     return f", half of its diameter_mm = {stated}" if isinstance(stated, int | float) else ""
 
@@ -207,7 +207,7 @@ _PLAUSIBLE = (
 
 
 def load_toml(path: Path) -> dict[str, Any]:
-    """The file's content. Raises RecordingError with the line where it is not TOML, or beyond the limits."""
+    """Read the file. Raises RecordingError with the line if it is not TOML, or beyond the limits."""
     try:
         return parse_toml(read_text(path), where=path)
     except OSError as fault:
@@ -217,7 +217,7 @@ def load_toml(path: Path) -> dict[str, Any]:
 
 
 def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, ...]]:
-    """The checked settings, and a warning for each key without a meaning and each implausible value.
+    """Check the settings; return them and a warning for each key without a meaning and each implausible value.
 
     Raises RecordingError for an unknown format, for a key that resembles a known one which is absent (a slip
     of the pen, or its unit left out), and for values that cannot be.
@@ -227,7 +227,7 @@ def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple
 
 
 def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, tuple[str, ...]]:
-    """The table [sensor] alone, of a recording.toml or of a file that holds nothing else; warnings likewise.
+    """Check the table [sensor] alone, of a recording.toml or of a file that holds nothing else; warnings likewise.
 
     Raises RecordingError as `check_settings` does, and where there is no such table.
     """
@@ -275,7 +275,7 @@ def _check_format(content: Mapping[str, Any], path: Path) -> None:
 
 
 def _unknown(model: type[BaseModel], content: Mapping[str, Any], place: _Place) -> Iterator[tuple[_Place, str]]:
-    """Every key without a meaning: its place, and the absent known key that it resembles, or ""."""
+    """Yield every unknown key's place, and the absent known key that it resembles, or ""."""
     known = {name: name for name in model.model_fields}
     for name, about in model.model_fields.items():
         known |= {str(alias): name for alias in getattr(about.validation_alias, "choices", ())}
@@ -296,13 +296,13 @@ def _unknown(model: type[BaseModel], content: Mapping[str, Any], place: _Place) 
 
 
 def _home(place: _Place) -> str:
-    """Where a key without a meaning would have one."""
+    """Return the table in which an unknown key would be known."""
     homes = [table for table, model in _TABLES.items() if place[-1] in model.model_fields]
     return f"; it has one in {homes[0]}" if homes else " and is left alone"
 
 
 def _table_of(annotation: Any) -> type[BaseModel] | None:
-    """The table that a key opens, also where it is optional or one of many; None for a plain value."""
+    """Return the table that a key opens, also where it is optional or one of many; None for a plain value."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next((found for part in get_args(annotation) if (found := _table_of(part))), None)
@@ -332,7 +332,7 @@ _WORDS = {
 
 
 def _translated(fault: ValidationError, path: Path) -> RecordingError:
-    """Our words for pydantic's first finding."""
+    """Translate pydantic's first finding into an error of this library."""
     first = fault.errors()[0]
     kind, place = first["type"], first["loc"]
     what, remedy = _WORDS.get(kind, (first["msg"].replace("{", "("), ""))
@@ -344,7 +344,7 @@ def _translated(fault: ValidationError, path: Path) -> RecordingError:
 
 
 def _key(place: _Place) -> str:
-    """How a person finds it in the file: [table.of.it] key, or key[index] in a list."""
+    """Return a key as it is found in the file: [table.of.it] key, or key[index] in a list."""
     names = [part for part in place if isinstance(part, str)]
     index = "".join(f"[{part}]" for part in place if isinstance(part, int))
     return f"[{'.'.join(names[:-1])}] {names[-1]}{index}" if len(names) > 1 else f"{names[0]}{index}"

@@ -41,11 +41,11 @@ class Table:
     warnings: tuple[str, ...] = ()
 
     def fault(self, row: int, what: str, *, value: object = None, remedy: str = "") -> RecordingError:
-        """The error for one row, to be raised by who found it."""
+        """Return the error for one row."""
         return RecordingError(what, where=f"{self.path}, line {self.lines[row]}", value=value, remedy=remedy)
 
     def optional(self, name: str) -> Floats:
-        """A column (N,) of numbers, NaN throughout where the table has none."""
+        """Return a column (N,) of numbers, all NaN if the table has none."""
         return self.numbers.get(name, np.full(len(self.lines), np.nan))
 
 
@@ -195,7 +195,7 @@ def _number(cell: str, empty_allowed: bool) -> float:
 
 
 def _remedy(cell: str, *, line: int) -> str:
-    """What to do about a cell that holds no finite number."""
+    """Return the remedy for a cell that holds no finite number."""
     if _MARKED.fullmatch(cell):
         return "Write it with a decimal point, not a comma, and without marks between thousands."
     if line == 2:
@@ -204,7 +204,7 @@ def _remedy(cell: str, *, line: int) -> str:
 
 
 def _guess(cells: list[str]) -> npt.NDArray[Any]:
-    """Numbers where every cell is one or empty, text otherwise."""
+    """Return numbers if every cell is one or empty, text otherwise."""
     try:
         return np.array([float(cell) if cell else math.nan for cell in cells])
     except ValueError:

@@ -118,7 +118,7 @@ def _record_columns(
     always: Sequence[str],
     kind: type = Press,
 ) -> _Columns:
-    """Columns of the records' plain fields in their order, then of their `further` cells."""
+    """Return the columns of the records' plain fields in their order, then of their `further` cells."""
     names = [field.name for field in fields(kind) if field.name not in _JOINED]
     columns: dict[str, list[Any]] = {name: [getattr(record, name) for record in records] for name in names}
     for name in dict.fromkeys(name for cells in further for name in cells):
@@ -135,7 +135,7 @@ def _joined(parts: Iterable[Any]) -> list[Any]:
 
 
 def table_cell(value: Any) -> str:
-    """One cell: 12 digits, all of them where large, "" for what is not known, true or false."""
+    """Format one cell: 12 digits, all of them if large, "" for unknown, true or false."""
     if isinstance(value, bool | np.bool_):
         return "true" if value else "false"
     if isinstance(value, float | np.floating):
@@ -250,7 +250,7 @@ def _sensor(recording: Recording) -> dict[str, Any]:
 
 
 def _known(content: Mapping[str, Any]) -> dict[str, Any]:
-    """TOML has no None, and NaN says nothing: both are left out, and tables that they leave empty."""
+    """Remove None and NaN, which TOML lacks or which say nothing, and tables left empty."""
     kept = {}
     for key, value in content.items():
         inner = _known(value) if isinstance(value, dict) else list(value) if isinstance(value, tuple) else value

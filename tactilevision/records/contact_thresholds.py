@@ -63,17 +63,19 @@ CONTACT = ContactThresholds()
 
 
 def colour_limit(scale: float) -> float:
-    """Square of a block's normalised colour residual beyond which it is touched; `scale`: their usual square."""
+    """Return the square of a block's normalised colour residual beyond which it is touched; `scale`: their usual
+    square.
+    """
     return CONTACT.colour_sigma**2 * scale
 
 
 def slope_limit(median_slope: float) -> float:
-    """Slope of a block (mm/mm) beyond which it is touched, from the median over all blocks."""
+    """Return the slope of a block (mm/mm) beyond which it is touched, from the median over all blocks."""
     return CONTACT.slope_medians * median_slope + CONTACT.slope_floor
 
 
 def depth_limit_mm(roughness_mm: float, top_mm: float) -> float:
-    """Depth (mm) beyond which a region is in question, from the deviation of the map's shallower half.
+    """Return the depth (mm) beyond which a region is in question, from the deviation of the map's shallower half.
 
     No more than half of the deepest, `top_mm`.
     """
@@ -82,7 +84,8 @@ def depth_limit_mm(roughness_mm: float, top_mm: float) -> float:
 
 
 def wide_depth_limit_mm(std_mm: Array, area_mm2: float) -> Array:
-    """Depth (H, W) mm that untouched gel of deviation `std_mm` (H, W) reaches nowhere in one picture of two.
+    """Return the depth (H, W) mm that untouched gel of deviation `std_mm` (H, W) reaches nowhere in one picture of
+    two.
 
     Of N normal numbers the largest is sqrt(2 ln N) standard deviations above 0, N: the patches of `depth_wave_mm`
     in the picture's area. Once more a share of it, as the deviations are not known better.
@@ -92,15 +95,21 @@ def wide_depth_limit_mm(std_mm: Array, area_mm2: float) -> Array:
 
 
 def live_limit_mm(std_mm: Array) -> Array:
-    """Depth (H, W) mm beyond which a pixel of the stream is pressed, from that of untouched gel (H, W) mm."""
+    """Return the depth (H, W) mm beyond which a pixel of the stream is pressed, from that of untouched gel (H, W)
+    mm.
+    """
     return CONTACT.live_sigma * std_mm
 
 
 def reading_limit(noise: float, top: float) -> float:
-    """Reading beyond which the indenter touches, in the unit of its `noise` and of the press's `top`."""
+    """Return the reading beyond which the indenter touches, in the unit of its `noise` and of the press's
+    `top`.
+    """
     return max(CONTACT.reading_sigma * noise, CONTACT.reading_share * top)
 
 
 def cell_limit_mm(std_mm: Floats, deepest_mm: float) -> Floats:
-    """Depth (rows, columns) mm beyond which a cell may carry force, from its deviation (rows, columns) mm."""
+    """Return the depth (rows, columns) mm beyond which a cell may carry force, from its deviation (rows, columns)
+    mm.
+    """
     return np.asarray(np.maximum(CONTACT.cell_sigma * std_mm, CONTACT.cell_share * deepest_mm))

@@ -39,12 +39,12 @@ class Frame:
 
 
 def as_frame(given: Frame | Bytes) -> Frame:
-    """The frame, or one of the pixels (H, W, 3) uint8 that were handed over. Raises InputError as Frame does."""
+    """Return the frame, or make one of the pixels (H, W, 3) uint8 given. Raises InputError as Frame does."""
     return given if isinstance(given, Frame) else Frame(given)
 
 
 def _remedy(given: Any) -> str:
-    """What makes a frame of what was handed over instead of one."""
+    """Return how to make a frame of what was given instead."""
     if isinstance(given, Frame):
         return "Hand over its pixels: frame.rgb."
     if isinstance(given, list | tuple):
@@ -260,11 +260,11 @@ MEANING = {
 
 
 def add(flags: tuple[str, ...], more: Iterable[str]) -> tuple[str, ...]:
-    """Both, each once, in the order of MEANING."""
+    """Return both sets of flags, each once, in the order of MEANING."""
     both = {*flags, *more}
     return tuple(flag for flag in MEANING if flag in both)
 
 
 def told(counts: Mapping[str, int], frames: int) -> list[str]:
-    """A line for each flag: how many of the `frames` have it, and what it means."""
+    """Return a line for each flag: how many of the `frames` have it, and what it means."""
     return [f"{count} of {frames} frames are flagged {flag!r}: {MEANING[flag]}" for flag, count in counts.items()]

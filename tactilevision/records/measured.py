@@ -34,7 +34,7 @@ class Estimate:
     why: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """The form of every result file: value, std, interval95, unit, and why, where there is one."""
+        """Return the form of every result file: value, std, interval95, unit, and why, if there is one."""
         interval = None if self.interval95 is None else list(self.interval95)
         content = {"value": self.value, "std": self.std, "interval95": interval, "unit": self.unit}
         return content | ({"why": self.why} if self.why else {})
@@ -105,7 +105,7 @@ class Material:
             )
 
     def as_json(self) -> dict[str, Any]:
-        """E and nu in the form of every result file, value +- 1.96 std; null where no covariance is known."""
+        """Return the form of every result file: value, std, interval95, unit, and why, if there is one."""
         found = {}
         values = {"youngs_modulus_MPa": self.youngs_modulus_MPa, "poisson_ratio": self.poisson_ratio}
         for k, ((name, value), unit) in enumerate(zip(values.items(), ("MPa", "1"), strict=True)):

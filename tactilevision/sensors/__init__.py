@@ -51,7 +51,7 @@ __all__ = [
 
 
 def get_sensor(kind: str, **overrides: Any) -> Sensor:
-    """The sensor of that name, with fields of `records.Sensor` replaced by `overrides`.
+    """Return the sensor of that name, with fields of `records.Sensor` replaced by `overrides`.
 
     "custom" has no defaults: width_px, height_px and mm_per_px are then needed. `mm_per_px` may be one number.
     Raises InputError for an unknown name, an unknown or missing field, and sizes or scales not above 0.
@@ -83,7 +83,7 @@ def get_sensor(kind: str, **overrides: Any) -> Sensor:
 
 
 def may_have_marks(sensor: Sensor) -> bool:
-    """Whether marks are to be looked for: not where the catalogue knows that this kind has none."""
+    """Return whether to look for marks: not if the catalogue knows that this kind has none."""
     return sensor.has_markers or sensor.kind not in SENSORS
 
 

@@ -26,7 +26,7 @@ _fixed: dict[int, tuple[Map, npt.NDArray[np.int16], npt.NDArray[np.uint16], tupl
 
 
 def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
-    """The rectified picture (height_px, width_px, 3) of a raw one; the same array where the sensor has no maps.
+    """Rectify a raw picture to (height_px, width_px, 3); return the same array if the sensor has no maps.
 
     Raises InputError where the picture has another size than the sensor, or less than its maps reach for.
     """
@@ -51,12 +51,12 @@ def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
 
 
 def maps_from_lookup(row: npt.NDArray[np.integer], column: npt.NDArray[np.integer]) -> Maps:
-    """Maps out of a table rectified = raw[row, column], both (height, width) in px."""
+    """Return maps from a table rectified = raw[row, column], both (height, width) in px."""
     return np.asarray(column, np.float32), np.asarray(row, np.float32)
 
 
 def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: Pair) -> Maps:
-    """Maps from four clicks: where the corners of a rectangle of `size_mm` lie in the raw picture.
+    """Return maps from four clicks: the corners of a rectangle of `size_mm` in the raw picture.
 
     `corners_px` (x, y) run top left, top right, bottom right, bottom left. Straight lines must be straight in the
     raw picture: for a lens that bends them use a grid.
@@ -77,7 +77,8 @@ def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: P
 
 
 def maps_from_grid(points_px: Floats, spacing_mm: float, *, mm_per_px: Pair) -> Maps:
-    """Maps from a grid pressed into the gel: its crossings `points_px` (rows, columns, 2), px in the raw picture.
+    """Return maps from a grid pressed into the gel, with crossings `points_px` (rows, columns, 2), px in the raw
+    picture.
 
     Between crossings the maps follow smooth splines (cubic where there are four crossings or more), so a lens that
     bends lines is undone. The rectified frame spans the grid from its first to its last crossing.
@@ -109,7 +110,8 @@ def maps_from_grid(points_px: Floats, spacing_mm: float, *, mm_per_px: Pair) -> 
 
 
 def _fixed_point(maps: Maps) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16], tuple[int, int]]:
-    """The maps in OpenCV's fixed-point form, three times as fast, and the last column and row they reach for, px.
+    """Return the maps in OpenCV's fixed-point form, three times as fast, and the last column and row they reach
+    for, px.
 
     Kept for the last few sensors.
     """
@@ -134,7 +136,7 @@ def _fixed_point(maps: Maps) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint
 def sensor_from_corners(
     corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: Pair | None = None, has_markers: bool = False
 ) -> Sensor:
-    """The sensor whose gel is the rectangle of `size_mm` with its corners there, (x, y) in the raw picture.
+    """Return the sensor whose gel is the rectangle of `size_mm` with its corners there, (x, y) in the raw picture.
 
     They run top left, top right, bottom right, bottom left. Raises InputError where they span no face.
     """
@@ -156,7 +158,8 @@ def sensor_from_corners(
 def sensor_from_grid(
     points_px: Floats, spacing_mm: float, *, mm_per_px: Pair | None = None, has_markers: bool = False
 ) -> Sensor:
-    """The sensor whose gel is the grid with crossings at `points_px` (rows, columns, 2) in the raw picture, px.
+    """Return the sensor whose gel is the grid with crossings at `points_px` (rows, columns, 2) in the raw picture,
+    px.
 
     Raises InputError as `maps_from_grid` does.
     """
@@ -170,7 +173,7 @@ def sensor_from_grid(
 
 
 def find_grid(rgb: Bytes, rows: int, *, columns: int) -> Floats:
-    """The dots of a grid (rows, columns, 2), px in a raw picture, from the top left, row by row.
+    """Find the dots of a grid (rows, columns, 2), px in a raw picture, from the top left, row by row.
 
     Dots may be dark on bright or bright on dark. Raises InputError where not all of them are found.
     """
@@ -208,14 +211,14 @@ def _sensor(maps: Maps, mm_per_px: Pair, has_markers: bool) -> Sensor:
 
 
 def _runs_round(corner: Floats) -> bool:
-    """Whether four corners turn the same way at each (clockwise as the picture is seen)."""
+    """Return whether four corners turn the same way at each (clockwise as the picture is seen)."""
     side = np.roll(corner, -1, axis=0) - corner
     after = np.roll(side, -1, axis=0)
     return bool(np.all(side[:, 0] * after[:, 1] - side[:, 1] * after[:, 0] > 0))
 
 
 def _upright(points: Floats) -> Floats:
-    """The grid turned so that its columns run to the right and its rows down."""
+    """Turn the grid so that its columns run to the right and its rows down."""
     if points[0, -1, 0] < points[0, 0, 0]:
         points = points[:, ::-1]
     if points[-1, 0, 1] < points[0, 0, 1]:

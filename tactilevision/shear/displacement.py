@@ -49,7 +49,7 @@ class Texture:
 
 
 def read_texture(before: Bytes) -> Texture:
-    """The texture of an untouched frame (H, W, 3)."""
+    """Read the texture of an untouched frame (H, W, 3)."""
     fine = _fine(before)
     variance = _channel_noise(fine)
     weights = np.asarray(1 / variance / (1 / variance).sum(axis=2, keepdims=True), dtype=np.float32)
@@ -60,7 +60,8 @@ def read_texture(before: Bytes) -> Texture:
 
 
 def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools] | None:
-    """Motion (H, W, 2) in px of what was at each pixel of `before`, its standard deviation, and where valid.
+    """Measure the motion (H, W, 2) in px of what was at each pixel of `before`, its standard deviation, and where
+    valid.
 
     None where the texture drowns in the noise over MIN_KNOWN of either picture: the untouched one is often a
     mean of many, and shows more than one frame can.
@@ -89,13 +90,13 @@ def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools
 
 
 def _fine(rgb: Bytes) -> Singles:
-    """The logarithm of each channel (H, W, 3) without what is coarser than the grain."""
+    """Return the logarithm of each channel (H, W, 3) without what is coarser than the grain."""
     light = np.log1p(rgb.astype(np.float32))
     return np.asarray(cv2.GaussianBlur(light, (0, 0), 0.7) - cv2.GaussianBlur(light, (0, 0), GRAIN_PX))
 
 
 def _channel_noise(fine: Singles) -> Singles:
-    """Variance of each channel's own noise (H, W, 3), from what the channels differ by."""
+    """Estimate the variance of each channel's own noise (H, W, 3) from the differences between channels."""
     r, g, b = cv2.split(fine)
     rg, rb, gb = (_smooth(one**2, CONTRAST_PX) for one in (r - g, r - b, g - b))
     found = np.stack([rg + rb - gb, rg + gb - rb, rb + gb - rg], axis=2) / 2
@@ -103,7 +104,7 @@ def _channel_noise(fine: Singles) -> Singles:
 
 
 def _pattern(fine: Singles, weights: Singles) -> tuple[Singles, Bools]:
-    """The weighted mean (H, W) of unit contrast, and where it stands out of the noise."""
+    """Return the weighted mean (H, W) of unit contrast, and where it exceeds the noise."""
     mean = np.einsum("hwc,hwc->hw", fine, weights)
     noise = np.einsum("hwc,hwc->hw", _channel_noise(fine), weights**2)
     power = _smooth(mean**2, CONTRAST_PX)
@@ -143,7 +144,8 @@ class Untouched:
         return self.markers is not None or self.texture is not None
 
     def shear(self, frame: Bytes) -> ShearMap:
-        """Displacement since then of what a rectified frame (H, W, 3) shows, at places of the untouched one.
+        """Measure the displacement since then of what a rectified frame (H, W, 3) shows, at places of the
+        untouched one.
 
         Without anything to follow no pixel is valid, and a flag says so. Where more than a tenth of the markers
         are not found again the map is flagged. Raises InputError for a frame of another size.
@@ -196,12 +198,14 @@ def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = 
 
 
 def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: bool | None = None) -> ShearMap:
-    """Displacement of `frame` since `reference`, once; for many frames keep what `read_untouched` gives."""
+    """Measure the displacement of `frame` since `reference` once; for many frames keep what `read_untouched`
+    gives.
+    """
     return read_untouched(reference, mm_per_px, markers=markers).shear(frame)
 
 
 def marker_motion(reference: Bytes, frame: Bytes, *, guess_px: Floats | None = None) -> MarkerMotion:
-    """The markers of `reference` (H, W, 3) and how each moved, in px, for drawing and following."""
+    """Return the markers of `reference` (H, W, 3) and how each moved, in px, for drawing and tracking."""
     return follow_markers(find_markers(reference), find_markers(frame), guess_px=guess_px)
 
 

@@ -38,7 +38,7 @@ class MarkerMotion:
 
 
 def find_markers(rgb: Bytes) -> Floats:
-    """Places (N, 2) in pixels of the markers in a frame (H, W, 3); none where the frame has no spots alike."""
+    """Find the places (N, 2) in pixels of the markers in a frame (H, W, 3); none if it has no spots alike."""
     dark = darkness(rgb)
     level, _ = cv2.threshold(_as_bytes(dark), 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     spots = (_as_bytes(dark) > level).astype(np.uint8)
@@ -60,8 +60,8 @@ def find_markers(rgb: Bytes) -> Floats:
 
 
 def follow_markers(before_px: Floats, after_px: Floats, *, guess_px: Floats | None = None) -> MarkerMotion:
-    """Match markers of one frame (N, 2) to those of another (M, 2). `guess_px` (N, 2): motion known from
-    earlier.
+    """Match markers of one frame (N, 2) to those of another (M, 2). `guess_px` (N, 2): motion known
+    from earlier.
     """
     motion = np.zeros_like(before_px) if guess_px is None else guess_px.astype(float).copy()
     found = np.zeros(len(before_px), dtype=bool)
@@ -86,7 +86,7 @@ def follow_markers(before_px: Floats, after_px: Floats, *, guess_px: Floats | No
 
 
 def spread_motion(motion: MarkerMotion, shape: tuple[int, int], *, step_px: int) -> tuple[Floats, Floats]:
-    """Motion (H, W, 2) in pixels at every pixel, and its standard deviation (H, W) by leaving out markers in turn.
+    """Return the motion (H, W, 2) in pixels at every pixel, and its standard deviation (H, W) by cross-validation.
 
     The deviation at a place is that of the markers round about: near a contact's edge it is greater.
     """
@@ -116,7 +116,7 @@ def spread_motion(motion: MarkerMotion, shape: tuple[int, int], *, step_px: int)
 
 
 def hull(places_px: Floats, shape: tuple[int, int]) -> Bools:
-    """Mask (H, W) of the pixels between the markers; beyond them nothing is known."""
+    """Return the mask (H, W) of the pixels between the markers; beyond them nothing is known."""
     mask = np.zeros(shape, dtype=np.uint8)
     points = cv2.convexHull(np.round(places_px).astype(np.int32)).reshape(-1, 2)
     cv2.fillConvexPoly(mask, points, 1)
@@ -124,7 +124,7 @@ def hull(places_px: Floats, shape: tuple[int, int]) -> Bools:
 
 
 def darkness(rgb: Bytes) -> Floats:
-    """-log of the lightest channel's ratio to its mean round about (H, W).
+    """Return -log of the lightest channel's ratio to its mean round about (H, W).
 
     Dark in all colours is a mark, not a shade.
     """
@@ -144,7 +144,9 @@ def _spacing(places: Floats) -> float:
 
 
 def _like_neighbours(seen: Floats, pairs: Bools, near: np.ndarray, spacing: float) -> Bools:
-    """Whether each pair moved as its matched neighbours did, to `REACH` of a spacing; a lone pair is let be."""
+    """Return whether each pair moved as its matched neighbours did, to `REACH` of a spacing; a lone pair is
+    kept.
+    """
     around = np.where(pairs[near][:, :, None], seen[near], np.nan)
     count = pairs[near].sum(axis=1)
     middle = np.zeros_like(seen)
@@ -154,7 +156,7 @@ def _like_neighbours(seen: Floats, pairs: Bools, near: np.ndarray, spacing: floa
 
 
 def _from_neighbours(seen: Floats, pairs: Bools, near: np.ndarray, motion: Floats) -> Floats:
-    """What matched neighbours say of each marker; where none is matched, what was thought before."""
+    """Predict each marker's motion from matched neighbours; without any, keep the earlier estimate."""
     weight = pairs[near].astype(float)
     total = weight.sum(axis=1, keepdims=True)
     mean = (weight[:, :, None] * seen[near]).sum(axis=1) / np.maximum(total, 1)
@@ -171,7 +173,7 @@ def _thin_plate(a: Floats, b: Floats) -> Floats:
 
 
 def _smoothing(place: Floats, moved: Floats, scale: float) -> float:
-    """Weight against bending by generalised cross-validation over powers of four."""
+    """Choose the weight against bending by generalised cross-validation over powers of four."""
     kernel = _thin_plate(place / scale, place / scale)
     ones = np.column_stack([np.ones(len(place)), place / scale])
     q = np.linalg.qr(ones, mode="complete")[0][:, 3:]

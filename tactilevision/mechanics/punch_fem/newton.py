@@ -82,7 +82,7 @@ def equations(model: Model, *, by_force: bool) -> Equations:
 
 
 def at_rest(model: Model) -> State:
-    """The undeformed gel, the punch just touching."""
+    """Return the undeformed gel, the punch just touching."""
     mesh, punch = model.mesh, model.problem.punch
     history = untouched(mesh.surface, punch) if isinstance(punch, RoundedPunch) else None
     return State(np.zeros(mesh.size), np.zeros((len(mesh.dofs), 3)), history, 0.0, 0.0, 0, 0.0)
@@ -91,7 +91,8 @@ def at_rest(model: Model) -> State:
 def solve_step(
     system: Equations, last: State, *, target: float, guess: tuple[Floats, Floats], patient: bool = False
 ) -> State | Failure:
-    """The equilibrium at depth (mm) or force (N) `target`, from the converged `last` and a guess of (u, pressure).
+    """Return the equilibrium at depth (mm) or force (N) `target`, from the converged `last` and a guess of (u,
+    pressure).
 
     Where the guess has another depth than the target, the first iteration is the tangent predictor. `patient`
     goes on where a shorter step would usually be cheaper.
@@ -133,7 +134,7 @@ def solve_step(
 def contact_at(
     model: Model, u: Floats, *, history: ContactHistory | None, keep: bool = False
 ) -> ContactState | None:
-    """Contact forces at the unknowns `u` (U,) mm; None for a glued face."""
+    """Return the contact forces at the unknowns `u` (U,) mm; None for a glued face."""
     punch = model.problem.punch
     if not isinstance(punch, RoundedPunch) or history is None:
         return None
@@ -145,7 +146,7 @@ def _touches(model: Model) -> bool:
 
 
 def _imbalance(system: Equations, solid: ElementSystem, contact: ContactState | None, target: float) -> float:
-    """Norm of the out-of-balance forces over the punch's force."""
+    """Return the norm of the out-of-balance forces over the punch's force."""
     residual = _sum(system, solid.internal, contact)
     problem, punch = system.model.problem, system.model.mesh.punch
     floor = 1e-5 * problem.material.youngs_modulus_MPa * problem.thickness_mm**2
@@ -157,7 +158,7 @@ def _imbalance(system: Equations, solid: ElementSystem, contact: ContactState | 
 
 
 def _volume_error(mesh: Discretisation, solid: ElementSystem) -> float:
-    """The largest error of an element's mean volume change."""
+    """Return the largest error of an element's mean volume change."""
     return float(np.abs(solid.pressure_residual[:, 0] / mesh.weight_mm3.sum(axis=1)).max())
 
 
@@ -171,7 +172,7 @@ def _sum(system: Equations, forces: Floats, contact: ContactState | None) -> Flo
 def _increment(
     system: Equations, solid: ElementSystem, contact: ContactState | None, target: float, jump: float
 ) -> Floats:
-    """Newton's increment of all unknowns, the punch's prescribed `jump` included."""
+    """Return Newton's increment of all unknowns, the punch's prescribed `jump` included."""
     mesh, free = system.model.mesh, system.pattern.free
     right = -_sum(system, solid.force, contact)
     if system.by_force:
@@ -235,7 +236,9 @@ def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord])
 
 
 def first_step(system: Equations) -> float:
-    """The first step to try: a quarter of the edge radius, since the first touch wraps the edge; glued, any."""
+    """Return the first step to try: a quarter of the edge radius, since the first touch wraps the edge; glued,
+    any.
+    """
     punch = system.model.problem.punch
     if not isinstance(punch, RoundedPunch):
         return np.inf
@@ -251,7 +254,8 @@ def _load(system: Equations, state: State) -> float:
 
 def _extrapolate(system: Equations, before: State | None, last: State, aim: float) -> tuple[Floats, Floats]:
     """Continue the line through the last two equilibria; from one alone Newton's method makes its own
-    prediction."""
+    prediction.
+    """
     if before is None or _load(system, last) == _load(system, before):
         return last.u, last.pressure
     share = (aim - _load(system, last)) / (_load(system, last) - _load(system, before))

@@ -69,7 +69,7 @@ def gather(model: Model, states: list[State], *, steps: list[StepRecord]) -> Pun
 
 
 def surface_profile(model: Model, state: State) -> tuple[Floats, Floats]:
-    """Material radii (S,) of the surface nodes, and (u_r, u_z) there (2, S), all in mm."""
+    """Return the material radii (S,) of the surface nodes, and (u_r, u_z) there (2, S), all in mm."""
     dofs = model.mesh.surface.dofs
     _, first = np.unique(dofs[:, :3], return_index=True)
     across, along = dofs[:, :3].ravel()[first], dofs[:, 3:6].ravel()[first]
@@ -79,7 +79,7 @@ def surface_profile(model: Model, state: State) -> tuple[Floats, Floats]:
 
 
 def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | None:
-    """True pressure and shear (C,), in MPa, at the contact points; None for a glued face."""
+    """Return the true pressure and shear (C,), in MPa, at the contact points; None for a glued face."""
     contact = contact_at(model, state.u, history=state.history)
     if contact is None or state.history is None:
         return None
@@ -88,7 +88,9 @@ def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | Non
 
 
 def area_ratio(surface: Surface, u: Floats) -> Floats:
-    """Deformed over reference area of the surface, a ratio, at its quadrature points (K, Q); `u` in mm."""
+    """Return the deformed over reference area of the surface, a ratio, at its quadrature points (K, Q); `u`
+    in mm.
+    """
     local = u[surface.dofs]
     r = surface.r_mm + np.einsum("kqn,kn->kq", surface.shape, local[:, :3])
     dr = 1 + np.einsum("kqn,kn->kq", surface.slope, local[:, :3])
@@ -98,7 +100,7 @@ def area_ratio(surface: Surface, u: Floats) -> Floats:
 
 
 def stress_field(model: Model, state: State) -> tuple[Floats, Floats]:
-    """Places (N, 2) and true stress (N, 4): rr, zz, rz, hoop; sigma = (dW/dF) F^T / J."""
+    """Return the places (N, 2) and true stress (N, 4): rr, zz, rz, hoop; sigma = (dW/dF) F^T / J."""
     mesh, problem = model.mesh, model.problem
     kinematics = deform(mesh, state.u)
     stress, _ = problem.law.distortion(kinematics, shear_modulus_MPa(problem.material))
@@ -113,7 +115,7 @@ def stress_field(model: Model, state: State) -> tuple[Floats, Floats]:
 
 
 def energy(model: Model, state: State) -> float:
-    """Strain energy in N mm, the contact penalty's share left out."""
+    """Return the strain energy in N mm, the contact penalty's share left out."""
     return stored_energy(
         model.mesh, model.problem.law, material=model.problem.material, u=state.u, pressure=state.pressure
     )

@@ -49,7 +49,8 @@ class PunchProblem:
 
 
 def default_mesh(problem: PunchProblem) -> MeshSettings:
-    """A third of the edge radius at the edge, or 1/50 of the radius where it is sharp; growing to 1/6 of the gel.
+    """Return element sizes of a third of the edge radius at the edge (1/50 of the radius if sharp), growing to 1/6
+    of the gel.
 
     Where there is little friction, gel from further inside slides out round the edge, and is meshed for it.
     """

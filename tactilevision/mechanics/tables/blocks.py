@@ -45,13 +45,15 @@ class Block:
 
 
 def hayes_stiffness(poisson_ratio: float, a_over_h: float, *, edge_over_h: float) -> float:
-    """P/(E w h) of the flat part of the face, frictionless, w -> 0: 2 alpha kappa(nu, alpha) / (1 - nu^2)."""
+    """Return P/(E w h) of the flat part of the face, frictionless, w -> 0: 2 alpha kappa(nu, alpha) / (1 -
+    nu^2).
+    """
     flat = a_over_h - edge_over_h
     return float(2 * flat * fast_kappa(poisson_ratio, flat) / (1 - poisson_ratio**2))
 
 
 def own_block(key: Key, solved: Solved) -> Block:
-    """The block at the nodes that were solved."""
+    """Return the block at the nodes that were solved."""
     mine = {c: s for c, s in solved.items() if (c.law, c.friction, c.edge_over_h) == key}
     nus, alphas = (sorted({getattr(c, name) for c in mine}) for name in ("poisson_ratio", "a_over_h"))
     if len(mine) != len(nus) * len(alphas):
@@ -69,7 +71,7 @@ def own_block(key: Key, solved: Solved) -> Block:
 
 
 def linear_surface(case: Case) -> Floats:
-    """Rise and u_r (2, places) over w, a ratio, by linear theory, where the table has places."""
+    """Return the rise and u_r (2, places) over w, a ratio, by linear theory, where the table has places."""
     r_over_a = 1 + np.array(BESIDE) / case.a_over_h
     return np.stack(exact_profile(r_over_a, case.poisson_ratio, a_over_h=case.a_over_h))
 
@@ -90,7 +92,7 @@ FURTHEST = 2.0  # ratio of edge radii that the correction spans
 
 
 def deepened(block: Block, blunter: Block) -> Block:
-    """`block` continued at the nodes of both to where `blunter` (same law and friction) is known."""
+    """Return `block` continued at the nodes of both to where `blunter` (same law and friction) is known."""
     depths = block.axes.depths
     stiffness, surface, count = block.stiffness.copy(), block.surface.copy(), 0
     for i, nu in enumerate(block.axes.poisson_ratios):
@@ -112,14 +114,14 @@ def deepened(block: Block, blunter: Block) -> Block:
 
 
 def fading(depths: Floats, more: Floats, *, last: int) -> Floats:
-    """(d/d0)^p from the last two known of `more`, which is f - 1; 1 where it does not fall."""
+    """Return (d/d0)^p from the last two known of `more`, which is f - 1; 1 where it does not fall."""
     falls = more[last - 1] > more[last] > 0
     power = np.log(more[last] / more[last - 1]) / np.log(depths[last] / depths[last - 1]) if falls else 0.0
     return np.asarray((depths / depths[last]) ** power)
 
 
 def node_of(block: Block, poisson_ratio: float, *, a_over_h: float) -> tuple[int, int] | None:
-    """Where a node stands in `block`; None where it was not solved there."""
+    """Return a node's place in `block`; None if it was not solved there."""
     rows = np.flatnonzero(np.isclose(block.axes.poisson_ratios, poisson_ratio))
     columns = np.flatnonzero(np.isclose(block.axes.a_over_h, a_over_h))
     return (int(rows[0]), int(columns[0])) if rows.size and columns.size else None
@@ -132,8 +134,9 @@ def node_of(block: Block, poisson_ratio: float, *, a_over_h: float) -> tuple[int
 
 
 def build_blocks(solved: Solved) -> list[Block]:
-    """A block of each law, friction and edge of these cases, at the nodes where it was solved, as deep as its own
-    cases and those of a blunter edge go. Raises InputError where a block has gaps."""
+    """Return a block of each law, friction and edge of these cases, at the nodes where it was solved, as deep as
+    its own cases and those of a blunter edge go. Raises InputError where a block has gaps.
+    """
     keys = dict.fromkeys((case.law, case.friction, case.edge_over_h) for case in solved)
     own = {key: own_block(key, solved) for key in keys}
     for key in sorted(own, key=lambda key: -key[2]):  # the bluntest first: the next sharper one goes by it
@@ -143,14 +146,18 @@ def build_blocks(solved: Solved) -> list[Block]:
 
 
 def on_one_grid(blocks: Sequence[Block]) -> list[Block]:
-    """All on the finest grid among them. Raises InputError for nodes that are not of that grid."""
+    """Interpolate all blocks to the finest grid among them. Raises InputError for nodes that are not of that
+    grid.
+    """
     finest = max(blocks, key=lambda block: block.nodes)
     own = {block.key: block for block in blocks}
     return [_on(finest.axes, block, own) for block in blocks]
 
 
 def relative_of(key: Key, there: Sequence[Key]) -> Key | None:
-    """Whose deviations are carried: same but for the edge, then the law, then friction; None: it stands alone."""
+    """Return the block whose deviations are carried: same but for the edge, then the law, then friction; None:
+    none.
+    """
     law, friction, edge = key
     sharpest = min(k[2] for k in there)
     usual = "neo-hooke", 0.3
@@ -161,7 +168,7 @@ def relative_of(key: Key, there: Sequence[Key]) -> Key | None:
 
 
 def _on(axes: Axes, block: Block, own: Mapping[Key, Block]) -> Block:
-    """`block` on all nodes of `axes`."""
+    """Return `block` on all nodes of `axes`."""
     if block.stiffness.shape[:2] == (len(axes.poisson_ratios), len(axes.a_over_h)):
         return block
     key = relative_of(block.key, list(own))
@@ -182,7 +189,7 @@ def _on(axes: Axes, block: Block, own: Mapping[Key, Block]) -> Block:
 
 
 def _carry(coarse: Axes, values: Floats, fine: Axes) -> Floats:
-    """`values` of the coarse nodes at the fine ones; NaN where a coarse neighbour is not known.
+    """Return `values` of the coarse nodes at the fine ones; NaN where a coarse neighbour is not known.
 
     Monotone between nodes: where sliding sets in the ratio bends sharply, and a spline would swing.
     """
@@ -198,7 +205,7 @@ def _carry(coarse: Axes, values: Floats, fine: Axes) -> Floats:
 
 
 def _places(mine: Floats, all_: Floats) -> list[int]:
-    """Where coarse nodes stand among the fine ones."""
+    """Return the places of coarse nodes among the fine ones."""
     found = [int(np.argmin(np.abs(all_ - one))) for one in mine]
     if not np.allclose(all_[found], mine):
         raise InputError(

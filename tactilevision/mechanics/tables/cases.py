@@ -62,7 +62,7 @@ class Grid:
     a_over_h: tuple[float, ...] = (0.2, 0.3, 0.45, 0.67, 1.0, 1.5)
 
     def cases(self) -> Iterator[Case]:
-        """All cases, blocks outermost."""
+        """Yield all cases, blocks outermost."""
         blocks = product(self.laws, self.edges_over_h, self.pads_over_h, self.frictions)
         for law, edge, pad, friction in blocks:
             for nu, alpha in product(self.poisson_ratios, self.a_over_h):
@@ -84,7 +84,7 @@ class SolvedCase:
 
 
 def case_path(folder: Path, case: Case) -> Path:
-    """Where a work folder keeps a case."""
+    """Return the path of a case in a work folder."""
     return folder / f"{case.name}.npz"
 
 

@@ -23,7 +23,7 @@ from tactilevision.records.measured import Bools, Floats, Material
 def punch_force(
     depth_mm: npt.ArrayLike, contact: FlatContact, *, material: Material, table: tables.Table | None = None
 ) -> Floats:
-    """Force in N of a flat punch pressed `depth_mm` (any shape) into a bonded gel on its first loading.
+    """Return the force in N of a flat punch pressed `depth_mm` (any shape) into a bonded gel on its first loading.
 
     P = E h w x Hayes' P/(E w h) of the flat part x the tabulated ratio x (1 - s). Below the first depth solved
     (.002 h) the force is proportional to depth. s is what a near rim takes off (boundary.py: good to 10 % of s);
@@ -46,7 +46,7 @@ def punch_force(
 def force_ratio(
     depth_mm: Floats, contact: FlatContact, *, material: Material, table: tables.Table | None = None
 ) -> tuple[Floats, Bools]:
-    """P/w over Hayes' for the flat part (N,) at `depth_mm` (N,), and where it is known."""
+    """Return P/w over Hayes' for the flat part (N,) at `depth_mm` (N,), and where it is known."""
     there = table or tables.shipped_table()
     mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
     nu, alpha = np.array(material.poisson_ratio), np.array(contact.a_over_h)
@@ -56,7 +56,7 @@ def force_ratio(
 
 
 def punch_reach(contact: FlatContact, material: Material, *, table: tables.Table | None = None) -> float:
-    """The greatest depth (mm) that the table holds for this contact and material; 0 where it holds none."""
+    """Return the greatest depth (mm) that the table holds for this contact and material; 0 where it holds none."""
     there = table or tables.shipped_table()
     mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
     return contact.thickness_mm * tables.reach(mixture, material.poisson_ratio, a_over_h=contact.a_over_h)
@@ -70,7 +70,8 @@ def punch_profile(
     material: Material,
     table: tables.Table | None = None,
 ) -> tuple[Floats, Floats]:
-    """(u_z, u_r) in mm at the material radii `r_mm` beside the punch: u_z positive out of the gel, u_r outward.
+    """Return (u_z, u_r) in mm at the material radii `r_mm` outside the punch: u_z positive out of the gel, u_r
+    outward.
 
     The camera sees a point at r + u_r. From the punch's radius to 3.5 thicknesses beyond it; on a wide pad.
     Raises InputError beyond the table in any direction.
@@ -88,7 +89,7 @@ def punch_profile(
 
 
 def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mixture) -> tuple[Floats, bool]:
-    """Rise and u_r over w (2, ...) at r/a >= 1, and whether the table knows them at this depth.
+    """Return the rise and u_r over w (2, ...) at r/a >= 1, and whether the table knows them at this depth.
 
     Linear theory plus the tabulated excess, a spline in the root of the distance from the punch; from 3.5
     thicknesses on the excess fades like the profile itself.
@@ -159,7 +160,7 @@ class TableProfile:
     edge_over_h: float = EDGE_OVER_H
 
     def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
-        """Rise and u_r per unit of depth at r/a >= 1 (any shape)."""
+        """Return rise and u_r per unit of depth at r/a >= 1 (any shape)."""
         for what, value, (low, high) in (
             ("Poisson's ratio", case.poisson_ratio, POISSON_RANGE),
             ("a/h", case.a_over_h, A_OVER_H_RANGE),
@@ -190,6 +191,6 @@ TABULATED = ProfileModel(
 
 
 def profile_model(poisson_ratio: float, a_over_h: float, *, deepest: float) -> ProfileModel:
-    """The tabulated model where it holds this nu, a/h and w/h; linear theory, with its larger error, elsewhere."""
+    """Return the tabulated model where it holds this nu, a/h and w/h, else linear theory with its larger error."""
     wanted = (poisson_ratio, POISSON_RANGE), (a_over_h, A_OVER_H_RANGE), (deepest, (0.0, DEEPEST))
     return TABULATED if all(low <= value <= high for value, (low, high) in wanted) else LINEAR

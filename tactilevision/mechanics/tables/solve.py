@@ -62,7 +62,9 @@ class Press:
 
 
 def problem_of(case: Case, coarser: float = 1.0) -> PunchProblem:
-    """The case with a gel of thickness 1 and modulus 1; its edge meshed so much coarser, as hard to the touch."""
+    """Return the case with a gel of thickness 1 and modulus 1, its edge meshed coarser by a factor, as stiff in
+    contact.
+    """
     law = next(law for law in LAWS if law.name == case.law)
     punch = RoundedPunch(case.a_over_h, case.edge_over_h, case.friction)
     problem = PunchProblem(Material(1.0, case.poisson_ratio), punch, 1.0, case.pad_over_h, law=law, may_fold=True)
@@ -89,7 +91,7 @@ def solve_case(case: Case, depths: Sequence[float] = DEPTHS) -> SolvedCase:
 
 
 def agreed(press: Press, other: Press) -> int:
-    """To how many depths `press` stands: all without a fold, and those beyond that `other` confirms."""
+    """Return how many depths of `press` hold: all without a fold, and those beyond that `other` confirms."""
     common, last = min(len(press.force), len(other.force)), press.sound - 1
     if common <= press.sound:
         return press.sound
@@ -99,7 +101,9 @@ def agreed(press: Press, other: Press) -> int:
 
 
 def before_a_jam(case: Case, depths: Sequence[float], *, force: Floats) -> int:
-    """How many of `depths` (n,), w/h, come before P/w (`force`, N per mm) rises above the line of four before."""
+    """Return how many `depths` (n,), w/h, come before P/w (`force`, N per mm) rises above the line of four
+    before.
+    """
     root, log = np.sqrt(depths), np.log(force)
     for k in range(4, len(root)):
         near = depths[k] - depths[k - 4] <= WINDOW * (1 + 1e-9)
@@ -135,7 +139,7 @@ def _lost(model: Model, state: State) -> bool:
 
 
 def _beside(model: Model, state: State, case: Case) -> Floats:
-    """(u_r, u_z) over the depth (2, places) where the table has places."""
+    """Return (u_r, u_z) over the depth (2, places) where the table has places."""
     from scipy.interpolate import CubicSpline
 
     wanted = case.a_over_h + np.array(BESIDE)
@@ -186,7 +190,7 @@ def tabulate(
 
 
 def processes(count: int | None = None) -> AbstractContextManager[Executor]:
-    """So many processes on this machine, all its cores where none is said; they end with their parent."""
+    """Return a pool of so many processes on this machine, by default one a core; they end with their parent."""
     return worker_pool(count or len(os.sched_getaffinity(0)))
 
 
@@ -212,7 +216,7 @@ class _Clock:
         self.started, self.spent, self.standing = monotonic(), 0.0, total - len(missing)
 
     def tick(self, case: Case, depth: float) -> Progress:
-        """One more case is solved."""
+        """Count one more case as solved."""
         self.now += 1
         self.spent += effort(case)
         self.left -= effort(case)
@@ -221,6 +225,6 @@ class _Clock:
 
 
 def effort(case: Case) -> float:
-    """About how long a case takes beside one of some friction at an edge radius of h/60."""
+    """Estimate how long a case takes relative to one with some friction at an edge radius of h/60."""
     sliding = 3.0 if case.friction == 0 else 1.0
     return float(sliding * (1 / (60 * case.edge_over_h)) ** 0.7)

@@ -52,12 +52,12 @@ class Neighbours:
         return self.blocks[low : low + 2]
 
     def blend(self, values: Sequence[Floats]) -> Floats:
-        """What lies between the blocks' `values`."""
+        """Interpolate between the blocks' `values`."""
         return values[0] if len(values) == 1 else monotone(np.array(self.places), np.array(values), at=self.at)
 
 
 def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
-    """Of `blocks`, alike but for their frictions, those that lie about `friction`, which is among theirs."""
+    """Return those of `blocks`, alike but for their frictions, that enclose `friction`, which is among theirs."""
     ordered = sorted(blocks, key=lambda block: block.friction)
     places = [friction_place(block.friction) for block in ordered]
     at = friction_place(friction)
@@ -70,7 +70,9 @@ def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
 
 
 def monotone(places: Floats, values: Floats, *, at: float) -> Floats:
-    """Monotone cubic through `values` (K, ...) at ascending `places` (K,), K >= 2, read at `at` in their unit."""
+    """Interpolate `values` (K, ...) at ascending `places` (K,), K >= 2, by a monotone cubic, at `at` in their
+    unit.
+    """
     step = np.diff(places)
     secant = np.diff(values, axis=0) / step.reshape(-1, *[1] * (values.ndim - 1))
     low = _interval(places.tolist(), at)
@@ -81,7 +83,7 @@ def monotone(places: Floats, values: Floats, *, at: float) -> Floats:
 
 
 def _slope(step: Floats, secant: Floats, node: int) -> Floats:
-    """The cubic's slope at a node: the harmonic mean of its neighbours', 0 where they differ in sign."""
+    """Return the cubic's slope at a node: the harmonic mean of its neighbours', 0 where they differ in sign."""
     if len(step) == 1:
         return np.asarray(secant[0])
     if node in (0, len(step)):
@@ -94,7 +96,9 @@ def _slope(step: Floats, secant: Floats, node: int) -> Floats:
 
 
 def _end_slope(step: Floats, secant: Floats) -> Floats:
-    """At the outermost node, from the parabola through three; never against its own secant, nor too steep."""
+    """Return the slope at the outermost node, from the parabola through three; never against its own secant, nor
+    too steep.
+    """
     slope = ((2 * step[0] + step[1]) * secant[0] - step[0] * secant[1]) / (step[0] + step[1])
     slope = np.where(slope * secant[0] > 0, slope, 0.0)
     steep = (secant[0] * secant[1] < 0) & (np.abs(slope) > 3 * np.abs(secant[0]))
@@ -131,7 +135,7 @@ class Table:
         return self.blocks[0].axes
 
     def mixture(self, law: str, friction: float, *, edge_over_h: float) -> Mixture:
-        """The blocks that surround a friction and an edge radius, with their weights.
+        """Return the blocks that surround a friction and an edge radius, with their weights.
 
         Raises InputError, with what there is, for another law or a larger edge radius than the tabulated ones.
         """
@@ -155,23 +159,25 @@ class Table:
 
 
 def stiffness_ratio(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
-    """S (N,) at stretched places (N, 3) of the grid, and where it is known."""
+    """Return S (N,) at stretched places (N, 3) of the grid, and where it is known."""
     return _mixed(mixture, _stiffness, places)
 
 
 def surface_excess(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
-    """Rise and u_r over w (N, 2, places beside the punch) beyond linear theory's, and where it is known (N,)."""
+    """Return rise and u_r over w (N, 2, places outside the punch) beyond linear theory's, and where it is known
+    (N,).
+    """
     return _mixed(mixture, _surface, places)
 
 
 def reach(mixture: Mixture, poisson_ratio: float, *, a_over_h: float) -> float:
-    """The greatest w/h that all blocks know here; 0 off the grid."""
+    """Return the greatest w/h that all blocks know here; 0 off the grid."""
     return min(_stiffness(block).reach(poisson_ratio, a_over_h) for _, near in mixture for block in near.about)
 
 
 @lru_cache(maxsize=1)
 def shipped_table() -> Table:
-    """The table that comes with the library. Raises InputError where it is not what its card says."""
+    """Return the table that comes with the library. Raises InputError if it differs from its card."""
     return read_table(SHIPPED)
 
 
@@ -224,7 +230,7 @@ def _mixed(mixture: Mixture, spline: Callable[[Block], HoledSpline], places: Flo
 
 
 def straight(names: Sequence[float], places: Sequence[float], *, at: float) -> list[tuple[float, float]]:
-    """(name, weight) of the two of `names`, at ascending `places`, between which `at` lies, or beyond which."""
+    """Return (name, weight) of the two of `names`, at ascending `places`, between or beyond which `at` lies."""
     if len(places) == 1:
         return [(names[0], 1.0)]
     low = min(max(bisect_right(places, at) - 1, 0), len(places) - 2)
