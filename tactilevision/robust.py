@@ -1,11 +1,11 @@
-"""Robust statistics, once: medians, standard deviations out of them, and weights that wild values cannot bend.
+"""Robust statistics: medians, standard deviations from them, and weights that bound the influence of outliers.
 
-A standard deviation is read off the median absolute deviation, which up to half of the values may spoil,
+The standard deviation follows from the median absolute deviation, whose breakdown point is one half,
 
-    s = 1.4826 median |x - m|        exact on the mean for normal numbers
+    s = 1.4826 median |x - m|        consistent for normal numbers
 
 (Huber, Robust Statistics, 1981, 5.1). `median` is for the many small arrays of a frame, where np.median's own
-checks would take most of the time; it assumes that there is no NaN. The others hand a NaN on, as np.median does.
+checks would take most of the time; it assumes that there is no NaN. The others propagate NaN, as np.median does.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def median(values: Array) -> Any:
     """
     count = values.shape[-1]
     upper = count // 2
-    ordered = np.sort(values, axis=-1)  # numpy sorts faster than it parts
+    ordered = np.sort(values, axis=-1)  # faster than np.partition
     return ordered[..., upper] if count % 2 else 0.5 * (ordered[..., upper - 1] + ordered[..., upper])
 
 
@@ -52,7 +52,7 @@ def second_difference_std(readings: Array) -> float:
 
         s = 1.4826 median |x_(i-1) - 2 x_i + x_(i+1)| / sqrt(6)
 
-    A ramp does not count, nor do its few corners. Assumes noise that is independent from reading to reading.
+    A ramp and its few corners have no effect. Assumes noise that is independent from reading to reading.
     """
     return MAD_TO_STD * float(np.median(np.abs(np.diff(readings, 2)))) / float(np.sqrt(6.0))
 
@@ -73,7 +73,7 @@ def geman_mcclure_weight(residual: Floats, width: float) -> Floats:
 
 
 def geman_mcclure_inverse(squares: Floats, width_square: float) -> None:
-    """Put (1 + r^2 / width^2)^2 in place of squared residuals r^2 (...), in the unit of `width_square`."""
+    """Replace squared residuals r^2 (...) by (1 + r^2 / width^2)^2 in place, in the unit of `width_square`."""
     squares *= 1.0 / width_square
     squares += 1.0
     squares *= squares

@@ -15,8 +15,6 @@ from typing import Any
 from tactilevision.errors import InputError
 from tactilevision.files.opening import check, limit, read_bytes
 
-# TOML and JSON: text of a bounded size, nested not too deeply, with numbers that are finite.
-
 _STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.S)
 
 
@@ -75,14 +73,14 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
     if len(table) < len(pairs):
         twice = next(key for number, (key, _) in enumerate(pairs) if key in dict(pairs[:number]))
-        raise ValueError(f"the key {twice[:40]!r} stands there twice")
+        raise ValueError(f"the key {twice[:40]!r} occurs twice")
     return table
 
 
 def _finite(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
-        raise ValueError(f"{text[:40]} is no finite number")
+        raise ValueError(f"{text[:40]} is not a finite number")
     return number
 
 
@@ -93,7 +91,7 @@ def _whole(text: str) -> int:
 
 
 def _check_nesting(text: str, where: object) -> None:
-    """Raise for brackets within brackets, keys of many parts, and numbers of many digits."""
+    """Raise InputError for deep nesting, keys of many parts, and numbers of many digits."""
     depth = deepest = 0
     for mark in re.findall(r"[\[\]{}]", text):
         depth += 1 if mark in "[{" else -1
@@ -109,12 +107,10 @@ def _check_nesting(text: str, where: object) -> None:
     check(digits, "MAX_DIGITS", what="the digits of a number", where=where)
 
 
-# Cells of CSV tables: text that a spreadsheet would run as a formula is written as text, and read as it was.
-#
-# An apostrophe goes before a text that begins with = + - @ (wide ones, too), a tab or a return, as spreadsheets
-# mark text themselves; numbers stay as they are. Source: OWASP, CSV Injection.
+# Cells of CSV tables. A text that a spreadsheet would run as a formula, since it begins with = + - @ (also in full
+# width), a tab or a return, is written after an apostrophe; reading removes it. Source: OWASP, CSV Injection.
 
-_FORMULA = re.compile(r"'*[=+\-@\t\r＝＋－＠]")  # after marks of its own; the wide signs run, too
+_FORMULA = re.compile(r"'*[=+\-@\t\r＝＋－＠]")
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:

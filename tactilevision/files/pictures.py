@@ -1,4 +1,4 @@
-"""Check a picture by its header, decode it, and detect whether the decoder invented a part."""
+"""Check a picture by its header, decode it, and detect damage that the decoder filled."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.files.opening import check
 
-# The size of a picture from its header, before anything is unpacked; and what decoders would do to its colours.
+# Headers: the size of a picture before it is unpacked, its colours and its orientation.
 #
 # PNG: IHDR (ISO 15948, 11.2.2), acTL and eXIf (11.3.8, 11.3.4.6 of its third edition). JPEG: SOF (ITU T.81,
 # B.2.2), APP1 (Exif 2.3, 4.5.4). TIFF: tags 254, 256, 257, 262, 274 (TIFF 6.0, p. 36, 18, 37, 36). BMP: the
@@ -35,24 +35,24 @@ _OS2_HEADER = 12  # bytes of BMP's oldest header, whose sides have 16 bits
 _SECOND = 254  # tag of TIFF: what kind of copy
 _SPACE = 262  # tag of TIFF: what kind of colours
 _TURN = 274  # tag of TIFF: the orientation
-_READ_SPACES = (0, 1, 2, 3, 5, 6)  # of tag 262: grey, RGB, palette, inks, YCbCr: decoders make RGB of them
+_READ_SPACES = (0, 1, 2, 3, 5, 6)  # of tag 262: grey, RGB, palette, inks, YCbCr, which decoders convert to RGB
 _PALETTE = 3  # colour type of PNG, and of tag 262
-_MARK = 0xFF  # of JPEG: what a marker begins with
-_APP1 = 0xE1  # of JPEG: the marker of what may hold Exif's tags
-_UPRIGHT = 1  # of tag 274: as it lies
+_MARK = 0xFF  # of JPEG: the first byte of a marker
+_APP1 = 0xE1  # of JPEG: the marker of the segment that may hold Exif's tags
+_UPRIGHT = 1  # of tag 274: not turned
 _FORMS = {False: (2, 12, "I"), True: (8, 20, "Q")}  # directories small and big: bytes of head, entry; numbers
 _MAX_ENTRIES = 4096  # of a directory that are looked at
 
 
 class UnknownPictureError(InputError):
-    """The bytes are no picture of a kind that is read, or their header is damaged."""
+    """The bytes are not a picture of a supported format, or their header is damaged."""
 
 
 def check_picture(data: bytes, *, where: object) -> None:
     """Raise InputError where a picture's header states more pixels than the limit.
 
-    Raises UnknownPictureError where there is no header that states a size: decoders of other kinds (GIF, WebP,
-    JPEG 2000) take gigabytes for a few bytes.
+    Raises UnknownPictureError without a header that states a size: decoders of other formats (GIF, WebP, JPEG
+    2000) take gigabytes for a few bytes.
     """
     size = picture_size(data)
     if size is None:
@@ -60,7 +60,7 @@ def check_picture(data: bytes, *, where: object) -> None:
             "the picture is no PNG, JPEG, TIFF or BMP, or its header is damaged",
             where=where,
             value=bytes(data[:8]),
-            remedy="Save it as PNG, or copy it again from where it came.",
+            remedy="Save it as PNG, or copy it again from its source.",
         )
     check(size[0] * size[1], "MAX_PIXELS", what=f"a picture of {size[0]} x {size[1]} pixels", where=where)
 
@@ -92,7 +92,7 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
 def why_no_colours(data: bytes) -> str:
     """Return what keeps decoders from the colours that the sensor saw, "" for nothing.
 
-    Of bytes whose header `check_picture` has passed.
+    For bytes that `check_picture` has passed.
     """
     space = 2
     if data.startswith(_PNG) and len(data) > 25:
@@ -103,14 +103,14 @@ def why_no_colours(data: bytes) -> str:
     elif data[:4] in _TIFF or data[:4] in _BIG_TIFF:
         space = _directory(data, None)[0].get(_SPACE, space)
         if space not in _READ_SPACES:
-            return "its numbers are no red, green and blue (TIFF's tag 262)"
-    return "a palette of few colours has replaced its own" if space == _PALETTE else ""
+            return "its numbers are not red, green and blue (TIFF's tag 262)"
+    return "it has a palette of few colours" if space == _PALETTE else ""
 
 
 def upright(data: bytes) -> bytes:
     """Return the same bytes without a TIFF's orientation tag, which OpenCV follows in TIFF alone.
 
-    Of bytes whose header `check_picture` has passed.
+    For bytes that `check_picture` has passed.
     """
     if data[:4] not in _TIFF and data[:4] not in _BIG_TIFF:
         return data
@@ -169,7 +169,7 @@ def is_cut(data: bytes) -> bool:
     """Return whether a PNG or a JPEG lacks its end: decoders fill up what is lost, or reserve what a chunk
     states.
     """
-    if data.startswith(_JPEG):  # its data hold no such marks: the end follows the last start of a scan
+    if data.startswith(_JPEG):  # the end marker follows the last start of a scan
         return data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda")
     place, kind = len(_PNG), b""
     while data.startswith(_PNG) and kind != b"IEND":
@@ -183,7 +183,7 @@ def is_cut(data: bytes) -> bool:
 def _jpeg(data: bytes) -> tuple[int, int] | None:
     place = 2
     while place + 9 < len(data):
-        if data[place] != 0xFF:  # stray bytes, which decoders pass over
+        if data[place] != 0xFF:  # stray bytes, which decoders skip
             place += 1
             continue
         marker = data[place + 1]
@@ -205,7 +205,7 @@ def _directory(data: bytes, start: int | None) -> tuple[dict[int, int], int]:
     """Return the tags of the directory at `start` (None: the first) that are read here, and the next one's place,
     0: none.
 
-    Of a tag that stands twice, the first.
+    The first of a repeated tag counts.
     """
     order, start, count = _head(data, start)
     first, entry, number = _FORMS[data[:4] in _BIG_TIFF]
@@ -237,13 +237,11 @@ def _head(data: bytes, start: int | None) -> tuple[str, int, int]:
     return order, start, int(struct.unpack_from(order + ("Q" if big else "H"), data, start)[0])
 
 
-# One picture from its bytes, and whether the decoder had to make up a part of it.
-#
-# libjpeg, libpng and libtiff report damage to stderr alone, and fill up what is lost. So what they say is listened
-# to instead of shown. Descriptor 2 belongs to the whole program: one picture at a time is decoded.
+# Decoding. libjpeg, libpng and libtiff report damage to stderr alone, and fill up what is lost, so stderr is
+# captured. Descriptor 2 belongs to the whole program: one picture is decoded at a time.
 
 _STDERR = 2  # the descriptor of the standard error stream
-_MOST_HEARD = 4096  # bytes: one line is enough
+_MAX_CAPTURED = 4096  # bytes: one line is enough
 _HARMLESS = re.compile(r"libpng warning|TIFF_Warning|Unknown field|Corrupt JPEG data: \d extraneous bytes|^\s*$")
 _NUMBERS = re.compile(r"[\d.:]+")  # of a line: times differ from one decoding to the next
 _LOCK = Lock()
@@ -253,18 +251,18 @@ def decode(data: bytes) -> tuple[npt.NDArray[Any] | None, str]:
     """Decode the picture (H, W) or (H, W, 3 or 4), grey levels in OpenCV's order, or None; return it and messages
     of damage.
 
-    Colour profiles, unknown fields and fewer than ten stray bytes, as many cameras leave, are no damage.
+    Colour profiles, unknown fields and fewer than ten stray bytes, as many cameras leave, are not damage.
     """
-    picture, said = _decode(data)
-    if said:  # a decoder repeats itself; another thread's line of progress is heard once
+    picture, messages = _decode(data)
+    if messages:  # a decoder repeats its messages; those of another thread occur once
         again = {_NUMBERS.sub("", line) for line in _decode(data)[1]}
-        said = [line for line in said if _NUMBERS.sub("", line) in again]
-    return None if picture is None else np.asarray(picture), said[0] if said else ""
+        messages = [line for line in messages if _NUMBERS.sub("", line) in again]
+    return None if picture is None else np.asarray(picture), messages[0] if messages else ""
 
 
 def _decode(data: bytes) -> tuple[npt.NDArray[Any] | None, list[str]]:
     """Decode the picture; return it and the lines written to stderr meanwhile."""
-    with _LOCK, _listening() as words:
+    with _LOCK, _captured_stderr() as words:
         try:
             picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:
@@ -274,7 +272,7 @@ def _decode(data: bytes) -> tuple[npt.NDArray[Any] | None, list[str]]:
 
 
 @contextmanager
-def _listening() -> Iterator[list[bytes]]:
+def _captured_stderr() -> Iterator[list[bytes]]:
     """Collect what is written to stderr in a list; it stays empty if there is no stderr."""
     words: list[bytes] = []
     try:
@@ -282,12 +280,12 @@ def _listening() -> Iterator[list[bytes]]:
     except OSError:
         yield words
         return
-    with tempfile.TemporaryFile() as heard:
-        os.dup2(heard.fileno(), _STDERR)
+    with tempfile.TemporaryFile() as captured:
+        os.dup2(captured.fileno(), _STDERR)
         try:
             yield words
         finally:
             os.dup2(before, _STDERR)
             os.close(before)
-            heard.seek(0)
-            words.append(heard.read(_MOST_HEARD))
+            captured.seek(0)
+            words.append(captured.read(_MAX_CAPTURED))

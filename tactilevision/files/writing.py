@@ -19,10 +19,10 @@ from typing import Any
 
 from tactilevision.errors import OutputError, Terminated
 
-_UNFINISHED = ".unfinished-"  # what is being written: then the number of the process that writes it
+_UNFINISHED = ".unfinished-"  # prefix of a file being written; the number of its process follows
 _PAUSE_S = 0.05  # s between two looks at a process that is ending
 _STREAMS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # links to what a process reads and writes
-_LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
+_LONGEST = 60  # letters; usual disks hold names of 255 bytes
 
 
 def plain_name(label: str) -> str:
@@ -59,11 +59,11 @@ def told_as_output(target: Path) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; on success it is renamed to `path`, else removed.
+    """Yield a temporary path in the folder of `path`; on success it is renamed to `path`, else removed.
 
-    The temporary name keeps the suffix of `path`, since many writers choose the format by it. Missing
-    folders are made. Raises OutputError where the file system refuses (disk full, no permission), and for a
-    device or a pipe, whose place the file would take.
+    The temporary name keeps the suffix of `path`, by which many writers choose the format. Missing folders are
+    made. Raises OutputError where the file system refuses (disk full, no permission), and for a device or a pipe,
+    which the file would replace.
     """
     target = Path(path)
     _check_replaceable(target)
@@ -86,20 +86,20 @@ def replacing(path: Path | str) -> Iterator[Path]:
 
 
 def _check_replaceable(target: Path) -> None:
-    """Raise for /dev/stdout, a device, a pipe or a folder: a file is renamed to its name."""
+    """Raise OutputError for /dev/stdout, a device, a pipe or a folder, which a renamed file would replace."""
     with told_as_output(target):
         there = os.path.lexists(target)
         plain = not target.exists() or target.is_file()
     if there and (not plain or target.absolute().parent in _STREAMS):
-        raise OutputError("is no file that could be replaced", where=target, remedy="Name a file.")
+        raise OutputError("is not a file that can be replaced", where=target, remedy="Name a file.")
 
 
 @contextmanager
 def staged(folder: Path | str) -> Iterator[Path]:
     """Yield an empty folder for results; on success all its files move into `folder`, else none does.
 
-    The moves come last and take no time, so an interrupted run leaves the earlier results as they were.
-    Files of `folder` that the new results do not replace stay. Raises OutputError as `replacing` does.
+    An interrupted run leaves earlier results as they were. Files of `folder` that the new results do not replace
+    stay. Raises OutputError as `replacing` does.
     """
     target = Path(folder)
     try:
@@ -112,7 +112,7 @@ def staged(folder: Path | str) -> Iterator[Path]:
         yield stage
         try:
             _move(stage, target)
-        except (KeyboardInterrupt, SystemExit, Terminated):  # too late: half of what is made must not stay alone
+        except (KeyboardInterrupt, SystemExit, Terminated):  # finish, so that results are not half moved
             _move(stage, target)
             raise
     except OSError as fault:
@@ -129,9 +129,9 @@ def _move(stage: Path, target: Path) -> None:
 
 
 def clear_unfinished(folder: Path, *, deep: bool = False, wait_s: float = 0.0) -> None:
-    """Remove what runs that were killed have left there; of a run that still goes on, nothing.
+    """Remove unfinished files of killed runs from a folder, with `deep` also from those below it.
 
-    With `deep` also in the folders below. Processes that are just ending are waited for, `wait_s` at most.
+    Files of running processes stay; for those that are ending it waits `wait_s` at most.
     """
     until = time.monotonic() + wait_s
     while True:
@@ -179,7 +179,7 @@ def write_text(path: Path | str, text: str) -> None:
 
 
 def write_json(path: Path | str, content: object) -> None:
-    """Write JSON that every parser accepts: NaN and infinities become null. Keys keep their order."""
+    """Write JSON that every parser accepts: NaN and infinities become null. The order of keys is kept."""
     write_text(path, as_json(content))
 
 
@@ -198,7 +198,7 @@ def pack_arrays(arrays: Mapping[str, Any], *, small: bool) -> bytes:
 
 
 def write_archive(path: Path | str, files: Mapping[str, bytes]) -> None:
-    """Write `files` by their names into one zip, stored as they are; the same content gives the same bytes."""
+    """Write `files` by their names into one uncompressed zip; the same content gives the same bytes."""
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as packed:
         for name, content in files.items():
             about = zipfile.ZipInfo(name)  # dated 1980
@@ -224,8 +224,8 @@ def _umask() -> int:
     return mask
 
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room: on the disk, of the user, in the file
-_PART = re.compile(r"\d+ requested and \d+ written")  # numpy says so without a number of the system's
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room on the disk, in the quota, in the file
+_PART = re.compile(r"\d+ requested and \d+ written")  # numpy's message of a full disk, which has no errno
 
 
 def _refused(target: Path, fault: OSError) -> OutputError:

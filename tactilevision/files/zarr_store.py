@@ -1,6 +1,6 @@
 """Write a height map, or fields of many frames, as a Zarr store of format 2.
 
-Every frame is one chunk and so one file, written whole by whoever has it: many processes fill one store.
+Every frame is one chunk and so one file, written whole: many processes fill one store.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
     with told_as_output(scratch):
         for name, values in fields.items():
             folder = scratch / name
-            made = (folder / ".zarray").stat()  # a cluster's worker sees many runs into one place
+            made = (folder / ".zarray").stat()  # a cluster's worker may write many stores to one path
             codec = _codec(str(folder), (made.st_ino, made.st_mtime_ns))
             chunk = folder / ".".join([str(number)] + ["0"] * values.ndim)
             partial = chunk.with_name(f"{chunk.name}.{uuid.uuid4().hex}.partial")
@@ -88,7 +88,7 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
 
 
 def end_frames(scratch: Path, path: Path) -> None:
-    """Put the finished store in its place, without what writers that were killed have left in it."""
+    """Move the finished store to its place, without partial files of killed writers."""
     _codec.cache_clear()
     with told_as_output(path):
         for left in list(scratch.rglob("*.partial")):
@@ -115,7 +115,7 @@ def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
 
 
 def settle(path: Path) -> None:
-    """Put right what a run that was killed between the two renames of `_move` has left."""
+    """Restore the store of a run that was killed between the two renames of `_move`."""
     old = _old(path)
     with told_as_output(path):
         if old.exists() and not path.exists():
@@ -137,9 +137,9 @@ def _old(path: Path) -> Path:
 
 @contextmanager
 def _own_threads() -> Iterator[None]:
-    """End zarr's threads with what began them here, so that workers can be forked (files/runs.py)."""
+    """End zarr's threads if they were started inside, so that workers can be forked (files/runs.py)."""
     _zarr()
-    if _loop_and_thread() is not None:  # begun by others, who may be using them
+    if _loop_and_thread() is not None:  # started by others, who may be using them
         yield
         return
     try:
@@ -149,7 +149,7 @@ def _own_threads() -> Iterator[None]:
         if begun is not None:
             loop, thread = begun
             loop.call_soon_threadsafe(loop.stop)
-            thread.join()  # zarr itself waits .2 s, and fails on a machine that is busier
+            thread.join()  # zarr itself waits .2 s, which is too short on a busy machine
             import_module(ZARR_THREADS).cleanup_resources()
 
 

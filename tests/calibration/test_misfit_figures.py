@@ -115,7 +115,8 @@ def test_strips_are_sorted_by_evidence_and_share_one_scale(found: Comparison, fi
     assert len({"w", "w/h", "1/w"} & {strip.name for strip in shown.strips}) == 1, "the depth is shown once"
     assert shown.reach_N == pytest.approx(np.quantile(np.abs(shown.residual_N), 0.98))
     first = shown.strips[0]
-    assert first.swing_N[1] < 0.3 * first.swing_N[0], "the effect takes the pattern off"
+    swing_N = np.ptp(first.mean_N, axis=1)
+    assert swing_N[1] < 0.3 * swing_N[0], "the effect takes the pattern off"
     way = next(strip for strip in shown.strips if strip.name == "load/unload")
     assert [way.levels[round(value)] for value in way.centre] == ["load", "unload"]
     mask = way.values == 2

@@ -146,7 +146,7 @@ def test_a_material_of_another_kind_is_refused_and_not_passed_over(
 def test_a_key_that_stands_twice_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text('{"poisson_ratio": 0.48, "youngs_modulus_MPa": 0.2, "poisson_ratio": 0.3}')
-    with pytest.raises(InputError, match="'poisson_ratio' stands there twice"):
+    with pytest.raises(InputError, match="'poisson_ratio' occurs twice"):
         read_material(path)
 
 
