@@ -116,7 +116,7 @@ def is_plain(text: str) -> bool:
 
 
 def as_plain(text: str) -> str:
-    """Return the same lines with every other control character spelt out (\\x1b), so that it steers no terminal."""
+    """Return the same lines with every other control character spelt out (\\x1b), safe to print."""
     return "\n".join(_UNPLAIN.sub(lambda found: ascii(found[0])[1:-1], line) for line in text.split("\n"))
 
 

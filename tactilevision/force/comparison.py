@@ -14,17 +14,18 @@ from tactilevision.force.field import CUT
 from tactilevision.force.frame import FrameForce, nothing_touches
 from tactilevision.recording.model import Recording
 from tactilevision.recording.write import write_recording
+from tactilevision.records.constants import Z95
 from tactilevision.records.measured import Curve, Floats
 from tactilevision.records.rig import Press
-
-# The F/T sensor's reading at the camera's times, its zero taken where no press is under way.
 
 STUCK = 5  # equal readings at the extreme: a sensor at the end of its range
 
 
 class Readings:
-    """What the force/torque sensor says beside the camera; `clock_offset_s` (F/T minus camera) stands in where the
-    recording does not state it."""
+    """Force/torque readings at camera times, zeroed between presses.
+
+    `clock_offset_s` (F/T minus camera) is used if the recording states none.
+    """
 
     def __init__(self, recording: Recording, clock_offset_s: float | None = None) -> None:
         stated = recording.clock_offset_s
@@ -53,7 +54,7 @@ class Readings:
         """Return whether the F/T sensor stood at the end of its range: STUCK and more equal readings at its
         extreme.
 
-        Noise never repeats the same number so often, and a sensor at rest in the air is not at its extreme.
+        Noise does not repeat a number so often, and a sensor at rest is not at its extreme.
         """
         if self.forces is None:
             return False
@@ -81,16 +82,16 @@ class Readings:
         return np.array(rows) if rows else None
 
 
-# Resultants beside the force/torque sensor's: what is left, and against what it stands out.
+# Resultants compared with the force/torque sensor's.
 #
 #     residual = force from the picture - reading;   pull = residual / standard deviation of both
 #
-# Frames in which nothing touches are left out: they compare nothing with nothing. Where the deviations are right,
-# 95 % of the pulls lie within 1.96. A ratio that changes with depth points to the height map or to the gel's law,
-# one that changes with the place to the gel's sides or the light, one with the press to the F/T sensor's zero.
+# Frames without contact are excluded. With correct deviations 95 % of the pulls are within 1.96. A ratio that
+# changes with depth indicates the height map or the gel's law, with the place the gel's sides or the light, with
+# the press the F/T sensor's zero.
 
 AXES = ("x", "y", "z")
-MIN_N = 0.05  # a ratio of smaller forces says nothing
+MIN_N = 0.05  # N: the least force of a ratio
 NO_READING = "the force sensor has no reading at their time"
 AT_ITS_END = "the force sensor stood at the end of its range in their press"
 
@@ -98,8 +99,8 @@ AT_ITS_END = "the force sensor stood at the end of its range in their press"
 @dataclass(frozen=True, slots=True)
 class Residuals:
     """Frames with both forces: `row` (N,) in the recording; `force_N`, `measured_N` and `std_N` of their
-    difference (N, 3), NaN: unknown; `depth_mm`, `time_s`, `press` (N,), `place_mm` (N, 2); `usable` (N,): nothing
-    is known against them. `left_out`: how many of the `touched` frames are not compared, by why."""
+    difference (N, 3), NaN: unknown; `depth_mm`, `time_s`, `press` (N,), `place_mm` (N, 2); `usable` (N,): not
+    flagged. `left_out`: how many of the `touched` frames are not compared, by reason."""
 
     row: npt.NDArray[np.intp]
     force_N: Floats
@@ -127,7 +128,7 @@ class Residuals:
 
     @property
     def direction_deg(self) -> Floats:
-        """Of the reading along the gel (N,), clockwise from x as the camera sees it; NaN where it is small."""
+        """Direction of the tangential reading (N,), clockwise from x in the picture; NaN where it is small."""
         x, y = self.measured_N[:, 0], self.measured_N[:, 1]
         return np.where(np.hypot(x, y) > MIN_N, np.degrees(np.arctan2(y, x)), np.nan)
 
@@ -175,25 +176,23 @@ def summary(found: Residuals) -> dict[str, dict[str, float | int | None]]:
     """Summarise by axis: frames, rms and median residual in N, and the share of readings inside the 95 % interval;
     along z the ratio over all and over the deepest third.
     """
-    said: dict[str, dict[str, float | int | None]] = {}
+    by_axis: dict[str, dict[str, float | int | None]] = {}
     for k, name in enumerate(AXES):
-        left, std = found.residual_N[found.usable, k], found.std_N[found.usable, k]
-        known = np.isfinite(left)
-        if not known.any():
-            said[name] = {"frames": 0, "rms_N": None, "median_N": None, "inside_interval95": None}
-            continue
-        said[name] = {
+        residual, std = found.residual_N[found.usable, k], found.std_N[found.usable, k]
+        known = np.isfinite(residual)
+        some = bool(known.any())
+        by_axis[name] = {
             "frames": int(known.sum()),
-            "rms_N": float(np.sqrt(np.mean(left[known] ** 2))),
-            "median_N": float(np.median(left[known])),
-            "inside_interval95": float(np.mean(np.abs(left[known]) < 1.96 * std[known])),
+            "rms_N": float(np.sqrt(np.mean(residual[known] ** 2))) if some else None,
+            "median_N": _median(residual),
+            "inside_interval95": float(np.mean(np.abs(residual[known]) < Z95 * std[known])) if some else None,
         }
     ratio, deep = found.ratio, found.depth_mm >= np.quantile(found.depth_mm, 2 / 3)
-    said["z"] |= {
+    by_axis["z"] |= {
         "ratio": _median(ratio[found.usable]),
         "ratio_deepest_third": _median(ratio[deep & found.usable]),
     }
-    return said
+    return by_axis
 
 
 def _median(values: Floats) -> float | None:
@@ -201,18 +200,15 @@ def _median(values: Floats) -> float | None:
     return float(np.median(known)) if known.size else None
 
 
-# The picture's depth against the force sensor's reading, as a recording of curves for `tactilevision diagnose`.
-#
-# Each press becomes a curve of the contact's depth, as the height map has it, against the sensor's force, with the
-# place of the pressure for the press's own where the protocol states none. So whatever separates the two, by
-# depth, place, direction, time or press, meets the same residual panels and the same effects as a calibration
-# does. `picture_fz_N` and its deviation are columns of their own.
+# The comparison as a recording of curves for `tactilevision diagnose`: of each press the contact's depth in the
+# height map against the sensor's force, and the place of the pressure if the protocol states none. `picture_fz_N`
+# and its standard deviation are columns.
 
-MIN_COUNT = 4  # frames of a press that make a curve
+MIN_COUNT = 4  # frames of a curve
 
 
 def write_comparison(recording: Recording, rows: Sequence[FrameForce], *, folder: Path) -> Path | None:
-    """Write the recording of curves into `folder`; None where no press has enough frames with both."""
+    """Write the recording of curves into `folder`; return None if no press has enough frames with both forces."""
     presses, curves = [], []
     for press in recording.presses:
         seen = [row for row in rows if row.press == press.press and _whole(row)]
@@ -222,7 +218,7 @@ def write_comparison(recording: Recording, rows: Sequence[FrameForce], *, folder
     if not curves:
         return None
     write_recording(
-        replace(recording, path=folder, name=f"{recording.name}, picture beside sensor", presses=tuple(presses),
+        replace(recording, path=folder, name=f"{recording.name}, picture and sensor", presses=tuple(presses),
                 curves=tuple(curves), points=(), forces=None, stage=None, frames_path=None, frame_names=(),
                 frame_times_s=np.zeros(0), flats=(), balls=(), extra={}, depth_source="vision", depth_std_mm=None)
     )  # fmt: skip

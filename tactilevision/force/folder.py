@@ -1,6 +1,6 @@
-"""All frames of a recording into tractions and resultants, with the F/T reading beside where there is one.
+"""Tractions and resultants of all frames of a recording, with the F/T readings.
 
-Streamed on all cores and taken up again where it was cut off (jobs.py).
+Streamed on all cores and resumed where a run was interrupted (jobs.py).
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ def force_folder(
     cluster: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[FrameForce, ...]:
-    """Write the tractions of every frame (store.py) and resultants.csv; returns its rows in the frames' order.
+    """Write the tractions of every frame and resultants.csv; return its rows in the frames' order.
 
-    `job` is what `force_job` gives. `clock_offset_s` (F/T minus camera) stands in where the recording does not
-    state it. `cluster` as in batch/folder.py. A frame that cannot be read is listed with the reason. An unfinished
-    run of the same job goes on.
+    `job` comes from `force_job`. `clock_offset_s` (F/T minus camera) is used if the recording states none.
+    `cluster` as in batch/folder.py. A frame that cannot be read is listed with the reason. An unfinished run of
+    the same job is resumed.
     """
     if cluster is not None:
         check_cluster(cluster)
@@ -106,9 +106,9 @@ def force_job(
 ) -> ForceJob:
     """Prepare what every frame needs: compliance, the untouched gel, and where tractions go.
 
-    Shear is followed from the first frame of the untouched gel among the recording's references, or from
-    `untouched`; without one, fx and fy stay unknown. `compliance` is the gel's where it was made before. Raises
-    InputError where the sensor's gel is not described.
+    Shear is measured from the first frame of the untouched gel among the recording's references, or from
+    `untouched`; without one, fx and fy are unknown. `compliance` is the gel's if it was computed before. Raises
+    InputError if the sensor's gel is not described.
     """
     sensor = recording.sensor
     if sensor.gel is None:

@@ -27,11 +27,11 @@ from tactilevision.recording.model import BadFrame
 from tactilevision.records.maps import BEYOND_BALLS, MEANING, Frame, HeightMap, ShearMap, TractionMap, add
 from tactilevision.shear.displacement import NOTHING_TO_FOLLOW, Untouched
 
-# Tractions of many frames on disk: filled by many processes a frame at a time, then put in place as a whole.
+# Tractions of many frames on disk, written by many processes a frame at a time, then moved to their place.
 #
 # tractions.npz     good frames: frame (N,) names, t_x, t_y, t_z (N, rows, columns) float32 in MPa, mm_per_px,
 #                   first_mm
-# tractions.zarr    of all frames, NaN where a frame gave none: the same fields; scale and place as attributes
+# tractions.zarr    all frames, NaN for a frame without tractions: the same fields; scale and place as attributes
 
 FIELDS = ("t_x", "t_y", "t_z")
 Form = Literal["npz", "zarr"]
@@ -39,7 +39,7 @@ Form = Literal["npz", "zarr"]
 
 @dataclass(frozen=True, slots=True)
 class TractionStore:
-    """Where tractions go: `out`/tractions.FORM, by way of a scratch beside it."""
+    """Store of tractions `out`/tractions.FORM, written to a scratch next to it first."""
 
     out: Path
     form: Form
@@ -56,7 +56,7 @@ class TractionStore:
         return self.out / f".tractions.{self.form}-unfinished"
 
     def settle(self) -> None:
-        """Put right what killed runs have left, those in the other form, too."""
+        """Clean up after killed runs, also those in the other form."""
         if self.form == "zarr":
             settle(self.path)
             replace(self, form="npz").scratch.unlink(missing_ok=True)
@@ -72,7 +72,7 @@ class TractionStore:
         shape = (len(frames), len(FIELDS), *self.grid.shape)
         with told_as_output(self.scratch):
             np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
-            if hasattr(os, "posix_fallocate"):  # a full disk is told now, not by a signal that ends a worker
+            if hasattr(os, "posix_fallocate"):  # a full disk raises here instead of killing a worker by a signal
                 with self.scratch.open("r+b") as file:
                     os.posix_fallocate(file.fileno(), 0, self.scratch.stat().st_size)
 
@@ -115,8 +115,6 @@ class TractionStore:
         return {"mm_per_px": [step, step], "first_mm": [float(self.grid.x_mm[0]), float(self.grid.y_mm[0])]}
 
 
-# One frame of a recording into forces: depth, then, where something touches, shear, then tractions.
-
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
 NOTHING = (float("nan"),) * 3  # N: a force that is not known
 Triple = tuple[float, float, float]
@@ -124,11 +122,11 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class FrameForce:
-    """What one frame says, or `why` it says nothing; `flags` in words.
+    """The force of one frame, or `why` there is none; `flags` in words.
 
-    `depth_mm` is the greatest depth of what touches, `place_mm` the middle of the pressure on the pad,
-    `measured_N` the F/T sensor's force at the time; NaN where not known. `reading_clipped`: in its press the F/T
-    sensor stood at its end.
+    `depth_mm` is the greatest depth of the contact, `place_mm` the centre of pressure on the pad, `measured_N` the
+    F/T sensor's force at the time; NaN: unknown. `reading_clipped`: the F/T sensor was at the end of its range in
+    the press.
     """
 
     frame: str
@@ -146,7 +144,7 @@ class FrameForce:
 
     @property
     def read(self) -> bool:
-        """Whether there is a force, be it none at all."""
+        """Whether there is a force, also 0."""
         return not self.why
 
     def as_row(self) -> Row:
@@ -171,7 +169,7 @@ class FrameForce:
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """One frame with all that was made of it, for a drawing."""
+    """Maps of one frame, for a plot."""
 
     height: HeightMap
     shear: ShearMap | None
@@ -180,10 +178,10 @@ class Solved:
 
 @dataclass(frozen=True)
 class ForceJob:
-    """Frames into forces (streaming.Job). Not thread-safe, as the reconstructor is not.
+    """Job that computes the forces of frames. Not thread-safe, as the reconstructor is not.
 
-    `untouched` None: no reference, so that fx and fy stay unknown. `anchor` puts certified faces where they were.
-    Frames in which nothing touches cost no shear.
+    `untouched` None: no reference, so fx and fy are unknown. `anchor` corrects the depth of certified faces. Shear
+    is computed only for frames with contact.
     """
 
     field: ForceField
@@ -194,7 +192,7 @@ class ForceJob:
     anchor: FaceDepthCorrection = NO_CORRECTION
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """Keep the tractions; the row holds the resultant, or why there is none."""
+        """Store the tractions; return the row of the resultant, or why there is none."""
         if isinstance(frame, BadFrame):
             return FrameForce(frame.name, frame.time_s, why=f"unreadable: {frame.why}").as_row()
         try:

@@ -11,13 +11,13 @@ from scipy import sparse
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel
 
-# Triquadratic hexahedra for a nearly incompressible solid: displacement Q2, pressure P1 within each element.
+# Triquadratic hexahedra for a nearly incompressible solid: displacement Q2, discontinuous pressure P1.
 #
 #     K = Int 2 mu eps : eps + B^T (M/lambda)^-1 B,      B = Int p div u,  M = Int p p
 #
-# The pressure (1, x, y, z about the element's middle) has no neighbours, so it is solved for inside each element:
-# the pair is stable and does not lock as nu -> .5. Modulus 1 MPa. Quadrature 3 x 3 x 3.
-# Nodes of an element: index = a + 3 b + 9 c for the places (a, b, c) in {0, 1, 2}^3 along its own axes.
+# The pressure (1, x, y, z about the element's middle) is condensed inside each element; the pair is stable and
+# does not lock as nu -> .5. Modulus 1 MPa. Quadrature 3 x 3 x 3. Nodes of an element: index = a + 3 b + 9 c for
+# the places (a, b, c) in {0, 1, 2}^3 along its own axes.
 #
 # Source: Hughes, The Finite Element Method (1987), section 4.4 and table 4.3; Boffi, Brezzi, Fortin, Mixed Finite
 # Element Methods (2013), section 8.7 (Q2/P-1).
@@ -25,7 +25,7 @@ from tactilevision.records.rig import Gel
 Elements = npt.NDArray[np.intp]
 # places and weights of the three-point Gauss rule on (-1, 1)
 GAUSS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
-GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 9  # of the same rule; they sum to 2
+GAUSS_WEIGHT = np.array([5, 8, 5]) / 9  # of the same rule; they sum to 2
 
 
 def quadratic(xi: Floats) -> tuple[Floats, Floats]:
@@ -93,10 +93,9 @@ def _element_matrices(corners: Floats, poisson_ratio: float) -> Floats:
     return np.asarray(matrix + lame * projected)
 
 
-# A block of gel in hexahedra: a rectangle in rows and columns, a disc as a square core with four petals round it.
-#
-# Nodes are numbered layer by layer, from the free face z = 0 to the base z = h. Elements shrink towards the free
-# face and the sides, where the correction lives; geometry is quadratic, so that a disc's side is round.
+# Mesh of a gel: a rectangle in rows and columns, a disc as a square core with four petals round it. Nodes are
+# numbered layer by layer, from the free face z = 0 to the base z = h. Elements are smaller towards the free face
+# and the sides; geometry is quadratic, so that a disc's side is round.
 
 Indices = npt.NDArray[np.intp]
 DEPTHS = np.array([0.0, 0.15, 0.45, 1.0])  # ends of the elements through the thickness
@@ -117,7 +116,7 @@ class GelMesh:
 
     @property
     def free(self) -> Indices:
-        """Unknowns that are not held at the base."""
+        """Unknowns that are not fixed at the base."""
         return np.arange(3 * self.per_layer * (len(self.depths_mm) - 1))
 
 
@@ -247,9 +246,6 @@ def _local(corners: Floats, place: Floats) -> Floats:
 def _product(local: Floats) -> Floats:
     value, _ = quadratic(local)
     return np.outer(value[:, 1], value[:, 0]).ravel()
-
-
-# The free side of a gel's mesh: quadrature points on it, and the way from tractions there to nodal forces.
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,22 +15,20 @@ from tactilevision.force.nodes import NodeGrid
 from tactilevision.records.contact_thresholds import CONTACT, cell_limit_mm
 from tactilevision.records.measured import Bools, Floats
 
-# Which cells may carry force: an outer guess from the depth, narrowed by the force itself.
+# Cells that may carry force: candidates from the depth, narrowed by the force itself.
 #
-# Outer guess: cells deeper than three standard deviations and than a share of the deepest. The edge of a contact
-# is at least a third as deep as its middle (Hertz: a half; flat punch: all). So this loses no contact down to a
-# tenth of the depth of the deepest one. Limits: records/contact_thresholds.py. Of the patches they form, those
-# count whose deepest cell stands out by five deviations. Counted in the deviations of each place, it must also
-# sink more than the gel rises anywhere. Beside a punch the gel rises by an eighth of the punch's depth at most, so
-# a map that rises more than it sinks shows its own error there. Cells of a slow error are alike, so that a view
-# holds a few hundred places at most that may err apart from each other. Of such, five deviations are exceeded by
-# chance once in thousands of frames. Narrowed: no cell pulls, so cells of negative pressure are left out until
-# none is. A cell that carries less than FAINTEST of the greatest pressure is left out as well: it is the ringing
-# of the contact's edge, which a square cell cannot follow.
+# Candidates are deeper than three standard deviations and than a share of the deepest
+# (records/contact_thresholds.py). The edge of a contact is at least a third as deep as its middle (Hertz: a half;
+# flat punch: all), so no contact down to a tenth of the deepest is lost. Patches of candidates count if their
+# deepest cell exceeds five deviations and, in deviations of each place, the greatest rise: outside a punch the gel
+# rises by an eighth of its depth at most, so a map that rises more shows its own error. A slow error leaves a few
+# hundred independent places in a view, of which five deviations are exceeded by chance once in thousands of
+# frames. Narrowing: pressure is positive, so cells of negative pressure are excluded until there are none, and so
+# are cells below FAINTEST of the greatest pressure, which are ringing at the contact's edge.
 
-FAINTEST = 0.02  # of the greatest pressure: the ringing of a contact's edge lies below
-TINY = 1e-12  # mm: keeps a cell without deviation from a division by 0
-DOUBT = 0.3  # of a contact's displacement of the gel beside it: linear theory against large depth
+FAINTEST = 0.02  # of the greatest pressure: bound of the ringing at a contact's edge
+TINY = 1e-12  # mm: avoids a division by 0 for a cell without deviation
+DOUBT = 0.3  # of a contact's displacement of the gel around it: linear theory against large depth
 
 
 def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.NDArray[np.intp]:
@@ -57,11 +55,9 @@ def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.ND
 def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usable: Bools) -> npt.NDArray[np.intp]:
     """Return flat indices of the cells (rows, columns) of a weak contact next to a deep one.
 
-    There the depth `left_mm` over that one's own (`moved_mm`) stands out.
-
-    `usable` leaves out what is near the deep contact. A patch must stand out of its deviation and of what the deep
-    contact's displacement may be wrong by, and by more of the two than any place rises: the map's own slow error
-    is as often a rise.
+    There the residual depth `left_mm` over the displacement by the deep one (`moved_mm`) is significant. `usable`
+    excludes what is near the deep contact. A patch must exceed its deviation plus the error of the deep contact's
+    displacement, by a larger factor than any place rises: the map's slow error is as often a rise.
     """
     if not usable.any():
         return np.zeros(0, dtype=np.intp)
@@ -91,7 +87,7 @@ def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
 
     x R x is the squared step to the neighbours.
 
-    The edge of the set is free, so a constant traction is not rough and its sum is not pulled down.
+    The edge of the set is free, so a constant traction is not rough and its sum is unbiased.
     """
     rows, columns = shape
     order = np.full((rows + 1) * (columns + 1), -1, dtype=np.intp)
@@ -116,29 +112,27 @@ def at_border(cells: npt.NDArray[np.intp], usable: Bools) -> Bools:
     return np.asarray(~np.logical_and.reduce(beyond))
 
 
-# Surface displacement -> traction on the cells that touch.
+# Traction on the touching cells from the surface displacement.
 #
 #     (C + a I + R) x = u,        t = x + a (C + a I + R)^-1 x            (iterated Tikhonov, order 2)
 #
 # C the compliance between the touching cells, R = r_c L per component c with L their roughness. C is the energy's
-# own matrix, so the unknown shape of the traction inside a cell costs little force; the second step gives back
-# what a takes from the slow components, so that the resultant is not pulled down.
+# own matrix, so the unknown shape of the traction inside a cell causes a small error of the force; the second step
+# corrects the bias of a in the slow components, and so of the resultant.
 #
 # Weights, from the cell and from the noise alone:
 #     a   = SUBCELL d/E*                              a traction that is not constant over a cell of width d
-#     r_c = SUBCELL_STEP d/E* + sigma_c/tau_c         the same between cells, and where noise meets signal: the
-#     filter
-#                                                    lambda/(lambda + sigma/tau) halves a wave just where the noise
-#                                                     sigma of u equals the displacement lambda tau of the
-#                                                     traction's rms
-# SUBCELL and SUBCELL_STEP have no unit: d/E* is the only compliance of a cell that is small against the
-# thickness. They were chosen once, on 24 random contacts (Hertz, flat punch, ridge, two at a time) on one layer
-# without and with noise; the benchmark draws others, and other gels, cells and noise.
-# No cell pulls (contact.py). Standard deviations are of the linear map t = F u with the contact's cells held.
+#     r_c = SUBCELL_STEP d/E* + sigma_c/tau_c         the same between cells, plus noise over signal: the filter
+#                                                     lambda/(lambda + sigma/tau) is one half where the noise sigma
+#                                                     of u equals the displacement lambda tau of the traction's rms
+# SUBCELL and SUBCELL_STEP are dimensionless, since d/E* is the only compliance of a cell that is small against the
+# thickness. They were chosen on 24 random contacts (Hertz, flat punch, ridge, two at a time) on one layer without
+# and with noise; the benchmark samples others, and other gels, cells and noise. Standard deviations are of the
+# linear map t = F u with fixed cells.
 
 SUBCELL = 0.42  # of d/E*: traction that is uneven over a cell; chosen on 24 random contacts, see above
 SUBCELL_STEP = 0.10  # of d/E*: the same between cells; chosen on the same contacts
-MAX_ITERATIONS = 40  # rounds in which cells leave the contact, at most
+MAX_ITERATIONS = 40  # rounds of narrowing
 Cells = npt.NDArray[np.intp]
 
 
@@ -230,7 +224,7 @@ def solve_all(
 ) -> Solution:
     """Solve for tractions along x, y, z in MPa from `displacement_mm` (3, C) of the same cells; `std_mm` (3,).
 
-    The contact is narrowed by the pressure alone first: that system is a ninth as large.
+    The contact is first narrowed by the pressure alone, a system a ninth as large.
     """
     if not adhesive:
         first = solve_normal(
@@ -247,9 +241,7 @@ def solve_all(
 def _narrow(
     whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, poisson_ratio: float, adhesive: bool
 ) -> Solution:
-    """Solve, leave out the cells that pull, again, until none does. No cell is left where all of them would
-    pull.
-    """
+    """Solve and exclude the cells of negative pressure until there are none; possibly no cell remains."""
     unit = grid.spacing_mm * (1 - poisson_ratio**2)
     active = np.arange(len(cells))
     rms = _rms_guess(u, unit)

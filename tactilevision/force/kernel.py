@@ -13,20 +13,19 @@ from tactilevision.force.nodes import NodeGrid
 from tactilevision.mechanics.layer import surface_compliance
 from tactilevision.records.measured import Floats
 
-# How far one loaded cell moves every other one, on an unbounded layer: the exact compliance, cell to cell.
-#
-# A cell's constant traction and a cell's mean displacement are both the field filtered with the cell's box b, so
+# Exact compliance between cells on an unbounded layer. A cell's constant traction and a cell's mean displacement
+# are both the field filtered with the cell's box b, so
 #
 #     K(x) = d^2/(2 pi)^2 Int C(k) b(k)^2 exp(i k x) d^2k,     b = sinc(kx d/2) sinc(ky d/2),
 #
 # with C the layer's compliance. K depends on the offset alone, is symmetric and positive definite. The integral is
 # a sum over waves up to `WAVES` times the grid's own, on a period that is longer than the view by `REACH`
-# thicknesses: the layer forgets a load within two, so that the images of the period are not felt. The traction is
-# padded with nothing; the displacement is never padded.
-# Modulus 1 MPa: divide by E. (2 rows - 1, 2 columns - 1, 3, 3), mm/MPa, displacement by traction over x, y, z.
+# thicknesses: a load has no effect beyond two, so the periodic images do not matter. The traction is zero-padded;
+# the displacement is not padded. Modulus 1 MPa: divide by E. (2 rows - 1, 2 columns - 1, 3, 3), mm/MPa,
+# displacement by traction over x, y, z.
 
 WAVES = 4  # times the grid's own: shorter ones average out over a cell
-REACH = 8.0  # thicknesses of gel between a load and its next image, so that they do not feel each other
+REACH = 8.0  # thicknesses of gel between a load and its next image
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,15 +136,15 @@ def layer_stress(
     k_y = 2 * np.pi * np.fft.fftfreq(count, step)[:, None]
     k_x = 2 * np.pi * np.fft.fftfreq(count, step)[None, : count // 2 + 1]
     k = np.hypot(k_x, k_y)
-    k[0, 0] = 1e-2 / thickness_mm  # the mean wave: as slow as the numbers stay exact
+    k[0, 0] = 1e-2 / thickness_mm  # the mean wave: as long as accuracy allows
     cosine, sine = k_x / k, k_y / k
     cosine[0, 0], sine[0, 0] = 1.0, 0.0
     box = np.sinc(k_x * cell_mm / (2 * np.pi)) * np.sinc(k_y * cell_mm / (2 * np.pi)) / step**2
     field = np.empty((len(depths_mm), count, count, 3, 6))
     for level, depth in enumerate(depths_mm):
         waves = wave_stress(k, depth, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-        beside = _across(k, depth, thickness_mm)
-        for load, entries in enumerate(_turned(waves, beside, cosine, sine)):
+        across = _across(k, depth, thickness_mm)
+        for load, entries in enumerate(_turned(waves, across, cosine, sine)):
             for which, entry in enumerate(entries):
                 field[level, :, :, load, which] = np.fft.fftshift(fft.irfft2(entry * box, (count, count)))
     return LayerStress(field, step)
@@ -187,9 +186,9 @@ def _turned(waves: Floats, across: tuple[Floats, Floats], c: Floats, s: Floats) 
     zero = np.zeros_like(waves[0])
     normal = _rotated(waves[0], waves[1], waves[2], zero, 1j * waves[3], zero, c, s)
     along = _rotated(-1j * waves[4], -1j * waves[5], -1j * waves[6], zero, waves[7], zero, c, s)
-    beside = _rotated(zero, zero, zero, 1j * across[0], zero, across[1], c, s)
-    by_x = [c * one - s * other for one, other in zip(along, beside, strict=True)]
-    by_y = [s * one + c * other for one, other in zip(along, beside, strict=True)]
+    sideways = _rotated(zero, zero, zero, 1j * across[0], zero, across[1], c, s)
+    by_x = [c * one - s * other for one, other in zip(along, sideways, strict=True)]
+    by_y = [s * one + c * other for one, other in zip(along, sideways, strict=True)]
     return [by_x, by_y, normal]
 
 

@@ -1,4 +1,4 @@
-"""Tabulate what the gel's free sides add to its compliance, and cache the tables."""
+"""Tabulate the contribution of the gel's free sides to its compliance, and cache the tables."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ from tactilevision.force.nodes import NodeGrid
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel
 
-# Tables that take seconds to make, kept in the user's cache under a hash of what they depend on.
-#
-# The folder is $TACTILEVISION_CACHE, else $XDG_CACHE_HOME/tactilevision, else ~/.cache/tactilevision. A file that
-# cannot be read is made anew; a folder that cannot be written to costs only the time of the next start.
+# Cache of tables that take seconds to compute, under a hash of what they depend on. The folder is
+# $TACTILEVISION_CACHE, else $XDG_CACHE_HOME/tactilevision, else ~/.cache/tactilevision. A file that cannot be read
+# is computed anew; a folder that cannot be written to is ignored.
 
 VERSION = 1  # part of every hash: raise it when the numbers change
 
@@ -64,30 +63,30 @@ def _read(path: Path, key: str) -> npt.NDArray[Any] | None:
         return None
 
 
-# The sides' part of the compliance, as a table between stations on the gel's face, kept on disk.
+# The sides' part of the compliance, as a table between stations on the gel's face.
 #
-# For a load at station p the unbounded layer puts the traction s(p) on the surface where the gel's side is. The
-# side is free, so the gel answers to -s(p) there with no load on the face: K v = -f(s(p)). The table is v at the
-# stations. The loads of all stations span few shapes once they have travelled to a side, so K is solved for their
-# leading singular vectors only. Between stations the table is interpolated linearly, in source and receiver alike.
-# Stations outside the gel, or nearer to its side than half their load, stand for the nearest place that is not.
+# For a load at station p the unbounded layer has the traction s(p) at the gel's side. The side is free, so -s(p)
+# acts there with no load on the face: K v = -f(s(p)). The table is v at the stations. The loads of all stations
+# span few shapes at a side, so K is solved for their leading singular vectors only. Between stations the table is
+# interpolated linearly, in source and receiver. Stations outside the gel, or nearer to its side than half their
+# load, are moved to the nearest place that is not.
 #
-# Accuracy: the table holds what remains after the exact layer is taken off, at most a few percent of the whole
-# beyond one thickness from a side. Reciprocity is not imposed: how well it holds is a test of the mesh.
+# The table is at most a few percent of the whole beyond one thickness from a side. Reciprocity is not imposed: it
+# is a test of the mesh.
 
 Singles = npt.NDArray[np.float32]
-STATION_MM = 1.25  # mm between the places at which the walls' part is worked out: it is smooth
-LOAD_MM = 0.5  # mm: size of the loads from which the table is made
-FORGETS = 3.5  # thicknesses beyond which a side is not felt
-RANK_TOLERANCE = 1e-4  # of the largest singular value: shapes below it are left out
-AT_ONCE = 32  # shapes that are solved together
+STATION_MM = 1.25  # mm between stations
+LOAD_MM = 0.5  # mm: size of the loads of the table
+FORGETS = 3.5  # thicknesses beyond which a side has no effect
+RANK_TOLERANCE = 1e-4  # of the largest singular value: smaller ones are dropped
+AT_ONCE = 32  # shapes solved together
 MAX_ELEMENTS = 280  # squares of an element's width in the gel's face
 
 
 @dataclass(frozen=True, slots=True)
 class SideTable:
     """`table` (3 S, 3 S), x y z of each station in turn, mm/N at modulus 1 MPa; `rows`, `columns` of stations;
-    `spacing_mm`. Stations are centred on the pad. `near` (S,): whether a station feels a side at all."""
+    `spacing_mm`. Stations are centred on the pad."""
 
     table: Singles
     rows: int
@@ -168,7 +167,7 @@ def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm
         matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
     answers = []
-    for first in range(0, rank, AT_ONCE):  # whole fields are large, and of each only the stations are kept
+    for first in range(0, rank, AT_ONCE):  # whole fields are large; only the stations are kept
         shape = shapes[:, first : min(first + AT_ONCE, rank)]
         right = np.zeros((len(mesh.free), shape.shape[1]))
         right[wall.unknowns] = shape

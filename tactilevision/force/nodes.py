@@ -1,7 +1,7 @@
-"""The square cells that tractions live on, and the mean of a picture over each of them.
+"""Square cells of constant traction, and the mean of a picture over each of them.
 
-A cell is `spacing_mm` wide and carries one constant traction; its displacement is the mean over the same cell.
-Cells lie wholly inside the view and are centred on it. Means use the part of each pixel that a cell covers:
+A cell is `spacing_mm` wide; its displacement is the mean over the cell. Cells are wholly inside the view and
+centred on it. Means weigh each pixel by its overlap with the cell:
 
     u_cell = sum_px overlap * valid * u_px / sum_px overlap * valid,      separable: rows @ picture @ columns.T
 """
@@ -20,7 +20,7 @@ from tactilevision.records.measured import Bools, Floats, Pair
 
 Array = npt.NDArray[np.floating[Any]]
 Singles = npt.NDArray[np.float32]
-KNOWN_SHARE = 0.5  # a cell of which less is known than this counts as unknown
+KNOWN_SHARE = 0.5  # least known share of a known cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, *, spacing_mm: float) ->
             remedy="Set sensor.mm_per_px in recording.toml.",
         )
     if not spacing_mm >= max(mm_per_px):
-        raise InputError("the spacing of the forces lies at or above a pixel", where="lay_grid", value=spacing_mm)
+        raise InputError("the spacing of the forces is at least a pixel", where="lay_grid", value=spacing_mm)
     shape = (
         int(view_px[0] * mm_per_px[1] / spacing_mm + 1e-9),
         int(view_px[1] * mm_per_px[0] / spacing_mm + 1e-9),
@@ -83,12 +83,12 @@ def cell_means(grid: NodeGrid, picture: Array, *, valid: Bools | None) -> tuple[
     """
     if picture.shape != grid.view_px:
         raise InputError(
-            "the picture has the size that the force field was made for",
+            "the picture has another size than the force field was made for",
             where="cell_means",
             value=(picture.shape, grid.view_px),
         )
     down, along = _overlaps(grid)
-    single = np.asarray(picture, dtype=np.float32)  # a mean over a cell rounds at 1e-7 of it
+    single = np.asarray(picture, dtype=np.float32)
     if valid is None or valid.all():
         return np.asarray(down @ single @ along, dtype=np.float64), np.ones(grid.shape, dtype=bool)
     share = np.asarray(down @ valid.astype(np.float32) @ along, dtype=np.float64)

@@ -10,29 +10,25 @@ import numpy.typing as npt
 from scipy.ndimage import binary_fill_holes, distance_transform_edt
 
 from tactilevision.errors import InputError
-from tactilevision.force.inverse import Solution, at_border
+from tactilevision.force.inverse import TINY, Solution, at_border
 from tactilevision.force.nodes import Array, NodeGrid, cell_means, mean_std
 from tactilevision.records.contact_thresholds import CONTACT
 from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.robust import MAD_TO_STD
 
-# What a frame says about each cell: displacement, its standard deviation, and where nothing is known.
-#
-# A camera's height map shows the depth at the place where the surface now is; the compliance speaks of material
-# places X. Where the shear u(X) is known, the depth of the material is read at X + u(X). A map whose `positions`
-# are "undeformed" speaks of X already.
+# A height map has the depth at the present place of the surface, the compliance at material places X. If the shear
+# u(X) is known, the depth is read at X + u(X). A map whose `positions` are "undeformed" is at X already.
 
-MIN_FAR = 50  # cells, fewer do not tell the scatter of the gel that lies still
+MIN_FAR = 50  # cells: fewer do not determine the scatter of gel at rest
 SAME_SCALE = 1e-3  # relative difference of mm per pixel between two maps of one sensor
-TINY = 1e-12  # mm: keeps a cell without deviation from a division by 0
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
     """`displacement_mm` (3 or 1, rows, columns): x, y, z or z alone; `std_mm` of each, from cell to cell; `known`
-    cells; `flags`. `depth_std_mm` (rows, columns) is of the depth itself, errors that a whole contact shares
-    included; `shear_std_mm` that of the shear in the contact, alike over `shear_alike_mm`."""
+    cells; `flags`. `depth_std_mm` (rows, columns) of the depth includes errors that a whole contact shares;
+    `shear_std_mm` is that of the shear in the contact, correlated over `shear_alike_mm`."""
 
     displacement_mm: Floats
     std_mm: Floats
@@ -45,8 +41,8 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class PixelNoise:
-    """What is known of a height map's noise beforehand: `std_mm` of a pixel (None: from the map itself), alike
-    over `correlation_px` (infinite: over a whole contact); `away_mm` from the contact the gel lies still."""
+    """Noise of a height map: `std_mm` of a pixel (None: from the map), correlated over `correlation_px` (infinite:
+    over a whole contact); `away_mm` from the contact the gel is at rest."""
 
     std_mm: float | None
     correlation_px: float
@@ -58,9 +54,7 @@ def observe(
 ) -> Observation:
     """Average depth and shear (H, W), in mm, over the cells.
 
-    `std_mm` of a pixel's depth stands in where the map has none.
-
-    Raises InputError where the maps do not belong to the grid or carry no number at all.
+    Raises InputError for maps of another grid or without a number.
     """
     _check(grid, height, shear)
     finite = np.isfinite(height.depth_mm) & height.valid
@@ -81,9 +75,9 @@ def observe(
     fields = [_bridged(grid, u, shear.valid, flags) for u in (shear.u_x_mm, shear.u_y_mm)]
     own = _shear_std(grid, shear, depth, known)
     side = mean_std(grid, own, correlation_px=shear.correlation_px)
-    said = tuple(dict.fromkeys([*shear.flags, *flags]))
+    every = tuple(dict.fromkeys([*shear.flags, *flags]))
     alike = shear.correlation_px * float(np.mean(shear.mm_per_px))
-    return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known, said, whole, own, alike)
+    return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known, every, whole, own, alike)
 
 
 def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Array, Bools]:
@@ -109,7 +103,7 @@ def noise_of_cells(depth: Floats, known: Bools) -> float:
     """Return the standard deviation of the cells' depths (rows, columns), in their mm, from second differences
     along rows.
 
-    Robust to the few that touch.
+    Robust to the few in contact.
     """
     step = depth[:, :-2] - 2 * depth[:, 1:-1] + depth[:, 2:]
     usable = step[known[:, :-2] & known[:, 1:-1] & known[:, 2:]]
@@ -119,10 +113,8 @@ def noise_of_cells(depth: Floats, known: Bools) -> float:
 def unevenness(grid: NodeGrid, depth: Floats, *, known: Bools, away_mm: float) -> float:
     """Return the robust size (mm) of the depths (rows, columns) that lie `away_mm` and more from a contact.
 
-    A contact is whatever is half as deep as the deepest cell.
-
-    There the gel hardly moves, so this is the map's own slow error; what it does move makes the answer cautious.
-    Where fewer than MIN_FAR cells are so far, the quarter that is farthest stands in.
+    A contact is what is half as deep as the deepest cell. Far from it the gel hardly moves, so this is the map's
+    slow error; the motion errs on the safe side. With fewer than MIN_FAR such cells the farthest quarter is taken.
     """
     distance = _from_deep(grid, depth, known)
     if distance is None:
@@ -137,8 +129,7 @@ def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, 
     """Return by what factor, at least 1, untouched gel is farther from flat than the map's `std_mm` (rows,
     columns).
 
-    Asked of the cells `away_mm` and more from whatever is half as deep as the deepest; where these are fewer than
-    MIN_FAR the map stands for itself.
+    Measured at the cells `away_mm` and more from what is half as deep as the deepest; 1 with fewer than MIN_FAR.
     """
     distance = _from_deep(grid, depth, known)
     if distance is None or np.count_nonzero(distance > away_mm) < MIN_FAR:
@@ -162,7 +153,7 @@ def _depth_std(
 ) -> tuple[float, Floats]:
     """Return the standard deviation from cell to cell, and (rows, columns) of the depth itself.
 
-    An error that a whole contact shares does not roughen it: from cell to cell only what is seen there counts.
+    An error that a whole contact shares does not differ from cell to cell.
     """
     stated: Array | None = height.std_mm
     if stated is None and noise.std_mm is not None:
@@ -171,11 +162,11 @@ def _depth_std(
         std = max(noise_of_cells(depth, known), unevenness(grid, depth, known=known, away_mm=noise.away_mm))
         return std, np.full(grid.shape, std)
     at_cells = np.asarray(stated[_centres(grid)], dtype=np.float64)
-    usual = float(np.median(at_cells[known])) if known.any() else 0.0
-    at_cells = np.where(np.isfinite(at_cells), at_cells, usual)
+    typical = float(np.median(at_cells[known])) if known.any() else 0.0
+    at_cells = np.where(np.isfinite(at_cells), at_cells, typical)
     share = mean_std(grid, 1.0, correlation_px=noise.correlation_px)
     if share < 1:
-        return share * usual, share * at_cells
+        return share * typical, share * at_cells
     return noise_of_cells(depth, known), at_cells * understated(
         grid, depth, std_mm=at_cells, known=known, away_mm=noise.away_mm
     )
@@ -229,7 +220,7 @@ def _check(grid: NodeGrid, height: HeightMap, shear: ShearMap | None) -> None:
             "the height map has another scale than the force field was made for",
             where=height.name,
             value=(height.mm_per_px, grid.mm_per_px),
-            remedy="Make a ForceField for this sensor; a calibration holds for its own alone.",
+            remedy="Make a ForceField for this sensor.",
         )
     if height.depth_mm.shape != grid.view_px:
         raise InputError(
@@ -238,16 +229,13 @@ def _check(grid: NodeGrid, height: HeightMap, shear: ShearMap | None) -> None:
             value=(height.depth_mm.shape, grid.view_px),
         )
     if shear is not None and shear.u_x_mm.shape != grid.view_px:
-        raise InputError("shear and height map have one size", where=height.name, value=shear.u_x_mm.shape)
-
-
-# A contact at the border of what is known: whether it is cut there, and the force that may lie beyond.
+        raise InputError("shear and height map differ in size", where=height.name, value=shear.u_x_mm.shape)
 
 
 def is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
     """Return whether pressure reaches the border: the sum over its cells is significant.
 
-    That holds errors that the whole contact shares, and those of each cell alone.
+    Its deviation includes errors that the whole contact shares, and those of each cell.
     """
     edge = at_border(found.cells, binary_fill_holes(seen.known))
     if not edge.any():
@@ -262,8 +250,8 @@ def is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
 def force_beyond(grid: NodeGrid, found: Solution, seen: Observation, *, scale: Floats, cut: bool) -> Floats:
     """Return the squared force (3,), N², that may lie where nothing is known.
 
-    Beyond the border that cuts a contact, its cells' traction carried on for half the contact's width; in a hole
-    of the map, the mean traction round it, over no more than it.
+    Beyond a border that cuts the contact: its cells' traction continued for half the contact's width. In a hole of
+    the map: the mean traction around it, over the hole's area at most.
     """
     whole = np.asarray(binary_fill_holes(seen.known))
     outer = at_border(found.cells, whole)

@@ -4,11 +4,10 @@
 
     t' = t + P W^T (W P W^T + S)^-1 (f - W t)
 
-W takes tractions to the force. What a measured force corrects is above all an error common to the whole contact
-(the modulus, the scale of the depth), so P is rank one per axis: the pressure as the pattern, scaled to the
-resultant's own standard deviation. S is the variance of the measured force: S = 0 is equality, larger S a
-weight. What was found without it is never thrown away: the mismatch over its expected deviation is the health
-check.
+W maps tractions to the force. A measured force corrects mainly an error common to the whole contact (the modulus,
+the scale of the depth), so P is rank one per axis: the pressure as the pattern, scaled to the resultant's standard
+deviation. S is the variance of the measured force; S = 0 makes it an equality. The mismatch of the unconstrained
+force over its expected deviation is kept as a check.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class MeasuredForce:
-    """Force (fx, fy, fz) and its standard deviation; a standard deviation of 0 makes it an equality."""
+    """Measured force (fx, fy, fz) and its standard deviation; 0 makes it an equality."""
 
     force_N: Triple
     std_N: Triple = (0.0, 0.0, 0.0)
@@ -54,7 +53,7 @@ def wrench_weights(grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.int
 def constrain(found: TractionMap, measured: MeasuredForce) -> TractionMap:
     """Move the map towards `measured`; the mismatch of the free map is kept.
 
-    Axes that the map does not know (NaN) stay so. A map without contact is returned with the mismatch and a flag.
+    Unknown axes (NaN) stay unknown. A map without contact is returned with the mismatch and a flag.
     """
     own, theirs = np.asarray(found.resultant_std_N), np.asarray(measured.std_N)
     mismatch = np.asarray(found.resultant_N) - np.asarray(measured.force_N)

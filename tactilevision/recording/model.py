@@ -18,15 +18,13 @@ from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Curve, Floats, ForceSeries, Pair
 from tactilevision.records.rig import Indenter, Press, Sensor
 
-# What a recording is, once read: one frozen record, its pictures still on disk.
-
 
 @dataclass(frozen=True, slots=True)
 class BallPress:
     """A ball pressed into the gel for photometric calibration.
 
-    `centre_px` (x, y) and `contact_radius_px` are in the rectified frame; None where they were not recorded.
-    `frame` is its name in ball.csv, where that is not the file's name alone.
+    `centre_px` (x, y) and `contact_radius_px` are in the rectified frame; None: not recorded. `frame` is its name
+    in ball.csv, if that is not the file's name alone.
     """
 
     path: Path
@@ -37,13 +35,13 @@ class BallPress:
 
     @property
     def name(self) -> str:
-        """As it stands in ball.csv."""
+        """Name in ball.csv."""
         return self.frame or self.path.name
 
 
 @dataclass(frozen=True, slots=True)
 class BadFrame:
-    """A picture that is listed but absent, or cannot be read whole: `name`, `time_s` as listed, and `why`."""
+    """A listed picture that is missing or damaged: `name`, `time_s` as listed, and `why`."""
 
     name: str
     time_s: float
@@ -58,22 +56,17 @@ class StageSeries:
     z_mm: Floats
 
 
-def _no_times() -> Floats:
-    return np.zeros(0)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """One calibration run of one sensor.
 
-    `frame_names` and `frame_times_s` (N,) list the pictures in `frames_path` (a folder, or one video; None
-    where there is none) on the camera's clock, NaN where no time is known; `frame_size_px` (width, height) is
-    theirs as they are on disk, None where none could be read. `forces` and `force_std_N` are in
-    the rectified frame's axes: `force_rotation` (3, 3) has been applied already. `clock_offset_s` is F/T clock
-    minus camera clock, None where it has to be estimated. `white_level` is the number that full white has
-    in the files, None for the largest their bit depth holds. `flats` are pictures of the untouched gel; where
-    there are none, `flat_frames` are the frames that are taken for it. `extra` keeps the columns that have no
-    field here, by table and column; `settings` is recording.toml as written; `warnings` what a person should see.
+    `frame_names` and `frame_times_s` (N,) list the pictures in `frames_path` (a folder, one video or None) on the
+    camera's clock, NaN where the time is unknown; `frame_size_px` (width, height) is their size on disk, None if
+    none could be read. `forces` and `force_std_N` are in the rectified frame's axes: `force_rotation` (3, 3) has
+    been applied. `clock_offset_s` is F/T clock minus camera clock, None if it has to be estimated. `white_level`
+    is the number of full white in the files, None for the largest of their bit depth. `flats` are pictures of the
+    untouched gel; without any, `flat_frames` are the frames taken for it. `extra` holds the columns without a
+    field here, by table and column; `settings` is recording.toml as written; `warnings` are for a person to read.
     """
 
     path: Path
@@ -90,7 +83,7 @@ class Recording:
     presses: tuple[Press, ...] = ()
     frames_path: Path | None = None
     frame_names: tuple[str, ...] = ()
-    frame_times_s: Floats = field(default_factory=_no_times)
+    frame_times_s: Floats = field(default_factory=lambda: np.zeros(0))
     frame_size_px: tuple[int, int] | None = None
     forces: ForceSeries | None = None
     stage: StageSeries | None = None
@@ -105,8 +98,6 @@ class Recording:
     warnings: tuple[str, ...] = ()
 
 
-# The one message for what a step needs and a recording lacks.
-
 Need = Literal[
     "frames", "frame_times", "forces", "presses", "stage", "curves", "points", "flats", "balls", "gel", "indenters"
 ]
@@ -118,9 +109,8 @@ def _table(columns: layout.Columns) -> str:
 
 _SETTINGS_GEL = f"{layout.SETTINGS} [sensor.gel]"
 
-# what it is called, where it belongs, what to put there
-_PLACES: dict[Need, tuple[str, str, str]] = {
-    "frames": ("pictures", layout.FRAMES, "Put the images there, or one video beside it."),
+_PLACES: dict[Need, tuple[str, str, str]] = {  # name, place, remedy
+    "frames": ("pictures", layout.FRAMES, "Put the images there, or one video next to it."),
     "frame_times": ("the times of the frames", layout.FRAME_TABLE, _table(layout.FRAME_COLUMNS)),
     "forces": ("force readings", layout.FORCES, _table(layout.FORCE_COLUMNS)),
     "presses": ("the protocol of presses", layout.PRESSES, _table(layout.PRESS_COLUMNS)),

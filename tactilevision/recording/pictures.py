@@ -36,11 +36,9 @@ from tactilevision.recording.tables import Table, read_table
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
 
-# Which pictures a recording has, found with one look into each folder.
-
-MAX_RADIUS_MM = 1000.0  # of a ball: a larger one is a plane on any gel
+MAX_RADIUS_MM = 1000  # of a ball: a larger one is a plane on any gel
 _SIZED = 7  # pictures of a bare folder whose sizes are compared
-_MAX_TRIALS = 10  # pictures to try before their size is given up
+_MAX_TRIALS = 10  # pictures to try for the size
 _MAX_MISSING = 0.5  # share of the listed pictures that may be missing
 
 
@@ -86,8 +84,8 @@ def find_frames(root: Path) -> Path | None:
 def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
     """Read frames.csv; return it and warnings of listed pictures that are missing and of unlisted ones.
 
-    A frame or two that got lost are no reason to refuse thousands: readers meet them as BadFrame. Raises
-    RecordingError where most are missing, since such a list is of other pictures.
+    Readers yield a missing picture as a BadFrame. Raises RecordingError if most are missing, since such a list is
+    of other pictures.
     """
     table = read_frame_table(root / layout.FRAME_TABLE)
     names = table.words["frame"]
@@ -97,12 +95,15 @@ def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
     for name in names:
         inside(frames_path, name, where=table.path)
     present = set(_image_names(frames_path))
-    gone = _check_present(table, names, present, spare=_MAX_MISSING)
-    left = len(present - set(names))
-    lost = f"{len(gone)} of {len(names)} pictures listed are missing and are passed over: {some(gone)}"
-    return table, (f"{layout.FRAME_TABLE}: {lost}",) * bool(gone) + (
-        f"{layout.FRAMES}/: {left} pictures are not listed in {layout.FRAME_TABLE}",
-    ) * bool(left)
+    missing = _check_present(table, names, present, spare=_MAX_MISSING)
+    unlisted = len(present - set(names))
+    warnings = []
+    if missing:
+        lost = f"{len(missing)} of {len(names)} pictures listed are missing and are skipped: {some(missing)}"
+        warnings.append(f"{layout.FRAME_TABLE}: {lost}")
+    if unlisted:
+        warnings.append(f"{layout.FRAMES}/: {unlisted} pictures are not listed in {layout.FRAME_TABLE}")
+    return table, tuple(warnings)
 
 
 def _check_present(
@@ -120,7 +121,7 @@ def _check_present(
             f"{len(missing)} of {len(names)} pictures listed are missing, the first is {name}",
             remedy=f"Write its name with its ending: {ended[0]}."
             if ended
-            else "Copy them, or take them off the list.",
+            else "Copy them, or remove them from the list.",
         )
     return ()
 
@@ -133,7 +134,7 @@ def _check_indices(table: Table, video: Path) -> None:
         if not (name.isascii() and name.isdigit()):
             raise table.fault(row, f"frames of a video ({video.name}) are numbers, from 0", value=name)
         if int(name) <= last:
-            raise table.fault(row, f"frame {name} stands after frame {last}", remedy="Numbers rise with time.")
+            raise table.fault(row, f"frame {name} comes after frame {last}", remedy="Numbers rise with time.")
         last = int(name)
     if last >= stated_frames(video) and last >= (count := count_frames(video)):
         row = next(row for row, name in enumerate(table.words["frame"]) if int(name) >= count)
@@ -219,7 +220,7 @@ def first_look(
     raise RecordingError(
         f"none of the first pictures can be read: {', '.join(names[:_MAX_TRIALS]) or 'there is none'}",
         where=frames_path,
-        remedy=why or "Copy them again from where they came.",
+        remedy=why or "Copy them again from their source.",
     )
 
 
@@ -279,8 +280,8 @@ def doubts_of_turning(
         return ()
     names = some([f"{path.parent.name}/{path.name}" for path in others])
     return (
-        f"{names}: a tag of orientation {stated[others[0]]} is stated, {usual} by the frames (1: as it lies). "
-        "Tags are not followed: where a program turned the pixels of one of them, turn them back",
+        f"{names}: the orientation tag is {stated[others[0]]}, that of the frames {usual} (1: not turned). Tags "
+        "are not followed: if a program turned the pixels of one of them, turn them back",
     )
 
 
@@ -293,14 +294,12 @@ def _orientation(path: Path) -> int | None:
 
 
 def check_size(size_px: tuple[int, int], frame_size_px: tuple[int, int], path: Path) -> None:
-    """Raise RecordingError where a reference has another size (width, height) than the frames; without any, than
-    the first of the references.
-    """
+    """Raise RecordingError if a reference has another size (width, height) than the frames or first reference."""
     if size_px != frame_size_px:
         raise RecordingError(
             f"the picture is {size_px[0]} x {size_px[1]}, the others {frame_size_px[0]} x {frame_size_px[1]}",
             where=path,
-            remedy="Take frames, untouched gel and ball presses with the camera set alike, before rectification.",
+            remedy="Take frames, untouched gel and ball presses with one camera setting, before rectification.",
         )
 
 
@@ -310,14 +309,14 @@ def _doubts_of_depth(stored: npt.NDArray[Any], name: str, white_level: float | N
     if white_level is not None or brightest >= 2**14:
         return ()
     return (
-        f"{name}: its brightest number is {brightest} of 65535; where the camera has fewer than 16 bits, state "
+        f"{name}: its largest value is {brightest} of 65535; if the camera has fewer than 16 bits, state "
         f"white_level in {layout.SETTINGS} [sensor] (4095 for 12 bits)",
     )
 
 
-# The pictures of a recording, one after another or by number; never more than a few of them in memory.
+# Reading pictures one after another or by number, with a few of them in memory.
 
-_AHEAD = 4  # frames read ahead of their use
+_AHEAD = 4  # frames read ahead
 
 
 def iter_frames(
@@ -325,9 +324,9 @@ def iter_frames(
 ) -> Iterator[Frame | BadFrame]:
     """Stream the frames with start_s <= time <= end_s, in order, as they are on disk (not rectified).
 
-    A frame of unknown time is part of every stream. A picture that is absent or torn comes as a BadFrame. Raises
-    RecordingError where the recording has no frames, where a picture is of another kind (grey, floating
-    point beyond its range), or of another size than the ones before.
+    A frame of unknown time is part of every stream. A picture that is missing or damaged is yielded as a BadFrame.
+    Raises RecordingError for a recording without frames, and for a picture of another kind (grey, floating point
+    beyond its range) or of another size than those before.
     """
     require(recording, "frames", step="reading frames")
     times = recording.frame_times_s
@@ -338,7 +337,7 @@ def iter_frames(
 def read_frame(recording: Recording, index: int) -> Frame:
     """Read one frame by its place in `recording.frame_names`; negative ones count from the end.
 
-    Raises RecordingError where the picture is absent or torn, InputError where there is no such frame.
+    Raises RecordingError if the picture is missing or damaged, InputError if there is no such frame.
     """
     require(recording, "frames", step="reading frames")
     count = len(recording.frame_names)
@@ -390,7 +389,7 @@ def _from_video(recording: Recording, wanted: list[int]) -> Iterator[Frame | Bad
 
 
 def _read_ahead(recording: Recording, wanted: Iterable[int]) -> Iterator[Frame | BadFrame]:
-    """Decode a few pictures ahead in a second thread, while the caller works on the one before."""
+    """Decode a few pictures ahead in a second thread."""
     rows = iter(wanted)
     with ThreadPoolExecutor(1, thread_name_prefix="frames") as reader:
         pending: deque[Future[Frame | BadFrame]] = deque(

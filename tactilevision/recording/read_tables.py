@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from tactilevision.recording.settings import ForceSettings
 
 
-# Tables that run along a clock: frames, forces, the motion stage.
-
-
 def read_frame_table(path: Path) -> Table:
     """Read frames.csv: every name once, time never going backwards."""
     table = read_table(path, layout.FRAME_COLUMNS)
@@ -46,15 +43,15 @@ def read_frame_table(path: Path) -> Table:
     return table
 
 
-MAX_FORCE_N = 1e6  # N: a hundred tonnes on a pad of some cm2; more is another unit, or a broken file
+MAX_FORCE_N = 1_000_000  # N: more is another unit, or a broken file
 
 
 def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[ForceSeries, Table]:
     """Read forces.csv, turned into the rectified frame's axes.
 
-    force = R reading, with R of [force] rotation. Torque turns with det(R) R, since it is an axial vector;
-    the noise of independent readings becomes sqrt(R^2 std^2), element by element. Where std_N is left out, the
-    noise is estimated from successive readings (`step_noise`).
+    force = R reading, with R of [force] rotation. Torque turns with det(R) R, since it is an axial vector; the
+    noise of independent readings becomes sqrt(R^2 std^2), element by element. Without std_N the noise is
+    estimated from successive readings (`step_noise`).
     """
     table = read_table(path, layout.FORCE_COLUMNS, least_rows=2)
     time_s = table.numbers["time_s"]
@@ -64,7 +61,7 @@ def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[For
     for row in np.flatnonzero(np.abs(readings).max(axis=1) > MAX_FORCE_N)[:1]:
         raise table.fault(
             int(row),
-            "a force that no gel bears",
+            f"a force exceeds {MAX_FORCE_N:,} N",
             value=float(np.abs(readings[row]).max()),
             remedy="Forces are in N.",
         )
@@ -87,7 +84,7 @@ def read_stage(path: Path) -> tuple[StageSeries, Table]:
 
 
 def check_time(table: Table, time_s: Floats, *, rows: Floats | None = None) -> None:
-    """Raise where time (n,), in s, goes backwards from one row to the next.
+    """Raise RecordingError if time (n,), in s, goes backwards from one row to the next.
 
     `rows` (n,) are its rows in the table.
     """
@@ -98,7 +95,7 @@ def check_time(table: Table, time_s: Floats, *, rows: Floats | None = None) -> N
         raise table.fault(
             row,
             f"time_s goes backwards, from {time_s[after - 1]:.12g} to {time_s[after]:.12g}",
-            remedy="Rows stand in the order of time; time never restarts, also over days.",
+            remedy="Rows are in the order of time, which never restarts, also over days.",
         )
 
 
@@ -115,7 +112,7 @@ def rotation(settings: ForceSettings, toml: Path) -> Floats | None:
     turn = np.array(settings.rotation, dtype=float)
     if not turns(turn):
         raise RecordingError(
-            "[force] rotation must turn without stretching: rows of length 1, at right angles",
+            "[force] rotation must be orthogonal: rows of length 1, at right angles",
             where=toml,
             value=settings.rotation,
             remedy="Its rows are the frame's x (right), y (down) and z (into the gel) in the F/T sensor's axes.",
@@ -131,8 +128,8 @@ def turns(rotation: Floats) -> bool:
 def step_noise(readings: Floats) -> Floats:
     """Estimate the standard deviation (3,) of one reading from the differences of successive ones (T, 3).
 
-    1.4826 median |d - median d| / sqrt(2), which slow changes of force leave alone; not below that of the
-    readings' own rounding, step / sqrt(12). Too low where neighbouring readings were filtered together.
+    1.4826 median |d - median d| / sqrt(2), which slow changes of force do not affect; at least the rounding's,
+    step / sqrt(12). Too low where neighbouring readings were filtered together.
     """
     steps = np.diff(readings, axis=0)
     spread = MAD_TO_STD * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0) / np.sqrt(2)
@@ -141,10 +138,9 @@ def step_noise(readings: Floats) -> Floats:
     return np.asarray(np.maximum(spread, rounding), dtype=float)
 
 
-# Columns of points.csv beside the point's own: how it was certified, and the surface beside its face.
+# Columns of points.csv with details of the certification, and the surface next to the face.
 
-# column of the file: field of CertificationDetails
-_NUMBERS = {
+_NUMBERS = {  # column of the file: field of CertificationDetails
     "rise_ratio": "pile_up_ratio",
     "rise_ratio_std": "pile_up_ratio_std",
     "lean_std_mm": "tilt_std_mm",
@@ -220,8 +216,6 @@ def _word(cells: Mapping[str, Any], name: str) -> str:
     return cell if isinstance(cell, str) else "" if np.isnan(cell) else f"{cell:g}"
 
 
-# Tables of presses: the protocol, certified points, curves.
-
 _WORDS_OF_TRUTH = {"true": True, "1": True, "yes": True, "": True, "false": False, "0": False, "no": False}
 
 
@@ -296,7 +290,7 @@ def read_curves(path: Path) -> tuple[tuple[Curve, ...], Table]:
 
 
 def check_indenters(table: Table, indenters: Mapping[str, Indenter]) -> None:
-    """Raise for the first row whose indenter recording.toml does not describe."""
+    """Raise RecordingError for the first row whose indenter recording.toml does not describe."""
     for row, name in enumerate(table.words["indenter"]):
         if name not in indenters:
             near = nearest(name, indenters)
