@@ -29,36 +29,33 @@ from tactilevision.recording.model import BadFrame, Recording
 from tactilevision.recording.pictures import iter_frames
 from tactilevision.records.maps import Frame, HeightMap
 
-# Frames through a job: streamed, on all cores, taken up again where they were cut off.
-#
-# A worker writes what a frame gives whole, then notes the frame in the journal, itself and at once. Killing any
-# process at any moment therefore loses no frame, and a second run does only what is left, and again the one frame
-# a worker was at.
+# A worker writes the result of a frame whole, then enters the frame in the journal at once. So killing any process
+# at any moment loses no frame, and a second run does only the rest, including the frames that workers were at.
 
 Row = tuple[str, ...]
 Timed = tuple[list[Row], float]  # rows of a task, and the seconds that it took
 Progress = Callable[[int, int], None]
-CHUNK = 16  # frames that a worker reads for itself, one ahead of the other
+CHUNK = 16  # largest number of frames in a task
 MIN_CHUNK = 4  # frames of a task in a short run, so that each worker has some
-SHIPMENT = 4  # frames of the first tasks for a cluster, until it is known how long one takes
-TASK_S = 1.0  # s of work in a task for a cluster: its hand-over costs some ten milliseconds
-MAX_SHIPMENT = 256  # frames that are done again with a worker that is killed
-AHEAD = 3  # tasks that wait for each worker, so that none is idle
+SHIPMENT = 4  # frames of the first tasks for a cluster, until the time of one is known
+TASK_S = 1.0  # s of work in a task for a cluster: submitting it costs some ten milliseconds
+MAX_SHIPMENT = 256  # largest number of frames in a task for a cluster
+AHEAD = 3  # tasks queued for each worker
 KEPT_BYTES = 31 << 20  # just below the 32 MB from which glibc maps every array anew (mallopt(3))
 GLIBC_KEEPS = ((-3, KEPT_BYTES), (-1, 2 * KEPT_BYTES))  # M_MMAP_, M_TRIM_THRESHOLD: a Dask nanny sets low ones
-FEW = 12  # frames that are done before a second process has started
+FEW = 12  # frames done faster than a second process starts
 
 
 class Job(Protocol):
-    """What becomes of each frame. It is sent to every worker once, so it can be pickled.
+    """Work on each frame; it is pickled and sent to every worker once.
 
-    A call writes the frame's result whole and returns its row of text, the frame's name first. A frame that
-    cannot be used comes back as a row that says so.
+    A call writes the frame's result whole and returns its row of text, the frame's name first, also for a frame
+    that cannot be used.
     """
 
     @property
     def columns(self) -> int:
-        """Cells of a row."""
+        """Number of cells of a row."""
         ...
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
@@ -74,7 +71,7 @@ class Job(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Journal:
-    """What is done so far: a file with a fingerprint of the run, then one row of text for each frame."""
+    """File of finished frames: a fingerprint of the run, then one row of text for each frame."""
 
     path: Path
     fingerprint: str
@@ -91,7 +88,7 @@ class Journal:
         return {row[0]: row for row in rows if len(row) == job.columns and _holds(job, row)}
 
     def begin(self, done: dict[str, Row]) -> None:
-        """Write the journal anew with the rows that hold."""
+        """Write the journal anew with the valid rows."""
         write_text(self.path, self.fingerprint + "\n" + "".join(map(as_line, done.values())))
 
     def add(self, row: Row) -> None:
@@ -106,7 +103,7 @@ class Journal:
 def _holds(job: Job, row: Row) -> bool:
     try:
         return job.kept(row)
-    except (OSError, InputError):  # damaged: a name too long, or text for a number
+    except (OSError, InputError):  # damaged: a name that is too long, or text for a number
         return False
 
 
@@ -122,13 +119,13 @@ def run_job(
 ) -> list[Row]:
     """Compute every frame's row in the order of the frames; those in the journal are not computed again.
 
-    `begin` is called first where nothing is left of an earlier run. `progress` is told what was done before,
-    then after each frame, so that a rate taken from it is this run's own. `cluster` is the address of a Dask
-    scheduler, or its file: its workers see the same folders, and this process alone keeps the journal.
+    `begin` is called first unless an earlier run is resumed. `progress` is called with the frames of the earlier
+    run, then after each frame. `cluster` is the address of a Dask scheduler, or its file: its workers see the same
+    folders, and only this process writes the journal.
     """
     done = journal.read(job)
     if not done:
-        journal.end()  # its rows are of another run: they must not outlive that run's scratch
+        journal.end()  # its rows belong to another run's scratch
         if begin is not None:
             begin()
     journal.begin(done)
@@ -167,13 +164,13 @@ def as_line(row: Row) -> str:
     return text.getvalue()
 
 
-_at_work: tuple[Recording, Job, Journal | None] | None = None  # one a process: sent once, not with each frame
+_at_work: tuple[Recording, Job, Journal | None] | None = None  # of this process: sent once, not with each frame
 
 
 def _start_worker(recording: Recording, job: Job, journal: Journal) -> None:
     global _at_work
     if not join_lock(journal.path.parent):
-        os._exit(1)  # the parent has ended, and another run may hold its place
+        os._exit(1)  # the parent has ended, and another run may have the lock
     _on_one_thread()
     _at_work = recording, job, journal
 
@@ -275,7 +272,7 @@ def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: s
 
 @dataclass
 class _Flight:
-    """Tasks on their way, frames whose task ended its workers, and how many frames make a task of TASK_S."""
+    """Submitted tasks, frames whose task ended its workers, and the number of frames in a task of TASK_S."""
 
     pending: dict[Future[Timed], list[int]] = field(default_factory=dict)
     suspects: list[int] = field(default_factory=list)
@@ -345,9 +342,6 @@ def _bare(recording: Recording) -> Recording:
     """Return the recording without what no frame needs: it travels to every worker."""
     return replace(recording, indenters={}, presses=(), forces=None, stage=None, curves=(), points=(), extra={},
                    settings={}, warnings=())  # fmt: skip
-
-
-# What a run is known by: its frames as they stand on disk, and what else decides its result.
 
 
 def fingerprint_of(recording: Recording, *parts: object) -> str:

@@ -1,6 +1,6 @@
-"""A tree of recordings, bare folders of frames and videos, mixed: every one of them into height maps.
+"""Height maps of a tree of recordings, bare folders of frames and videos.
 
-What cannot be read, a recording as a whole or a frame of it, is listed with the reason and passed over.
+A recording or frame that cannot be read is listed with the reason and skipped.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Branch:
 def find_sources(root: Path | str, *, leave: Path | None = None) -> tuple[Path, ...]:
     """Find recordings, folders that hold pictures, and videos below `root`, by name; nothing inside a recording.
 
-    Hidden folders are left alone, and `leave`, where results go, and links that lead back to where they are.
-    Raises InputError where there is no such folder.
+    Hidden folders, `leave` (for results) and links to folders above are skipped. Raises InputError if there is no
+    such folder.
     """
     root = Path(root)
     if not root.is_dir():
@@ -73,9 +73,8 @@ def reconstruct_tree(
 ) -> tuple[Branch, ...]:
     """Write height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
 
-    `read` opens a source; `light` makes its reconstructor. `method` is another word where they read otherwise.
-    A run that was cut off goes on where it was: sources that it finished are known by their depth.csv. Raises
-    InputError where no source is found.
+    `read` opens a source; `light` makes its reconstructor; `method` names their way of reading. An interrupted run
+    is resumed: finished sources are known by their depth.csv. Raises InputError if no source is found.
     """
     if cluster is not None:
         check_cluster(cluster)
@@ -96,8 +95,8 @@ def _reconstruct(
 ) -> tuple[Branch, ...]:
     found, refused = _opened(root, out, read)
     total = sum(len(recording.frame_names) for recording in found.values())
-    told = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
-    finished = {name: rows for name, rows in told.items() if rows is not None}
+    rows_of = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
+    finished = {name: rows for name, rows in rows_of.items() if rows is not None}
     branches = [Branch(name, rows) for name, rows in finished.items()]
     before = sum(len(branch.rows) for branch in branches)
     if progress is not None:
@@ -164,11 +163,11 @@ def _finished(place: Path) -> Path:
 
 def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[FrameResult, ...] | None:
     try:
-        said = read_text(_finished(place))
+        fingerprint = read_text(_finished(place))
         header, *rows = [
             tuple(map(cell_text, row)) for row in csv.reader(io.StringIO(read_text(place / TABLE), newline=""))
         ]
-        if header != COLUMNS or said != fingerprint_of(recording, way):
+        if header != COLUMNS or fingerprint != fingerprint_of(recording, way):
             return None
         return tuple(FrameResult.of(row) for row in rows)
     except (OSError, ValueError, InputError, csv.Error):
@@ -200,7 +199,7 @@ def _frames_of(folder: Path) -> Path | None:
     try:
         return find_frames(folder)
     except RecordingError:
-        return folder / layout.FRAMES  # what is wrong with it is said when it is read
+        return folder / layout.FRAMES  # reading it reports the error
 
 
 def _table(branches: Sequence[Branch]) -> str:

@@ -1,14 +1,13 @@
-"""Which part of a height map is contact: what is pressed in beyond what noise explains, each region to its edge.
+"""Contact regions of a height map: what is deeper than noise explains, each region bounded by its edge.
 
-Gel slopes down to a contact from far off, so what is deeper than noise is up to four times the contact. At the
-edge of a ball, a cone or a flat face the surface is steepest; beyond it the slope falls off. With g(z) the mean
-slope of a region's surface at depth z,
+Gel slopes down to a contact from far off, so the region deeper than noise is up to four times the contact. The
+surface is steepest at the edge of a ball, a cone or a flat face. With g(z) the mean slope of a region's surface at
+depth z,
 
     edge = the shallowest z with g(z) >= STEEPEST max g
 
-and contact is what lies deeper. On balls of 6 to 60 px in radius and flat steps the area so comes out between .9
-and 1.15 of the true one; of a ball wider than twice the gel is thick, whose rim rises above untouched gel, a fifth
-is missing.
+and contact is what is deeper. For balls of 6 to 60 px in radius and flat steps the area is .9 to 1.15 of the true
+one; for a ball wider than twice the gel's thickness, whose rim rises above untouched gel, a fifth is missing.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ from tactilevision.records.maps import BEYOND_BALLS, BORDER, HeightMap
 from tactilevision.records.measured import Bools, Pair
 from tactilevision.robust import median
 
-STEEPEST = 0.9  # of the greatest mean slope: where the edge is; tests/contact/test_region.py
+STEEPEST = 0.9  # of the greatest mean slope, at the edge; tests/contact/test_region.py
 LEVELS = 20  # of depth, between the shallowest and the deepest of a region
-SMOOTH_PX = 1.0  # px: sigma of the blur before slopes are taken
-REACH_PX = 6  # px, from which the blur and a slope still take something
-SAMPLED = 4  # pixels along each side, of which one tells how much is known of a map
-MIN_SLOPE_PX = 3  # pixels, too few to tell a slope
+SMOOTH_PX = 1.0  # px: sigma of the blur before slopes are computed
+REACH_PX = 6  # px: radius of the blur and the slope's stencil
+SAMPLED = 4  # px: step of the pixels from which the median deviation of a map is taken
+MIN_SLOPE_PX = 3  # least number of pixels for a slope
 
 Array = npt.NDArray[np.floating[Any]]
 Window = tuple[slice, ...]
@@ -40,11 +39,10 @@ WHOLE: Window = (slice(None), slice(None))
 def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
     """Return the mask (H, W) of where something presses.
 
-    A region is deeper than the limit of depth. Slow waves of untouched gel go as deep over wide areas. So it
-    counts where enough pixels of it pass the wide limit, by the `error` of the method that made the map. That
-    widens with the stated deviation; slopes and colours do not, and a region counts, too, where enough of it is
-    steeper, or of another colour, than untouched gel is (`strong_evidence`). Specks do not count. Limits:
-    records/contact_thresholds.py.
+    A region is deeper than the limit of depth. Since slow errors of untouched gel go as deep over wide areas, it
+    counts if enough of its pixels pass the wide limit, by the `error` of the method of the map, or if enough of it
+    is steeper, or of another colour, than untouched gel (`strong_evidence`): slopes and colours do not depend on
+    the stated deviation. Specks do not count. Limits: records/contact_thresholds.py.
     """
     found = np.zeros(height.depth_mm.shape, np.bool_)
     noise_mm = map_noise_mm(height)
@@ -92,8 +90,8 @@ def in_question(height: HeightMap, noise_mm: float | None = None) -> Bools:
 def strong_evidence(height: HeightMap, window: Window = WHOLE, *, among: Bools | None = None) -> Bools:
     """Return the mask (h, w) of slopes or colours that untouched gel hardly has, whatever error the depth has.
 
-    Of a `window` of the map. `among` (h, w): pixels among which alone a steep one is looked for. Empty for a map
-    of which next to nothing is known: its slopes tell nothing either.
+    Of a `window` of the map. `among` (h, w): the pixels searched for steep ones. Empty for a map without
+    information.
     """
     depth = height.depth_mm[window]
     coloured = height.colour_change is not None and height.colour_change.max() > CONTACT.strong_colour_sigma
@@ -179,8 +177,8 @@ def _smooth_slope(depth_mm: Array, mm_per_px: Pair) -> tuple[Array, Array]:
     across, down = wide[1:-1, 2:] - wide[1:-1, :-2], wide[2:, 1:-1] - wide[:-2, 1:-1]
     across *= 0.5 / mm_per_px[0]
     down *= 0.5 / mm_per_px[1]
-    across[:, [0, -1]] *= 2.0  # over one pixel there, not over two
-    down[[0, -1]] *= 2.0
+    across[:, [0, -1]] *= 2  # one-sided differences
+    down[[0, -1]] *= 2
     return smooth, cv2.magnitude(across, down)
 
 
@@ -188,7 +186,7 @@ def _steep_window(depth_mm: Array, mm_per_px: Pair, *, among: Bools | None) -> W
     """Return the window of a map (h, w) in mm that holds all pixels of too steep a smooth slope; None if there are
     none.
 
-    A smooth slope is a mean of slopes from one pixel to the next, within REACH_PX, so no steeper than all of them.
+    A smooth slope is a mean of pixel-to-pixel slopes within REACH_PX, so no steeper than the steepest of them.
     """
     depth = np.asarray(depth_mm, np.float32)
     across = cv2.norm(depth[:, 1:], depth[:, :-1], cv2.NORM_INF) / mm_per_px[0]
@@ -197,7 +195,7 @@ def _steep_window(depth_mm: Array, mm_per_px: Pair, *, among: Bools | None) -> W
         return None
     if among is None:
         return WHOLE
-    steps = np.zeros(depth.shape, np.uint8)  # a step of either direction has 1 / sqrt(2) of the limit, or more
+    steps = np.zeros(depth.shape, np.uint8)  # a step in either direction of at least 1 / sqrt(2) of the limit
     limit = CONTACT.strong_slope / np.sqrt(2.0)
     steps[:, 1:] |= ~(cv2.absdiff(depth[:, 1:], depth[:, :-1]) <= np.float32(limit * mm_per_px[0]))
     steps[1:] |= ~(cv2.absdiff(depth[1:], depth[:-1]) <= np.float32(limit * mm_per_px[1]))

@@ -1,6 +1,6 @@
-"""The catalogue of sensors, and the way from a raw picture to a rectified one.
+"""Catalogue of sensors, and rectification of raw pictures.
 
-A catalogue, not a gate: any `records.Sensor` works everywhere. A new one is a file here and a line in SENSORS.
+Any other `records.Sensor` works everywhere too. A new one is a file here and a line in SENSORS.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ SENSORS: dict[str, Sensor] = {
     sensor.kind: sensor for sensor in (GELSLIM3, GELSLIM3_MARKERS, GELSIGHT_MINI, DIGIT, GELSIGHT_WEDGE)
 }
 
-MIN_SCALE = 1e-4  # mm per pixel: a tenth of a micrometre, the finest that light shows
-MAX_SCALE = 100.0  # mm per pixel: the largest gel in one
+MIN_SCALE = 1e-4  # mm per pixel: a tenth of a micrometre, below the resolution of light
+MAX_SCALE = 100.0  # mm per pixel: a gel in one pixel
 
 __all__ = [
     "MAX_SCALE",
@@ -88,7 +88,7 @@ def may_have_marks(sensor: Sensor) -> bool:
 
 
 def check_scale(mm_per_px: float, *, where: str) -> None:
-    """Raise InputError for a scale that no camera has on a gel: below MIN_SCALE, above MAX_SCALE, or no number."""
+    """Raise InputError for a scale below MIN_SCALE, above MAX_SCALE, or not a number."""
     if not MIN_SCALE <= mm_per_px <= MAX_SCALE:
         raise InputError(
             f"a scale lies between {MIN_SCALE:g} and {MAX_SCALE:g} mm per pixel",

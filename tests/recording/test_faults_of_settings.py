@@ -165,4 +165,4 @@ def test_a_named_sensor_with_frames_of_another_size_asks_for_its_scale(folder: P
     (folder / "recording.toml").write_text(named)
     recording = read_recording(folder)
     assert (recording.sensor.width_px, recording.sensor.height_px) == (32, 24)
-    assert any("rectification is left out" in warning for warning in recording.warnings)
+    assert any("rectification is missing" in warning for warning in recording.warnings)

@@ -257,7 +257,7 @@ def test_a_listed_picture_that_is_gone_is_named_and_passed_over(folder: Path) ->
     for name in ("f0.png", "f3.png"):
         (folder / "frames" / name).unlink()
     read = read_recording(folder)
-    said = "frames.csv: 2 of 10 pictures listed are missing and are passed over: f0.png, f3.png"
+    said = "frames.csv: 2 of 10 pictures listed are missing and are skipped: f0.png, f3.png"
     assert said in read.warnings
     frames = list(iter_frames(read))
     assert [frame.name for frame in frames if isinstance(frame, BadFrame)] == ["f0.png", "f3.png"]
