@@ -1,4 +1,4 @@
-"""Finite elements behind boundary.py's table: what a near rim takes off, at small strain and at depth."""
+"""Finite elements for the table of boundary.py: the effect of a near rim, at small strain and at depth."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from tactilevision.errors import ConvergenceError
 from tactilevision.files.writing import replacing, write_json
 from tactilevision.mechanics import boundary as b
 from tactilevision.mechanics.flat_contact import WIDE
+from tactilevision.mechanics.kappa import fingerprint
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.newton import State, equations, march
 from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem, build
 from tactilevision.records.measured import Floats, Material
 
 EDGE_OVER_H = 1 / 30  # at h/60 the share is 3 % of itself larger at first touch, the same from w/h = .05 on
-FAR = 12.0  # d/h that stands for infinity
+FAR = 12.0  # d/h in place of infinity
 
 
 def write_table(path: Path = b.TABLE) -> None:
@@ -38,7 +39,7 @@ def write_table(path: Path = b.TABLE) -> None:
         "radius h/30, over the same press on a pad of five thicknesses; default mesh",
         "made_by": "tactilevision.mechanics.boundary_solve.write_table",
         "licence": "MIT",
-        "sha256": b.fingerprint(linear, deep),
+        "sha256": fingerprint(linear, deep),
     })  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A flat punch whose edge is rounded: its contact grows with depth from b = a - rho up to a, on a bonded layer.
+"""Flat punch with a rounded edge on a bonded layer: the contact grows with depth from b = a - rho to a.
 
 The face is f(r) = (r - b)^2/(2 rho) beyond b, which the equation of punch_equation.py takes as its sag s. With phi
 the flat punch's solution at the contact's radius r and psi(y) that for the right-hand side (2/pi) M(y, 1),
@@ -6,13 +6,12 @@ the flat punch's solution at the contact's radius r and psi(y) that for the righ
     w = [s(r) + Int_b/r^1 psi s dx] / phi(1),    P = 2 E* r [w Int phi dx - Int_b/r^1 phi s dx],
     s(x) = (x/rho) [sqrt(x^2 - b^2) - b arccos(b/x)],
 
-exact for a linear, frictionless layer; on a half-space (phi = 1, psi = 0) Sneddon's. What the layer makes of w
-and of what the rounding loses is smooth in nu, r/h and b/r and kept as a polynomial (relative error below 2e-4).
-Beside finite elements that slide (neo-Hooke, nu .48, a/h .5 to 1.17, h 3 mm, w to .6 mm) the force over a sharp
-punch's comes out within .3 % for rho to .2 mm, .8 % for .3 mm, 1.4 % for .5 mm; a half-space's growth is 1, 2.9
-and 5.2 % off. Beside elements of a gel that sticks to the edge it is the half-space's growth that comes out right,
-within .5 % at w to .3 mm and 1.3 % to .6 mm (3 % at a/h .5), where the layer's is up to 4 % off: what the gel
-grips holds it back. `sticking` is how much of it does, between the two.
+exact for a linear, frictionless layer; on a half-space (phi = 1, psi = 0) Sneddon's. The layer's factors on w and
+on the depth lost by the rounding are smooth in nu, r/h and b/r and kept as a polynomial (relative error below
+2e-4). Compared with finite elements that slide (neo-Hooke, nu .48, a/h .5 to 1.17, h 3 mm, w to .6 mm) the force
+over a sharp punch's is within .3 % for rho to .2 mm, .8 % for .3 mm, 1.4 % for .5 mm; a half-space's growth is 1,
+2.9 and 5.2 % off. For a gel that sticks to the edge the half-space's growth is right within .5 % at w to .3 mm and
+1.3 % to .6 mm (3 % at a/h .5), while the layer's is up to 4 % off. `sticking` interpolates between the two.
 Sources: Sneddon, Int. J. Eng. Sci. 3 (1965) 47; Hayes et al., J. Biomech. 5 (1972) 541; Ciavarella, Hills, Monno,
 Proc. IMechE C 212 (1998) 319.
 """
@@ -39,10 +38,10 @@ from tactilevision.records.measured import Floats
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-SHARP_MM = 1e-5  # a smaller rounding is none
-MIN_FLAT = 0.05  # of the radius: a rounder edge than the rest would leave no face
-STEPS = 33  # of the contact's radius, from which its growth is read
-OFFSET = 0.002  # the table's variable is -ln(.5 + OFFSET - nu), in which nu = .5 is nothing special
+SHARP_MM = 1e-5  # a smaller rounding is ignored
+MIN_FLAT = 0.05  # least flat part of the radius
+STEPS = 33  # of the contact's radius in the spline of its growth
+OFFSET = 0.002  # the table's variable is -ln(.5 + OFFSET - nu), regular at nu = .5
 RATIOS = (0.05, 5.0)  # r/h, range of the table
 SIZES = (9, 16, 8)  # nodes over nu, ln(r/h) and b/r
 

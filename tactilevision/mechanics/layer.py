@@ -27,8 +27,7 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.material import positive, shear_modulus
 from tactilevision.records.measured import Floats
 
-# u, below which sinh(2u) - 2u comes from its series: the next term left out is below 1e-13 of the sum
-SERIES_BELOW = 0.05
+SERIES_BELOW = 0.05  # u, below which sinh(2u) - 2u is a series: the truncation error is below 1e-13
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,17 +10,17 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import write_json, write_text
-from tactilevision.mechanics.kappa import fast_kappa, fast_kappa_gradient
+from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.records.measured import Floats, Material
 
-# Moduli of an isotropic gel, and the way between a punch's initial stiffness and Young's modulus.
+# Moduli of an isotropic gel, and Young's modulus from a punch's initial stiffness.
 #
 #     c = P/w at w -> 0 = 2 a E kappa(nu, a/h) / (1 - nu^2)
 #
-# c in N/mm, E in MPa, a punch radius and h layer thickness in mm. Numbers or arrays that broadcast throughout.
-# The stiffness assumes what kappa assumes: small strain, no friction, a sharp edge, a wide layer bonded to a rigid
-# base. Sticking raises c by 1.5 to 4.7 % (nu .45 to .495 at a/h = .83); a rounded edge of .02 a lowers it by 4 %.
-# nu in [0, .5] for stiffness, nu in [0, .5) wherever compressibility is divided by. InputError outside.
+# c in N/mm, E in MPa, a punch radius and h layer thickness in mm; numbers or arrays that broadcast. As for kappa:
+# small strain, no friction, a sharp edge, a wide layer bonded to a rigid base. Sticking raises c by 1.5 to 4.7 %
+# (nu .45 to .495 at a/h = .83); a rounded edge of .02 a lowers it by 4 %. nu in [0, .5], without .5 for the bulk
+# and constrained modulus. InputError outside.
 #
 # Source: Hayes et al., J. Biomech. 5 (1972) 541, eq. 21; Landau, Lifshitz, Theory of Elasticity, section 5.
 
@@ -47,27 +47,6 @@ def youngs_modulus(
     """Return E = c (1 - nu^2) / (2 a kappa), MPa, any shape."""
     stiffness = positive("c_N_per_mm", c_N_per_mm)
     return np.asarray(stiffness / _stiffness_of_unit_modulus(poisson_ratio, radius_mm, thickness_mm))
-
-
-def youngs_modulus_log_gradient(
-    poisson_ratio: npt.ArrayLike, *, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
-) -> dict[str, Floats]:
-    """Return the partial derivatives of ln E at fixed c, of their broadcast shape: they carry uncertainty to E.
-
-    Keys: `ln_c` (always 1), `poisson_ratio`, `ln_radius`, `ln_thickness`. With s = d ln kappa/d ln(a/h):
-    d ln E/d nu = -2 nu/(1 - nu^2) - d ln kappa/d nu,  d ln E/d ln a = -1 - s,  d ln E/d ln h = s.
-    """
-    nu, radius, thickness = _geometry(poisson_ratio, radius_mm, thickness_mm)
-    alpha = radius / thickness
-    value = fast_kappa(nu, alpha)
-    by_nu, by_alpha = fast_kappa_gradient(nu, alpha)
-    slope = by_alpha * alpha / value
-    return {
-        "ln_c": np.ones_like(value),
-        "poisson_ratio": -2 * nu / (1 - nu**2) - by_nu / value,
-        "ln_radius": -1 - slope,
-        "ln_thickness": slope,
-    }
 
 
 def reduced_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
@@ -128,14 +107,9 @@ def positive(name: str, value: npt.ArrayLike) -> Floats:
 def _stiffness_of_unit_modulus(
     poisson_ratio: npt.ArrayLike, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
 ) -> Floats:
-    nu, radius, thickness = _geometry(poisson_ratio, radius_mm, thickness_mm)
-    return np.asarray(2 * radius * fast_kappa(nu, radius / thickness) / (1 - nu**2))
-
-
-def _geometry(
-    poisson_ratio: npt.ArrayLike, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
-) -> tuple[Floats, Floats, Floats]:
-    return _poisson(poisson_ratio), positive("radius_mm", radius_mm), positive("thickness_mm", thickness_mm)
+    nu, radius = _poisson(poisson_ratio), positive("radius_mm", radius_mm)
+    alpha = radius / positive("thickness_mm", thickness_mm)
+    return np.asarray(2 * radius * fast_kappa(nu, alpha) / (1 - nu**2))
 
 
 def _poisson(value: npt.ArrayLike) -> Floats:
@@ -149,7 +123,7 @@ def _compressible(value: npt.ArrayLike) -> Floats:
     nu = _poisson(value)
     if (nu >= 0.5).any():
         raise InputError(
-            "at nu = .5 this modulus is infinite",
+            "this modulus is infinite at nu = .5",
             where="mechanics",
             value=0.5,
             remedy="For a nearly incompressible gel take .4999.",
@@ -157,12 +131,12 @@ def _compressible(value: npt.ArrayLike) -> Floats:
     return nu
 
 
-# A fitted gel as a material card for finite element programs, in mm, N, MPa.
+# Material cards for finite element programs, in mm, N, MPa.
 #
-# Small-strain E and nu become a compressible neo-Hooke solid, W = C10 (I1bar - 3) + U(J), with
-# C10 = E/(4 (1 + nu)) and K = E/(3 (1 - 2 nu)). Abaqus and CalculiX take U = (J - 1)^2/D1 with D1 = 2/K; FEBio's
-# uncoupled Mooney-Rivlin takes U = K/2 (ln J)^2, the same to second order in J - 1: the moduli agree, and only
-# a large change of volume, which a gel with nu above .45 hardly knows, tells the two apart.
+# Small-strain E and nu become a compressible neo-Hooke solid, W = C10 (I1bar - 3) + U(J), with C10 = E/(4 (1 +
+# nu)) and K = E/(3 (1 - 2 nu)). Abaqus and CalculiX have U = (J - 1)^2/D1 with D1 = 2/K; FEBio's uncoupled
+# Mooney-Rivlin has U = K/2 (ln J)^2, the same to second order in J - 1. They differ only at a large change of
+# volume, which a gel with nu above .45 does not have.
 #
 # Sources: Abaqus Theory Guide 4.6.1; CalculiX CrunchiX manual, *HYPERELASTIC; FEBio User Manual, Mooney-Rivlin.
 

@@ -1,4 +1,4 @@
-"""The gel's surface beside a flat punch, and the pressure under it, in linear theory: exact up to quadrature.
+"""The gel's surface around a flat punch, and the pressure under it, in linear theory: exact up to quadrature.
 
 With phi and Phi(xi) = Int_0^1 phi cos(xi x) dx of punch_equation.py, lengths in punch radii, alpha = a/h, r > 1:
 
@@ -10,10 +10,10 @@ and for r < 1
 
     p/p_mean = [phi(1)/sqrt(1 - r^2) - Int_r^1 phi'(t)/sqrt(t^2 - r^2) dt] / (2 kappa).
 
-u_z is into the gel: the *rise* beside the punch is -u_z. Frictionless, sharp edge, small strain, a wide layer; the
+u_z is into the gel: the *rise* around the punch is -u_z. Frictionless, sharp edge, small strain, a wide layer; the
 rise at r = 2a is .097 w at nu = .48, a/h = .83, and .011 w more for each .01 of nu. Depth enters only as a factor;
 at w/h = .13 finite deformation and friction change the rise by some .005 w, which is .005 of nu: finite element
-tables replace this source where that matters (see ProfileSource).
+tables replace this source there (see ProfileSource).
 
 Source: Hayes et al., J. Biomech. 5 (1972) 541, eqs. 13-20; layer.py for L; Sneddon, Mixed Boundary Value Problems
 (1966), section 3.4, for the integrals.
@@ -38,21 +38,22 @@ from tactilevision.mechanics.punch_equation import (
     layer_defect,
     solve_punch,
 )
+from tactilevision.records.constants import NU_MAX
 from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-FULL_FRICTION = 0.3  # Coulomb's coefficient that is taken for full friction
-LIKELY_SHARE = 0.7  # of friction's full effect, where nothing is known: silicone grips most things
-SHARE_STD = 0.3  # of friction's full effect, one sigma, where nothing is known
-REACH = 20.0  # the spline goes as far as r = a + 20 h, where the rise is below 1e-6 w
+FULL_FRICTION = 0.3  # Coulomb's coefficient of full friction
+LIKELY_SHARE = 0.7  # prior mean of the share of friction's full effect: silicone sticks to most things
+SHARE_STD = 0.3  # prior standard deviation of that share
+REACH = 20  # thicknesses: the spline ends at r = a + 20 h, where the rise is below 1e-6 w
 SPLINE_NODES = 100  # of the profile's spline
 
 
 @dataclass(frozen=True, slots=True)
 class PunchCase:
-    """What the surface beside a flat punch depends on, besides the place: pure numbers.
+    """Dimensionless parameters of the surface around a flat punch.
 
     `w_over_h` is the depth over the thickness, `friction` Coulomb's coefficient; infinity: the gel sticks.
     """
@@ -64,11 +65,11 @@ class PunchCase:
 
 
 class ProfileSource(Protocol):
-    """Where the surface beside the punch comes from: `linear_profile`, finite element tables, or one's own.
+    """Source of the surface around the punch: `linear_profile`, finite element tables, or another.
 
     Takes material radii r/a >= 1 (any shape) and a case; returns (rise, u_r) of the same shape, both per unit of
-    depth: rise positive out of the gel, u_r away from the axis. Law and edge radius belong to the source.
-    It is hashable, since what it gave for a case is kept.
+    depth: rise positive out of the gel, u_r away from the axis. Law and edge radius belong to the source. It is
+    hashable, since its results are cached.
     """
 
     def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]: ...
@@ -85,7 +86,7 @@ def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: fl
     r = np.asarray(r_over_a, dtype=float)
     if not (r >= 1).all():
         raise InputError(
-            "the profile beside the punch begins at r = a", where="exact_profile", value=float(r.min())
+            "the profile around the punch begins at r = a", where="exact_profile", value=float(r.min())
         )
     punch = solve_punch(poisson_ratio, a_over_h)
     u, weights = gauss(_kernel_nodes((float(r.max(initial=1.0)) + 1) * a_over_h), KERNEL_END)
@@ -100,12 +101,12 @@ def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: fl
 def linear_profile(r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
     """Return exact_profile from a spline in r (error below 3e-6 of the depth for a/h above .2, 1e-4 below).
 
-    Rise and u_r over w, dimensionless, of the shape of `r_over_a`; beyond r = a + 20 h both are 0. A
-    ProfileSource; depth and friction of the case play no part in it.
+    Rise and u_r over w, dimensionless, of the shape of `r_over_a`; beyond r = a + 20 h both are 0. A ProfileSource
+    that does not depend on depth and friction.
     """
     s = np.sqrt((np.asarray(r_over_a, dtype=float) - 1) * case.a_over_h)
     if not (s >= 0).all():
-        raise InputError("the profile beside the punch begins at r = a", where="linear_profile")
+        raise InputError("the profile around the punch begins at r = a", where="linear_profile")
     values = _profile_spline(case.poisson_ratio, case.a_over_h)(np.minimum(s, np.sqrt(REACH)))
     values = np.where((s < np.sqrt(REACH))[..., None], values, 0.0)
     return values[..., 0], values[..., 1]
@@ -113,19 +114,19 @@ def linear_profile(r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats
 
 @dataclass(frozen=True, slots=True)
 class ProfileModel:
-    """Where the profile comes from, how well it is known, and where it ends.
+    """Source of the profile, its errors and its range.
 
-    `relative_error` is the standard deviation of its rise, as a share of the rise, that more presses cannot
-    average away; `shape_error` pairs ((r - a)/h, std of the rise over the depth there): what edge, law and solver
-    leave open of its shape; `single_depth_std` is of nu from presses of one depth, where no other depth tells what
-    the profile has wrong there; `frictional` says whether the source knows friction; `deepest` is in thicknesses.
+    `relative_error` is the standard deviation of the rise over the rise, common to all presses; `shape_error`
+    pairs ((r - a)/h, std of the rise over the depth there): error of its shape by edge, law and solver;
+    `single_depth_std` is that of nu from presses of one depth, where no other depth shows the profile's error;
+    `frictional`: whether the source depends on friction; `deepest` is in thicknesses.
     """
 
     source: ProfileSource
     name: str
     relative_error: float
     frictional: bool = False
-    poisson_range: tuple[float, float] = (0.0, 0.4999)
+    poisson_range: tuple[float, float] = (0.0, NU_MAX)
     a_over_h_range: tuple[float, float] = A_OVER_H_RANGE
     deepest: float = 0.3
     shape_error: tuple[tuple[float, float], ...] = ()
@@ -145,8 +146,8 @@ def friction_share(friction: float) -> float:
     """Return the share of friction's full effect on the profile at a coefficient mu >= 0: 0 at none, 1 from mu =
     .3 on.
 
-    With x = mu/.3 below 1: x (1.4 - .4 x), which finite elements at mu = .15 (.5 to .7) support; above, the effect
-    of more friction is below a few parts in ten thousand of the depth.
+    With x = mu/.3 below 1: x (1.4 - .4 x), which agrees with finite elements at mu = .15 (.5 to .7); above, more
+    friction changes the profile by less than a few parts in ten thousand of the depth.
     """
     part = min(friction / FULL_FRICTION, 1.0)
     return part * (1.4 - 0.4 * part)
@@ -192,8 +193,8 @@ def seen_rise(
 def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = linear_profile) -> Floats:
     """Return the rise per unit of depth at the *deformed* radius, (r + u_r)/a (any shape); -1 under the face.
 
-    The map r -> r + u_r is inverted on a fine grid of material radii; its own slope stays near 1 at depths below a
-    fifth of the thickness.
+    The map r -> r + u_r is inverted on a fine grid of material radii; its slope is near 1 at depths below a fifth
+    of the thickness.
     """
     from scipy.interpolate import PchipInterpolator
 

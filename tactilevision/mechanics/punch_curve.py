@@ -1,7 +1,7 @@
-"""Force against depth of a flat punch, P(w), as finite elements have it: from the table, else solved on the spot.
+"""Force against depth of a flat punch, P(w), by finite elements: from the table, else solved now.
 
-Between solved depths P/w is a spline in sqrt(w), which the first touch of a rounded edge is smooth in. Nothing is
-extrapolated: beyond the deepest equilibrium force and depth are NaN, and `ended` says why there is none.
+Between solved depths P/w is a spline in sqrt(w), in which the first touch of a rounded edge is smooth. Beyond the
+deepest equilibrium force and depth are NaN, and `ended` gives the reason.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ GRID = 400  # depths of the integrated curve
 
 @dataclass(frozen=True, slots=True)
 class PunchCurve:
-    """`depth_mm`, `force_N` (T,) growing; `source` says where they come from, `ended` why they end, if early."""
+    """`depth_mm`, `force_N` (T,) growing, their `source`, and why they `ended`, if early."""
 
     depth_mm: Floats
     force_N: Floats
@@ -38,10 +38,8 @@ class PunchCurve:
         """Return the force (N) at depths of any shape; NaN beyond the curve."""
         depth = np.asarray(depth_mm, dtype=float)
         inside = (depth >= 0) & (depth <= self.depth_mm[-1] * (1 + 1e-9))
-        held = np.clip(
-            depth, self.depth_mm[0], self.depth_mm[-1]
-        )  # below the first depth P/w is taken as constant
-        return np.asarray(np.where(inside, depth * self._secant()(np.sqrt(held)), np.nan))
+        bounded = np.clip(depth, self.depth_mm[0], self.depth_mm[-1])  # below the first depth P/w is constant
+        return np.asarray(np.where(inside, depth * self._secant()(np.sqrt(bounded)), np.nan))
 
     def depth_at(self, force_N: npt.ArrayLike) -> Floats:
         """Return the depth (mm) at forces of any shape; NaN beyond the curve."""
@@ -62,7 +60,7 @@ def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> 
     """Return P(w) on first loading to `deepest_mm`, or as deep as the table or the elements get, whichever goes
     deeper.
 
-    Raises InputError for depths outside (0, thickness), ConvergenceError where not even the first touch is solved.
+    Raises InputError for depths outside (0, thickness), ConvergenceError if not even the first touch is solved.
     """
     if not 0 < deepest_mm < contact.thickness_mm:
         raise InputError(
@@ -97,7 +95,7 @@ def _solved(contact: FlatContact, material: Material, deepest_mm: float) -> Punc
     h = contact.thickness_mm
     if not contact.edge_radius_mm > 0:
         raise InputError(
-            "a sharp edge has no solution of its own beyond small depths",
+            "a sharp edge has no solution beyond small depths",
             where="punch_curve",
             remedy="State an edge radius, say a sixtieth of the gel's thickness.",
         )

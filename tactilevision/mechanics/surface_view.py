@@ -16,25 +16,22 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-# One measured surface round a flat punch, reduced to block means that keep all that a smooth profile can show.
-#
 # A height map has far more pixels than independent readings: its noise is correlated over a millimetre. Its pixels
-# are averaged in square blocks, the face and the gel beside it apart; a guard band at the punch's edge, where blur
-# and steep slopes spoil the map, is left out. What a radial profile D(r) predicts for the block means is a matrix
-# times D on a radial grid, exact for every pixel's own radius, so that a fit never has to visit pixels again.
+# are averaged in square blocks, the face and the gel outside it separately; a guard band at the punch's edge, with
+# blur and steep slopes, is excluded. The block means of a radial profile D(r) are a matrix times D on a radial
+# grid, exact for every pixel's radius.
 
 GRID_STEPS = 60  # radial grid points to one punch radius
-FULL_SHARE = 0.25  # a block counts where at least this share of its pixels is valid
+FULL_SHARE = 0.25  # least share of valid pixels in a block
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceView:
     """A height map of the gel under one press.
 
-    `depth_mm` (H, W), positive into the gel; `valid` (H, W) is False where the depth is not known or not the gel's
-    alone: outside the gel, in shadow, under the bevel. `centre_mm` (x, y) of the punch on the pad, whose (0, 0) is
-    the centre of the frame. `certified_depth_mm` is a depth known by other means (the bevel), NaN where there is
-    none.
+    `depth_mm` (H, W), positive into the gel; `valid` (H, W) is False where the depth is unknown or not the gel's:
+    outside the gel, in shadow, under the bevel. `centre_mm` (x, y) of the punch on the pad, whose (0, 0) is the
+    centre of the frame. `certified_depth_mm` is a depth known by other means (the bevel), else NaN.
     """
 
     depth_mm: npt.NDArray[np.floating[Any]]
@@ -74,7 +71,7 @@ def reduce_view(view: SurfaceView, *, block_mm: float, guard_mm: float, reach_mm
     """Average a view in blocks of `block_mm`: the face within a - guard, the gel from a + guard to
     `reach_mm`.
 
-    Raises InputError where the map and the mask differ in shape, or a scale or the radius is not above 0.
+    Raises InputError if the map and the mask differ in shape, or a scale or the radius is not above 0.
     """
     _check(view)
     rows, columns = np.nonzero(view.valid & np.isfinite(view.depth_mm))
@@ -158,26 +155,24 @@ def _check(view: SurfaceView) -> None:
         )
 
 
-# Noise of block means that is correlated from block to block, estimated from what a fit leaves over.
+# Noise of block means, correlated between blocks, estimated from the residuals of a fit.
 #
 #     cov(i, j) = s^2 (1 + sqrt(3) d/L) exp(-sqrt(3) d/L) + white^2/share_i [i = j],     d the blocks' distance.
 #
-# Matern's form of order 3/2: smooth enough for integrated slopes, and never singular. The moments of the residuals
-# give s, L and white: their mean product at each distance, a method of moments with the degrees of freedom
-# corrected.
+# Matern's form of order 3/2: smooth enough for integrated slopes, and never singular. s, L and white follow from
+# the residuals' mean product at each distance, corrected for the degrees of freedom.
 #
 # Source: Matern, Spatial Variation (1960); Cressie, Statistics for Spatial Data (1993), section 2.4.
 
-START_STD_MM = 0.005  # before anything is known; only the weight of weak priors depends on it
-LONGEST = 8.0  # lags up to this many blocks are looked at
-# of the variance: at least this share is taken for white, which keeps the matrix well conditioned
-FLOOR_SHARE = 0.02
+START_STD_MM = 0.005  # of the first fit; only the weight of weak priors depends on it
+LONGEST = 8  # largest lag, in blocks
+FLOOR_SHARE = 0.02  # least white share of the variance, which keeps the matrix well conditioned
 LINEAR_UNKNOWNS = 12  # columns of the linear part of the fit
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseModel:
-    """`std_mm` and `length_mm` of the correlated part, `white_mm` of what each full block has for itself."""
+    """`std_mm` and `length_mm` of the correlated part, `white_mm` of the white part of a full block."""
 
     std_mm: float
     length_mm: float

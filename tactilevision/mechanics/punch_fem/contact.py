@@ -81,13 +81,13 @@ def signed_gap(punch: RoundedPunch, place: Floats) -> tuple[Floats, Floats, Floa
     `place` is relative to the punch: r, and z from its face, up.
     """
     rho = punch.edge_radius_mm
-    beside = place[..., 0] - (punch.radius_mm - rho)
+    across = place[..., 0] - (punch.radius_mm - rho)
     below = rho - place[..., 1]
-    corner = (beside > 0) & (below > 0)
-    distance = np.where(corner, np.hypot(beside, below), 1.0)
-    face = ~corner & (below >= beside)
-    gap = np.where(corner, distance, np.where(face, below, beside)) - rho
-    normal_r = np.where(corner, beside / distance, np.where(face, 0.0, 1.0))
+    corner = (across > 0) & (below > 0)
+    distance = np.where(corner, np.hypot(across, below), 1.0)
+    face = ~corner & (below >= across)
+    gap = np.where(corner, distance, np.where(face, below, across)) - rho
+    normal_r = np.where(corner, across / distance, np.where(face, 0.0, 1.0))
     normal_z = np.where(corner, -below / distance, np.where(face, -1.0, 0.0))
     return gap, np.stack([normal_r, normal_z], axis=-1), np.where(corner, 1 / distance, 0.0)
 
@@ -119,7 +119,7 @@ def touch(
     """Return the contact forces and their exact tangent at `u` (U,) mm; `stiffness` is the penalty k in MPa/mm.
 
     With `keep`, points that touched at the last step still do, in tension if need be: where sliding material is
-    extrapolated along its tangent it leaves the round edge, and Newton's method must not let go of it at once.
+    extrapolated along its tangent it leaves the round edge, and Newton's method must not release it at once.
     """
     place = places(surface, u)
     gap, normal, curvature = signed_gap(punch, place)

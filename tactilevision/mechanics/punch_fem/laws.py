@@ -72,7 +72,7 @@ def outer(left: Floats, right: Floats) -> Floats:
 
 
 class Law(Protocol):
-    """What the solver asks of a law. Stress is dW_d/dF (N, 5), tangent d²W_d/dF² (N, 5, 5), both in MPa."""
+    """A constitutive law. Stress is dW_d/dF (N, 5), tangent d²W_d/dF² (N, 5, 5), both in MPa."""
 
     @property
     def name(self) -> str: ...
@@ -308,14 +308,14 @@ def _arccosh_square(excess: Floats) -> tuple[Floats, Floats, Floats]:
     )
 
 
-# Where a law stops being one: the loss of ellipticity, beyond which shear bands of any width cost no energy.
+# Loss of ellipticity, beyond which shear bands of any width cost no energy.
 #
 #     Q_ik(n) = d²W/dF_ij dF_kl n_j n_l,      elliptic while Q is positive definite for all directions n.
 #
-# Beyond, an equilibrium hangs on its mesh. Neo-Hooke never gets there; Hencky's law does in shear, incompressible
-# and in plane strain at ln(stretch) tanh(ln(stretch)) ... = 1, a stretch of 3.32, compressible sooner. Directions
-# in the plane (r, z) only: bands round the axis. Source: Knowles, Sternberg, J. Elasticity 8 (1978) 329; for
-# Hencky's law Bruhns, Xiao, Meyers, Proc. R. Soc. A 457 (2001) 2207.
+# Beyond, an equilibrium depends on its mesh. Neo-Hooke never gets there; Hencky's law does in shear,
+# incompressible and in plane strain at ln(stretch) tanh(ln(stretch)) ... = 1, a stretch of 3.32, compressible
+# sooner. Directions in the plane (r, z) only: bands round the axis. Source: Knowles, Sternberg, J. Elasticity 8
+# (1978) 329; for Hencky's law Bruhns, Xiao, Meyers, Proc. R. Soc. A 457 (2001) 2207.
 
 DIRECTIONS = 180  # of the acoustic tensor
 

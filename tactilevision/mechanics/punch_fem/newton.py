@@ -21,15 +21,15 @@ from tactilevision.mechanics.punch_fem.problem import Model
 from tactilevision.mechanics.punch_fem.solid import ElementSystem, corner_volumes, deform, linearise
 from tactilevision.records.measured import Floats
 
-# Newton's method for one load step: displacement, pressure and, where a force drives, the punch's depth
-# together.
+# Newton's method for one load step: displacement, pressure and, under a prescribed force, the punch's depth.
 
 
 @dataclass(frozen=True, slots=True)
 class State:
     """An equilibrium: unknowns `u` (N,), `pressure` (E, 3), contact history, punch depth and force on the gel,
-    Newton's iterations that it took, the out-of-balance force left over the punch's, and whether the surface has
-    folded (only where the problem lets it)."""
+    Newton's iterations, the residual force over the punch's, and whether the surface has folded (only if the
+    problem allows it).
+    """
 
     u: Floats
     pressure: Floats
@@ -59,18 +59,16 @@ class Failure:
 
 MAX_ITERATIONS = 10  # of one step
 FORCE_TOLERANCE = 1e-6  # out-of-balance force over the punch's
-# Out-of-balance force over the punch's, where single contact points change between stick and slip for ever: these
-# keep the residual from 1e-6, not P from being right.
-CHATTER_TOLERANCE = 1e-4
+CHATTER_TOLERANCE = 1e-4  # the same, where single contact points alternate between stick and slip; P is right
 VOLUME_TOLERANCE = 1e-9  # of each element's volume
 CHATTER_VOLUME = 1e-6  # of each element's volume, where contact points chatter
-# A step that will converge is here by the fifth iteration; waiting longer costs more than a shorter step. But at
-# first touch stick and slip have the same extent however short the step is, and later points may change one by
-# one: there only patience helps.
+# A step that converges is here by the fifth iteration; more iterations cost more than a shorter step. But at first
+# touch stick and slip have the same extent however short the step, and later points may change one by one: there
+# more iterations are needed.
 LATE = 5  # iterations, see above
 LATE_ERROR = 1e-2  # relative out-of-balance force that is too much by then
 WORST_ERROR = 3.0  # relative out-of-balance force that is too much at any time
-MAX_WITH_PATIENCE = 30  # iterations of one step, where only patience helps
+MAX_WITH_PATIENCE = 30  # iterations of one step there
 
 
 def equations(model: Model, *, by_force: bool) -> Equations:
@@ -189,7 +187,7 @@ def _increment(
     return du
 
 
-# Loading and unloading in adaptive steps: a step that fails is cut, and what cannot be reached is said.
+# Loading and unloading in adaptive steps: a step that fails is cut.
 
 SMALLEST_CUT = 1 / 64  # of a step, below which none is cut further
 QUICK = 5  # iterations after which a step may grow
@@ -197,8 +195,9 @@ QUICK = 5  # iterations after which a step may grow
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """One attempted step: the load that it aimed at (mm or N), iterations, the out-of-balance force left over the
-    punch's, and why it failed ("" where it did not)."""
+    """One attempted step: its target load (mm or N), iterations, the residual force over the punch's, and why
+    it failed ("" if it did not).
+    """
 
     target: float
     iterations: int

@@ -1,4 +1,4 @@
-"""What is pressed into what, and the equations that follow: everything that stays the same during one press."""
+"""A punch problem and its discrete model, which stay the same during one press."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class GluedFace:
     """A perfectly sharp flat punch: the nodes with r <= radius_mm move down with it.
 
     With `slides` they keep their freedom along r, as in Hayes' linear problem: valid for small depths only, since
-    nodes may pass the edge. Glued, the surface beside the edge folds beyond a depth of .13 to .2 of the thickness.
+    nodes may pass the edge. Glued, the surface at the edge folds beyond a depth of .13 to .2 of the thickness.
     """
 
     radius_mm: float
@@ -34,7 +34,7 @@ class PunchProblem:
     the punch sinks in by edge_size_mm / penalty times pressure over modulus; made stiffer, contact points chatter.
     `mesh` None takes `default_mesh`. A press ends where the surface folds at the punch's edge: where a corner of
     an element turns inside out. With `may_fold` it goes on while all quadrature points keep their volume, and the
-    caller is to show that what he takes from it does not hang on the fold.
+    caller must show that the results do not depend on the fold.
     """
 
     material: Material

@@ -1,4 +1,4 @@
-"""The gel itself: element forces and stiffness of the mixed form, the pressure condensed but kept as an unknown.
+"""Element forces and stiffness of the mixed form, the pressure condensed but kept as an unknown.
 
 Stationarity of the integral of W(F, p) (see laws) gives, by Newton's method for one element,
 [K_uu K_up; K_pu K_pp] [du; dp] = -[R_u; R_p]. The pressure is discontinuous, so dp = -K_pp^-1 (R_p + K_pu du) is

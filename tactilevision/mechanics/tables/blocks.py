@@ -14,10 +14,8 @@ from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCas
 from tactilevision.mechanics.tables.grid import Axes, continued, inside_cells, solved_nodes
 from tactilevision.records.measured import Floats
 
-# From solved cases to a block: one law, friction and edge on a grid of nu, a/h and depth.
-#
-# What is kept varies little: P/w over Hayes' for the flat part of the face, and the surface beside the punch minus
-# linear theory's.
+# A block is one law, friction and edge on a grid of nu, a/h and depth, of quantities that vary little: P/w over
+# Hayes' for the flat part of the face, and the surface around the punch minus linear theory's.
 
 Key = tuple[str, float, float]  # law, friction, edge radius over h
 Solved = Mapping[Case, SolvedCase]
@@ -40,7 +38,7 @@ class Block:
 
     @property
     def key(self) -> Key:
-        """What tells it from others."""
+        """Law, friction and edge radius."""
         return self.law, self.friction, self.edge_over_h
 
 
@@ -76,16 +74,16 @@ def linear_surface(case: Case) -> Floats:
     return np.stack(exact_profile(r_over_a, case.poisson_ratio, a_over_h=case.a_over_h))
 
 
-# What a block learns from one of a blunter edge, which is solved deeper.
+# Continuation of a block by one of a blunter edge, which is solved deeper.
 #
-# The sharper the edge, the sooner the surface folds beside it; and the deeper the punch, the less its edge
-# matters. With f the force of the sharper edge over that of the blunter,
+# The sharper the edge, the sooner the surface folds at it; the deeper the punch, the less its edge matters. With f
+# the force of the sharper edge over that of the blunter,
 #
 #     f(d) - 1 = (f(d0) - 1) (d/d0)^p,   p <= 0,
 #
-# d0 the sharper one's deepest depth and p from its last two, and the surfaces' difference falls alike. It is
-# followed to FURTHEST d0. Where both edges were solved (h/60 and h/30, neo-Hooke, five frictions, a/h .45 to 1.5,
-# d0 = .1) the force is then off by .1 to .2 % on the rms, .6 % at worst.
+# d0 the sharper one's deepest depth and p from its last two, and the surfaces' difference falls in the same way,
+# to FURTHEST d0. Where both edges were solved (h/60 and h/30, neo-Hooke, five frictions, a/h .45 to 1.5, d0 = .1)
+# the rms error of the force is .1 to .2 %, the largest .6 %.
 
 SHALLOWEST = 0.055  # w/h that the sharper edge itself must reach
 FURTHEST = 2.0  # ratio of edge radii that the correction spans
@@ -103,12 +101,12 @@ def deepened(block: Block, blunter: Block) -> Block:
                 continue
             far = int(np.searchsorted(depths, FURTHEST * depths[last] * (1 + 1e-9)))
             flat = [hayes_stiffness(nu, alpha, edge_over_h=one.edge_over_h) for one in (blunter, block)]
-            other, beside = blunter.stiffness[there] * flat[0] / flat[1], blunter.surface[there]
+            other, its_surface = blunter.stiffness[there] * flat[0] / flat[1], blunter.surface[there]
             more = stiffness[i, j] / other - 1
             fade = fading(depths, more, last=last)
             stiffness[i, j, last + 1 : far] = (other * (1 + more[last] * fade))[last + 1 : far]
-            apart = np.multiply.outer(fade, surface[i, j, last] - beside[last])
-            surface[i, j, last + 1 : far] = (beside + apart)[last + 1 : far]
+            difference = np.multiply.outer(fade, surface[i, j, last] - its_surface[last])
+            surface[i, j, last + 1 : far] = (its_surface + difference)[last + 1 : far]
             count += 1
     return replace(block, stiffness=stiffness, surface=surface, deepened=count)
 
@@ -127,10 +125,8 @@ def node_of(block: Block, poisson_ratio: float, *, a_over_h: float) -> tuple[int
     return (int(rows[0]), int(columns[0])) if rows.size and columns.size else None
 
 
-# All blocks of a table: gone on with by a blunter edge, and carried to the nodes that they were not solved at.
-#
-# A block that was solved at few nodes only is carried to all of them by what it differs in from a relative that
-# was solved at more (a ratio of forces, a difference of surfaces), which is smoother still.
+# All blocks of a table. A block solved at few nodes is interpolated to all of them by its deviation from a
+# relative solved at more (a ratio of forces, a difference of surfaces), which is smoother.
 
 
 def build_blocks(solved: Solved) -> list[Block]:
@@ -139,7 +135,7 @@ def build_blocks(solved: Solved) -> list[Block]:
     """
     keys = dict.fromkeys((case.law, case.friction, case.edge_over_h) for case in solved)
     own = {key: own_block(key, solved) for key in keys}
-    for key in sorted(own, key=lambda key: -key[2]):  # the bluntest first: the next sharper one goes by it
+    for key in sorted(own, key=lambda key: -key[2]):  # the bluntest first, which continues the next sharper one
         blunter = min((other for other in own if other[:2] == key[:2] and other[2] > key[2]), default=None)
         own[key] = own[key] if blunter is None else deepened(own[key], own[blunter])
     return list(own.values())
@@ -191,7 +187,7 @@ def _on(axes: Axes, block: Block, own: Mapping[Key, Block]) -> Block:
 def _carry(coarse: Axes, values: Floats, fine: Axes) -> Floats:
     """Return `values` of the coarse nodes at the fine ones; NaN where a coarse neighbour is not known.
 
-    Monotone between nodes: where sliding sets in the ratio bends sharply, and a spline would swing.
+    Monotone between nodes: where sliding begins the ratio has a kink, and a spline would oscillate.
     """
     from scipy.interpolate import PchipInterpolator
 

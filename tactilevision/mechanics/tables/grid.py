@@ -1,8 +1,7 @@
-"""A smooth function of nu, a/h and w/h that is known at most nodes of a grid: cubic splines that know their holes.
+"""Cubic splines of nu, a/h and w/h on a grid with unknown nodes.
 
-The splines run over nu, ln(a/h) and sqrt(w/h), in which what is tabulated is smooth. Where the solver did not get
-deep enough the values are continued along depth by a straight line, so that the splines have something to stand
-on; what lies in a cell with such a corner is marked as not known.
+The splines run over nu, ln(a/h) and sqrt(w/h), in which the tables are smooth. Beyond the solved depths the values
+are continued along depth by a straight line; cells with such a corner are marked as unknown.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ class Axes:
 
     @property
     def stretched(self) -> tuple[Floats, Floats, Floats]:
-        """The coordinates that the splines run over."""
+        """Coordinates of the splines."""
         return self.poisson_ratios, np.log(self.a_over_h), np.sqrt(self.depths)
 
     def places(self, poisson_ratio: Floats, a_over_h: Floats, depths: Floats) -> Floats:
@@ -40,7 +39,7 @@ class Axes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HoledSpline:
-    """The function; `known` (cells of the grid) is True where all corners were solved."""
+    """Spline on a grid; `known` (cells) is True where all corners were solved."""
 
     axes: Axes
     known: Bools

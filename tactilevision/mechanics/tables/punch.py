@@ -1,4 +1,4 @@
-"""Return the force and the surface of a flat punch from the finite-element table."""
+"""Force and surface of a flat punch from the finite-element table, in microseconds."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from tactilevision.mechanics.tables import table as tables
 from tactilevision.mechanics.tables.blocks import hayes_stiffness
 from tactilevision.mechanics.tables.cases import BESIDE, REACH
 from tactilevision.mechanics.tables.table import shipped_table
+from tactilevision.records.constants import NU_MAX
 from tactilevision.records.measured import Bools, Floats, Material
-
-# Force and surface of a flat punch from the table: what punch_fem would say, in microseconds.
 
 
 def punch_force(
@@ -26,10 +25,10 @@ def punch_force(
     """Return the force in N of a flat punch pressed `depth_mm` (any shape) into a bonded gel on its first loading.
 
     P = E h w x Hayes' P/(E w h) of the flat part x the tabulated ratio x (1 - s). Below the first depth solved
-    (.002 h) the force is proportional to depth. s is what a near rim takes off (boundary.py: good to 10 % of s);
-    0 for a pad of five thicknesses and more. Between tabulated frictions and edge radii the table
-    interpolates; sharper than the smallest radius is its limit, with the error that the card states.
-    Raises InputError beyond the table in any direction. Source: punch_fem; errors on the card.
+    (.002 h) the force is proportional to depth. s is the effect of a near rim (boundary.py: within 10 % of s); 0
+    for a pad of five thicknesses and more. Frictions and edge radii are interpolated; sharper than the smallest
+    radius is its limit, with the error on the card. Raises InputError beyond the table in any direction. Source:
+    punch_fem.
     """
     depth = np.asarray(depth_mm, dtype=float)
     ratio, known = force_ratio(depth.ravel(), contact, material=material, table=table)
@@ -92,7 +91,7 @@ def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mix
     """Return the rise and u_r over w (2, ...) at r/a >= 1, and whether the table knows them at this depth.
 
     Linear theory plus the tabulated excess, a spline in the root of the distance from the punch; from 3.5
-    thicknesses on the excess fades like the profile itself.
+    thicknesses on the excess fades like the profile.
     """
     from scipy.interpolate import CubicSpline
 
@@ -115,7 +114,7 @@ def _demand(
     reach = punch_reach(contact, material, table=table)
     nu, alpha = axes.poisson_ratios, axes.a_over_h
     raise InputError(
-        "this lies beyond the table",
+        "this is beyond the table",
         where="punch table",
         value={
             "depth_mm": [float(depth.min()), float(depth.max())],
@@ -128,22 +127,21 @@ def _demand(
 
 
 def _check_places(r: Floats, contact: FlatContact) -> None:
-    beside = (r - contact.radius_mm) / contact.thickness_mm
-    if not (np.isfinite(beside).all() and beside.min() >= -1e-9 and beside.max() <= REACH + 1e-9):
+    beyond = (r - contact.radius_mm) / contact.thickness_mm
+    if not (np.isfinite(beyond).all() and beyond.min() >= -1e-9 and beyond.max() <= REACH + 1e-9):
         raise InputError(
-            f"(r - a)/h lies beyond the table, 0 to {REACH:g}",
+            f"(r - a)/h is beyond the table, 0 to {REACH:g}",
             where="punch_profile",
-            value=[float(beside.min()), float(beside.max())],
+            value=[float(beyond.min()), float(beyond.max())],
         )
 
 
-# The tabulated surface beside a punch as a ProfileModel: what the fits of nu and the certificate read.
-#
-# The mechanics under test reads this table; every simulated gel is solved anew at its own friction and edge radius
-# (synthetic/punch.py), so that no error of the table cancels there.
+# The tabulated surface as a ProfileModel, for the fits of nu and the certificate. Simulated gels do not use it:
+# each is solved anew at its own friction and edge radius (synthetic/punch.py), so that errors of the table do not
+# cancel.
 
 EDGE_OVER_H = 1 / 60  # edge radius of the table's punch over h
-POISSON_RANGE = (0.3, 0.4999)  # Poisson's ratio of the table
+POISSON_RANGE = (0.3, NU_MAX)  # Poisson's ratio of the table
 A_OVER_H_RANGE = (0.2, 1.5)  # a/h of the table
 DEEPEST = 0.25  # w/h of the table
 
@@ -152,8 +150,8 @@ DEEPEST = 0.25  # w/h of the table
 class TableProfile:
     """A ProfileSource for one law and edge radius; friction comes with the case.
 
-    Deeper than the solver got (w/h of .08 to .25, see the list of cases) the surface over the depth goes on along
-    the straight line of its last two depths. Raises InputError off the grid of nu, a/h and w/h <= .25.
+    Beyond the solved depth (w/h of .08 to .25, see the list of cases) the surface over the depth is continued
+    linearly from its last two depths. Raises InputError off the grid of nu, a/h and w/h <= .25.
     """
 
     law: str = "neo-hooke"
@@ -168,10 +166,12 @@ class TableProfile:
         ):
             if not low - 1e-9 <= value <= high + 1e-9:
                 raise InputError(
-                    f"the table of profiles has {what} in [{low:g}, {high:g}]", where="TableProfile", value=value
+                    f"the table of profiles is for {what} in [{low:g}, {high:g}]",
+                    where="TableProfile",
+                    value=value,
                 )
         if not (r_over_a >= 1).all():
-            raise InputError("the profile beside the punch begins at r = a", where="TableProfile")
+            raise InputError("the profile around the punch begins at r = a", where="TableProfile")
         mixture = shipped_table().mixture(self.law, case.friction, edge_over_h=self.edge_over_h)
         (rise, outward), _ = surface_over_depth(np.asarray(r_over_a, dtype=float), case, mixture=mixture)
         return rise, outward

@@ -27,19 +27,17 @@ from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, lo
 from tactilevision.mechanics.tables.grid import Axes, HoledSpline, fit_grid
 from tactilevision.records.measured import Bools, Floats
 
-# From one tabulated friction to the next: a monotone cubic in mu/(mu + 3).
-#
-# What friction does grows in proportion to mu and stops at some mu of .1 to .3, where the whole face sticks. This
-# cubic follows both and never swings beyond its nodes, as one without bounds does by .9 % of the force.
-# Source: Fritsch, Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, with the weights of Brodlie.
+# Interpolation in friction: a monotone cubic in mu/(mu + 3). The effect of friction is proportional to mu up to a
+# mu of .1 to .3, where the whole face sticks. The monotone cubic does not overshoot there, as another does by .9 %
+# of the force. Source: Fritsch, Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, with the weights of Brodlie.
 
-ROUNDING = 1e-9  # of the way from node to node: met but for rounding, and the other node must not lend its reach
+ROUNDING = 1e-9  # of the interval: nearer to a node, only that node is used
 
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """The one block of a friction that is tabulated, else those about it: at most two on either side, at ascending
-    `places`; it lies at `at`, between the two that `about` gives."""
+    """Blocks around a friction: the one of a tabulated friction, else at most two on either side, at ascending
+    `places`; the friction is at `at`, between the two of `about`."""
 
     blocks: tuple[Block, ...]
     places: tuple[float, ...] = (0.0,)
@@ -47,7 +45,7 @@ class Neighbours:
 
     @property
     def about(self) -> tuple[Block, ...]:
-        """The block itself, or the next on either side: what they know is known here."""
+        """The block itself, or the next on either side, which must be known."""
         low = _interval(self.places, self.at)
         return self.blocks[low : low + 2]
 
@@ -109,16 +107,15 @@ def _interval(places: Sequence[float], at: float) -> int:
     return min(max(bisect_right(places, at) - 1, 0), max(len(places) - 2, 0))
 
 
-# The table in memory and on disk: blocks of one law, friction and edge radius, and weights between them.
+# The table: blocks of one law, friction and edge radius, and weights between them.
 #
 #     P/(E w h) = S(nu, a/h, w/h; law, mu, edge) x Hayes' for the flat part of the face
 #
-# S is a spline in nu, a/h and depth, a monotone cubic from one friction to the next (friction.py), and straight in
-# the edge radius, from two tabulated radii on to the sharp limit. What lies in a cell of the grid that was not
-# solved is not known.
+# S is a spline in nu, a/h and depth, a monotone cubic in friction, and linear in the edge radius, also on to the
+# sharp limit. Cells of the grid that were not solved are unknown.
 
 SHIPPED = Path(__file__).with_name("punch.npz")
-EDGE_TOLERANCE = 0.1  # a table of one edge radius serves others as near as this
+EDGE_TOLERANCE = 0.1  # relative difference of edge radii that a table of one radius allows
 Mixture = tuple[tuple[float, Neighbours], ...]  # weights of edges, that add up to 1, and their blocks
 
 
@@ -137,7 +134,7 @@ class Table:
     def mixture(self, law: str, friction: float, *, edge_over_h: float) -> Mixture:
         """Return the blocks that surround a friction and an edge radius, with their weights.
 
-        Raises InputError, with what there is, for another law or a larger edge radius than the tabulated ones.
+        Raises InputError, naming those available, for another law or a larger edge radius than the tabulated ones.
         """
         mine = {(block.edge_over_h, block.friction): block for block in self.blocks if block.law == law}
         if not mine:
@@ -146,7 +143,7 @@ class Table:
         edges = sorted(edge for edge, there in frictions.items() if there[0] <= friction <= there[-1])
         if not edges:
             raise _absent("friction", friction, sorted({mu for _, mu in mine}))
-        alone = len(edges) == 1  # Hayes' stiffness of the flat part still follows the edge that is asked for
+        alone = len(edges) == 1  # Hayes' stiffness of the flat part still depends on the edge asked for
         near = (
             abs(edge_over_h / edges[0] - 1) <= EDGE_TOLERANCE if alone else edge_over_h <= edges[-1] * (1 + 1e-9)
         )
@@ -182,13 +179,13 @@ def shipped_table() -> Table:
 
 
 def read_table(path: Path) -> Table:
-    """Read PATH and the card beside it, and check one against the other."""
+    """Read PATH and check it by the card next to it."""
     card = read_json(path.with_suffix(".json"))
     if hashlib.sha256(read_bytes(path)).hexdigest() != card.get("sha256"):
         raise InputError(
-            "the table is not the one that its card describes",
+            "the table differs from its card",
             where=path,
-            remedy="Install the package again, or tabulate anew.",
+            remedy="Reinstall tactilevision, or tabulate anew.",
         )
     data = read_arrays(path)
     own = [_block(about, data, number) for number, about in enumerate(card["blocks"])]
@@ -274,17 +271,15 @@ def _about(block: Block) -> dict[str, Any]:
     }
 
 
-# From a work folder of solved cases to the one table that is shipped, with its card and the list of its cases.
-
 COLUMNS = "law", "friction", "edge_over_h", "poisson_ratio", "a_over_h", "to_w_over_h", "no_fold_to", "ended"
 
 
 def merge(cases: Iterable[Case], folder: Path | str, *, out: Path | str, notes: dict[str, Any]) -> list[str]:
-    """Put every block of which all cases are solved into `out` (.npz), with its card (.json) and its cases (.csv:
-    how deep each got, and why no deeper); returns the names of the cases that are missing.
+    """Write complete blocks into `out` (.npz), with card (.json) and cases (.csv: how deep each got, and why no
+    deeper).
 
-    `notes` go into the card: solver settings, errors and what else is to be known. Raises InputError where no
-    block is whole.
+    Returns the names of the missing cases. `notes` go into the card: solver settings, errors and more. Raises
+    InputError if no block is complete.
     """
     blocks: dict[Key, list[Case]] = defaultdict(list)
     for case in cases:
@@ -298,13 +293,13 @@ def merge(cases: Iterable[Case], folder: Path | str, *, out: Path | str, notes: 
             solved |= {case: load_case(case_path(place, case)) for case in members}
     if not solved:
         raise InputError(
-            "no block of the table is solved to the end",
+            "no block of the table is complete",
             where=folder,
             value=f"{len(missing)} cases missing",
             remedy="Run tabulate longer.",
         )
     card = {
-        "what": "P/(E w h) of a flat punch over Hayes' for its flat part, and the surface beside it over w beyond "
+        "what": "P/(E w h) of a flat punch over Hayes' for its flat part, and the surface around it over w beyond "
         "linear theory's; friction null: no slip",
         "source": "tactilevision.mechanics.punch_fem, made by tactilevision tabulate",
         "date": date.today().isoformat(),
