@@ -4,8 +4,9 @@
 
 Tabulated from linear finite elements (mechanics/punch_fem: frictionless sharp punch, pad bonded to its base, side
 free) on concentric discs; ln s is interpolated. s falls by a factor of 3 to 6 with each thickness: at nu = .48,
-a/h = .83 it is 9 % at d = h, 2 % at 2 h, .1 % at 4 h. Range: d/h from .25 (beyond 5, where s < 5e-4, the last decay
-is continued), nu in [.30, .499], a/h in [.4, 1.5]; InputError outside. Relative error between nodes: 3 % of s.
+a/h = .83 it is 9 % at d = h, 2 % at 2 h, .1 % at 4 h. Range: d/h from .25 (beyond 5, where s < 5e-4, the last
+decay is continued), nu in [.30, .499], a/h in [.4, 1.5]; InputError outside. Relative error between nodes: 3 % of
+s.
 
 A sticking face and a deep one displace less gel: `rim_share` is s times a tabulated ratio, mostly .4 to 1, from
 finite elements of a neo-Hookean gel at four frictions and w/h to .25.
