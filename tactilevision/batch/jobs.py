@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -230,15 +231,11 @@ def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], work
         return
     compile_all()
     with worker_pool(min(workers, -(-len(left) // MIN_CHUNK)), _start_worker, recording, *what) as pool:
-        pending: set[Future[list[Row]]] = set()
-        for future in _tasks(pool, recording, left, chunk=_chunk(len(left), workers)):
-            pending.add(future)
-            if len(pending) >= 3 * workers:
-                ready, pending = wait(pending, return_when=FIRST_COMPLETED)
-                for one in ready:
-                    yield from one.result()
+        tasks = _tasks(pool, recording, left, chunk=_chunk(len(left), workers))
+        pending = set(islice(tasks, AHEAD * workers))
         while pending:
             ready, pending = wait(pending, return_when=FIRST_COMPLETED)
+            pending |= set(islice(tasks, len(ready)))
             for one in ready:
                 yield from one.result()
 

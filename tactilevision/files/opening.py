@@ -91,9 +91,9 @@ def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
         raise
 
 
-def check_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> None:
+def check_regular(path: Path | str) -> None:
     """Check a file, as `open_regular` does, that another library will open by its name."""
-    open_regular(path, limit=limit).close()
+    open_regular(path).close()
 
 
 def read_bytes(path: Path | str, *, limit: str = "MAX_FILE_MB") -> bytes:

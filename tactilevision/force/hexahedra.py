@@ -272,13 +272,9 @@ def wall_points(mesh: GelMesh) -> WallPoints:
     length = np.hypot(*along.T)
     normals = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[:, None]
     nodes = np.unique(mesh.edges)
-    number = {int(n): k for k, n in enumerate(nodes)}
     spread = np.zeros((len(nodes), len(places)))  # nodal share of a unit line load at each point
-    for e, edge in enumerate(mesh.edges):
-        for n in range(3):
-            for p in range(3):
-                q = 3 * e + p
-                spread[number[int(edge[n])], q] += value[n, p] * GAUSS_WEIGHT[p] * length[q]
+    node, point = np.searchsorted(nodes, mesh.edges)[:, :, None], np.arange(len(places)).reshape(-1, 1, 3)
+    spread[node, point] = value * GAUSS_WEIGHT * length.reshape(-1, 1, 3)
     depths, level_share = _levels(mesh.depths_mm)
     free = len(mesh.depths_mm) - 1
     weights = np.zeros((len(depths), free, len(nodes), 3, len(places), 3))

@@ -41,15 +41,8 @@ def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.ND
     if seen.size == 0:
         return np.zeros(0, dtype=np.intp)
     deep = known & (depth_mm > cell_limit_mm(std_mm, float(seen.max())))
-    neighbours = uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9
-    deep &= neighbours > CONTACT.cell_neighbours - 0.5
-    patches, count = label(deep)
-    if count == 0:
-        return np.zeros(0, dtype=np.intp)
     pull = depth_mm / (std_mm + TINY)
-    sure = maximum(pull, patches, np.arange(count + 1)) > max(CONTACT.patch_sigma, -float(pull[known].min()))
-    sure[0] = False
-    return np.flatnonzero(sure[patches])
+    return _patches(deep, pull, max(CONTACT.patch_sigma, -float(pull[known].min())))
 
 
 def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usable: Bools) -> npt.NDArray[np.intp]:
@@ -63,23 +56,24 @@ def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usabl
         return np.zeros(0, dtype=np.intp)
     doubt = DOUBT * float(np.abs(moved_mm[usable]).max())
     deep = usable & (left_mm > CONTACT.cell_sigma * std_mm + doubt)
-    if np.count_nonzero(deep) < CONTACT.cell_neighbours:
-        return np.zeros(0, dtype=np.intp)
-    deep &= uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > CONTACT.cell_neighbours - 0.5
+    share = left_mm / (CONTACT.patch_sigma * std_mm + doubt + TINY)
+    return _patches(deep, share, max(1.0, -float(share[usable].min())))
+
+
+def _patches(deep: Bools, score: Floats, least: float) -> npt.NDArray[np.intp]:
+    """Return indices of the cells in patches of `deep` cells, without isolated ones, that score above `least`."""
+    deep = deep & (uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > CONTACT.cell_neighbours - 0.5)
     patches, count = label(deep)
     if count == 0:
         return np.zeros(0, dtype=np.intp)
-    share = left_mm / (CONTACT.patch_sigma * std_mm + doubt + TINY)
-    sure = maximum(share, patches, np.arange(count + 1)) > max(1.0, -float(share[usable].min()))
+    sure = maximum(score, patches, np.arange(count + 1)) > least
     sure[0] = False
     return np.flatnonzero(sure[patches])
 
 
-def pulling(pressure: Floats, std: float = 0.0) -> Bools:
-    """Return the mask (C,) of the pressures (MPa) of an active set that are to be excluded; `std` of one,
-    alike.
-    """
-    return np.asarray(pressure < max(FAINTEST * float(np.max(pressure, initial=0.0)), std))
+def pulling(pressure: Floats) -> Bools:
+    """Return the mask (C,) of the pressures (MPa) of an active set that are to be excluded."""
+    return np.asarray(pressure < FAINTEST * float(np.max(pressure, initial=0.0)))
 
 
 def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:

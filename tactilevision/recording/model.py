@@ -174,10 +174,6 @@ def _has(recording: Recording, need: Need) -> bool:
             return bool(recording.frame_names)
         case "frame_times":
             return bool(recording.frame_names) and not np.isnan(recording.frame_times_s).any()
-        case "forces":
-            return recording.forces is not None
-        case "stage":
-            return recording.stage is not None
         case "flats":
             return bool(recording.flats or recording.flat_frames)
         case "gel":

@@ -30,17 +30,20 @@ def read_frame_table(path: Path) -> Table:
     """Read frames.csv: every name once, time never going backwards."""
     table = read_table(path, layout.FRAME_COLUMNS)
     check_time(table, table.numbers["time_s"])
+    _check_once(table, "frame", remedy="Each picture has one time: remove the copy.")
+    return table
+
+
+def _check_once(table: Table, column: str, *, remedy: str) -> None:
     first: dict[str, int] = {}
-    for row, name in enumerate(table.words["frame"]):
-        if name in first:
+    for row, name in enumerate(table.words[column]):
+        if (before := first.setdefault(name, row)) != row:
             raise table.fault(
                 row,
-                f"the frame is listed twice, first in line {table.lines[first[name]]}",
+                f"the {column} is listed twice, first in line {table.lines[before]}",
                 value=name,
-                remedy="Each picture has one time: remove the copy.",
+                remedy=remedy,
             )
-        first[name] = row
-    return table
 
 
 MAX_FORCE_N = 1_000_000  # N: more is another unit, or a broken file
@@ -223,7 +226,7 @@ def read_presses(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[P
     """Read presses.csv in the order of time: each label once, each indenter described, no overlaps."""
     table = read_table(path, layout.PRESS_COLUMNS)
     check_indenters(table, indenters)
-    _check_labels(table)
+    _check_once(table, "press", remedy="Give every press its own label.")
     for row, date in enumerate(table.words.get("date", ())):
         _check_date(table, row, date)
     for row, flag in enumerate(table.optional("lubricated")):
@@ -307,18 +310,6 @@ def check_indenters(table: Table, indenters: Mapping[str, Indenter]) -> None:
 def _key(name: str) -> str:
     """Return a name as a key of TOML, quoted if it holds a dot or a space."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
-
-
-def _check_labels(table: Table) -> None:
-    first: dict[str, int] = {}
-    for row, label in enumerate(table.words["press"]):
-        if label in first:
-            raise table.fault(
-                row,
-                f"press {label} stands in line {table.lines[first[label]]} already",
-                remedy="Give every press a label of its own.",
-            )
-        first[label] = row
 
 
 def _check_date(table: Table, row: int, date: str) -> None:

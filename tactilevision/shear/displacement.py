@@ -203,9 +203,9 @@ def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: b
     return read_untouched(reference, mm_per_px, markers=markers).shear(frame)
 
 
-def marker_motion(reference: Bytes, frame: Bytes, *, guess_px: Floats | None = None) -> MarkerMotion:
+def marker_motion(reference: Bytes, frame: Bytes) -> MarkerMotion:
     """Return the markers of `reference` (H, W, 3) and how each moved, in px, for drawing and tracking."""
-    return follow_markers(find_markers(reference), find_markers(frame), guess_px=guess_px)
+    return follow_markers(find_markers(reference), find_markers(frame))
 
 
 def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:

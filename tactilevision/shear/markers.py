@@ -55,11 +55,9 @@ def find_markers(rgb: Bytes) -> Floats:
     return np.asarray(places[kept])
 
 
-def follow_markers(before_px: Floats, after_px: Floats, *, guess_px: Floats | None = None) -> MarkerMotion:
-    """Match markers of one frame (N, 2) to those of another (M, 2). `guess_px` (N, 2): motion known
-    from earlier.
-    """
-    motion = np.zeros_like(before_px) if guess_px is None else guess_px.astype(float).copy()
+def follow_markers(before_px: Floats, after_px: Floats) -> MarkerMotion:
+    """Match markers of one frame (N, 2) to those of another (M, 2)."""
+    motion = np.zeros_like(before_px)
     found = np.zeros(len(before_px), dtype=bool)
     if len(before_px) < NEIGHBOURS + 1 or len(after_px) == 0:
         return MarkerMotion(before_px, motion, found)

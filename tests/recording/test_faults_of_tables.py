@@ -60,7 +60,7 @@ EDITS = [
     ("presses.csv", "2,A1,0.5", "2,A1,0.3", "press 2 starts at 0.3 s, before press 1 of line 2 ends at 0.4 s"),
     ("presses.csv", "2,A1", "2,B7", "presses.csv, line 3: indenter B7 is not described in recording.toml"),
     ("presses.csv", "2,A1", "2,a1", "Did you mean A1?"),
-    ("presses.csv", "2,A1", "1,A1", "presses.csv, line 3: press 1 stands in line 2 already"),
+    ("presses.csv", "2,A1", "1,A1", "presses.csv, line 3: the press is listed twice, first in line 2"),
     (
         "presses.csv",
         "end_s\n1,A1,0.1,0.4\n2,A1,0.5,0.9",

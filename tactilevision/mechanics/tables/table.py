@@ -29,7 +29,7 @@ from tactilevision.records.measured import Bools, Floats
 
 # Interpolation in friction: a monotone cubic in mu/(mu + 3). The effect of friction is proportional to mu up to a
 # mu of .1 to .3, where the whole face sticks. The monotone cubic does not overshoot there, as another does by .9 %
-# of the force. Source: Fritsch, Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, with the weights of Brodlie.
+# of the force. Source: Fritsch, Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300.
 
 ROUNDING = 1e-9  # of the interval: nearer to a node, only that node is used
 
@@ -151,7 +151,7 @@ class Table:
             raise _absent("edge radius over thickness", edge_over_h, edges)
         rows = {edge: [block for (other, _), block in mine.items() if other == edge] for edge in edges}
         return tuple(
-            (weight, neighbours(rows[edge], friction)) for edge, weight in straight(edges, edges, at=edge_over_h)
+            (weight, neighbours(rows[edge], friction)) for edge, weight in straight(edges, at=edge_over_h)
         )
 
 
@@ -226,14 +226,14 @@ def _mixed(mixture: Mixture, spline: Callable[[Block], HoledSpline], places: Flo
     return np.asarray(values), np.asarray(known)
 
 
-def straight(names: Sequence[float], places: Sequence[float], *, at: float) -> list[tuple[float, float]]:
-    """Return (name, weight) of the two of `names`, at ascending `places`, between or beyond which `at` lies."""
+def straight(places: Sequence[float], *, at: float) -> list[tuple[float, float]]:
+    """Return (place, weight) of the two of ascending `places` between or beyond which `at` lies."""
     if len(places) == 1:
-        return [(names[0], 1.0)]
-    low = min(max(bisect_right(places, at) - 1, 0), len(places) - 2)
+        return [(places[0], 1.0)]
+    low = _interval(places, at)
     share = (at - places[low]) / (places[low + 1] - places[low])
-    pair = (names[low], 1 - share), (names[low + 1], share)
-    return [(name, weight) for name, weight in pair if abs(weight) > ROUNDING]
+    pair = (places[low], 1 - share), (places[low + 1], share)
+    return [(place, weight) for place, weight in pair if abs(weight) > ROUNDING]
 
 
 def _absent(what: str, value: object, there: Sequence[object]) -> InputError:
