@@ -252,8 +252,9 @@ def _at_share(ordered: Array, share: float) -> float:
 
 
 def std_at(height: HeightMap, peak_mm: float) -> float:
-    """Return the standard deviation in mm of the depths (H, W) from `peak_mm` on: their median; NaN where it is
-    not known.
+    """Return the standard deviation in mm of the depths (H, W) from `peak_mm` on: their median.
+
+    NaN where it is not known.
     """
     if height.std_mm is None:
         return float("nan")

@@ -64,8 +64,9 @@ class Job(Protocol):
         ...
 
     def kept(self, row: Row) -> bool:
-        """Return whether what the row promises is still on disk. Raises InputError for a row that no call
-        returned.
+        """Return whether what the row promises is still on disk.
+
+        Raises InputError for a row that no call returned.
         """
         ...
 
@@ -241,8 +242,9 @@ def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], work
 
 
 def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: str) -> Iterator[Row]:
-    """Yield rows from the cluster; frames whose task ended its workers are tried once more, each alone, then
-    named.
+    """Yield rows from the cluster.
+
+    Frames whose task ended its workers are tried once more, each alone, then named.
     """
     if not left:
         return

@@ -237,8 +237,9 @@ class Steps:
         self._pool = pool
 
     def __call__(self, act: Callable[[Given], Made], given: Sequence[Given]) -> Iterator[Callable[[], Made]]:
-        """Yield results in the order of `given`; what cannot be sent, as an effect of the user's own file, is
-        computed here.
+        """Yield results in the order of `given`.
+
+        What cannot be sent, as an effect of the user's own file, is computed here.
         """
         tasks = list[Future[Sent]]()
         if self._pool is not None and len(given) > 1:

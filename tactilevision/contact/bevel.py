@@ -205,8 +205,9 @@ def strip_places(reach_mm: float) -> Floats:
 
 
 def strip(field: npt.NDArray[Any], centre_px: Pair, *, px_per_mm: Pair, side: str, reach_mm: float) -> Floats:
-    """Return the mean of `field` (H, W[, C]) over the strip's width at strip_places(reach_mm), (S[, C]); NaN out
-    of view.
+    """Return the mean of `field` (H, W[, C]) over the strip's width at strip_places(reach_mm), (S[, C]).
+
+    NaN out of view.
     """
     s, t = np.meshgrid(strip_places(reach_mm), np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-9, STEP_MM))
     along, across = SIDES[side], (-SIDES[side][1], SIDES[side][0])

@@ -107,8 +107,9 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
 
 
 def _between(rows: Floats, places: Floats) -> Floats:
-    """Return the values of each of `rows` (n, k) at fractional indices (n, m), straight between; 0 beyond its
-    ends.
+    """Return the values of each of `rows` (n, k) at fractional indices (n, m), straight between.
+
+    0 beyond its ends.
     """
     last = rows.shape[1] - 1
     left = np.clip(places.astype(np.intp), 0, last - 1)
@@ -340,11 +341,11 @@ def _span(offset: Floats, reach: float) -> tuple[int, int]:
 
 
 def _plane(depth_mm: Floats, face: Bools, offsets: tuple[Floats, Floats], mm_per_px: Pair) -> tuple[Floats, float]:
-    """Fit a plane (depth at the centre, d/dx, d/dy) to the face; return it and the standard deviation of its
-    depth.
+    """Fit a plane (depth at the centre, d/dx, d/dy) to the face.
 
-    Twice, the second time without residuals beyond 3 sigma. Their correlation length is their std over that of
-    their gradient, so the face has area / (2 pi length^2) independent readings.
+    Return it and the standard deviation of its depth. Twice, the second time without residuals beyond 3 sigma.
+    Their correlation length is their std over that of their gradient, so the face has area / (2 pi length^2)
+    independent readings.
     """
     x, y = np.broadcast_to(offsets[0], face.shape)[face], np.broadcast_to(offsets[1], face.shape)[face]
     if x.size < 10:

@@ -146,8 +146,9 @@ def at_border(contact: Bools) -> bool:
 
 
 def contact_flags(contact: Bools, error: DepthError | None = None) -> tuple[str, ...]:
-    """Return the flags of a `contact`, a mask (H, W) without unit, by where it lies; `error` is that of the map's
-    method.
+    """Return the flags of a `contact`, a mask (H, W) without unit, by where it lies.
+
+    `error` is that of the map's method.
     """
     border = (BORDER,) if at_border(contact) else ()
     return (*border, BEYOND_BALLS) if error and contact.any() and error.beyond_balls(contact) else border
@@ -183,10 +184,10 @@ def _smooth_slope(depth_mm: Array, mm_per_px: Pair) -> tuple[Array, Array]:
 
 
 def _steep_window(depth_mm: Array, mm_per_px: Pair, *, among: Bools | None) -> Window | None:
-    """Return the window of a map (h, w) in mm that holds all pixels of too steep a smooth slope; None if there are
-    none.
+    """Return the window of a map (h, w) in mm that holds all pixels of too steep a smooth slope.
 
-    A smooth slope is a mean of pixel-to-pixel slopes within REACH_PX, so no steeper than the steepest of them.
+    None if there are none. A smooth slope is a mean of pixel-to-pixel slopes within REACH_PX, so no steeper than
+    the steepest of them.
     """
     depth = np.asarray(depth_mm, np.float32)
     across = cv2.norm(depth[:, 1:], depth[:, :-1], cv2.NORM_INF) / mm_per_px[0]

@@ -19,8 +19,9 @@ _STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*
 
 
 def read_text(path: Path | str) -> str:
-    """Read UTF-8 text, with or without a byte order mark. Raises InputError, and OSError as `open_regular`
-    does.
+    """Read UTF-8 text, with or without a byte order mark.
+
+    Raises InputError, and OSError as `open_regular` does.
     """
     data = read_bytes(path, limit="MAX_TEXT_MB")
     try:

@@ -30,8 +30,9 @@ MAX_EFFECT_SECONDS = 10  # of one call of a private effect; those of the catalog
 
 
 def limit(name: str) -> int:
-    """Return a limit by its name, as the environment states it. Raises InputError if that is not a number
-    above 0.
+    """Return a limit by its name, as the environment states it.
+
+    Raises InputError if that is not a number above 0.
     """
     stated = os.environ.get(f"TACTILEVISION_{name}")
     if stated is None:

@@ -248,10 +248,10 @@ _LOCK = Lock()
 
 
 def decode(data: bytes) -> tuple[npt.NDArray[Any] | None, str]:
-    """Decode the picture (H, W) or (H, W, 3 or 4), grey levels in OpenCV's order, or None; return it and messages
-    of damage.
+    """Decode the picture (H, W) or (H, W, 3 or 4), grey levels in OpenCV's order, or None.
 
-    Colour profiles, unknown fields and fewer than ten stray bytes, as many cameras leave, are not damage.
+    Return it and messages of damage. Colour profiles, unknown fields and fewer than ten stray bytes, as many
+    cameras leave, are not damage.
     """
     picture, messages = _decode(data)
     if messages:  # a decoder repeats its messages; those of another thread occur once

@@ -49,19 +49,19 @@ class Sensitivity:
 
 
 def read_material(path: Path | str) -> Material:
-    """Read E, nu and their covariance from calibration.json; without a covariance, from the two standard
-    deviations.
+    """Read E, nu and their covariance from calibration.json.
 
-    A value that the calibration did not determine (null) is the middle of its interval, its std that of the
-    interval's width. For an incompressible gel nu is .4999. Raises InputError for a file that is not a calibration
-    or holds no possible number for E or nu.
+    Without a covariance, from the two standard deviations. A value that the calibration did not determine (null)
+    is the middle of its interval, its std that of the interval's width. For an incompressible gel nu is .4999.
+    Raises InputError for a file that is not a calibration or holds no possible number for E or nu.
     """
     return material_of(read_calibration(path), where=path)
 
 
 def material_of(content: Mapping[str, Any], *, where: object) -> Material:
-    """Read the material, as `read_material` does, from the content of calibration.json; `where` names the file in
-    errors.
+    """Read the material, as `read_material` does, from the content of calibration.json.
+
+    `where` names the file in errors.
     """
     modulus, modulus_std = _estimate(content, "youngs_modulus_MPa", where)
     poisson, poisson_std = _estimate(content, "poisson_ratio", where)
@@ -205,8 +205,9 @@ def read_thickness_mm(path: Path | str) -> float | None:
 
 
 def read_clock_offset(path: Path | str) -> float | None:
-    """Read F/T clock minus camera clock from a calibration.json that `read_material` accepts; None if it is not in
-    it.
+    """Read F/T clock minus camera clock from a calibration.json that `read_material` accepts.
+
+    None if it is not in it.
     """
     stated = read_calibration(path).get("clock_offset_s")
     value = stated.get("value") if isinstance(stated, dict) else stated

@@ -65,8 +65,9 @@ class Readings:
         return bool((at_end.sum(axis=0) >= STUCK).any())
 
     def _free(self, recording: Recording) -> Floats | None:
-        """Return (G, 4) middle time and median force of every gap between presses; None if presses are not
-        listed.
+        """Return (G, 4) middle time and median force of every gap between presses.
+
+        None if presses are not listed.
         """
         assert recording.forces is not None
         if not recording.presses:
@@ -136,7 +137,8 @@ class Residuals:
 def residuals(
     rows: Sequence[FrameForce], *, flagged: Sequence[str] = (), reading_std_N: Sequence[float] | None = None
 ) -> Residuals | None:
-    """Return what can be compared; None if nothing can. `flagged`: words that make a frame unusable;
+    """Return what can be compared; None if nothing can. `flagged`: words that make a frame unusable.
+
     `reading_std_N` (3,) of one reading, None if unknown.
     """
     touched = [(number, row, _why_not(row, flagged)) for number, row in enumerate(rows) if touches(row)]
@@ -173,8 +175,9 @@ def _why_not(row: FrameForce, flagged: Sequence[str]) -> str:
 
 
 def summary(found: Residuals) -> dict[str, dict[str, float | int | None]]:
-    """Summarise by axis: frames, rms and median residual in N, and the share of readings inside the 95 % interval;
-    along z the ratio over all and over the deepest third.
+    """Summarise by axis: frames, rms and median residual in N, and the share of readings inside the 95 % interval.
+
+    Along z the ratio over all and over the deepest third.
     """
     by_axis: dict[str, dict[str, float | int | None]] = {}
     for k, name in enumerate(AXES):

@@ -69,8 +69,9 @@ class GelCompliance:
         return block if self.sides is None else self.sides.add_normal(block, self.grid, cells=cells)
 
     def depth(self, cells: Cells, traction: Floats) -> Floats:
-        """Return the depth (rows, columns) everywhere that `traction` (3 or 1, C) at `cells` makes; sides are
-        neglected.
+        """Return the depth (rows, columns) everywhere that `traction` (3 or 1, C) at `cells` makes.
+
+        Sides are neglected.
         """
         rows, columns = self.grid.shape
         shape, waves = self._depth_waves
@@ -207,10 +208,9 @@ def as_arrays(made: GelCompliance) -> dict[str, npt.NDArray[Any]]:
 
 
 def of_arrays(arrays: Arrays, gel: Gel, *, grid: NodeGrid, poisson_ratio: float, where: object) -> GelCompliance:
-    """Restore the compliance from `as_arrays`, mm/MPa, of any shape; another gel's, or version's, is computed
-    anew.
+    """Restore the compliance from `as_arrays`, mm/MPa, of any shape.
 
-    Raises InputError if the arrays have the key and do not fit it.
+    Another gel's, or version's, is computed anew. Raises InputError if the arrays have the key and do not fit it.
     """
     if KEY not in arrays or str(arrays[KEY]) != _key(gel, grid, poisson_ratio):
         return gel_compliance(gel, grid, poisson_ratio=poisson_ratio)

@@ -205,16 +205,18 @@ class ForceJob:
         return as_force(found, frame).as_row()
 
     def solve(self, frame: Frame) -> Solved:
-        """Solve for the forces. Raises InputError for a frame that cannot be read, ConvergenceError if the contact
-        does not settle.
+        """Solve for the forces.
+
+        Raises InputError for a frame that cannot be read, ConvergenceError if the contact does not settle.
         """
         solved = self._solved(frame, self.reconstructor.height_map(frame))
         doubts = tuple(MEANING[flag] for flag in add(solved.height.flags, self._beyond_balls(solved.height)))
         return replace(solved, found=replace(solved.found, flags=(*solved.found.flags, *doubts)))
 
     def _beyond_balls(self, height: HeightMap) -> tuple[str, ...]:
-        """Return the flag of a contact whose depth is extrapolated; a cut by the border is flagged by the field
-        itself.
+        """Return the flag of a contact whose depth is extrapolated.
+
+        A cut by the border is flagged by the field itself.
         """
         if not self.field.touched(height):
             return ()

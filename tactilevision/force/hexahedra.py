@@ -49,8 +49,9 @@ def shape_functions() -> tuple[Floats, Floats, Floats]:
 
 
 def stiffness(nodes_mm: Floats, elements: Elements, *, poisson_ratio: float) -> sparse.csc_matrix:
-    """Return K (3 N, 3 N) of `nodes_mm` (N, 3) and `elements` (M, 27) at modulus 1 MPa; unknown 3 n + i is node n
-    along i.
+    """Return K (3 N, 3 N) of `nodes_mm` (N, 3) and `elements` (M, 27) at modulus 1 MPa.
+
+    Unknown 3 n + i is node n along i.
     """
     parts = [
         _element_matrices(nodes_mm[chunk], poisson_ratio) for chunk in np.array_split(elements, _chunks(elements))
@@ -147,8 +148,9 @@ def _rectangle(size_mm: tuple[float, float], element_mm: float) -> Floats:
 
 
 def _graded(count: int) -> Floats:
-    """Return the places of quadratic nodes on [-1, 1], closer together towards both ends; middles halve their
-    elements.
+    """Return the places of quadratic nodes on [-1, 1], closer together towards both ends.
+
+    Middles halve their elements.
     """
     even = np.linspace(-1, 1, count + 1)
     ends = even + 0.6 * np.sin(np.pi * even) / np.pi

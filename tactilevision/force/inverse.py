@@ -178,8 +178,9 @@ class Solution:
         return np.asarray(weights @ (once + self.subcell * lapack.dpotrs(self.factor, once, lower=1)[0]))
 
     def cell_std(self, std_mm: Floats) -> Floats:
-        """Return the standard deviation (n, C) of each traction; the components' coupling (2 % of it) is
-        neglected.
+        """Return the standard deviation (n, C) of each traction.
+
+        The components' coupling (2 % of it) is neglected.
         """
         count, found = len(self.cells), np.empty_like(self.traction)
         lower = np.tril(self.factor)

@@ -132,8 +132,9 @@ class SideTable:
 
 
 def side_table(gel: Gel, grid: NodeGrid, *, poisson_ratio: float) -> SideTable | None:
-    """Return the table for the stations over `grid`, computed or from the cache; None if no side is near the
-    view.
+    """Return the table for the stations over `grid`, computed or from the cache.
+
+    None if no side is near the view.
     """
     rows, columns = (int(np.ceil((n - 1) * grid.spacing_mm / STATION_MM)) + 1 for n in grid.shape)
     places = _admissible(gel, _station_places(rows, columns))

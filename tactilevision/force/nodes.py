@@ -49,8 +49,9 @@ class NodeGrid:
 
 
 def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, *, spacing_mm: float) -> NodeGrid:
-    """Lay as many whole cells as fit into the view. Raises InputError for a scale or spacing that makes no
-    grid.
+    """Lay as many whole cells as fit into the view.
+
+    Raises InputError for a scale or spacing that makes no grid.
     """
     if not all(np.isfinite(s) and s > 0 for s in mm_per_px):
         raise InputError(

@@ -81,8 +81,9 @@ def observe(
 
 
 def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Array, Bools]:
-    """Return the depth (H, W), in mm, of the material that was at each pixel of the untouched frame; a mask of
-    known ones.
+    """Return the depth (H, W), in mm, of the material that was at each pixel of the untouched frame.
+
+    Also the mask of known ones.
     """
     rows, columns = depth.shape
     u_x, u_y = (np.asarray(u, dtype=np.float32) for u in (shear.u_x_mm, shear.u_y_mm))
@@ -139,8 +140,9 @@ def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, 
 
 
 def _from_deep(grid: NodeGrid, depth: Floats, known: Bools) -> Floats | None:
-    """Return the distance of the known cells (N,) from the cells half as deep as the deepest, mm; None where none
-    is deep.
+    """Return the distance of the known cells (N,) from the cells half as deep as the deepest, mm.
+
+    None where none is deep.
     """
     deepest = float(np.max(depth, where=known, initial=0.0))
     if deepest <= 0:
@@ -173,8 +175,9 @@ def _depth_std(
 
 
 def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> float:
-    """Return the rms of the stated standard deviation where the gel is at least half as deep as the deepest; far
-    away it is smaller, and of no use.
+    """Return the rms of the stated standard deviation where the gel is at least half as deep as the deepest.
+
+    Far away it is smaller, and of no use.
     """
     if np.ndim(shear.std_mm) == 0:
         return float(shear.std_mm)
@@ -194,8 +197,9 @@ def _centres(grid: NodeGrid) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]
 
 
 def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Floats:
-    """Return cell means; a cell without shear takes that of the nearest cell that has it, and the map is
-    flagged.
+    """Return cell means.
+
+    A cell without shear takes that of the nearest cell that has it, and the map is flagged.
     """
     means, known = cell_means(grid, field, valid=valid)
     if known.all():

@@ -126,8 +126,9 @@ def _variables(nu: Floats, ratio: Floats) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=1)
 def _table() -> Floats:
-    """Return the coefficients (2, *SIZES) through the exact ratios at Chebyshev's nodes; a quarter of a second,
-    once.
+    """Return the coefficients (2, *SIZES) through the exact ratios at Chebyshev's nodes.
+
+    Takes a quarter of a second, once.
     """
     places = [chebyshev.chebpts1(size) for size in SIZES]
     top, bottom = 0.5 + OFFSET, OFFSET

@@ -41,8 +41,9 @@ class LayerCompliance:
 
 
 def layer_compliance(u: npt.ArrayLike, poisson_ratio: float) -> LayerCompliance:
-    """Return C_zz, C_LL, C_T and c in units of h/mu at u = q h >= 0 (any shape); exact at u = 0 and at nu = .5
-    too.
+    """Return C_zz, C_LL, C_T and c in units of h/mu at u = q h >= 0 (any shape).
+
+    Exact at u = 0 and at nu = .5 too.
     """
     u = np.asarray(u, dtype=float)
     if not (u >= 0).all():
@@ -94,8 +95,9 @@ def surface_compliance(
 
 
 def _compression(u: Floats, k: float, fall: Floats, ramp: Floats) -> Floats:
-    """Return (2k sinh 2u - 4u) exp(-2u)/u; for small u, where the terms cancel at k = 1, from the series of
-    sinh.
+    """Return (2k sinh 2u - 4u) exp(-2u)/u.
+
+    For small u, where the terms cancel at k = 1, from the series of sinh.
     """
     y = 2 * np.minimum(u, SERIES_BELOW)
     excess = y**2 / 3 * (1 + y**2 / 20 * (1 + y**2 / 42 * (1 + y**2 / 72)))

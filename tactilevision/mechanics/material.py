@@ -66,8 +66,9 @@ def bulk_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike
 
 
 def constrained_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """Return M = E (1 - nu) / ((1 + nu) (1 - 2 nu)), MPa, any shape: a layer compressed all over gives by h/M; nu
-    < .5.
+    """Return M = E (1 - nu) / ((1 + nu) (1 - 2 nu)), MPa, any shape: a layer compressed all over gives by h/M.
+
+    nu < .5.
     """
     nu = _compressible(poisson_ratio)
     modulus = positive("youngs_modulus_MPa", youngs_modulus_MPa)
@@ -147,8 +148,9 @@ def abaqus_text(material: Material, *, name: str = "GEL") -> str:
 
 
 def calculix_text(material: Material, *, name: str = "GEL") -> str:
-    """Return the keywords for CalculiX: Abaqus' form; its names hold 80 characters and its comments begin
-    with **.
+    """Return the keywords for CalculiX: Abaqus' form.
+
+    Its names hold 80 characters and its comments begin with **.
     """
     return f"** units: mm, N, MPa; {_origin(material)}\n" + _keywords(material, name, "*HYPERELASTIC,NEO HOOKE")
 

@@ -440,8 +440,9 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
 
 
 def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Floats]:
-    """Return the derivative of each press's residual by the k joint unknowns, (n + UNKNOWNS + 1, k); inwards at a
-    bound.
+    """Return the derivative of each press's residual by the k joint unknowns, (n + UNKNOWNS + 1, k).
+
+    Inwards at a bound.
     """
     base = _residuals(task, theta, white)
     columns = []

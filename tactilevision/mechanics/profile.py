@@ -78,8 +78,9 @@ class ProfileSource(Protocol):
 
 
 def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: float) -> tuple[Floats, Floats]:
-    """Return (rise, u_r) per unit of depth at r/a >= 1 (any shape), by quadrature; some ten microseconds a
-    point.
+    """Return (rise, u_r) per unit of depth at r/a >= 1 (any shape), by quadrature.
+
+    Some ten microseconds a point.
     """
     from scipy.special import j0, j1
 
@@ -209,8 +210,9 @@ def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = l
 
 
 def punch_case(depth_mm: float, *, radius_mm: float, thickness_mm: float, poisson_ratio: float) -> PunchCase:
-    """Return the case of a punch in mm; InputError where a length is not above 0 or the depth reaches the
-    thickness.
+    """Return the case of a punch in mm.
+
+    Raises InputError if a length is not above 0 or the depth reaches the thickness.
     """
     radius, thickness = float(positive("radius_mm", radius_mm)), float(positive("thickness_mm", thickness_mm))
     if not 0 <= depth_mm < thickness:

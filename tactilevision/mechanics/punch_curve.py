@@ -77,8 +77,9 @@ def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> 
 
 
 def tabulated_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve | None:
-    """Return P(w) to `deepest_mm` or as deep as the table goes; None where it holds no such contact or
-    material.
+    """Return P(w) to `deepest_mm` or as deep as the table goes.
+
+    None where it holds no such contact or material.
     """
     try:
         reach = punch_reach(contact, material)

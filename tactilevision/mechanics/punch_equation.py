@@ -56,8 +56,9 @@ class PunchSolution:
 
 @lru_cache(maxsize=8)
 def gauss(nodes: int, end: float = 1.0) -> tuple[Floats, Floats]:
-    """Return Gauss-Legendre nodes and weights (n,), dimensionless, on [0, end]; read-only, since they are
-    shared.
+    """Return Gauss-Legendre nodes and weights (n,), dimensionless, on [0, end].
+
+    Read-only, since they are shared.
     """
     x, weights = np.polynomial.legendre.leggauss(nodes)
     x, weights = end * (x + 1) / 2, end * weights / 2

@@ -202,22 +202,25 @@ GARCIA_CONE = (0.721, 0.650, 0.491, 0.225)  # coefficients of the series' powers
 
 
 def dimitriadis_ball(chi: npt.ArrayLike) -> Floats:
-    """Return the factor of Dimitriadis et al. (2002), eq. 12, for a ball on a bonded incompressible layer; chi
-    (any shape) in [0, 1].
+    """Return the factor of Dimitriadis et al. (2002), eq. 12, for a ball on a bonded incompressible layer.
+
+    Chi (any shape) in [0, 1].
     """
     return _polynomial(chi, DIMITRIADIS_BALL)
 
 
 def garcia_ball(chi: npt.ArrayLike) -> Floats:
-    """Return the factor of Garcia and Garcia (2018) for a ball on a bonded incompressible layer; chi (any shape)
-    in [0, 1].
+    """Return the factor of Garcia and Garcia (2018) for a ball on a bonded incompressible layer.
+
+    Chi (any shape) in [0, 1].
     """
     return _polynomial(chi, GARCIA_BALL)
 
 
 def garcia_cone(chi: npt.ArrayLike) -> Floats:
-    """Return the factor of Garcia and Garcia (2018) for a cone on a bonded incompressible layer; chi (any shape)
-    in [0, 1].
+    """Return the factor of Garcia and Garcia (2018) for a cone on a bonded incompressible layer.
+
+    Chi (any shape) in [0, 1].
     """
     return _polynomial(chi, GARCIA_CONE)
 

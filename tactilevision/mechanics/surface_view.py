@@ -203,8 +203,9 @@ def matern(distance: Floats) -> Floats:
 
 
 def estimate_noise(blocks: Sequence[Blocks], misfits: Sequence[Floats], *, block_mm: float) -> NoiseModel:
-    """Estimate the noise of all presses together from their misfits (n,) each, in mm; blocks are `block_mm`
-    apart.
+    """Estimate the noise of all presses together from their misfits (n,) each, in mm.
+
+    Blocks are `block_mm` apart.
     """
     edges = (np.arange(LONGEST + 1) + 0.5) * block_mm
     total, pairs, variance, count = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1), 0.0, 0.0

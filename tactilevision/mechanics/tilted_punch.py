@@ -77,8 +77,9 @@ def _spline() -> RectBivariateSpline:
 
 
 def _influence(squares: int, side: float, a_over_h: float) -> Floats:
-    """Return the depth at each square, wrapped for convolution (2n, 2n), from unit pressure on one; E* = 1,
-    lengths in a.
+    """Return the depth at each square, wrapped for convolution (2n, 2n), from unit pressure on one.
+
+    E* = 1, lengths in a.
     """
     from scipy.special import j0
 

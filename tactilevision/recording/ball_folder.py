@@ -71,8 +71,9 @@ def _press(root: Path, table: Table, row: int) -> BallPress:
 
 
 def read_label(path: Path) -> tuple[tuple[float, float], float]:
-    """Read centre (x, y) and radius of a contact, px of the picture. Raises RecordingError if there is no
-    circle.
+    """Read centre (x, y) and radius of a contact, px of the picture.
+
+    Raises RecordingError if there is no circle.
     """
     arrays = read_arrays(path)
     numbers = [np.ravel(arrays.get(name, np.zeros(0))) for name in ("center", "radius")]

@@ -72,11 +72,10 @@ def guess_scale(settings: SensorSettings, size_px: tuple[int, int]) -> tuple[Sen
 def guess_flats(
     root: Path, frames_path: Path, names: Sequence[str], *, first: int = 0
 ) -> tuple[tuple[Path, ...], tuple[int, ...], Notes]:
-    """Find pictures of the untouched gel, or the number of the frame taken for one; return them and what was
-    guessed.
+    """Find pictures of the untouched gel, or the number of the frame taken for one.
 
-    Without a picture named so it is frame number `first`. Without frame `names` nothing is guessed: only the
-    folder `reference` counts.
+    Return them and what was guessed. Without a picture named so it is frame number `first`. Without frame `names`
+    nothing is guessed: only the folder `reference` counts.
     """
     found = find_flats(root)
     if found or not names:

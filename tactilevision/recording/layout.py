@@ -105,8 +105,9 @@ BALL_COLUMNS = Columns(
 
 
 def nearest(name: str, among: Iterable[str]) -> str:
-    """Return the name that was probably meant: the same but for brackets, a unit or a slip; "" if there is
-    none.
+    """Return the name that was probably meant: the same but for brackets, a unit or a slip.
+
+    "" if there is none.
     """
     plain, folded = _folded(name), {_folded(other): other for other in among}
     for other in folded:

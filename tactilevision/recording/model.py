@@ -152,8 +152,9 @@ def faults_of_reference(where: Path | None, *, option: bool = True) -> Iterator[
 
 
 def place_of_flats(recording: Recording) -> Path:
-    """Return the path of the picture of the untouched gel, or the folder of several; the recording if there is
-    none.
+    """Return the path of the picture of the untouched gel, or the folder of several.
+
+    The recording if there is none.
     """
     names, frames = recording.frame_names, recording.frames_path
     flats = [*recording.flats, *(frames / names[k] for k in recording.flat_frames if frames is not None)]

@@ -157,8 +157,9 @@ def find_balls(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
 
 
 def read_balls(folder: Path, path: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
-    """Read the ball presses in a folder by the table at `path`; return them and warnings, none if there is
-    neither.
+    """Read the ball presses in a folder by the table at `path`.
+
+    Return them and warnings, none if there is neither.
     """
     images = list_images(folder)
     if not images and not path.is_file():
@@ -200,8 +201,9 @@ def _ball(table: Table, row: int, folder: Path) -> BallPress:
 def first_look(
     frames_path: Path, names: Sequence[str], *, white_level: float | None = None
 ) -> tuple[tuple[int, int], tuple[str, ...]]:
-    """Return (width, height) of the first picture that can be read, and warnings. Raises if none of the first
-    can.
+    """Return (width, height) of the first picture that can be read, and warnings.
+
+    Raises if none of the first can.
     """
     why = ""
     if frames_path.is_file():

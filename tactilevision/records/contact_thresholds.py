@@ -66,8 +66,9 @@ CONTACT = ContactThresholds()
 
 
 def colour_limit(scale: float) -> float:
-    """Return the square of a block's normalised colour residual beyond which it is touched; `scale`: their usual
-    square.
+    """Return the square of a block's normalised colour residual beyond which it is touched.
+
+    `scale`: their usual square.
     """
     return CONTACT.colour_sigma**2 * scale
 

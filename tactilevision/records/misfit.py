@@ -54,8 +54,9 @@ class ForceCurves:
         return tuple(sorted({one.radius_mm for one in self.presses}))
 
     def telling(self, most: int) -> tuple[PressCurve, ...]:
-        """Return the presses whose rms changes most from the first model to the last, in the order of pressing; of
-        one model those with the largest.
+        """Return the presses whose rms changes most from the first model to the last, in the order of pressing.
+
+        Of one model those with the largest.
         """
         last = -1 if len(self.models) > 1 else slice(0, 0)
         by_change = sorted(self.presses, key=lambda one: -abs(float(one.rms_N[0] - np.sum(one.rms_N[last]))))

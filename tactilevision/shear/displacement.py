@@ -197,8 +197,9 @@ def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = 
 
 
 def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: bool | None = None) -> ShearMap:
-    """Measure the displacement of `frame` since `reference` once; for many frames keep what `read_untouched`
-    gives.
+    """Measure the displacement of `frame` since `reference` once.
+
+    For many frames keep what `read_untouched` gives.
     """
     return read_untouched(reference, mm_per_px, markers=markers).shear(frame)
 

@@ -138,8 +138,9 @@ def _spacing(places: Floats) -> float:
 
 
 def _like_neighbours(seen: Floats, pairs: Bools, near: np.ndarray, spacing: float) -> Bools:
-    """Return whether each pair moved as its matched neighbours did, to `REACH` of a spacing; a lone pair is
-    kept.
+    """Return whether each pair moved as its matched neighbours did, to `REACH` of a spacing.
+
+    a lone pair is kept.
     """
     around = np.where(pairs[near][:, :, None], seen[near], np.nan)
     count = pairs[near].sum(axis=1)

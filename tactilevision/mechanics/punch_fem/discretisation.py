@@ -44,8 +44,9 @@ class MeshSettings:
 
 
 def sizes_from(first: float, length: float, *, settings: MeshSettings) -> Floats:
-    """Return the element sizes (N,) mm over `length`, from about `first` growing; scaled so that they fill it
-    exactly.
+    """Return the element sizes (N,) mm over `length`, from about `first` growing.
+
+    Scaled so that they fill it exactly.
     """
     sizes, total = [first], first
     while total < length * (1 - 1e-9):
@@ -75,8 +76,9 @@ def graded_lines(
 def graded_mesh(
     radius_mm: float, thickness_mm: float, *, pad_radius_mm: float, settings: MeshSettings
 ) -> skfem.MeshQuad:
-    """Mesh with quadrilaterals 0 <= r <= pad_radius_mm, 0 <= z <= thickness_mm. Raises InputError unless 0 <
-    a < R, h > 0.
+    """Mesh with quadrilaterals 0 <= r <= pad_radius_mm, 0 <= z <= thickness_mm.
+
+    Raises InputError unless 0 < a < R, h > 0.
     """
     if not (thickness_mm > 0 and 0 < radius_mm < pad_radius_mm):
         raise InputError(
@@ -143,8 +145,10 @@ class Discretisation:
 
 
 def discretise(mesh: skfem.MeshQuad, *, order: int = 4, surface_order: int = 8) -> Discretisation:
-    """Tabulate basis and quadrature of `mesh`; `order` and `surface_order` are polynomial degrees integrated
-    exactly."""
+    """Tabulate basis and quadrature of `mesh`.
+
+    `order` and `surface_order` are polynomial degrees integrated exactly.
+    """
     basis = skfem.Basis(mesh, skfem.ElementQuad2(), intorder=order)
     points = np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1)
     values = np.stack([np.broadcast_to(np.asarray(b[0]), points.shape[:2]) for b in basis.basis], axis=-1)

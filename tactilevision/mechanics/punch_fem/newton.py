@@ -235,8 +235,9 @@ def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord])
 
 
 def first_step(system: Equations) -> float:
-    """Return the first step to try: a quarter of the edge radius, since the first touch wraps the edge; glued,
-    any.
+    """Return the first step to try: a quarter of the edge radius, since the first touch wraps the edge.
+
+    Glued, any.
     """
     punch = system.model.problem.punch
     if not isinstance(punch, RoundedPunch):
@@ -252,8 +253,9 @@ def _load(system: Equations, state: State) -> float:
 
 
 def _extrapolate(system: Equations, before: State | None, last: State, aim: float) -> tuple[Floats, Floats]:
-    """Continue the line through the last two equilibria; from one alone Newton's method makes its own
-    prediction.
+    """Continue the line through the last two equilibria.
+
+    From one alone Newton's method makes its own prediction.
     """
     if before is None or _load(system, last) == _load(system, before):
         return last.u, last.pressure

@@ -86,8 +86,9 @@ def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | Non
 
 
 def area_ratio(surface: Surface, u: Floats) -> Floats:
-    """Return the deformed over reference area of the surface, a ratio, at its quadrature points (K, Q); `u`
-    in mm.
+    """Return the deformed over reference area of the surface, a ratio, at its quadrature points (K, Q).
+
+    `u` in mm.
     """
     local = u[surface.dofs]
     r = surface.r_mm + np.einsum("kqn,kn->kq", surface.shape, local[:, :3])

@@ -142,8 +142,9 @@ def build_blocks(solved: Solved) -> list[Block]:
 
 
 def on_one_grid(blocks: Sequence[Block]) -> list[Block]:
-    """Interpolate all blocks to the finest grid among them. Raises InputError for nodes that are not of that
-    grid.
+    """Interpolate all blocks to the finest grid among them.
+
+    Raises InputError for nodes that are not of that grid.
     """
     finest = max(blocks, key=lambda block: block.nodes)
     own = {block.key: block for block in blocks}
@@ -151,8 +152,9 @@ def on_one_grid(blocks: Sequence[Block]) -> list[Block]:
 
 
 def relative_of(key: Key, there: Sequence[Key]) -> Key | None:
-    """Return the block whose deviations are carried: same but for the edge, then the law, then friction; None:
-    none.
+    """Return the block whose deviations are carried: same but for the edge, then the law, then friction.
+
+    None: none.
     """
     law, friction, edge = key
     sharpest = min(k[2] for k in there)

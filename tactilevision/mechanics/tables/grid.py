@@ -61,10 +61,9 @@ class HoledSpline:
 
 
 def fit_grid(axes: Axes, values: Floats) -> HoledSpline:
-    """Return the spline through `values` (nu, a/h, depth, ...), in their unit; NaN from some depth on means not
-    solved.
+    """Return the spline through `values` (nu, a/h, depth, ...), in their unit.
 
-    At least two depths must be known everywhere.
+    NaN from some depth on means not solved. At least two depths must be known everywhere.
     """
     from scipy.interpolate import NdBSpline, make_interp_spline
 

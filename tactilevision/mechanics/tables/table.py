@@ -94,8 +94,9 @@ def _slope(step: Floats, secant: Floats, node: int) -> Floats:
 
 
 def _end_slope(step: Floats, secant: Floats) -> Floats:
-    """Return the slope at the outermost node, from the parabola through three; never against its own secant, nor
-    too steep.
+    """Return the slope at the outermost node, from the parabola through three.
+
+    Never against its own secant, nor too steep.
     """
     slope = ((2 * step[0] + step[1]) * secant[0] - step[0] * secant[1]) / (step[0] + step[1])
     slope = np.where(slope * secant[0] > 0, slope, 0.0)
