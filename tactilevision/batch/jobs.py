@@ -343,11 +343,11 @@ def _bare(recording: Recording) -> Recording:
 
 def fingerprint_of(recording: Recording, *parts: object) -> str:
     """Hash the recording's place and frames, and what else determines the result."""
-    about = [str(recording.path.resolve()), *recording.frame_names, *as_they_stand(recording), *map(repr, parts)]
+    about = [str(recording.path.resolve()), *recording.frame_names, *file_states(recording), *map(repr, parts)]
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
-def as_they_stand(recording: Recording) -> Iterator[str]:
+def file_states(recording: Recording) -> Iterator[str]:
     """Return size and time of every picture, or of the video, so that a changed one is computed again."""
     path, names = recording.frames_path, recording.frame_names
     pictures = () if path is None else [path / name for name in names] if path.is_dir() else [path]

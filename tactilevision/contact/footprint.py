@@ -192,7 +192,7 @@ def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | 
     return None if circle is None else _describe(height, circle, _CORRECTION_STD * moved)
 
 
-def ring_beside(height: HeightMap, face: Footprint, *, away_from: Pair) -> Floats:
+def ring_outside(height: HeightMap, face: Footprint, *, away_from: Pair) -> Floats:
     """Return the depth (180,) in mm just outside the face, from azimuth 0 towards y, less its mean and first
     harmonic.
 

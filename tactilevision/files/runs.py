@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from tactilevision.errors import OutputError, TactilevisionError
-from tactilevision.files.writing import clear_unfinished, make_folder, process_runs, told_as_output
+from tactilevision.files.writing import clear_unfinished, make_folder, output_errors, process_runs
 
 if sys.platform != "win32":
     import fcntl
@@ -57,7 +57,7 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
         return
     made = [one for one in (folder, *folder.parents) if not one.exists()]
     make_folder(folder)
-    with told_as_output(target):
+    with output_errors(target):
         handle, left = _wait_for(path, target)
     _held[path] = here
     try:

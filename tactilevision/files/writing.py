@@ -33,14 +33,14 @@ def plain_name(label: str) -> str:
 def make_folder(path: Path | str) -> Path:
     """Make a folder for results, and those it lies in. Raises OutputError where the file system refuses."""
     folder = Path(path)
-    with told_as_output(folder):
+    with output_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 def append_text(path: Path | str, text: str) -> None:
     """Append to a file that is there: one write at its end, so that many processes may do so at a time."""
-    with told_as_output(Path(path)):
+    with output_errors(Path(path)):
         handle = os.open(path, os.O_WRONLY | os.O_APPEND)
         try:
             os.write(handle, text.encode(errors="backslashreplace"))
@@ -49,7 +49,7 @@ def append_text(path: Path | str, text: str) -> None:
 
 
 @contextmanager
-def told_as_output(target: Path) -> Iterator[None]:
+def output_errors(target: Path) -> Iterator[None]:
     """Raise OutputError where the file system refuses what is written to `target`."""
     try:
         yield
@@ -87,7 +87,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
 
 def _check_replaceable(target: Path) -> None:
     """Raise OutputError for /dev/stdout, a device, a pipe or a folder, which a renamed file would replace."""
-    with told_as_output(target):
+    with output_errors(target):
         there = os.path.lexists(target)
         plain = not target.exists() or target.is_file()
     if there and (not plain or target.absolute().parent in _STREAMS):

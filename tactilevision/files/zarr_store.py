@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.tiff import masked
-from tactilevision.files.writing import told_as_output, unfinished
+from tactilevision.files.writing import output_errors, unfinished
 from tactilevision.records.maps import HeightMap
 
 Singles = npt.NDArray[np.float32]
@@ -41,7 +41,7 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
         "positions": height.positions,
         "flags": list(height.flags),
     }
-    with told_as_output(path):
+    with output_errors(path):
         group = _new_group(scratch, about)
         for name, values in fields.items():
             array = group.create_array(
@@ -61,7 +61,7 @@ def begin_frames(
     about: Mapping[str, Any],
 ) -> None:
     """Make a store of `fields` (name: unit), (frames, rows, columns) float32 of NaN, and of `frame`, the names."""
-    with told_as_output(scratch), _own_threads():
+    with output_errors(scratch), _own_threads():
         group = _new_group(scratch, about)
         for name, unit in fields.items():
             array = group.create_array(
@@ -76,7 +76,7 @@ def begin_frames(
 
 def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) -> None:
     """Write one frame's fields; (rows, columns) each, as zarr writes a chunk, without its threads."""
-    with told_as_output(scratch):
+    with output_errors(scratch):
         for name, values in fields.items():
             folder = scratch / name
             made = (folder / ".zarray").stat()  # a cluster's worker may write many stores to one path
@@ -90,7 +90,7 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
 def end_frames(scratch: Path, path: Path) -> None:
     """Move the finished store to its place, without partial files of killed writers."""
     _codec.cache_clear()
-    with told_as_output(path):
+    with output_errors(path):
         for left in list(scratch.rglob("*.partial")):
             left.unlink()
         _move(scratch, path)
@@ -117,7 +117,7 @@ def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
 def settle(path: Path) -> None:
     """Restore the store of a run that was killed between the two renames of `_move`."""
     old = _old(path)
-    with told_as_output(path):
+    with output_errors(path):
         if old.exists() and not path.exists():
             os.replace(old, path)
     shutil.rmtree(old, ignore_errors=True)

@@ -86,7 +86,7 @@ def _solve(
         progress=progress,
         begin=lambda: store.begin(names),
     )
-    rows = tuple(beside(FrameForce.of(row), readings) for row in done)
+    rows = tuple(with_reading(FrameForce.of(row), readings) for row in done)
     store.end(names, [number for number, row in enumerate(rows) if row.read])
     write_text(store.out / TABLE, table(rows))
     journal.end()
@@ -135,7 +135,7 @@ def untouched_frame(recording: Recording) -> Bytes | None:
     return rectify(recording.sensor, flats[0]) if flats else None
 
 
-def beside(row: FrameForce, readings: Readings) -> FrameForce:
+def with_reading(row: FrameForce, readings: Readings) -> FrameForce:
     """Add the F/T reading and the press of its time to a row."""
     press = readings.press_at(row.time_s)
     if press is None:

@@ -16,7 +16,7 @@ from tactilevision.batch.jobs import Row
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.opening import read_cells
-from tactilevision.files.writing import replacing, told_as_output
+from tactilevision.files.writing import output_errors, replacing
 from tactilevision.files.zarr_store import Singles, begin_frames, end_frames, settle, write_frame
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
 from tactilevision.force.field import NO_CONTACT, ForceField
@@ -70,7 +70,7 @@ class TractionStore:
             begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
             return
         shape = (len(frames), len(FIELDS), *self.grid.shape)
-        with told_as_output(self.scratch):
+        with output_errors(self.scratch):
             np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
             if hasattr(os, "posix_fallocate"):  # a full disk raises here instead of killing a worker by a signal
                 with self.scratch.open("r+b") as file:

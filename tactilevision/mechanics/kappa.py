@@ -156,4 +156,5 @@ def load_table(path: Path, *names: str) -> list[Floats]:
 def _spline() -> RectBivariateSpline:
     from scipy.interpolate import RectBivariateSpline
 
-    return RectBivariateSpline(*_axes(), *load_table(TABLE, "log_kappa"), kx=5, ky=5)
+    (log_kappa,) = load_table(TABLE, "log_kappa")
+    return RectBivariateSpline(*_axes(), log_kappa, kx=5, ky=5)

@@ -261,6 +261,6 @@ def add(flags: tuple[str, ...], more: Iterable[str]) -> tuple[str, ...]:
     return tuple(flag for flag in MEANING if flag in both)
 
 
-def told(counts: Mapping[str, int], frames: int) -> list[str]:
+def flag_messages(counts: Mapping[str, int], frames: int) -> list[str]:
     """Return a line for each flag: how many of the `frames` have it, and what it means."""
     return [f"{count} of {frames} frames are flagged {flag!r}: {MEANING[flag]}" for flag, count in counts.items()]

@@ -53,7 +53,7 @@ class ForceCurves:
         """The distinct radii, ascending."""
         return tuple(sorted({one.radius_mm for one in self.presses}))
 
-    def telling(self, most: int) -> tuple[PressCurve, ...]:
+    def most_changed(self, most: int) -> tuple[PressCurve, ...]:
         """Return the presses whose rms changes most from the first model to the last, in the order of pressing.
 
         Of one model those with the largest.
