@@ -88,7 +88,7 @@ def test_curves_hold_every_sample_once_in_the_order_of_pressing(curves: ForceCur
 
 
 def test_the_most_telling_presses_keep_their_order(curves: ForceCurves) -> None:
-    kept = curves.telling(3)
+    kept = curves.most_changed(3)
     fall = {one.label: abs(one.rms_N[0] - one.rms_N[1]) for one in curves.presses}
     assert {one.label for one in kept} == set(sorted(fall, key=fall.__getitem__)[-3:])
     labels = [one.label for one in curves.presses]
