@@ -54,7 +54,7 @@ def second_difference_std(readings: Array) -> float:
 
     A ramp and its few corners have no effect. Assumes noise that is independent from reading to reading.
     """
-    return MAD_TO_STD * float(np.median(np.abs(np.diff(readings, 2)))) / float(np.sqrt(6.0))
+    return MAD_TO_STD * float(np.median(np.abs(np.diff(readings, 2)))) / float(np.sqrt(6))
 
 
 def tukey_weight(residual: Floats, std: float) -> Floats:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.contact.footprint import sample
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.robust import mad_std, second_difference_std
 
@@ -209,7 +210,7 @@ def strip(field: npt.NDArray[Any], centre_px: Pair, *, px_per_mm: Pair, side: st
 
     NaN out of view.
     """
-    s, t = np.meshgrid(strip_places(reach_mm), np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-9, STEP_MM))
+    s, t = np.meshgrid(strip_places(reach_mm), np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + ROUNDING, STEP_MM))
     along, across = SIDES[side], (-SIDES[side][1], SIDES[side][0])
     x = centre_px[0] + (along[0] * s + across[0] * t) * px_per_mm[0]
     y = centre_px[1] + (along[1] * s + across[1] * t) * px_per_mm[1]

@@ -184,7 +184,7 @@ def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | 
         steep = steepness > 0.25 * np.median(steepness) if len(steepness) else np.zeros(0, dtype=bool)
         arc = 2 * np.pi * start[1] * steep.sum() / _DIRECTIONS
         circle = fit_circle(
-            points[steep], start=start, scale_mm=0.5 * max(height.mm_per_px), independent=max(arc / 0.5, 4.0)
+            points[steep], start=start, scale_mm=0.5 * max(height.mm_per_px), independent=max(2 * arc, 4)
         )
         if circle is None or not 0.3 * start[1] < circle.radius_mm < 2.5 * start[1]:
             return None
@@ -260,7 +260,7 @@ def relief_mm(height: HeightMap, face: Footprint) -> float:
 
 def _search(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None:
     """Find a rough centre and radius: the strongest response of a disc-minus-ring filter."""
-    candidates = [radius_mm] if np.isfinite(radius_mm) else list(np.geomspace(0.8, 6.0, 7))
+    candidates = [radius_mm] if np.isfinite(radius_mm) else list(np.geomspace(0.8, 6, 7))
     found = [(answer, radius) for radius in candidates if (answer := _best_disc(height, radius)) is not None]
     if not found:
         return None
@@ -365,5 +365,5 @@ def _plane(depth_mm: Floats, face: Bools, offsets: tuple[Floats, Floats], mm_per
     steps = np.diff(whole, axis=1) / mm_per_px[0]
     rough = float(np.nanstd(steps)) if np.isfinite(steps).any() else 0.0
     length = spread / rough if rough > 0 else max(mm_per_px)
-    independent = max(keep.sum() * np.prod(mm_per_px) / (2 * np.pi * length**2), 3.0)
+    independent = max(keep.sum() * np.prod(mm_per_px) / (2 * np.pi * length**2), 3)
     return plane, spread / float(np.sqrt(independent))

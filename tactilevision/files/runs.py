@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from tactilevision.errors import OutputError, TactilevisionError
-from tactilevision.files.writing import clear_unfinished, make_folder, output_errors, process_runs
+from tactilevision.files.writing import PAUSE_S, clear_unfinished, make_folder, output_errors, process_runs
 
 if sys.platform != "win32":
     import fcntl
@@ -26,7 +26,6 @@ if sys.platform != "win32":
 LOCK = ".lock"  # in a folder of results while a run writes there
 _ENDING_S = 10  # s: the workers of a killed run have ended long before
 _LINGERING_S = 1.0  # s that a process is still listed after the system has freed its locks
-_PAUSE_S = 0.05  # s between two looks at a lock whose run has ended
 _THREADS = Path("/proc/self/task")  # one entry for each thread of this process, also of libraries
 _THREAD_ENDS_S = 0.1  # s after which a thread that was joined is no longer listed
 
@@ -107,7 +106,7 @@ def _wait_for(path: Path, target: Path) -> tuple[int, bool]:
         os.close(handle)
         if _lives(owner) or time.monotonic() > until:
             raise _busy(target, owner)
-        time.sleep(_PAUSE_S)
+        time.sleep(PAUSE_S)
 
 
 def _sign(handle: int, path: Path) -> None:

@@ -20,7 +20,7 @@ from typing import Any
 from tactilevision.errors import OutputError, Terminated
 
 _UNFINISHED = ".unfinished-"  # prefix of a file being written; the number of its process follows
-_PAUSE_S = 0.05  # s between two looks at a process that is ending
+PAUSE_S = 0.05  # s between two checks of a process that is ending
 _STREAMS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # links to what a process reads and writes
 _LONGEST = 60  # letters; usual disks hold names of 255 bytes
 
@@ -139,7 +139,7 @@ def clear_unfinished(folder: Path, *, deep: bool = False, wait_s: float = 0.0) -
         left = [path for path in found if not _cleared(path)]
         if not left or time.monotonic() >= until:
             return
-        time.sleep(_PAUSE_S)
+        time.sleep(PAUSE_S)
 
 
 def _cleared(path: Path) -> bool:

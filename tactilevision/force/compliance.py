@@ -17,6 +17,7 @@ from tactilevision.force.inverse import Cells
 from tactilevision.force.kernel import REACH, WAVES, CellCompliance, layer_cells
 from tactilevision.force.lateral_boundaries import LOAD_MM, STATION_MM, VERSION, SideTable, side_table
 from tactilevision.force.nodes import NodeGrid
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats, Material, Pair
 from tactilevision.records.rig import Gel
 
@@ -180,7 +181,7 @@ def on_gel(gel: Gel, grid: NodeGrid) -> Bools:
     if gel.shape == "disc" and gel.radius_mm is not None:
         return np.asarray(np.hypot(x, y) <= gel.radius_mm)
     if gel.shape == "rectangle" and gel.size_mm is not None:
-        return np.asarray((x <= gel.size_mm[0] / 2 + 1e-9) & (y <= gel.size_mm[1] / 2 + 1e-9))
+        return np.asarray((x <= gel.size_mm[0] / 2 + ROUNDING) & (y <= gel.size_mm[1] / 2 + ROUNDING))
     return np.ones(grid.shape, dtype=bool)
 
 

@@ -92,10 +92,10 @@ def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
     for step in (1, columns + 1):
         other = order[place + step]
         first, second = np.flatnonzero(other >= 0), other[other >= 0]
-        matrix[first, second] = matrix[second, first] = -0.25
-        matrix[first, first] += 0.25
-        matrix[second, second] += 0.25
-    return matrix
+        matrix[first, second] = matrix[second, first] = -1
+        matrix[first, first] += 1
+        matrix[second, second] += 1
+    return matrix / 4
 
 
 def at_border(cells: npt.NDArray[np.intp], usable: Bools) -> Bools:

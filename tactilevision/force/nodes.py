@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats, Pair
 
 Array = npt.NDArray[np.floating[Any]]
@@ -63,8 +64,8 @@ def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, *, spacing_mm: float) ->
     if not spacing_mm >= max(mm_per_px):
         raise InputError("the spacing of the forces is at least a pixel", where="lay_grid", value=spacing_mm)
     shape = (
-        int(view_px[0] * mm_per_px[1] / spacing_mm + 1e-9),
-        int(view_px[1] * mm_per_px[0] / spacing_mm + 1e-9),
+        int(view_px[0] * mm_per_px[1] / spacing_mm + ROUNDING),
+        int(view_px[1] * mm_per_px[0] / spacing_mm + ROUNDING),
     )
     if min(shape) < 4:
         raise InputError(

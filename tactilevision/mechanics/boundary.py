@@ -27,6 +27,7 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact, friction_place
 from tactilevision.mechanics.kappa import load_table
 from tactilevision.mechanics.material import positive
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats, Pair
 
 TABLE = Path(__file__).with_name("boundary_table.npz")
@@ -39,7 +40,6 @@ RATIO_A_OVER_H = (0.4, 2.5 / 3, 1.5)  # a/h, nodes of the ratios
 RATIO_FRICTIONS = (0.0, 0.15, 0.3, np.inf)  # Coulomb's coefficient, nodes of the ratios
 RATIO_DEPTHS = (0.01, 0.05, 0.1, 0.15, 0.2, 0.25)  # w/h, nodes of the ratios
 DIRECTIONS = 180  # azimuths of the boundary's mean
-SAME_PAD = 1e-9  # relative difference below which two pads are one
 
 
 def softening(
@@ -55,7 +55,7 @@ def softening(
         ("Poisson's ratio", POISSON_NODES[0], POISSON_NODES[-1], poisson_ratio),
         ("a/h", A_OVER_H_NODES[0], A_OVER_H_NODES[-1], alpha),
     ):
-        if not low - 1e-9 <= value <= high + 1e-9:
+        if not low - ROUNDING <= value <= high + ROUNDING:
             raise InputError(
                 f"the table of softening is for {what} in [{low:g}, {high:g}]", where="softening", value=value
             )
@@ -74,7 +74,7 @@ def rim_share(depth_mm: npt.ArrayLike, contact: FlatContact, *, poisson_ratio: f
     10 %. Raises InputError as `softening` does.
     """
     h, a = contact.thickness_mm, contact.radius_mm
-    if contact.pad_radius_mm >= WIDE * h * (1 - SAME_PAD):
+    if contact.pad_radius_mm >= WIDE * h * (1 - ROUNDING):
         return np.zeros_like(np.asarray(depth_mm, dtype=float))
     nu = min(poisson_ratio, POISSON_NODES[-1])
     distances = np.array([contact.pad_radius_mm, WIDE * h]) - a

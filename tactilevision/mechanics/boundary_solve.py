@@ -19,7 +19,7 @@ from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem, b
 from tactilevision.records.measured import Floats, Material
 
 EDGE_OVER_H = 1 / 30  # at h/60 the share is 3 % of itself larger at first touch, the same from w/h = .05 on
-FAR = 12.0  # d/h in place of infinity
+FAR = 12  # d/h in place of infinity
 
 
 def write_table(path: Path = b.TABLE) -> None:

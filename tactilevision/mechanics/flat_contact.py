@@ -56,7 +56,7 @@ class FlatContact:
         return self.edge_radius_mm / self.thickness_mm
 
 
-HALF_FRICTION = 3.0  # of mu/(mu + 3), nearly linear up to full friction, yet finite for no slip
+HALF_FRICTION = 3  # of mu/(mu + 3), nearly linear up to full friction, yet finite for no slip
 
 
 def friction_place(friction: float) -> float:

@@ -53,7 +53,7 @@ def layer_compliance(u: npt.ArrayLike, poisson_ratio: float) -> LayerCompliance:
     k, fall = 3 - 4 * poisson_ratio, np.exp(-2 * u)
     below = k * (1 + fall**2) + (4 * u**2 + 1 + k**2) * fall
     safe = np.where(u > 0, u, 1.0)
-    ramp = np.where(u > 0, -np.expm1(-4 * u) / safe, 4.0)  # (1 - exp(-4u))/u
+    ramp = np.where(u > 0, -np.expm1(-4 * u) / safe, 4)  # (1 - exp(-4u))/u
     share = (1 - poisson_ratio) / below
     coupling = (k * (1 - 2 * poisson_ratio) * np.expm1(-2 * u) ** 2 - 4 * u**2 * fall) / (2 * safe * below)
     return LayerCompliance(

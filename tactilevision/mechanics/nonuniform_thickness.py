@@ -25,7 +25,7 @@ from tactilevision.mechanics.punch_equation import gauss, solve_punch
 from tactilevision.records.measured import Bools, Floats, Pair
 
 WAVES = 256  # nodes of the integral over wave numbers
-LAST_WAVE = 40.0  # of u: the stresses at the base fall like u exp(-u)
+LAST_WAVE = 40  # of u: the stresses at the base fall like u exp(-u)
 GRID = 200  # places across the base
 
 

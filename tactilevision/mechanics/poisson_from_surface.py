@@ -76,7 +76,7 @@ def prepare(blocks: Blocks, *, blur_mm: float, step_std: float, bowl_std_per_mm:
     outside = ~blocks.face
     if outside.sum() < MIN_BLOCKS:
         return None
-    step_std, bowl_std_per_mm = max(step_std, 1e-6), max(bowl_std_per_mm, 1e-7)
+    step_std, bowl_std_per_mm = max(step_std, PINNED), max(bowl_std_per_mm, PINNED / 10)
     if not blocks.face.any():
         depth = blocks.view.certified_depth_mm
         return Press(blocks, depth, blur_mm, step_std, bowl_std_per_mm) if depth > 0 else None
@@ -159,7 +159,7 @@ def whiten(press: Press, noise: NoiseModel) -> WhitePress:
     turning = [face * blocks.x_mm, face * blocks.y_mm]
     x, y = blocks.x_mm, blocks.y_mm
     plain = [face * press.depth_mm, *turning, np.ones(len(face)), x, y, x**2 / 2, x * y, y**2 / 2]
-    centre, bowl = max(blocks.view.centre_std_mm, 1e-6), press.bowl_std_per_mm
+    centre, bowl = max(blocks.view.centre_std_mm, PINNED), press.bowl_std_per_mm
     face_std = (press.step_std, FACE_TILT_STD, FACE_TILT_STD)
     std = np.array([FREE_DEPTH_STD, *face_std, *PLANE_STD, bowl, bowl, bowl, centre, centre])
     mean, mean_x, mean_y = (inverse @ part.toarray() for part in (blocks.mean, blocks.mean_x, blocks.mean_y))
@@ -217,6 +217,7 @@ def _system(white: WhitePress, joint: Joint, model: ProfileModel, rise_factor: f
 START = 0.45  # Poisson's ratio at the start of the fit
 AT_BOUND = 1e-3  # distance from the table's lowest nu within which another model is taken
 PINNED = 1e-6  # standard deviation of a known quantity
+STEP = 1e-4  # of a joint unknown, for derivatives
 MIN_CLUSTERS = 4  # least number of clusters of a robust covariance
 SECTORS = 8  # of directions from the punch
 SAME_DEPTH = 0.1  # relative difference of depths within a cluster
@@ -401,7 +402,7 @@ def _solve(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> Floats:
     def slopes(values: Floats) -> Floats:
         return np.concatenate([*_slopes(task, values, white), np.diag(1 / task.prior_std)])
 
-    start = np.clip(theta, task.bounds[0] + 1e-6, task.bounds[1] - 1e-6)
+    start = np.clip(theta, task.bounds[0] + PINNED, task.bounds[1] - PINNED)
     scale = np.minimum(task.prior_std, 0.1)
     found = least_squares(everything, start, jac=slopes, bounds=task.bounds, x_scale=scale, ftol=1e-5, xtol=1e-5)
     return np.asarray(found.x)
@@ -448,7 +449,7 @@ def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Flo
     columns = []
     for index in range(len(theta)):
         step = np.zeros(len(theta))
-        step[index] = 1e-4 if theta[index] + 1e-4 <= task.bounds[1][index] else -1e-4
+        step[index] = STEP if theta[index] + STEP <= task.bounds[1][index] else -STEP
         moved = _residuals(task, theta + step, white)
         columns.append([(b - a) / step[index] for a, b in zip(base, moved, strict=True)])
     return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]

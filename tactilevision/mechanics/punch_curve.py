@@ -17,6 +17,7 @@ from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.tables.cases import DEPTHS, Case
 from tactilevision.mechanics.tables.punch import punch_force, punch_reach
 from tactilevision.mechanics.tables.solve import solve_case
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats, Material
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ class PunchCurve:
     def force_at(self, depth_mm: npt.ArrayLike) -> Floats:
         """Return the force (N) at depths of any shape; NaN beyond the curve."""
         depth = np.asarray(depth_mm, dtype=float)
-        inside = (depth >= 0) & (depth <= self.depth_mm[-1] * (1 + 1e-9))
+        inside = (depth >= 0) & (depth <= self.depth_mm[-1] * (1 + ROUNDING))
         bounded = np.clip(depth, self.depth_mm[0], self.depth_mm[-1])  # below the first depth P/w is constant
         return np.asarray(np.where(inside, depth * self._secant()(np.sqrt(bounded)), np.nan))
 
@@ -46,7 +47,7 @@ class PunchCurve:
         force = np.asarray(force_N, dtype=float)
         depths = np.linspace(0, 1, GRID) ** 2 * self.depth_mm[-1]
         forces = self.force_at(depths)
-        inside = (force >= 0) & (force <= forces[-1] * (1 + 1e-9))
+        inside = (force >= 0) & (force <= forces[-1] * (1 + ROUNDING))
         return np.asarray(np.where(inside, np.interp(force, forces, depths), np.nan))
 
     def _secant(self) -> BSpline:
@@ -86,7 +87,7 @@ def tabulated_curve(contact: FlatContact, material: Material, deepest_mm: float)
         depths = np.linspace(0.05, 1, 24) ** 2 * min(deepest_mm, reach)
         if reach <= 0:
             return None
-        ended = "" if reach >= deepest_mm * (1 - 1e-9) else "the table ends here"
+        ended = "" if reach >= deepest_mm * (1 - ROUNDING) else "the table ends here"
         return PunchCurve(depths, punch_force(depths, contact, material=material), "table", ended)
     except InputError:
         return None
@@ -109,7 +110,7 @@ def _solved(contact: FlatContact, material: Material, deepest_mm: float) -> Punc
         a_over_h=contact.a_over_h,
     )
     deepest = deepest_mm / h
-    found = solve_case(case, (*(d for d in DEPTHS if d < deepest * (1 - 1e-9)), deepest))
+    found = solve_case(case, (*(d for d in DEPTHS if d < deepest * (1 - ROUNDING)), deepest))
     if not found.depth.size:
         raise ConvergenceError(f"punch_curve: no equilibrium was found at first touch ({found.ended})")
     force = found.force * found.depth * material.youngs_modulus_MPa * h**2

@@ -24,9 +24,9 @@ from tactilevision.records.measured import Floats
 
 NODES = 64  # of Gauss and Legendre on the punch's radius
 KERNEL_NODES = 320  # of the kernel's integral
-KERNEL_END = 24.0  # (4 u^2) exp(-2u) has fallen to 3e-18 there
+KERNEL_END = 24  # (4 u^2) exp(-2u) has fallen to 3e-18 there
 POISSON_RANGE = (0.0, 0.5)  # Poisson's ratio, range of validity
-A_OVER_H_RANGE = (0.05, 10.0)  # a/h, range of validity
+A_OVER_H_RANGE = (0.05, 10)  # a/h, range of validity
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,12 +20,13 @@ from functools import lru_cache
 import numpy as np
 
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.mechanics.profile import LINEAR, ProfileModel, PunchCase, seen_profile
+from tactilevision.mechanics.profile import FULL_FRICTION, LINEAR, ProfileModel, PunchCase, seen_profile
 from tactilevision.records.rig import Indenter
 
 STEPS = 50  # of the fixed-point iteration
 TOLERANCE = 1e-10  # change of the depth over the height at which the iteration ends
-FRICTIONS = (0.0, 0.3, float("inf"))  # Coulomb's coefficients that span the effect of friction
+PLACE_STEP_MM = 0.05  # mm, of the derivative by the bevel's distance
+FRICTIONS = (0.0, FULL_FRICTION, float("inf"))  # Coulomb's coefficients that span the effect of friction
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +62,11 @@ def touch_depth(
     def rise(nu: float, place_mm: float, friction: float) -> tuple[float, float]:
         return _solve(height, lambda w: _rho(indenter.radius_mm, place_mm, thickness_mm, nu, (w, friction), model))
 
-    middle = 0.3 if model.frictional else 0.0
+    middle = FULL_FRICTION if model.frictional else 0.0
     depth, rho = rise(poisson_ratio, distance, middle)
-    step = 0.002 if poisson_ratio < 0.49 else -0.002
+    step = 0.002 * (1 if poisson_ratio < 0.49 else -1)
     by_nu = (rise(poisson_ratio + step, distance, middle)[1] - rho) / step
-    by_place = (rise(poisson_ratio, distance + 0.05, middle)[1] - rho) / 0.05
+    by_place = (rise(poisson_ratio, distance + PLACE_STEP_MM, middle)[1] - rho) / PLACE_STEP_MM
     spread = [rise(poisson_ratio, distance, mu)[1] for mu in FRICTIONS] if model.frictional else [rho]
     parts = (
         by_nu * poisson_ratio_std,

@@ -115,7 +115,7 @@ def _levels(picture: npt.NDArray[Any], path: Path, white_level: float | None) ->
     if picture.dtype == np.uint8:
         return np.ascontiguousarray(picture)
     if picture.dtype == np.uint16:
-        return _scaled(picture, white_level or 65535.0)
+        return _scaled(picture, white_level or 65535)
     if picture.dtype.kind == "f":
         if not (np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1):
             raise RecordingError(
@@ -153,8 +153,8 @@ def _grey(where: Path | str, found: object) -> RecordingError:
 
 
 def _scaled(picture: npt.NDArray[Any], white: float) -> Bytes:
-    scaled = np.rint(picture.astype(np.float32) * np.float32(255.0 / white))
-    bounded: Bytes = np.minimum(scaled, 255.0).astype(np.uint8)
+    scaled = np.rint(picture.astype(np.float32) * np.float32(255 / white))
+    bounded: Bytes = np.minimum(scaled, 255).astype(np.uint8)
     return bounded
 
 

@@ -44,6 +44,7 @@ MIN_GAP_S = 2.0  # s without readings; presses last some seconds
 MIN_GAP_STEPS = 20  # usual steps without readings; loggers lose a few
 SAME_PAUSE = 1.5  # times the frames' longest pause; frames are taken at presses alone, and end some seconds before
 ALIKE = 0.5  # of the longest gap: the median of recurring gaps; a stage takes more or less time between places
+SAME_RATE = 0.1  # relative tolerance of the readings' rate
 LONGER = 2.0  # times a press's length that its curve may last; free gel before and after adds little
 _SPARE = 0.1  # of a press: part that the readings may miss at its end, which is free gel
 
@@ -173,8 +174,8 @@ def _doubts_of_forces(recording: Recording) -> Iterator[str]:
     times, normal = recording.forces.time_s, recording.forces.force_N[:, 2]
     step_s = float(np.median(np.diff(times)))
     rate = recording.force_rate_Hz
-    if rate is not None and step_s > 0 and not math.isclose(1 / step_s, rate, rel_tol=0.1):
-        in_ms = ": is time_s in ms?" if math.isclose(KILO / step_s, rate, rel_tol=0.1) else ""
+    if rate is not None and step_s > 0 and not math.isclose(1 / step_s, rate, rel_tol=SAME_RATE):
+        in_ms = ": is time_s in ms?" if math.isclose(KILO / step_s, rate, rel_tol=SAME_RATE) else ""
         yield f"{layout.FORCES}: readings come at {1 / step_s:.4g} Hz, not at rate_Hz = {rate:g}{in_ms}"
     pause_s = float(np.diff(recording.frame_times_s).max(initial=0.0))  # of both: a change of indenter
     gaps_s = np.diff(times)

@@ -29,11 +29,11 @@ from tactilevision.shear.markers import MarkerMotion, find_markers, follow_marke
 # and light that changes too fast to cancel.
 
 GRAIN_PX = 2.0  # px: size of the texture's grains
-CONTRAST_PX = 12.0  # px over which contrast and noise are measured
+CONTRAST_PX = 12  # px over which contrast and noise are measured
 ROUND_TRIP_PX = 1.0  # px: largest error of the flow forth and back
 MIN_KNOWN = 0.5  # share of the view
 TEXTURE_OVER_NOISE = 1.5  # least ratio of texture to noise
-CORRELATION_PX = 8.0  # px: patch of the flow
+CORRELATION_PX = 8  # px: patch of the flow
 Singles = npt.NDArray[np.float32]
 
 

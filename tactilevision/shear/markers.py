@@ -123,7 +123,7 @@ def darkness(rgb: Bytes) -> Floats:
     A mark is dark in all colours, a shade is not.
     """
     light = np.log1p(rgb.max(axis=2).astype(np.float32))
-    wide = max(3.0, rgb.shape[0] / 20)
+    wide = max(3, rgb.shape[0] / 20)
     around = cv2.GaussianBlur(light, (0, 0), wide)
     return np.asarray(cv2.GaussianBlur(around - light, (0, 0), 0.8), dtype=np.float64)
 

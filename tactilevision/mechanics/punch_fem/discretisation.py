@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from tactilevision.errors import InputError
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats
 
 # The graded mesh of a gel pad: fine at the punch's edge, coarse far away. Axes r outward, z up from the base.
@@ -49,7 +50,7 @@ def sizes_from(first: float, length: float, *, settings: MeshSettings) -> Floats
     Scaled so that they fill it exactly.
     """
     sizes, total = [first], first
-    while total < length * (1 - 1e-9):
+    while total < length * (1 - ROUNDING):
         sizes.append(min(sizes[-1] * settings.growth, settings.largest_mm))
         total += sizes[-1]
     return np.array(sizes) * (length / total)

@@ -167,7 +167,7 @@ class Gent:
     Source: Gent, Rubber Chem. Technol. 69 (1996) 59.
     """
 
-    limit: float = 30.0
+    limit: float = 30
     name: str = "gent"
 
     def __post_init__(self) -> None:

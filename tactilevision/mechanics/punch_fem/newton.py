@@ -19,6 +19,7 @@ from tactilevision.mechanics.punch_fem.discretisation import (
 )
 from tactilevision.mechanics.punch_fem.problem import Model
 from tactilevision.mechanics.punch_fem.solid import ElementSystem, corner_volumes, deform, linearise
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats
 
 # Newton's method for one load step: displacement, pressure and, under a prescribed force, the punch's depth.
@@ -67,7 +68,7 @@ CHATTER_VOLUME = 1e-6  # of each element's volume, where contact points chatter
 # more iterations are needed.
 LATE = 5  # iterations, see above
 LATE_ERROR = 1e-2  # relative out-of-balance force that is too much by then
-WORST_ERROR = 3.0  # relative out-of-balance force that is too much at any time
+WORST_ERROR = 3  # relative out-of-balance force that is too much at any time
 MAX_WITH_PATIENCE = 30  # iterations of one step there
 
 
@@ -216,7 +217,7 @@ def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord])
     for target in targets:
         whole = abs(target - _load(system, last))
         while abs(left := target - _load(system, last)) > 1e-12 * max(abs(target), whole):
-            parts = np.ceil(abs(left) / step - 1e-9)
+            parts = np.ceil(abs(left) / step - ROUNDING)
             aim = target if parts <= 1 else _load(system, last) + left / parts
             outcome = solve_step(
                 system, last, target=aim, guess=_extrapolate(system, before, last, aim), patient=patient

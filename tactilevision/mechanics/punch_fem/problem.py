@@ -10,6 +10,7 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.discretisation import Discretisation, MeshSettings, discretise, graded_mesh
 from tactilevision.mechanics.punch_fem.laws import Law, NeoHooke
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Material
 
 
@@ -43,7 +44,7 @@ class PunchProblem:
     pad_radius_mm: float
     law: Law = field(default_factory=NeoHooke)
     side_fixed: bool = False
-    penalty: float = 80.0
+    penalty: float = 80
     mesh: MeshSettings | None = None
     may_fold: bool = False
 
@@ -88,7 +89,7 @@ def build(problem: PunchProblem) -> Model:
     mesh = discretise(grid)
     r, z = mesh.nodes_mm.T
     held = np.zeros(mesh.size, dtype=bool)
-    tiny = 1e-9 * problem.thickness_mm
+    tiny = ROUNDING * problem.thickness_mm
     base = z < tiny
     held[:-1:2] |= base | (r < tiny)
     held[1:-1:2] |= base

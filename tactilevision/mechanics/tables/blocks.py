@@ -12,6 +12,7 @@ from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCase
 from tactilevision.mechanics.tables.grid import Axes, continued, inside_cells, solved_nodes
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats
 
 # A block is one law, friction and edge on a grid of nu, a/h and depth, of quantities that vary little: P/w over
@@ -99,7 +100,7 @@ def deepened(block: Block, blunter: Block) -> Block:
             last = int(np.isfinite(stiffness[i, j]).sum()) - 1
             if there is None or not SHALLOWEST <= depths[max(last, 0)] < depths[-1]:
                 continue
-            far = int(np.searchsorted(depths, FURTHEST * depths[last] * (1 + 1e-9)))
+            far = int(np.searchsorted(depths, FURTHEST * depths[last] * (1 + ROUNDING)))
             flat = [hayes_stiffness(nu, alpha, edge_over_h=one.edge_over_h) for one in (blunter, block)]
             other, its_surface = blunter.stiffness[there] * flat[0] / flat[1], blunter.surface[there]
             more = stiffness[i, j] / other - 1

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def _in_known_cells(axes: Axes, known: Bools, places: Floats) -> Bools:
     """Return the mask of places in a known cell; a place on a node belongs to the cells on both sides of it."""
     sides, on_grid = [], np.ones(len(places), dtype=bool)
     for k, nodes in enumerate(axes.stretched):
-        slack = 1e-9 * (nodes[-1] - nodes[0])
+        slack = ROUNDING * (nodes[-1] - nodes[0])
         on_grid &= (places[:, k] >= nodes[0] - slack) & (places[:, k] <= nodes[-1] + slack)
         below, above = (np.searchsorted(nodes + move, places[:, k]) - 1 for move in (slack, -slack))
         sides.append([np.clip(cell, 0, len(nodes) - 2) for cell in (below, above)])

@@ -15,7 +15,7 @@ from tactilevision.mechanics.tables import table as tables
 from tactilevision.mechanics.tables.blocks import hayes_stiffness
 from tactilevision.mechanics.tables.cases import BESIDE, REACH
 from tactilevision.mechanics.tables.table import shipped_table
-from tactilevision.records.constants import NU_MAX
+from tactilevision.records.constants import NU_MAX, ROUNDING
 from tactilevision.records.measured import Bools, Floats, Material
 
 
@@ -128,7 +128,7 @@ def _demand(
 
 def _check_places(r: Floats, contact: FlatContact) -> None:
     beyond = (r - contact.radius_mm) / contact.thickness_mm
-    if not (np.isfinite(beyond).all() and beyond.min() >= -1e-9 and beyond.max() <= REACH + 1e-9):
+    if not (np.isfinite(beyond).all() and beyond.min() >= -ROUNDING and beyond.max() <= REACH + ROUNDING):
         raise InputError(
             f"(r - a)/h is beyond the table, 0 to {REACH:g}",
             where="punch_profile",
@@ -164,7 +164,7 @@ class TableProfile:
             ("a/h", case.a_over_h, A_OVER_H_RANGE),
             ("w/h", case.w_over_h, (0.0, DEEPEST)),
         ):
-            if not low - 1e-9 <= value <= high + 1e-9:
+            if not low - ROUNDING <= value <= high + ROUNDING:
                 raise InputError(
                     f"the table of profiles is for {what} in [{low:g}, {high:g}]",
                     where="TableProfile",

@@ -21,6 +21,7 @@ from tactilevision.mechanics.punch_fem.press import surface_profile
 from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build, default_mesh
 from tactilevision.mechanics.punch_fem.solid import deform
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCase, case_path, save_case
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats, Material
 
 # Where the gel leaves a sharp edge one corner of the mesh turns inside out at w/h of .08 to .25. A neo-Hookean
@@ -103,7 +104,7 @@ def before_a_jam(case: Case, depths: Sequence[float], *, force: Floats) -> int:
     """
     root, log = np.sqrt(depths), np.log(force)
     for k in range(4, len(root)):
-        near = depths[k] - depths[k - 4] <= WINDOW * (1 + 1e-9)
+        near = depths[k] - depths[k - 4] <= WINDOW * (1 + ROUNDING)
         if near and FIRST_JAM <= depths[k] <= case.a_over_h / 3:
             line = np.polynomial.polynomial.polyfit(root[k - 4 : k] - root[k], log[k - 4 : k], 2)
             if log[k] - line[0] > SAME_GROWTH:
@@ -140,9 +141,9 @@ def _surface(model: Model, state: State, case: Case) -> Floats:
     from scipy.interpolate import CubicSpline
 
     wanted = case.a_over_h + np.array(BESIDE)
-    on_pad = wanted <= case.pad_over_h * (1 + 1e-9)
+    on_pad = wanted <= case.pad_over_h * (1 + ROUNDING)
     r, profile = surface_profile(model, state)
-    outside = r >= case.a_over_h * (1 - 1e-9)
+    outside = r >= case.a_over_h * (1 - ROUNDING)
     found = np.full((2, len(wanted)), np.nan)
     found[:, on_pad] = CubicSpline(r[outside], profile[:, outside], axis=1)(wanted[on_pad]) / state.depth_mm
     return found
@@ -221,5 +222,5 @@ class _Clock:
 
 def effort(case: Case) -> float:
     """Estimate how long a case takes relative to one with some friction at an edge radius of h/60."""
-    sliding = 3.0 if case.friction == 0 else 1.0
+    sliding = 3 if case.friction == 0 else 1
     return float(sliding * (1 / (60 * case.edge_over_h)) ** 0.7)

@@ -25,13 +25,12 @@ from tactilevision.mechanics.flat_contact import friction_place
 from tactilevision.mechanics.tables.blocks import Block, Key, Solved, build_blocks, on_one_grid
 from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, load_case
 from tactilevision.mechanics.tables.grid import Axes, HoledSpline, fit_grid
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats
 
 # Interpolation in friction: a monotone cubic in mu/(mu + 3). The effect of friction is proportional to mu up to a
 # mu of .1 to .3, where the whole face sticks. The monotone cubic does not overshoot there, as another does by .9 %
 # of the force. Source: Fritsch, Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300.
-
-ROUNDING = 1e-9  # of the interval: nearer to a node, only that node is used
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +143,10 @@ class Table:
         edges = sorted(edge for edge, there in frictions.items() if there[0] <= friction <= there[-1])
         if not edges:
             raise _absent("friction", friction, sorted({mu for _, mu in mine}))
-        alone = len(edges) == 1  # Hayes' stiffness of the flat part still depends on the edge asked for
-        near = (
-            abs(edge_over_h / edges[0] - 1) <= EDGE_TOLERANCE if alone else edge_over_h <= edges[-1] * (1 + 1e-9)
-        )
+        if len(edges) == 1:  # Hayes' stiffness of the flat part still depends on the edge asked for
+            near = abs(edge_over_h / edges[0] - 1) <= EDGE_TOLERANCE
+        else:
+            near = edge_over_h <= edges[-1] * (1 + ROUNDING)
         if not (near and edge_over_h >= 0):
             raise _absent("edge radius over thickness", edge_over_h, edges)
         rows = {edge: [block for (other, _), block in mine.items() if other == edge] for edge in edges}
