@@ -164,7 +164,7 @@ def _summary(x: Floats, search: _Search, noise: float, growth: Growth) -> Onset 
 
 
 def _scatter(x: Floats, y: Floats) -> float:
-    """Return the noise of y from second differences along x, which a smooth course hardly touches."""
+    """Return the noise of y from second differences along x, which a smooth course hardly affects."""
     order = np.argsort(x, kind="stable")
     return max(second_difference_std(y[order]), 1e-9 + 1e-6 * float(np.ptp(y)))
 

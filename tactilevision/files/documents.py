@@ -41,7 +41,7 @@ def parse_toml(text: str, *, where: object) -> dict[str, Any]:
         raise InputError(
             f"is not TOML: {fault}",
             where=place,
-            remedy="Text stands in quotes, the name of a table in [brackets]; numbers have a decimal point.",
+            remedy="Put text in quotes, the name of a table in [brackets]; write numbers with a decimal point.",
         ) from fault
     except (ValueError, RecursionError, OverflowError) as fault:
         raise InputError(f"is not TOML: {fault}", where=where) from fault

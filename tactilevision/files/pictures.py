@@ -27,6 +27,8 @@ from tactilevision.files.opening import check
 _PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
 _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
 _BIG_TIFF = {b"II+\0": "<", b"MM\0+": ">"}
+_ORDERS = _TIFF | _BIG_TIFF  # order of bytes by the first four
+_DAMAGED = (struct.error, IndexError, KeyError, OverflowError)
 _FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers of JPEG that state a size
 _WHOLE = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 16: "Q", 17: "q"}  # types of TIFF for whole numbers
 _GREY = frozenset((0, 4))  # colour types of PNG: grey, without and with transparency
@@ -82,9 +84,9 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
             old = struct.unpack_from("<I", data, 14)[0] == _OS2_HEADER
             width, height = struct.unpack_from("<HH" if old else "<ii", data, 18)
             return abs(int(width)), abs(int(height))
-        if data[:4] in _TIFF or data[:4] in _BIG_TIFF:
+        if data[:4] in _ORDERS:
             return _tiff(data)
-    except (struct.error, IndexError, KeyError, OverflowError):
+    except _DAMAGED:
         return None
     return None
 
@@ -100,7 +102,7 @@ def why_no_colours(data: bytes) -> str:
     elif data.startswith(_BMP) and len(data) > 30:
         old = int.from_bytes(data[14:18], "little") == _OS2_HEADER
         space = _PALETTE if data[24 if old else 28] <= 8 else space
-    elif data[:4] in _TIFF or data[:4] in _BIG_TIFF:
+    elif data[:4] in _ORDERS:
         space = _directory(data, None)[0].get(_SPACE, space)
         if space not in _READ_SPACES:
             return "its numbers are not red, green and blue (TIFF's tag 262)"
@@ -112,10 +114,10 @@ def upright(data: bytes) -> bytes:
 
     For bytes that `check_picture` has passed.
     """
-    if data[:4] not in _TIFF and data[:4] not in _BIG_TIFF:
+    if data[:4] not in _ORDERS:
         return data
     lying = bytearray(data)
-    order = (_TIFF | _BIG_TIFF)[data[:4]]
+    order = _ORDERS[data[:4]]
     for tag, kind, place in _entries(data, None):
         if tag == _TURN and kind in _WHOLE and place + struct.calcsize(order + _WHOLE[kind]) <= len(data):
             struct.pack_into(order + _WHOLE[kind], lying, place, _UPRIGHT)
@@ -126,10 +128,10 @@ def orientation(data: bytes) -> int:
     """Return the orientation that a file states (tag 274 of Exif and TIFF), 1 to 8; 1, unturned, without one."""
     try:
         tiff = _exif(data)
-        order = (_TIFF | _BIG_TIFF)[tiff[:4]]
+        order = _ORDERS[tiff[:4]]
         places = [(kind, place) for tag, kind, place in _entries(tiff, None) if tag == _TURN and kind in _WHOLE]
         return int(struct.unpack_from(order + _WHOLE[places[0][0]], tiff, places[0][1])[0]) if places else _UPRIGHT
-    except (struct.error, IndexError, KeyError, OverflowError):
+    except _DAMAGED:
         return _UPRIGHT
 
 
@@ -156,13 +158,13 @@ def is_stack(data: bytes) -> bool:
     if data.startswith(_PNG):
         film = data.find(b"acTL", 0, max(data.find(b"IDAT"), 0))
         return film > 0 and int.from_bytes(data[film + 4 : film + 8], "big") > 1
-    if data[:4] not in _TIFF and data[:4] not in _BIG_TIFF:
+    if data[:4] not in _ORDERS:
         return False
     try:
         after = _directory(data, None)[1]
         return after != 0 and not _directory(data, after)[0].get(_SECOND, 0) & _NO_PICTURE
-    except (struct.error, IndexError, KeyError, OverflowError):
-        return False  # damaged: its decoder says so
+    except _DAMAGED:
+        return False  # damaged: its decoder reports it
 
 
 def is_cut(data: bytes) -> bool:
@@ -231,7 +233,7 @@ def _entries(data: bytes, start: int | None) -> Iterator[tuple[int, int, int]]:
 def _head(data: bytes, start: int | None) -> tuple[str, int, int]:
     """Return order of bytes, place, and number of entries of a directory."""
     big = data[:4] in _BIG_TIFF
-    order = (_TIFF | _BIG_TIFF)[data[:4]]
+    order = _ORDERS[data[:4]]
     if start is None:
         start = int(struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)[0])
     return order, start, int(struct.unpack_from(order + ("Q" if big else "H"), data, start)[0])

@@ -94,7 +94,7 @@ class Readings:
 AXES = ("x", "y", "z")
 MIN_N = 0.05  # N: the least force of a ratio
 NO_READING = "the force sensor has no reading at their time"
-AT_ITS_END = "the force sensor stood at the end of its range in their press"
+AT_ITS_END = "the force sensor was at the end of its range in their press"
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,7 +68,7 @@ def depth_factors(
 def patch_factor(
     radius_mm: Floats, depth_mm: Floats, *, stretch: Floats, thickness_mm: float, poisson_ratio: float
 ) -> Floats:
-    """Return the factor of each patch (n,), a ratio; the arrays alike."""
+    """Return the factor of each patch (n,), a ratio, from arrays (n,)."""
     depth = np.clip(depth_mm, 0, THINNEST * thickness_mm)
     thinner = thickness_mm - depth * radius_mm**2 / (radius_mm**2 + thickness_mm**2)
     wider = radius_mm * (1 + np.clip(stretch, -0.5, 0.5) / 2)

@@ -100,8 +100,8 @@ def cell_means(grid: NodeGrid, picture: Array, *, valid: Bools | None) -> tuple[
 
 
 def mean_std(grid: NodeGrid, std_mm: float, *, correlation_px: float) -> float:
-    """Return the standard deviation of a cell's mean where each pixel has `std_mm`, alike over `correlation_px`
-    pixels.
+    """Return the standard deviation of a cell's mean where each pixel has `std_mm`, correlated over
+    `correlation_px` pixels.
     """
     pixels = grid.cell_mm2 / (grid.mm_per_px[0] * grid.mm_per_px[1])
     return float(std_mm) / float(np.sqrt(max(1.0, pixels / max(1.0, correlation_px) ** 2)))

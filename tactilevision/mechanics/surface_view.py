@@ -147,7 +147,7 @@ def _check(view: SurfaceView) -> None:
     where = view.name or "SurfaceView"
     if view.depth_mm.ndim != 2 or view.depth_mm.shape != view.valid.shape:
         raise InputError(
-            "depth_mm and valid are (H, W) alike", where=where, value=(view.depth_mm.shape, view.valid.shape)
+            "depth_mm and valid have one shape (H, W)", where=where, value=(view.depth_mm.shape, view.valid.shape)
         )
     if not min(*view.mm_per_px, view.radius_mm) > 0:
         raise InputError(

@@ -245,7 +245,7 @@ def most_sizes(
     return (
         usual,
         first,
-        (f"the first pictures are {was}, most others {now}: {names[first]} and those alike are read",),
+        (f"the first pictures are {was}, most others {now}: {names[first]} and others of its size are read",),
     )
 
 

@@ -136,7 +136,7 @@ def _doubts_of_curve_times(recording: Recording) -> Iterator[str]:
     if 2 * len(long) > len(known):
         first = long[0]
         yield (
-            f"{layout.CURVES}: {len(long)} of {len(known)} presses last longer than {layout.PRESSES} says, press "
+            f"{layout.CURVES}: {len(long)} of {len(known)} presses last longer than in {layout.PRESSES}, press "
             f"{first.press} {_lasting(first):.6g} s and not {np.ptp(spans[first.press]):.6g} s. time_s counts "
             "seconds: is it in milliseconds?"
         )

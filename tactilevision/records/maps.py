@@ -112,7 +112,7 @@ class HeightMap:
             )
         if self.depth_mm.ndim != 2 or self.valid.shape != self.depth_mm.shape:
             raise InputError(
-                "depth_mm and valid are (H, W) alike",
+                "depth_mm and valid have one shape (H, W)",
                 where="HeightMap",
                 value=(self.depth_mm.shape, self.valid.shape),
             )
@@ -166,7 +166,7 @@ class ShearMap:
     def __post_init__(self) -> None:
         if self.u_x_mm.ndim != 2 or not self.u_x_mm.shape == self.u_y_mm.shape == self.valid.shape:
             raise InputError(
-                "u_x_mm, u_y_mm and valid are (H, W) alike",
+                "u_x_mm, u_y_mm and valid have one shape (H, W)",
                 where="ShearMap",
                 value=(self.u_x_mm.shape, self.u_y_mm.shape, self.valid.shape),
             )

@@ -83,7 +83,7 @@ def get_sensor(kind: str, **overrides: Any) -> Sensor:
 
 
 def may_have_marks(sensor: Sensor) -> bool:
-    """Return whether to look for marks: not if the catalogue knows that this kind has none."""
+    """Return whether to look for marks: not if this kind has none by the catalogue."""
     return sensor.has_markers or sensor.kind not in SENSORS
 
 

@@ -38,7 +38,7 @@ class MarkerMotion:
 
 
 def find_markers(rgb: Bytes) -> Floats:
-    """Find the places (N, 2) in pixels of the markers in a frame (H, W, 3); none if it has no spots alike."""
+    """Find the places (N, 2) in pixels of the markers in a frame (H, W, 3); none if it has no similar spots."""
     dark = darkness(rgb)
     level, _ = cv2.threshold(_as_bytes(dark), 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     spots = (_as_bytes(dark) > level).astype(np.uint8)

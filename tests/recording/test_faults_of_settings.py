@@ -47,7 +47,7 @@ FAULTS = [
         "diameter_mm = 30",
         '[sensor.gel] shape = "disc" needs radius_mm, half of its diameter_mm = 30',
     ),
-    ("radius_mm = 2.5", "radius_mm = 2,5", "numbers have a decimal point"),
+    ("radius_mm = 2.5", "radius_mm = 2,5", "numbers with a decimal point"),
     ("radius_mm = 2.5", "radius = 2.5", "[indenter.A1] radius is not known (got 2.5). Did you mean radius_mm?"),
     ('bevel = "right"', 'bevel = "rihgt"', "[indenter.A1] bevel must be 'right', 'left', 'top' or 'bottom'"),
     ("[indenter.A1]", "[indenters.A1]", "indenters is not known. Did you mean indenter?"),

@@ -299,7 +299,7 @@ CURVES_MS = re.sub(r"0\.([1459]),(0[.1]*,0,0)", r"\g<1>00,\2", CURVES)
         ("1,0.4,0.1,0,0,1\n", "1,0.4,0.1,0,0,1\n" * 3, "2 rows repeat the row before them, in press 1: "),
         ("2,0.5,0,0,0,0\n2,0.9,0.1,0,0,1\n", "", "no rows of press 2, which presses.csv lists"),
         ("2,0.9", "2,90", "press 2 lasts 89.5 s, but 0.4 s in presses.csv: did its clock jump?"),
-        (CURVES, CURVES_MS, "2 of 2 presses last longer than presses.csv says, press 1 300 s and not 0.3 s"),
+        (CURVES, CURVES_MS, "2 of 2 presses last longer than in presses.csv, press 1 300 s and not 0.3 s"),
     ],
 )
 def test_curves_that_are_unlikely_are_named(folder: Path, old: str, new: str, said: str) -> None:

@@ -36,7 +36,7 @@ def test_the_size_that_most_pictures_have_counts_not_that_of_the_first(tmp_path:
     assert found.frame_size_px == (32, 24)
     assert found.flat_frames == (2,)
     said = " ".join(found.warnings)
-    assert "the first pictures are 64 x 48, most others 32 x 24: 2.png and those alike are read" in said
+    assert "the first pictures are 64 x 48, most others 32 x 24: 2.png and others of its size are read" in said
     assert "the first frame, 2.png, shows the untouched gel" in said
 
 

@@ -88,7 +88,7 @@ def punch_profile(
 
 
 def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mixture) -> tuple[Floats, bool]:
-    """Return the rise and u_r over w (2, ...) at r/a >= 1, and whether the table knows them at this depth.
+    """Return the rise and u_r over w (2, ...) at r/a >= 1, and whether the table has them at this depth.
 
     Linear theory plus the tabulated excess, a spline in the root of the distance from the punch; from 3.5
     thicknesses on the excess fades like the profile.
