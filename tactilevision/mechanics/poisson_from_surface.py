@@ -215,6 +215,7 @@ def _system(white: WhitePress, joint: Joint, model: ProfileModel, rise_factor: f
 # covariance: White, Econometrica 48 (1980) 817.
 
 START = 0.45  # Poisson's ratio at the start of the fit
+AT_END = 1e-4  # of nu: distance from a bound at which a solver stops
 AT_BOUND = 1e-3  # distance from the table's lowest nu within which another model is taken
 PINNED = 1e-6  # standard deviation of a known quantity
 STEP = 1e-4  # of a joint unknown, for derivatives
@@ -427,7 +428,7 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
     alone = theta[0] - scores[:, 0] / own_nu
     systematic = float(np.hypot(systematic, _trend(task.presses, alone, own_nu)))
     return SurfaceFit(
-        poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic),
+        poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic, task.model.poisson_range),
         names=NAMES,
         values=theta,
         covariance=covariance,
@@ -512,9 +513,11 @@ def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float
     return float(t.ppf(0.975, count - 1) * np.sqrt(spread[0, 0]))
 
 
-def _estimate(value: float, std: float, shown: float, systematic: float) -> Estimate:
+def _estimate(value: float, std: float, shown: float, systematic: float, bounds: tuple[float, float]) -> Estimate:
     half = float(np.hypot(max(Z95 * std, shown), Z95 * systematic))
     low, high = max(value - half, 0.0), min(value + half, 0.5)
     if high - low > NO_ANSWER_WIDTH:
         return Estimate(None, None, (low, high), "1", "the rise around the punch is below the noise of the maps")
+    if not bounds[0] + AT_END < value < bounds[1] - AT_END:
+        return Estimate(None, None, (low, high), "1", f"the fit lies at the bound of Poisson's ratio, {value:.4f}")
     return Estimate(float(value), half / Z95, (low, high), "1")
