@@ -208,7 +208,7 @@ class TractionMap:
         return Wrench(self.resultant_N, self.resultant_std_N, moment, moment_std)
 
 
-# What makes a height map as a whole doubtful, one word each: `HeightMap.flags`, and what each of them means.
+# Flags of a height map as a whole, and what each of them means.
 
 MOVED = "moved"
 LIGHT = "light"
@@ -223,27 +223,28 @@ INCONSISTENT = "inconsistent_light"
 SHADOW = "shadow"
 STEEP = "steep"
 MEANING = {
-    UNFIT: "the light's calibration fails balls that it never saw: neither direction nor depth of what is pressed "
-    "can be trusted",
-    DEEPER: "the map is deeper than the gel is thick: no press reads like this, and no depth of it can be true",
-    MOVED: "the picture lies beside its reference: depth may be false everywhere",
-    REFERENCE: "the reference itself shows a contact, or the gel has changed there since: depth is false there, "
-    "and may be everywhere where the light was calibrated with it",
+    UNFIT: "the light's calibration fails on balls that it has not used: neither direction nor depth of a "
+    "contact can be trusted",
+    DEEPER: "the map is deeper than the gel is thick, so no depth of it can be true",
+    MOVED: "the picture is shifted against its reference: depth may be wrong everywhere",
+    REFERENCE: "the reference itself shows a contact, or the gel has changed there since: depth is wrong "
+    "there, and may be everywhere if the light was calibrated with it",
     BALLS: "the light was calibrated on balls in less than half of the picture, along one side at least: depth "
     "elsewhere is extrapolated",
-    BEYOND_BALLS: "what is pressed lies beyond the outermost balls that told the light: its depth is "
+    BEYOND_BALLS: "the contact is beyond the outermost balls of the light's calibration: its depth is "
     "extrapolated, and the stated deviation grows with the distance; press balls there",
-    ASSUMED_SCALE: "no ball told how deep a colour is: the depth's scale is that of a usual light, at times 40 % "
+    ASSUMED_SCALE: "no ball calibrated the scale of the depth, which is that of a usual light: at times 40 % "
     "off or, where no network for the sensor is ready, by a factor of two or three",
-    LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "
-    "that has moved, or contact over much of it",
-    INCONSISTENT: "in places no slope has the colours that are seen, or gel rises further than theory allows: a "
-    "shadow, a lamp that changed there, or a light that the method does not know; depth there is uncertain",
-    SHADOW: "gel within 5 depths of a steep wall may lie in the shadow of a lamp and then falls too steeply, as "
-    "its deviation says; a deep flat face may be read up to half too deep, unless certified faces taught its wall",
-    STEEP: "slopes are steeper than any ball that told the light, and belong to no round flat face: what stands "
-    "behind them is read too shallow; smaller balls, or deeper presses of them, would tell",
-    BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",
+    LIGHT: "most of the picture differs from the reference by more than drift: another light, a picture that "
+    "has moved, or contact over much of it",
+    INCONSISTENT: "in places no slope has the colours seen, or gel rises further than theory allows: a shadow, "
+    "a lamp that changed there, or a light outside the method's model; depth there is uncertain",
+    SHADOW: "gel within 5 depths of a steep wall may be in the shadow of a lamp and then falls too steeply, as "
+    "its deviation states; a deep flat face may be read up to half too deep, unless certified faces taught its "
+    "wall",
+    STEEP: "slopes are steeper than any calibrated by balls, and belong to no round flat face: depth behind "
+    "them is too small; calibrate with smaller balls, or deeper presses of them",
+    BORDER: "a contact reaches the picture's border: it is cut off, or light comes from outside",
 }
 
 
