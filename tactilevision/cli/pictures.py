@@ -146,7 +146,7 @@ def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder)
 
     kept = []
     if curves.whole:
-        shown = curves.telling(TELLING)
+        shown = curves.most_changed(TELLING)
         chosen = "on which most changes" if len(curves.models) > 1 else "that the model misses most"
         words = (
             f"The {len(shown)} presses {chosen}. Black dots: measured. {coloured(curves.models)} "
@@ -165,7 +165,7 @@ def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progre
 
     if not curves.whole:
         return []
-    shown = curves.telling(SHEET * SHEETS)
+    shown = curves.most_changed(SHEET * SHEETS)
     sheets = [shown[k : k + SHEET] for k in range(0, len(shown), SHEET)]
     kept = []
     for number, sheet in enumerate(sheets, start=1):

@@ -136,7 +136,7 @@ SAID = {
     ),
     "State it with --mm-per-px": ("depth", "{frames}", "--sensor", "digit"),
     "the folder holds no pictures": ("depth", "{empty}", "--sensor", "digit"),
-    "Say it with --ball-radius-mm": ("calibrate-sensor", "{untold}", "--sensor", "{toml}"),
+    "State it with --ball-radius-mm": ("calibrate-sensor", "{untold}", "--sensor", "{toml}"),
     "Name it with --reference": ("calibrate-sensor", "{frames}", "--sensor", "{toml}", "--ball-radius-mm", 4),
 }
 
