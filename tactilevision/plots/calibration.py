@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -108,8 +108,8 @@ def scatter(
             axes.plot(x[kept], y[kept], ".", ms=LOOK.dot, color=colour, alpha=LOOK.faint, label=label)
             continue
         x_bar, y_bar = (None if bar is None else np.nan_to_num(bar[kept]) for bar in bars)
-        axes.errorbar(x[kept], y[kept], xerr=x_bar, yerr=y_bar, fmt="o", color=colour, mfc=face,
-                      elinewidth=LOOK.hair, label=label)  # fmt: skip
+        mark: dict[str, Any] = {"fmt": "o", "mfc": face, "elinewidth": LOOK.hair}
+        axes.errorbar(x[kept], y[kept], xerr=x_bar, yerr=y_bar, color=colour, label=label, **mark)
 
 
 def _radii(cloud: PointCloud) -> dict[float, str]:

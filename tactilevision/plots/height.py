@@ -173,7 +173,7 @@ def _size_of(height: HeightMap) -> str:
 
 
 def titled(height: HeightMap, words: str, *, between: str = " · ") -> str:
-    """Return a picture's title with the flags of its map; `between` is a line's end next to other pictures."""
+    """Return the title of a map (H, W), in mm, with its flags; `between` is a line's end next to other pictures."""
     if not height.flags:
         return words
     doubt = f"doubtful: {', '.join(height.flags)}"
@@ -276,8 +276,8 @@ def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
     x, y = width / 25, tall * 24 / 25
     rim = [withStroke(linewidth=2, foreground="black")] if colour == "white" else []  # seen where all is grey
     axes.plot([x, x + length], [y, y], color=colour, lw=3, solid_capstyle="butt")
-    axes.text(x + length / 2, y - tall / 50, f"{length:g} mm", color=colour, ha="center", va="bottom",
-              fontsize=LOOK.small, path_effects=rim)  # fmt: skip
+    words: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": LOOK.small, "path_effects": rim}
+    axes.text(x + length / 2, y - tall / 50, f"{length:g} mm", color=colour, **words)
 
 
 def extent_mm(height: HeightMap) -> tuple[float, float, float, float]:
