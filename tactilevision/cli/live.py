@@ -21,7 +21,7 @@ from tactilevision.files.runs import output_lock
 if TYPE_CHECKING:
     from tactilevision.heightmap.reconstructor import Reconstructor
     from tactilevision.robots.camera import Audit, Shot, Source
-    from tactilevision.robots.live import Counts, Stream, Told
+    from tactilevision.robots.live import Counts, LiveResult, Stream
 
 EVERY_S = 1.0  # s between two lines on the terminal
 TABLE = "live.csv"
@@ -76,7 +76,7 @@ def live(
     chosen = source.Choice(sensor, reference, method, mm_per_px, shadows=shadows, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
 
-    def listeners(stack: ExitStack) -> tuple[list[Callable[[Told, float], None]], Path | None]:
+    def listeners(stack: ExitStack) -> tuple[list[Callable[[LiveResult, float], None]], Path | None]:
         return _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap), _table(stack, out)
 
     _play(opened, listeners, until=(frames, seconds), every=every, json=json)
@@ -84,7 +84,7 @@ def live(
 
 def _play(
     opened: _Opened,
-    listeners: Callable[[ExitStack], tuple[list[Callable[[Told, float], None]], Path | None]],
+    listeners: Callable[[ExitStack], tuple[list[Callable[[LiveResult, float], None]], Path | None]],
     *,
     until: tuple[int | None, float | None],
     every: bool,
@@ -99,8 +99,8 @@ def _play(
     counts, newest = Counts(), Newest(opened.source, every=every)
     try:
         with ExitStack() as stack:
-            teller = _Teller(counts, opened.stream, *listeners(stack), *until)
-            run(stack.enter_context(newest), opened.stream, counts=counts, tell=teller)
+            reporter = _Reporter(counts, opened.stream, *listeners(stack), *until)
+            run(stack.enter_context(newest), opened.stream, counts=counts, report=reporter)
     finally:  # also where the camera went, or Ctrl-C was typed
         _tell_end(counts, newest.came, newest.dropped)
         console.hand_over(_as_json(counts, found, newest.dropped), json)
@@ -183,9 +183,9 @@ def _tell_audit(opened: _Opened, found: Audit) -> None:
 
 def _shows(
     stack: ExitStack, stream: Stream, preview: int | None, *, foxglove: bool, mcap: Path | None
-) -> list[Callable[[Told, float], None]]:
+) -> list[Callable[[LiveResult, float], None]]:
     """What each moment is handed to: a page, Foxglove, a file; open until the stack ends."""
-    found: list[Callable[[Told, float], None]] = []
+    found: list[Callable[[LiveResult, float], None]] = []
     if preview is not None:
         from tactilevision.robots.preview import Preview
 
@@ -213,34 +213,34 @@ def _table(stack: ExitStack, out: Path | None) -> Path | None:
 
 
 @dataclass
-class _Teller:
+class _Reporter:
     """Hands each frame to what shows it, the table, and now and then the terminal; says when it is enough."""
 
     counts: Counts
     stream: Stream
-    shows: list[Callable[[Told, float], None]]
+    shows: list[Callable[[LiveResult, float], None]]
     table: Path | None
     frames: int | None
     seconds: float | None
     spoken_s: float = 0.0
     named: bool = False
 
-    def __call__(self, told: Told) -> bool:
+    def __call__(self, result: LiveResult) -> bool:
         from tactilevision.files.writing import append_text
         from tactilevision.records.maps import LIGHT
         from tactilevision.robots.preview import words
 
-        if LIGHT in told.moment.height.flags and not self.named:
+        if LIGHT in result.moment.height.flags and not self.named:
             self.named = True  # once: it takes longer than a frame
-            console.warn(_faults(self.stream.reconstructor, told.shot))
+            console.warn(_faults(self.stream.reconstructor, result.shot))
         for show in self.shows:
-            show(told, self.counts.rate_Hz)
+            show(result, self.counts.rate_Hz)
         if self.table is not None:
-            append_text(self.table, told.as_row())
+            append_text(self.table, result.as_row())
         now_s = time.monotonic()
         if now_s - self.spoken_s >= EVERY_S:
             self.spoken_s = now_s
-            console.say("; ".join(words(told, rate_Hz=self.counts.rate_Hz)))
+            console.say("; ".join(words(result, rate_Hz=self.counts.rate_Hz)))
         enough = self.frames is not None and self.counts.read >= self.frames
         return not (enough or (self.seconds is not None and now_s - self.counts.began_s >= self.seconds))
 

@@ -10,7 +10,6 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.cli.source import check_scale
-from tactilevision.errors import InputError
 from tactilevision.robots.messages import Clock
 
 # `tactilevision import LOG --frames TOPIC --out RECORDING`: a robot's log into a recording.
@@ -37,9 +36,9 @@ def import_log(
     json: console.JsonOption = None,
 ) -> None:
     """Turn a log of ROS 1, ROS 2 or MCAP into a recording: frames, forces and their times. No ROS is needed."""
-    from tactilevision.robots.log_import import ImportSettings, import_log, the_picture_topic
+    from tactilevision.robots.log_import import ImportSettings, import_log, parse_rotation, the_picture_topic
 
-    turn = _rotation(rotation)
+    turn = None if rotation is None else parse_rotation(rotation)
     frames = frames or the_picture_topic(log)
     settings = ImportSettings(frames, wrench, clock, sensor, mm_per_px, turn)
     found = import_log(log, out, settings)
@@ -50,28 +49,6 @@ def import_log(
         console.warn(["recording.toml names no sensor: give --sensor, or add its kind under [sensor]"])
     console.warn(found.warnings)
     console.hand_over(asdict(found), json)
-
-
-def _rotation(text: str | None) -> tuple[tuple[float, float, float], ...] | None:
-    import numpy as np
-
-    from tactilevision.recording.read_tables import turns
-
-    if text is None:
-        return None
-    try:
-        a, b, c, d, e, f, g, h, i = (float(part) for part in text.split(","))
-    except ValueError as fault:
-        raise InputError("nine numbers with commas between are needed", where="--rotation", value=text) from fault
-    rows = (a, b, c), (d, e, f), (g, h, i)
-    if not turns(np.array(rows)):
-        raise InputError(
-            "these nine numbers do not turn without stretching",
-            where="--rotation",
-            value=text,
-            remedy="Rows have length 1 and stand at right angles: the picture's x, y and z in the wrench's axes.",
-        )
-    return rows
 
 
 # `tactilevision export RECORDING --depth FOLDER --out FILE`: depth and force as a log of ROS.
@@ -126,7 +103,7 @@ def lerobot(
             ["this sensor's lamps cast shadows beside deep contacts, and they stay: --shadows undoes them"]
         )
     with console.progress_bar("frames") as progress:
-        found = annotate(source, reader, out, shrink=shrink, tell=progress)
+        found = annotate(source, reader, out, shrink=shrink, progress=progress)
     console.say(f"{found.frames} frames of {found.episodes} episodes, {found.in_contact} in contact: {out}")
     console.say("new features: " + ", ".join(found.features))
     unread = [f"{found.not_read} frames were not read: their flags say why"] if found.not_read else []

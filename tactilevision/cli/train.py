@@ -97,8 +97,7 @@ def _read(path: Path, chosen: sources.Choice, ball_radius_mm: float | None) -> R
 def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, method: str, port: int) -> None:
     """Serve the page until a person is done; the table of balls is then as drawn."""
     from tactilevision.files.runs import output_lock
-    from tactilevision.profile.ball_guide import Guide, Session
-    from tactilevision.profile.ball_labels import start_table
+    from tactilevision.profile.ball_guide import Guide, Session, start_table
 
     start_table(path, ball_radius_mm)
     with console.progress_bar("looking for balls"):

@@ -173,7 +173,7 @@ def _size_of(height: HeightMap) -> str:
 
 
 def titled(height: HeightMap, words: str, *, between: str = " · ") -> str:
-    """Return the title of a map (H, W), in mm, with its flags; `between` is a line's end next to other pictures."""
+    """Return the title of a map (H, W), in mm, with its flags; `between` separates them."""
     if not height.flags:
         return words
     doubt = f"doubtful: {', '.join(height.flags)}"

@@ -24,7 +24,7 @@ from tactilevision.recording.write import write_image
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
 from tactilevision.robots import camera as sources
-from tactilevision.robots.live import Counts, Stream, Told
+from tactilevision.robots.live import Counts, LiveResult, Stream
 from tactilevision.robots.preview import Foxglove, Preview, draw, words
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
@@ -170,10 +170,10 @@ def test_a_newer_reference_is_taken(profile: Path, tmp_path: Path) -> None:
     assert run("live", *words, "--reference", tmp_path / "f" / "0.png") == 0
 
 
-def told(profile: Path, rgb: Bytes) -> Told:
+def told(profile: Path, rgb: Bytes) -> LiveResult:
     stream = Stream(load_sensor(profile))
     stream.take(Frame(free(1)))
-    return Told(sources.Shot(rgb, 0.0, 7, "a.png"), stream.take(Frame(rgb)), 12.3)
+    return LiveResult(sources.Shot(rgb, 0.0, 7, "a.png"), stream.take(Frame(rgb)), 12.3)
 
 
 def test_the_page_shows_picture_depth_and_numbers(profile: Path) -> None:

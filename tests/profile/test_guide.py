@@ -17,8 +17,7 @@ from sample_light import light_of_sample
 
 from tactilevision.cli import main
 from tactilevision.errors import InputError
-from tactilevision.profile.ball_guide import Guide, Session
-from tactilevision.profile.ball_labels import labels_of, start_table
+from tactilevision.profile.ball_guide import Guide, Session, labels_of, start_table
 from tactilevision.profile.storage import read_profile
 from tactilevision.recording import layout
 from tactilevision.recording.read import read_recording
