@@ -239,6 +239,17 @@ class Counts:
         """Return the 95th percentile of the ages of the last frames; NaN before the first."""
         return float(np.percentile(self.ages_ms, 95)) if self.ages_ms else math.nan
 
+    def as_json(self) -> dict[str, object]:
+        """Return the counts for a program."""
+        return {
+            "frames": self.read,
+            "refused": self.refused,
+            "rate_Hz": self.rate_Hz,
+            "age95_ms": self.age95_ms,
+            "flags": dict(self.flags),
+            "histogram": [[float(edge), int(n)] for edge, n in zip(EDGES_MS, self.histogram, strict=True)],
+        }
+
     def lines(self) -> Sequence[str]:
         """Return the histogram of ages, a line for each bin that holds frames."""
         top = max(self.histogram.max(), 1)
