@@ -144,7 +144,7 @@ def test_a_camera_of_another_size_without_a_profile_or_told_wrongly_is_refused(
     assert run("live", "--camera", 0) == 2
     assert "a camera needs a calibrated sensor" in capsys.readouterr().err
     assert run("live", "--camera", folder(tmp_path / "f"), "--sensor", profile, "--format", "raw") == 2
-    assert "only a camera is told what to send" in capsys.readouterr().err
+    assert "only a camera has a format" in capsys.readouterr().err
     black = [np.zeros((*SHAPE, 3), np.uint8)] * 3
     for number, rgb in enumerate(black):
         write_image(tmp_path / "black" / f"{number}.png", rgb)
@@ -289,7 +289,7 @@ def test_ctrl_c_ends_with_the_sums_of_what_was_read(
     ("camera", "said"),
     [
         ("/dev/video93", r"no camera of that number can be opened (got 93)"),
-        ("rtsp://127.0.0.1/x", "streams of a network are not read"),
+        ("rtsp://127.0.0.1/x", "network streams are not supported"),
     ],
 )
 def test_a_camera_by_its_device_and_a_stream_are_told(

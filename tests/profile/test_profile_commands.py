@@ -116,12 +116,12 @@ def test_the_recording_that_a_profile_was_made_from_is_read_with_it(tmp_path: Pa
 
 
 SAID = {
-    "is said by the sensor profile already": ("depth", "{frames}", "--sensor", "{tvs}", "--mm-per-px", 0.05),
+    "is determined by the sensor profile": ("depth", "{frames}", "--sensor", "{tvs}", "--mm-per-px", 0.05),
     "was made for frames of 240 x 180 px": ("depth", "{small}", "--sensor", "{tvs}"),
     "E and nu of the gel are not known": ("force", "{frames}", "--sensor", "{toml}"),
     "there is no such sensor profile": ("view", "{frames}", "--sensor", "{frames}/none.tvs"),
     "the name of a sensor profile ends in .tvs": ("calibrate-sensor", "{frames}", "--out", "a"),
-    "a profile is made of a sensor that has none yet": ("calibrate-sensor", "{frames}", "--sensor", "{tvs}"),
+    "a profile cannot be made from a profile": ("calibrate-sensor", "{frames}", "--sensor", "{tvs}"),
     "Name it with --sensor: gelslim3": ("depth", "{frames}"),
     "Name what was calibrated before with --method FILE.npz or --sensor FILE.tvs": (
         "depth",
