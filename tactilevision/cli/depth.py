@@ -247,17 +247,11 @@ def _known_material(chosen: source.Choice, calibration: Path | None) -> _Known:
         return _Known(read_material(calibration), offset, thickness_mm, calibration)
     profile = chosen.profile
     if profile is None:
-        raise InputError(
-            "E and nu of the gel are not known",
-            where="force",
-            remedy="Name the calibration.json of `calibrate` with --calibration, or a profile with --sensor.",
-        )
+        remedy = "Name the calibration.json of `calibrate` with --calibration, or a profile with --sensor."
+        raise InputError("E and nu of the gel are not known", where="force", remedy=remedy)
     if profile.material is None:
-        raise InputError(
-            "the profile holds no E and nu of its gel",
-            where=profile.path,
-            remedy="Name a calibration.json with --calibration, or make the profile with one.",
-        )
+        remedy = "Name a calibration.json with --calibration, or make the profile with one."
+        raise InputError("the profile holds no E and nu of its gel", where=profile.path, remedy=remedy)
     return _Known(profile.material, None, None, None)
 
 

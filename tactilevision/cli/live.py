@@ -134,12 +134,8 @@ def _open(
             "only a camera has a format of frames", where="--format", value=form.value, remedy="Omit it."
         )
     if "://" in camera:
-        raise InputError(
-            "network streams are not supported",
-            where="--camera",
-            value=camera,
-            remedy="Name a camera's number, a video or a folder of pictures; in code, pass frames to Stream.",
-        )
+        remedy = "Name a camera's number, a video or a folder of pictures; in code, pass frames to Stream."
+        raise InputError("network streams are not supported", where="--camera", value=camera, remedy=remedy)
     recording = chosen.open(Path(camera))
     plain = chosen.profile is None
     stream = Stream(chosen.light(recording) if plain else _calibrated(chosen, indenter), even_so=chosen.even_so)
@@ -154,11 +150,8 @@ def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
     from tactilevision.recording.model import faults_of_reference
 
     if chosen.profile is None:
-        raise InputError(
-            "a camera needs a calibrated sensor",
-            where="live",
-            remedy="Make one with `tactilevision calibrate-sensor`, and name it with --sensor FILE.tvs.",
-        )
+        remedy = "Make one with `tactilevision calibrate-sensor`, and name it with --sensor FILE.tvs."
+        raise InputError("a camera needs a calibrated sensor", where="live", remedy=remedy)
     sensor = sensor_of(chosen.profile, indenter=indenter, shadows=chosen.shadows)
     flats = list_references(chosen.reference)
     if not flats:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from calibration.report.report import Picture
 from tactilevision.cli.console import Progress
 from tactilevision.files.writing import plain_name
-from tactilevision.plots import calibration as indentation, style
-from tactilevision.plots.calibration import draw_press
+from tactilevision.plots import calibration as indentation, misfit, style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,13 +58,12 @@ def _material(result: CalibrationResult, folder: FigureFolder) -> Picture:
         plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
         return folder.keep(indentation.draw_material(*plain), "material.png", caption=words)
     from calibration.result.uncertainty import joint_picture
-    from tactilevision.plots.calibration import draw_joint
 
     seen = joint_picture(result)
     routes = [(band.name, band.interval, band.used) for band in seen.bands]
     words += " The region contains both at 95 %; where friction is unknown it includes a gel that sticks,"
     words += " where no edge is stated a rounded one."
-    drawn = draw_joint(seen.curve, seen.region, best=seen.best, routes=routes)
+    drawn = indentation.draw_joint(seen.curve, seen.region, best=seen.best, routes=routes)
     return folder.keep(drawn, "material.png", caption=words)
 
 
@@ -87,7 +85,7 @@ def of_presses(
                     rgb = rectify(recording.sensor, read_frame(recording, evidence.frame_index).rgb)
                 except RecordingError:
                     rgb = None  # a damaged frame
-            figure = draw_press(evidence, point, rgb=rgb)
+            figure = indentation.draw_press(evidence, point, rgb=rgb)
             words = "; ".join(finding.text for finding in evidence.findings)
             name = f"presses/{picture_name(point.press, number)}"
             caption = f"Press {point.press}: " + (words or "no objection.")
@@ -124,8 +122,6 @@ SHEETS = 12  # sheets at most; of more presses those with the largest difference
 
 def keep_falls(falls: Sequence[ErrorFall], folder: FigureFolder) -> list[Picture]:
     """Draw the error of each model: of the force, and of the picture's depth where that was examined."""
-    from tactilevision.plots.misfit import draw_error_fall
-
     kept = []
     for fall in falls:
         name = "error.png" if fall.unit == "N" else "error_depth.png"
@@ -133,14 +129,12 @@ def keep_falls(falls: Sequence[ErrorFall], folder: FigureFolder) -> list[Picture
         of = "the force" if fall.unit == "N" else "the reconstructed depth, compared with the certified one"
         repeats = f"dashed: the repeatability, the scatter of equal presses{band}"
         words = f"{coloured(fall.models)} Error of {of}, rms; {repeats}.{OUTSIDE if fall.faces else ''}"
-        kept.append(folder.keep(draw_error_fall(fall), name, caption=words))
+        kept.append(folder.keep(misfit.draw_error_fall(fall), name, caption=words))
     return kept
 
 
 def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder) -> list[Picture]:
     """Draw the presses with the largest differences in time and depth, and all of them as force over depth."""
-    from tactilevision.plots.misfit import draw_overview, draw_presses
-
     kept = []
     if curves.whole:
         shown = curves.telling(SHOWN)
@@ -149,17 +143,15 @@ def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder)
             f"The {len(shown)} presses {chosen}. Black dots: measured. {coloured(curves.models)} "
             "On the right the residual of each model, on one scale."
         )
-        kept.append(folder.keep(draw_presses(curves, shown), "presses.png", caption=words))
+        kept.append(folder.keep(misfit.draw_presses(curves, shown), "presses.png", caption=words))
     words = (
         f"All presses: force over depth against depth over thickness. {radii_coloured(curves)} Black: the model."
     )
-    return [*kept, folder.keep(draw_overview(curves, thickness_mm), "secant.png", caption=words)]
+    return [*kept, folder.keep(misfit.draw_overview(curves, thickness_mm), "secant.png", caption=words)]
 
 
 def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progress) -> list[Picture]:
     """Draw sheets of all presses, or of those with the largest differences where they are very many."""
-    from tactilevision.plots.misfit import draw_presses
-
     if not curves.whole:
         return []
     shown = curves.telling(SHEET * SHEETS)
@@ -167,15 +159,15 @@ def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progre
     kept = []
     for number, sheet in enumerate(sheets, start=1):
         words = f"Presses {sheet[0].label} to {sheet[-1].label}. Black dots: measured. {coloured(curves.models)}"
-        kept.append(folder.keep(draw_presses(curves, sheet), f"presses/sheet_{number:02d}.png", caption=words))
+        kept.append(
+            folder.keep(misfit.draw_presses(curves, sheet), f"presses/sheet_{number:02d}.png", caption=words)
+        )
         progress(number, len(sheets), "presses")
     return kept
 
 
 def keep_strips(shown: ResidualStrips, folder: FigureFolder) -> list[Picture]:
     """Draw the residuals against everything recorded."""
-    from tactilevision.plots.misfit import draw_strips
-
     if not shown.strips:
         return []
     words = (
@@ -184,36 +176,29 @@ def keep_strips(shown: ResidualStrips, folder: FigureFolder) -> list[Picture]:
         "Pale dots: single readings; bars: 95 % intervals of the bins' means. "
         "p-values account for all panels; a trend is one of the presses' means that rise or fall."
     )
-    return [folder.keep(draw_strips(shown), "residuals.png", caption=words)]
+    return [folder.keep(misfit.draw_strips(shown), "residuals.png", caption=words)]
 
 
 def keep_moduli(names: Sequence[str], moduli: Sequence[Estimate], folder: FigureFolder) -> list[Picture]:
     """Draw Young's modulus under each model."""
-    from tactilevision.plots.misfit import draw_moduli
-
     words = f"Young's modulus with its 95 % interval. {coloured(names)}"
-    return [folder.keep(draw_moduli(names, moduli), "modulus.png", caption=words)]
+    return [folder.keep(misfit.draw_moduli(names, moduli), "modulus.png", caption=words)]
 
 
 def coloured(models: Sequence[str], *, ends: bool = False) -> str:
     """Return the colours of the models in words; with `ends` of the first and the last alone."""
-    from tactilevision.plots.misfit import model_colours
-    from tactilevision.plots.style import COLOUR_WORDS
-
     names = [name.replace("+ ", "with " if place == 1 else "and with ", 1) for place, name in enumerate(models)]
-    pairs = list(zip(model_colours(len(models)), names, strict=True))
+    pairs = list(zip(misfit.model_colours(len(models)), names, strict=True))
     if ends and len(pairs) > 2:
         pairs = [pairs[0], (pairs[-1][0], "the full model")]
-    said = "; ".join(f"{COLOUR_WORDS[colour]}: {name}" for colour, name in pairs)
+    said = "; ".join(f"{style.COLOUR_WORDS[colour]}: {name}" for colour, name in pairs)
     return f"{said[0].upper()}{said[1:]}." if said else ""
 
 
 def radii_coloured(curves: ForceCurves) -> str:
     """Return the colours of the radii in words."""
-    from tactilevision.plots.misfit import radius_colours
-    from tactilevision.plots.style import COLOUR_WORDS
-
     said = "; ".join(
-        f"{COLOUR_WORDS[colour]}: a = {radius:g} mm" for radius, colour in radius_colours(curves.radii_mm).items()
+        f"{style.COLOUR_WORDS[colour]}: a = {radius:g} mm"
+        for radius, colour in misfit.radius_colours(curves.radii_mm).items()
     )
     return f"Measured, {said}."

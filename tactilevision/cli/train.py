@@ -49,22 +49,15 @@ def train(
     from tactilevision.photometric.catalogue import PHOTOMETRIC
 
     if method not in PHOTOMETRIC:
-        raise InputError(
-            "no photometric method of that name",
-            where="--method",
-            value=method,
-            remedy="Known are " + ", ".join(PHOTOMETRIC) + ".",
-        )
+        remedy = "Known are " + ", ".join(PHOTOMETRIC) + "."
+        raise InputError("no photometric method of that name", where="--method", value=method, remedy=remedy)
     chosen = sources.Choice(sensor, reference, None, mm_per_px)
     if guide:
         _guide(recording, chosen, ball_radius_mm, method=method, port=port)
     source = _read(recording, chosen, ball_radius_mm)
     if not source.balls:
-        raise InputError(
-            "no ball presses to train on",
-            where=recording / "reference" / "ball",
-            remedy="Press a ball at twenty places. For a bare folder state the radius with --ball-radius-mm.",
-        )
+        remedy = "Press a ball at twenty places. For a bare folder state the radius with --ball-radius-mm."
+        raise InputError("no ball presses to train on", where=recording / "reference" / "ball", remedy=remedy)
     with console.progress_bar("calibrating the light"):
         made = calibrate_light(source, method)
     console.warn([*source.warnings, *made.warnings])

@@ -129,12 +129,8 @@ def _check(forms: list[str], *, screen: bool) -> None:
         style.check_screen()
     unknown = [form for form in forms if form not in EXPORTS]
     if unknown:
-        raise InputError(
-            "no such format of height maps",
-            where="--export",
-            value=unknown[0],
-            remedy="Known are " + ", ".join(EXPORTS) + ".",
-        )
+        remedy = "Known are " + ", ".join(EXPORTS) + "."
+        raise InputError("no such format of height maps", where="--export", value=unknown[0], remedy=remedy)
 
 
 def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict[str, Figure]:

@@ -56,7 +56,7 @@ class FittedLine:
 
 
 @style.house_look
-def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "") -> Figure:
+def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine]) -> Figure:
     """Draw P against w, P/w against w/h, and the residual of the fit, with 95 % intervals."""
     figure, (force, stiffness, rest, corner) = style.new_figure(rows=2, columns=2)
     strain = cloud.depth_mm / cloud.thickness_mm
@@ -78,7 +78,7 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
             low, high = (line.force_N - reach) / scale, (line.force_N + reach) / scale
             axes.fill_between(x, low, high, color=colour, alpha=LOOK.band, lw=0, label=f"95 % of {line.name}")
     style.zero_line(rest)
-    force.set(xlabel="depth w (mm)", ylabel="force P (N)", title=title or "Force against certified depth")
+    force.set(xlabel="depth w (mm)", ylabel="force P (N)", title="Force against certified depth")
     strain_label = "depth over thickness, w / h"
     stiffness.set(
         xlabel=strain_label, ylabel="force over depth, P / w (N/mm)", title="The line that gives c and β"

@@ -36,7 +36,7 @@ GEL_MM = 0.1  # least depth of gel that the cut shows
 
 
 @style.house_look
-def draw_force(found: TractionMap, height: HeightMap, *, shear: ShearMap | None = None, title: str = "") -> Figure:
+def draw_force(found: TractionMap, height: HeightMap, *, shear: ShearMap | None = None) -> Figure:
     """Draw depth (H, W) in mm with the surface's motion and tangential traction, a cut, and t_x, t_y, t_z.
 
     Where the shear is not known t_x and t_y are omitted, and the title says so.
@@ -47,7 +47,7 @@ def draw_force(found: TractionMap, height: HeightMap, *, shear: ShearMap | None 
     if shear is not None and whole:
         _motion_arrows(above, shear)
         _force_arrows(above, found, height)
-    above.set_title(title or found.name)
+    above.set_title(found.name)
     _cut(cut, found, height)
     fields = {"z": found.t_z} | ({"x": found.t_x, "y": found.t_y} if whole else {})
     tangential = max((float(np.abs(fields[n]).max()) for n in ("x", "y") if n in fields), default=0.0)
@@ -126,12 +126,12 @@ def _deviation(axes: Axes, found: TractionMap) -> None:
         axes.set_axis_off()
         return
     std = KILO * found.std_MPa[2]
-    image = axes.imshow(std, cmap=style.DEPTH_MAP, vmin=0, extent=_extent(found), interpolation="none")
+    image = style.show_map(axes, std, _extent(found), limits=(0, float(np.nanmax(std))))
     style.colour_bar(axes, image, "deviation of t_z (kPa)")
     style.as_map(axes, *PAD_AXES, "Standard deviation of each cell")
 
 
-def _extent(found: TractionMap) -> tuple[float, float, float, float]:
+def _extent(found: TractionMap) -> style.Extent:
     rows, columns = found.t_z.shape
     sx, sy = found.mm_per_px
     left, top = found.first_mm[0] - sx / 2, found.first_mm[1] - sy / 2
@@ -140,7 +140,7 @@ def _extent(found: TractionMap) -> tuple[float, float, float, float]:
 
 def _traction_image(axes: Axes, found: TractionMap, field_kPa: Floats, limit: float, name: str) -> None:
     low, colours = (0.0, style.DEPTH_MAP) if name == "z" else (-limit, "PuOr")
-    image = axes.imshow(field_kPa, cmap=colours, vmin=low, vmax=limit, extent=_extent(found), interpolation="none")
+    image = style.show_map(axes, field_kPa, _extent(found), limits=(low, limit), cmap=colours)
     style.colour_bar(axes, image, WORDS[name])
     force, std = found.resultant_N[NAMES.index(name)], found.resultant_std_N[NAMES.index(name)]
     unknown = "" if np.isfinite(found.t_x).all() else "\nfx, fy not measured"

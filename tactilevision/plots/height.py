@@ -31,11 +31,11 @@ RELIEF = 0.25  # height of a surface in perspective, as a share of its width
 
 
 @style.house_look
-def draw_height(height: HeightMap, *, title: str = "") -> Figure:
+def draw_height(height: HeightMap) -> Figure:
     """Draw the map (H, W), in mm, from above with contours, and two cuts through its deepest place."""
     figure, (above, cuts) = style.new_figure(columns=2)
     style.colour_bar(above, depth_image(above, height), "depth into the gel (mm)")
-    above.set_title(titled(height, title or _named(height, "depth of the gel's surface"), between="\n"))
+    above.set_title(titled(height, _named(height, "depth of the gel's surface"), between="\n"))
     row, column = deepest_place(height)
     cut_lines(cuts, height, row=row, column=column)
     _mark_cuts(above, height, row, column)
@@ -44,11 +44,11 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
 
 
 @style.house_look
-def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> Figure:
+def draw_height_and_frame(rgb: Bytes, height: HeightMap) -> Figure:
     """Draw the rectified frame (H, W, 3) with the depth's contours, the depth in mm from above, and two cuts."""
     figure, (frame, above, cuts, corner) = style.new_figure(rows=2, columns=2)
     overlay(frame, rgb, height=height, footprint=None)
-    frame.set_title(titled(height, title or _named(height, "frame"), between="\n"))
+    frame.set_title(titled(height, _named(height, "frame"), between="\n"))
     style.colour_bar(above, depth_image(above, height), "depth into the gel (mm)")
     row, column = deepest_place(height)
     cut_lines(cuts, height, row=row, column=column)
@@ -59,21 +59,20 @@ def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> 
 
 
 @style.house_look
-def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
+def draw_normals(height: HeightMap) -> Figure:
     """Draw the tilt of the surface (H, W) in degrees with arrows downhill, and the surface lit from above left."""
     figure, (tilt, lit) = style.new_figure(columns=2)
     depth = np.where(height.valid, height.depth_mm, np.nan)
     down_y, down_x = np.gradient(depth, *height.mm_per_px[::-1])
     degrees = np.degrees(np.arctan(np.hypot(down_x, down_y)))
     top = max(float(np.nanpercentile(degrees, style.SPAN[1])), 1.0) if np.isfinite(degrees).any() else 1.0
-    image = tilt.imshow(
-        degrees, cmap=style.DEPTH_MAP, vmin=0, vmax=top, extent=extent_mm(height), interpolation="none"
-    )
+    extent = extent_mm(height)
+    image = style.show_map(tilt, degrees, extent, limits=(0, top))
     style.colour_bar(tilt, image, "tilt (degrees)")
     _draw_arrows(tilt, height, (down_x, down_y))
-    lit.imshow(_lit(down_x, down_y), cmap="gray", vmin=0, vmax=1, extent=extent_mm(height), interpolation="none")
+    style.show_map(lit, _lit(down_x, down_y), extent, limits=(0, 1), cmap="gray")
     scale_bar(lit, height, colour="black")
-    style.as_map(tilt, title=titled(height, title or _named(height, "tilt, arrows point deeper"), between="\n"))
+    style.as_map(tilt, title=titled(height, _named(height, "tilt, arrows point deeper"), between="\n"))
     style.as_map(lit, title="Lit from above left")
     _unknown_entry(tilt, height.valid)
     style.legend_below(figure)
@@ -94,7 +93,7 @@ def _draw_arrows(axes: Axes, height: HeightMap, slopes: tuple[Floats, Floats]) -
 
 
 @style.house_look
-def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
+def draw_surface(height: HeightMap) -> Figure:
     """Draw the surface (H, W), in mm, in perspective, depth downwards; the title gives the vertical scale."""
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.axes3d import Axes3D
@@ -115,18 +114,18 @@ def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
     axes.locator_params(axis="z", nbins=3)  # the box is low: more would overlap
     axes.invert_zaxis()
     axes.invert_yaxis()
-    words = titled(height, title or _named(height, "surface"))
+    words = titled(height, _named(height, "surface"))
     axes.set_title(f"{words}   vertical scale × {tall / span:.0f}", loc="left")
     axes.view_init(**VIEW)
     return figure
 
 
 @style.house_look
-def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None, title: str = "") -> Figure:
+def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None) -> Figure:
     """Draw the rectified frame (H, W, 3) with the contours of the depth, in mm, and the indenter's circle."""
     figure, (axes,) = style.new_figure(*style.MAP_IN)
     overlay(axes, rgb, height=height, footprint=footprint)
-    axes.set_title(titled(height, title or _named(height, "frame and its depth"), between="\n"))
+    axes.set_title(titled(height, _named(height, "frame and its depth"), between="\n"))
     style.legend_below(figure)
     return figure
 
@@ -138,9 +137,9 @@ def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second
     Raises InputError for maps of different size or scale.
     """
     change = change_mm(first, second)
-    low, high = colour_limits(change, differs=True)
+    limits = colour_limits(change, differs=True)
     figure, (axes,) = style.new_figure(*style.MAP_IN)
-    image = axes.imshow(change, cmap="PuOr", vmin=low, vmax=high, extent=extent_mm(first), interpolation="none")
+    image = style.show_map(axes, change, extent_mm(first), limits=limits, cmap="PuOr")
     style.colour_bar(axes, image, "change of depth (mm)")
     flagged = replace(second, flags=add(first.flags, second.flags))
     style.as_map(axes, title=titled(flagged, title, between="\n"))
@@ -185,7 +184,7 @@ def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
     depth = np.where(height.valid, height.depth_mm, np.nan)
     bottom, top = colour_limits(depth)
     extent = extent_mm(height)
-    image = axes.imshow(depth, cmap=style.DEPTH_MAP, vmin=bottom, vmax=top, extent=extent, interpolation="none")
+    image = style.show_map(axes, depth, extent, limits=(bottom, top))
     if top - bottom > FLAT_MM:
         levels = np.linspace(0, top, 8)[1:-1]  # at 0 it would trace the noise
         known = np.ma.masked_where(~height.valid, height.depth_mm)
@@ -280,7 +279,7 @@ def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
     axes.text(x + length / 2, y - tall / 50, f"{length:g} mm", color=colour, **words)
 
 
-def extent_mm(height: HeightMap) -> tuple[float, float, float, float]:
+def extent_mm(height: HeightMap) -> style.Extent:
     """Return left, right, bottom, top of the picture (H, W) in mm, with the first pixel's centre at (0, 0)."""
     rows, columns = height.depth_mm.shape
     sx, sy = height.mm_per_px
@@ -318,14 +317,14 @@ DEEP = 0.5  # of the greatest depth: what counts as contact for the bars
 
 
 @style.house_look
-def draw_terms(height: HeightMap, terms: Terms, *, title: str = "") -> Figure:
+def draw_terms(height: HeightMap, terms: Terms) -> Figure:
     """Draw the term (h, w) that dominates at each place, and the rms of each term in the contact and elsewhere.
 
     `terms` are deviations in mm by name, on a grid over the map's picture (Reconstructor.depth_terms).
     """
     figure, (above, bars) = style.new_figure(rows=2, height_in=7.6)
     entries = _draw_largest(above, height, terms)
-    above.set_title(titled(height, title or f"{height.name}: largest part of the depth's deviation", between="\n"))
+    above.set_title(titled(height, f"{height.name}: largest part of the depth's deviation", between="\n"))
     _draw_bars(bars, height, terms)
     figure.legend(handles=entries, loc="outside lower center", ncols=2)
     return figure
@@ -339,14 +338,8 @@ def _draw_largest(axes: Axes, height: HeightMap, terms: Terms) -> list[Artist]:
 
     largest = np.argmax(np.stack(list(terms.values())), axis=0)
     known = _on_grid(height.valid, largest.shape)
-    axes.imshow(
-        np.ma.masked_where(~known, largest),
-        cmap=ListedColormap(COLOURS[: len(terms)]),
-        vmin=-0.5,
-        vmax=len(terms) - 0.5,
-        extent=extent_mm(height),
-        interpolation="none",
-    )
+    colours, limits = ListedColormap(COLOURS[: len(terms)]), (-0.5, len(terms) - 0.5)
+    style.show_map(axes, np.where(known, largest, np.nan), extent_mm(height), limits=limits, cmap=colours)
     shares = np.bincount(largest[known], minlength=len(terms)) / float(max(int(known.sum()), 1))
     entries: list[Artist] = [
         Patch(color=colour, label=f"{name}: {100 * share:.0f} % of the picture")

@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import replacing
+from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 
 # Fonts for letters that Matplotlib's default font lacks.
@@ -90,6 +93,7 @@ def _letters(path: str) -> frozenset[int]:
 
 # The style of all figures.
 
+Extent = tuple[float, float, float, float]  # left, right, bottom, top
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -225,6 +229,15 @@ def as_map(axes: Axes, x: str = "x (mm)", y: str = "y (mm)", title: str = "") ->
 def colour_bar(axes: Axes, image: ScalarMappable, label: str) -> None:
     """Draw the scale of a map's colours next to its axes."""
     axes.figure.colorbar(image, ax=axes, label=label, shrink=LOOK.bar)
+
+
+def show_map(
+    axes: Axes, field: Floats, extent: Extent, *, limits: tuple[float, float], cmap: str | Colormap = DEPTH_MAP
+) -> AxesImage:
+    """Draw a field (H, W), in its unit, over `extent` with colours between `limits`; NaN is grey."""
+    low, high = limits
+    axes.set_facecolor(INVALID)
+    return axes.imshow(field, cmap=cmap, vmin=low, vmax=high, extent=extent, interpolation="none")
 
 
 def unknown_entry(axes: Axes, label: str = "depth not known") -> None:

@@ -161,13 +161,11 @@ class Window:
 
     def _draw_map(self, shown: Floats) -> None:
         height = self.height
-        low, high = colour_limits(shown, differs=self.differs)
+        limits = colour_limits(shown, differs=self.differs)
         colours, label = ("PuOr", CHANGE) if self.differs else (style.DEPTH_MAP, DEPTH)
         self.map.clear()
         extent = extent_mm(height)
-        image = self.map.imshow(
-            shown, cmap=colours, vmin=low, vmax=high, extent=extent, interpolation="none", aspect="equal"
-        )
+        image = style.show_map(self.map, shown, extent, limits=limits, cmap=colours)
         self.bar.clear()
         self.figure.colorbar(image, cax=self.bar, label=label)
         (x0, y0), (x1, y1) = self.line
@@ -334,8 +332,8 @@ class _Stage:
         self.picture = self.frame.imshow(shots[0].rgb, extent=extent_mm(first))
         self.peak = np.array([_peak(shot.height) for shot in shots])
         top = max(float(np.nanmax(self.peak, initial=0.0)), FLAT_MM)
-        scale: dict[str, Any] = {"cmap": style.DEPTH_MAP, "vmin": -LOOK.room * top, "vmax": top}
-        self.depth = self.above.imshow(_known(first), extent=extent_mm(first), interpolation="none", **scale)
+        limits = (-LOOK.room * top, top)
+        self.depth = style.show_map(self.above, _known(first), extent_mm(first), limits=limits)
         self.figure.colorbar(self.depth, ax=self.above, label=DEPTH)
         scale_bar(self.above, first)
         style.unknown_entry(self.above)

@@ -77,11 +77,8 @@ def labels_of(recording: Recording) -> tuple[Label, ...]:
     Raises InputError where there are no presses.
     """
     if not recording.balls:
-        raise InputError(
-            "no ball presses to label",
-            where=recording.path,
-            remedy="Put pictures of them into reference/ball, and state --ball-radius-mm.",
-        )
+        remedy = "Put pictures of them into reference/ball, and state --ball-radius-mm."
+        raise InputError("no ball presses to label", where=recording.path, remedy=remedy)
     listed = [_label(ball) for ball in recording.balls]
     radius_mm = float(np.median([label.radius_mm for label in listed]))
     names = {label.frame for label in listed}

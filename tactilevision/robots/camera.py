@@ -120,12 +120,8 @@ def open_camera(number: int, *, form: str | None = None) -> Camera:
         cv2.utils.logging.setLogLevel(level)
     name = f"camera {number}"
     if not capture.isOpened():
-        raise InputError(
-            "no camera of that number can be opened",
-            where="--camera",
-            value=number,
-            remedy="`v4l2-ctl --list-devices` lists them; a video or a folder of pictures can be played instead.",
-        )
+        remedy = "`v4l2-ctl --list-devices` lists them; a video or a folder of pictures can be played instead."
+        raise InputError("no camera of that number can be opened", where="--camera", value=number, remedy=remedy)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     if form is not None:
         code = cv2.VideoWriter.fourcc(*FORMATS[form])

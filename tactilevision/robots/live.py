@@ -107,8 +107,9 @@ class Stream:
     def take(self, frame: Frame) -> Moment:
         """Read the next frame. Raises InputError for one that cannot be read, after which the stream goes on."""
         if not isinstance(frame, Frame):
-            kind = type(frame).__name__
-            raise InputError("a stream takes frames", where="Stream.take", value=kind, remedy="Pass Frame(rgb).")
+            raise InputError(
+                "a stream takes frames, not arrays: Frame(rgb)", where="Stream.take", value=type(frame)
+            )
         began = time.perf_counter()
         rgb = self.reconstructor.rectified(frame)
         if self.frames == 0:  # once, as it takes longer than a frame

@@ -109,12 +109,8 @@ def parse_rotation(text: str) -> Rotation:
         raise InputError("nine numbers with commas between are needed", where="--rotation", value=text) from fault
     rows = (a, b, c), (d, e, f), (g, h, i)
     if not turns(np.array(rows)):
-        raise InputError(
-            "these nine numbers are not a rotation",
-            where="--rotation",
-            value=text,
-            remedy="Rows are orthogonal and of length 1: the picture's x, y and z in the wrench's axes.",
-        )
+        remedy = "Rows are orthogonal and of length 1: the picture's x, y and z in the wrench's axes."
+        raise InputError("these nine numbers are not a rotation", where="--rotation", value=text, remedy=remedy)
     return rows
 
 

@@ -117,12 +117,8 @@ def decode_transforms(message: Message, where: Path) -> list[tuple[str, str, Flo
 def _decoded(message: Message, kinds: tuple[str, ...], where: Path) -> Any:
     place = f"{where}, {message.topic}"
     if message.kind not in kinds or message.encoding not in ("ros1", "cdr"):
-        raise InputError(
-            "the topic is of another type",
-            where=place,
-            value=message.kind,
-            remedy="Needed: " + " or ".join(kinds) + ".",
-        )
+        remedy = "Needed: " + " or ".join(kinds) + "."
+        raise InputError("the topic is of another type", where=place, value=message.kind, remedy=remedy)
     store = typestore(message.encoding)
     try:
         if message.encoding == "ros1":
@@ -144,12 +140,8 @@ def _stamp(found: Any, message: Message) -> Stamp:
 def _png(found: Any, where: str) -> bytes:
     """Encode a raw picture as PNG."""
     if found.encoding not in {*_COLOURS, *_PAIRED}:
-        raise InputError(
-            "colours of this encoding are not read",
-            where=where,
-            value=found.encoding,
-            remedy="Slopes are read from colours of 8 bits: " + ", ".join((*_COLOURS, *_PAIRED)) + ".",
-        )
+        remedy = "Slopes are read from colours of 8 bits: " + ", ".join((*_COLOURS, *_PAIRED)) + "."
+        raise InputError("colours of this encoding are not read", where=where, value=found.encoding, remedy=remedy)
     channels, blue_first = _COLOURS.get(found.encoding, (2, True))
     check(found.width * found.height, "MAX_PIXELS", what="a picture's pixels", where=where)
     data = np.asarray(found.data, np.uint8)
