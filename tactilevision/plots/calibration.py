@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 class PointCloud:
     """The points of a fit, (N,) each: `fitted_N` the law's force, `used` whether a point entered the fit.
 
-    `bars` is False for whole curves, whose samples are drawn without intervals; `radius_mm` (N,) of the punch, NaN
+    `bars` is False for whole curves, whose samples have no intervals; `radius_mm` (N,) of the punch, NaN
     where it is not known, None where there is one.
     """
 

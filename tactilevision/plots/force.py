@@ -270,7 +270,7 @@ def _without_pauses(time_s: Floats) -> Floats:
 
 
 def _parts(place: Floats, time_s: Floats) -> list[slice]:
-    """Return the stretches without a pause, across which no line is drawn."""
+    """Return the stretches without a pause, across which lines are interrupted."""
     step = np.diff(time_s, prepend=time_s[:1])
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
     cuts = [0, *np.flatnonzero(step > max(2, 12 * usual)).tolist(), len(place)]

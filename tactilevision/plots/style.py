@@ -289,7 +289,7 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
 
 
 def as_label(name: str) -> str:
-    """Return a user's name in letters that can be drawn, without its middle where it is long."""
+    """Return a user's name in letters that a font has, without its middle where it is long."""
     name = legible(name)
     half = (LONGEST_LABEL - 1) // 2
     return name if len(name) <= LONGEST_LABEL else f"{name[: LONGEST_LABEL - 1 - half]}…{name[-half:]}"

@@ -41,7 +41,7 @@ from tactilevision.sensors.rectification import rectify
 # Circles of ball presses.
 
 MIN_RADIUS_PX = 1.0  # px; a smaller circle is an error
-State = Literal["found", "not found", "drawn", "checked", "left out"]
+State = Literal["found", "not found", "drawn", "checked", "excluded"]
 Circle = tuple[float, float, float]  # x, y, radius in px of the rectified frame
 
 
@@ -49,7 +49,7 @@ Circle = tuple[float, float, float]  # x, y, radius in px of the rectified frame
 class Label:
     """One press: its name in the table, its picture, the ball's radius, and its circle.
 
-    `state`: "found" automatically, "drawn" by hand, "checked" by a person, or "left out" (excluded from the
+    `state`: "found" automatically, "drawn" by hand, "checked" by a person, or "excluded" (excluded from the
     table); `why` is the reason where no circle was found.
     """
 
@@ -63,7 +63,7 @@ class Label:
     @property
     def used(self) -> bool:
         """Return whether the fit uses the press."""
-        return self.circle is not None and self.state != "left out"
+        return self.circle is not None and self.state != "excluded"
 
 
 def table_of(recording: Recording) -> Path:
@@ -83,7 +83,7 @@ def labels_of(recording: Recording) -> tuple[Label, ...]:
     radius_mm = float(np.median([label.radius_mm for label in listed]))
     names = {label.frame for label in listed}
     others = [ball for ball in _unlisted(recording, radius_mm) if ball.name not in names]
-    return (*listed, *(Label(b.name, b.path, b.ball_radius_mm, state="left out") for b in others))
+    return (*listed, *(Label(b.name, b.path, b.ball_radius_mm, state="excluded") for b in others))
 
 
 def start_table(root: Path, radius_mm: float | None) -> None:
@@ -99,7 +99,7 @@ def write_labels(table: Path, labels: Sequence[Label]) -> None:
 
     Further columns of the table are kept.
     """
-    kept = [label for label in labels if label.state != "left out"]
+    kept = [label for label in labels if label.state != "excluded"]
     nowhere = (math.nan, math.nan, math.nan)
     said = [label.circle or nowhere if label.state in ("drawn", "checked") else nowhere for label in kept]
     columns: dict[str, list[Any]] = {
@@ -275,7 +275,7 @@ def draw_depth(depth_mm: Floats) -> Bytes:
 # The guide and its page.
 
 VIEWS = ("picture", "change", "depth")
-SETTABLE = ("drawn", "checked", "left out")
+SETTABLE = ("drawn", "checked", "excluded")
 
 
 class Session:
@@ -293,7 +293,7 @@ class Session:
         self.outcome: Outcome | None = None
         self._lock, self._fitting = threading.Lock(), threading.Lock()
         for index, label in enumerate(self.labels):
-            if label.circle is None and label.state != "left out":
+            if label.circle is None and label.state != "excluded":
                 self.labels[index] = self._found(index, label)
 
     def to_json(self) -> dict[str, Any]:
@@ -310,8 +310,8 @@ class Session:
     def set(self, index: int, asked: dict[str, Any]) -> dict[str, Any]:
         """Set a press's circle [x, y, radius] in px and its state. Raises InputError where they are invalid."""
         circle, state = _circle(asked.get("circle"), self.reference.shape), asked.get("state")
-        if state not in SETTABLE or (circle is None and state != "left out"):
-            raise InputError("a press needs a circle, or is left out", where="the page", value=state)
+        if state not in SETTABLE or (circle is None and state != "excluded"):
+            raise InputError("a press needs a circle, or must be excluded", where="the page", value=state)
         with self._lock:
             label = self.labels[index]
             self.labels[index] = replace(label, circle=circle or label.circle, state=state, why="")

@@ -56,21 +56,11 @@ class Source(Protocol):
     def close(self) -> None: ...
 
 
-class Capture(Protocol):
-    """The methods of cv2.VideoCapture that are used."""
-
-    def read(self) -> tuple[bool, Any]: ...
-
-    def get(self, prop: int, /) -> float: ...
-
-    def release(self) -> None: ...
-
-
 @dataclass
 class Camera:
     """An open camera, by the name that the user gave."""
 
-    capture: Capture
+    capture: Any  # cv2.VideoCapture
     name: str
     waits: bool = False
     clock: Callable[[], float] = time.monotonic

@@ -111,15 +111,12 @@ def shrunk(depth_mm: Floats, factor: int) -> Floats:
 
 def columns_of(readings: list[Reading], keys: Mapping[str, Any], base: str) -> dict[str, list[Any]]:
     """Return the values of the features `keys` for a part of the table, one a frame."""
-    every: dict[str, list[Any]] = {
-        "depth_mm": [one.depth_mm.astype(np.float32) for one in readings],
-        "contact": [one.contact for one in readings],
-        "peak_mm": [one.peak_mm for one in readings],
-        "area_mm2": [one.area_mm2 for one in readings],
-        "flags": [one.flags for one in readings],
-        "wrench": [one.wrench.astype(np.float32) for one in readings],
-    }
-    return {key: every[key.removeprefix(f"{base}.")] for key in keys}
+
+    def value(one: Reading, key: str) -> Any:
+        found = getattr(one, key.removeprefix(f"{base}."))
+        return found.astype(np.float32) if isinstance(found, np.ndarray) else found
+
+    return {key: [value(one, key) for one in readings] for key in keys}
 
 
 def _size(sensor: CalibratedSensor, shrink: int) -> tuple[int, int]:
