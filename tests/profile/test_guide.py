@@ -239,12 +239,12 @@ def leave_out_and_take_in(canvas: Canvas) -> None:
     view = canvas.view
     view.wait_for_selector("li:nth-child(2) [aria-current='true']")
     view.keyboard.press("x")
-    view.wait_for_selector("li:nth-child(2) [data-state='left out']")
+    view.wait_for_selector("li:nth-child(2) [data-state='excluded']")
     view.mouse.click(*canvas.at(60, 60))
     view.wait_for_selector("li:nth-child(2) [data-state='drawn']")
     np.testing.assert_allclose(canvas.circle(1)[:2], (60, 60), atol=0.6)
     view.keyboard.press("x")
-    view.wait_for_selector("li:nth-child(2) [data-state='left out']")
+    view.wait_for_selector("li:nth-child(2) [data-state='excluded']")
 
 
 @pytest.mark.slow
