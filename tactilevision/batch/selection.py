@@ -1,4 +1,4 @@
-"""Select frames of a recording, and find height maps that were written."""
+"""Selected frames of a recording, and height maps that were written."""
 
 from __future__ import annotations
 

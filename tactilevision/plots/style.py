@@ -1,4 +1,4 @@
-"""Set the style of all figures: colours, axes with units, and fonts for users' names."""
+"""Style of all figures: colours, sizes, legends, and fonts for users' names."""
 
 from __future__ import annotations
 

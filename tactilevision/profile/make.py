@@ -1,4 +1,4 @@
-"""Make a sensor profile from a recording, its reconstructor and, where known, E, nu and certified faces."""
+"""Sensor profiles made from a recording, its reconstructor and, where known, E, nu and certified faces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read and write a sensor profile, and check its format, hashes, shapes and numbers."""
+"""Files of sensor profiles, whose format, hashes, shapes and numbers are checked."""
 
 from __future__ import annotations
 

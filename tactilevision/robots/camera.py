@@ -1,4 +1,4 @@
-"""Read frames from a camera or a played recording, keep the newest, and audit the camera."""
+"""Live frames of a camera or a played recording, and the audit of a camera."""
 
 from __future__ import annotations
 

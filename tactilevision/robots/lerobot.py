@@ -1,4 +1,4 @@
-"""Add depth, contact and force of a tactile camera to a new LeRobot data set."""
+"""Depth, contact and force of a tactile camera, added to a new LeRobot data set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a LeRobot data set, version 3: its metadata, parquet tables and camera pictures."""
+"""Reader of LeRobot data sets, version 3: metadata, parquet tables and camera pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reconstruct one frame at a time for a control loop, and record the results of a stream."""
+"""Streams: one frame at a time for a control loop, and the loop that counts and reports them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,10 +21,13 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.maps import LIGHT, Footprint, Frame, HeightMap, TractionMap, add
-from tactilevision.records.measured import Bools, Bytes, Floats, Wrench
+from tactilevision.records.measured import Bools, Floats, Wrench
 from tactilevision.records.rig import Indenter
 from tactilevision.robots.camera import Shot
 from tactilevision.robust import median
+
+if TYPE_CHECKING:
+    from tactilevision.profile.sensor import CalibratedSensor
 
 # A stream keeps only a running mean of the reference, so that it may run for days.
 
@@ -57,22 +60,6 @@ class Moment:
         return None if self.tractions is None else self.tractions.wrench
 
 
-class Calibrated(Protocol):
-    """The part of a calibrated sensor that a stream uses (profile/sensor.py)."""
-
-    @property
-    def reconstructor(self) -> Reconstructor: ...
-
-    @property
-    def indenter(self) -> Indenter | None: ...
-
-    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]: ...
-
-    def held(self, height: HeightMap, face: Footprint | None) -> HeightMap: ...
-
-    def tractions(self, height: HeightMap, rgb_rectified: Bytes) -> TractionMap | None: ...
-
-
 class Stream:
     """Turn frames into moments. Not thread-safe.
 
@@ -86,7 +73,7 @@ class Stream:
 
     def __init__(
         self,
-        source: Reconstructor | Calibrated,
+        source: Reconstructor | CalibratedSensor,
         indenter: Indenter | None = None,
         renew: float = RENEW,
         *,

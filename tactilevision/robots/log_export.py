@@ -1,4 +1,4 @@
-"""Write the depth and force of a recording as ROS messages to MCAP, ROS 1 or ROS 2 logs."""
+"""Depth and force of a recording as ROS messages in MCAP, ROS 1 or ROS 2 logs."""
 
 from __future__ import annotations
 

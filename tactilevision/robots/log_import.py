@@ -1,4 +1,4 @@
-"""Convert a robot's log to a recording: frames, forces and the [sensor] table."""
+"""Import of a robot's log as a recording: frames, forces and the [sensor] table."""
 
 from __future__ import annotations
 

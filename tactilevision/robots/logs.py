@@ -1,4 +1,4 @@
-"""Read robot logs (ROS 1 bag, ROS 2 folder or MCAP) as topics and messages in bytes."""
+"""Reader of robot logs (ROS 1 bag, ROS 2 folder or MCAP): topics and messages in bytes."""
 
 from __future__ import annotations
 
@@ -57,10 +57,6 @@ def _damaged(where: object, said: str) -> InputError:
     return InputError(what, where=where, remedy="Copy it again.")
 
 
-def _lz4() -> Any:
-    return library("lz4.frame").LZ4FrameDecompressor()
-
-
 class _Zstd:
     """Decompressor of Zstandard with a limit, like that of bz2."""
 
@@ -76,7 +72,11 @@ class _Zstd:
         return found
 
 
-_OPEN: dict[str, Any] = {"bz2": bz2.BZ2Decompressor, "lz4": _lz4, "zstd": _Zstd}
+_OPEN: dict[str, Any] = {
+    "bz2": bz2.BZ2Decompressor,
+    "lz4": lambda: library("lz4.frame").LZ4FrameDecompressor(),
+    "zstd": _Zstd,
+}
 
 
 # Logs: ROS 1 (.bag), ROS 2 (a folder, .db3 or .mcap) and MCAP (.mcap). Message definitions in a log are not used.

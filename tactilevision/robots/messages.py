@@ -1,4 +1,4 @@
-"""Decode ROS messages: pictures, wrenches, header clocks and static transforms."""
+"""Decoder of ROS messages: pictures, wrenches, header clocks and static transforms."""
 
 from __future__ import annotations
 

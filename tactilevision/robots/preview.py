@@ -1,4 +1,4 @@
-"""Show a live stream on a local page, in Foxglove, or in an MCAP file."""
+"""A live stream on a local page, in Foxglove, or in an MCAP file."""
 
 from __future__ import annotations
 
@@ -289,34 +289,26 @@ def _served(context: Any) -> Any:
 
 def _grid(fields: dict[str, Floats], mm_per_px: Pair, *, stamp: Any, first_mm: Pair | None = None) -> Any:
     """Return fields (H, W) as one grid of float32, each cell centred on its pixel."""
-    from foxglove.messages import (
-        Grid,
-        PackedElementField,
-        PackedElementFieldNumericType,
-        Pose,
-        Quaternion,
-        Vector2,
-        Vector3,
-    )
+    from foxglove import messages
 
     stacked = np.stack([np.asarray(field, "<f4") for field in fields.values()], axis=-1)
     rows, columns, count = stacked.shape
     sizes = zip((columns, rows), mm_per_px, strict=True)
     first = first_mm or tuple(-(n - 1) / 2 * step for n, step in sizes)
     corner = [MILLI * (place - step / 2) for place, step in zip(first, mm_per_px, strict=True)]
-    return Grid(
+    origin = messages.Vector3(x=corner[0], y=corner[1], z=0.0)
+    upright = messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    number = messages.PackedElementFieldNumericType.Float32
+    return messages.Grid(
         timestamp=stamp,
         frame_id=PAD,
-        pose=Pose(
-            position=Vector3(x=corner[0], y=corner[1], z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-        ),
+        pose=messages.Pose(position=origin, orientation=upright),
         column_count=columns,
-        cell_size=Vector2(x=MILLI * mm_per_px[0], y=MILLI * mm_per_px[1]),
+        cell_size=messages.Vector2(x=MILLI * mm_per_px[0], y=MILLI * mm_per_px[1]),
         row_stride=4 * count * columns,
         cell_stride=4 * count,
         fields=[
-            PackedElementField(name=name, offset=4 * k, type=PackedElementFieldNumericType.Float32)
-            for k, name in enumerate(fields)
+            messages.PackedElementField(name=name, offset=4 * k, type=number) for k, name in enumerate(fields)
         ],
         data=np.ascontiguousarray(stacked).tobytes(),
     )
