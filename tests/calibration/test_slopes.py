@@ -118,7 +118,7 @@ def test_shadows_are_cured_by_reading_frames_anew_or_left_out_with_the_reason() 
     assert "the depth that the picture reads beside the faces" in said
     assert f"The faces themselves are off by {1e3 * faces:.1f} µm" in said
     labels = [one.get_text() for one in draw_error_fall(fall).legends[0].get_texts()]
-    assert {"the faces", "the gel beside the faces"} <= set(labels)
+    assert {"the faces", "the gel outside the faces"} <= set(labels)
     left = compare(dark, ["cast_shadow"], rng=np.random.default_rng(0))
     assert left.left_out[0][0] == "cast_shadow"
     assert "ball presses" in left.left_out[0][1]
