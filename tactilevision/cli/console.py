@@ -125,7 +125,7 @@ def say(*lines: str) -> None:
         except OSError as fault:
             _discard(sys.stdout)
             raise OutputError(
-                f"cannot be written: {fault.strerror}", where="standard output", remedy="Redirect it elsewhere."
+                f"cannot be written: {fault.strerror}", where="standard output", remedy="Send it elsewhere."
             ) from fault
 
 
@@ -173,7 +173,7 @@ def report_failure(fault: BaseException) -> int:
     """Print one message and return the exit code; unknown failures are raised again."""
     if isinstance(fault, OSError) and fault.errno == ENOSPC and not fault.filename:  # help, or a file of results
         _discard(sys.stdout)
-        where, remedy = "standard output or a file", "Make room, or redirect it elsewhere."
+        where, remedy = "standard output or a file", "Make room, or send it elsewhere."
         fault = OutputError(f"cannot be written: {fault.strerror}", where=where, remedy=remedy)
     if isinstance(fault, TactilevisionError):
         _complain(f"error: {fault}")

@@ -42,7 +42,7 @@ def test_a_summary_that_cannot_be_written_is_told_in_one_line(tmp_path: Path) ->
     done = in_shell('"$@" > /dev/full', "calibrate", PAPER, "--out", tmp_path)
     assert done.returncode == 2
     assert [line for line in done.stderr.splitlines() if not line.startswith("warning")] == [
-        "error: standard output: cannot be written: No space left on device. Redirect it elsewhere."
+        "error: standard output: cannot be written: No space left on device. Send it elsewhere."
     ]
 
 
