@@ -58,7 +58,6 @@ def depth(
         bool, typer.Option("--std", help="Also the depths' standard deviation, in depth_std/.")
     ] = False,
     even_so: source.EvenSoOption = False,
-    shadows: source.ShadowsOption = True,
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
@@ -69,7 +68,7 @@ def depth(
     from tactilevision.batch.tree import reconstruct_tree
 
     warned: list[str] = []
-    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows, even_so)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     light = _light(chosen, warned, path)
     how: dict[str, Any] = {"form": form.value, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps = "depth.zarr" if form is MapFormat.ZARR else "depth/NAME.tiff"
@@ -192,7 +191,6 @@ def force(
     form: Annotated[
         TractionFormat, typer.Option("--format", help="How tractions are stored.")
     ] = TractionFormat.NPZ,
-    shadows: source.ShadowsOption = True,
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
@@ -202,7 +200,7 @@ def force(
     from tactilevision.force.comparison import shear_summary, whole_residuals, write_comparison
     from tactilevision.force.folder import force_folder, with_gel
 
-    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows, even_so)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     known = _known_material(chosen, calibration)
     recording = with_gel(chosen.open(path), known.path, known.thickness_mm)
     with console.progress_bar("calibrating the light"):

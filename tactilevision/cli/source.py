@@ -63,13 +63,6 @@ BallOption = Annotated[
 EvenSoOption = Annotated[
     bool, typer.Option("--even-so", help="Continue although the light's calibration fails its own balls.")
 ]
-ShadowsOption = Annotated[
-    bool,
-    typer.Option(
-        "--shadows/--no-shadows",
-        help="Undo cast shadows, where frames show them and balls or the method's file tell the lamps; slower.",
-    ),
-]
 
 
 @dataclass(frozen=True)
@@ -80,7 +73,6 @@ class Choice:
     reference: Path | None = None
     method: str | None = None
     mm_per_px: float | None = None
-    shadows: bool = True
     even_so: bool = True
 
     @cached_property
@@ -99,7 +91,7 @@ class Choice:
 
     @property
     def way(self) -> str:
-        """Return what determines the maps: name or hash of method or profile, scale and shadows."""
+        """Return what determines the maps: name or hash of method or profile, and the scale."""
         from tactilevision.photometric.catalogue import PHOTOMETRIC
         from tactilevision.photometric.storage import digest
 
@@ -107,7 +99,7 @@ class Choice:
         if name and name not in PHOTOMETRIC:
             path = Path(name).with_suffix(".json")  # the card, which holds the hashes of its files
         content = digest(path) if path is not None and path.is_file() else name
-        return f"{content} {self.mm_per_px} {self.shadows}"
+        return f"{content} {self.mm_per_px}"
 
     def open(self, path: Path, *, needs_frames: bool = True) -> Recording:
         """Read a recording, or a bare folder of frames whose sensor is named.
@@ -140,22 +132,18 @@ class Choice:
         from tactilevision.recording import layout
 
         own = self.profile is None and (path / layout.SETTINGS).is_file()
-        return (
-            Choice(method=self.method, shadows=self.shadows, even_so=self.even_so).open(path)
-            if own
-            else self.open(path)
-        )
+        return Choice(method=self.method, even_so=self.even_so).open(path) if own else self.open(path)
 
     def light(self, recording: Recording) -> Reconstructor:
         """Calibrate the light on the recording's own references, or use the named method or profile.
 
-        With `shadows`, those that lamps cast are undone where the frames show them. Not `even_so`: raises
-        InputError for a calibration that fails its own balls.
+        Unless `even_so`, raises InputError for a calibration that fails its own balls.
         """
         from tactilevision.heightmap.ball_validation import check_fit, unfit_warnings
+        from tactilevision.heightmap.build import build_reconstructor
 
         sensor = self.calibrated(recording)
-        made = self._built(recording) if sensor is None else sensor.reconstructor
+        made = build_reconstructor(recording, self.method) if sensor is None else sensor.reconstructor
         if made.referenced is not None and not self.even_so:
             if same := unfit_warnings(made.referenced.card):  # what else is doubtful may say why
                 console.warn([line for line in made.warnings if line not in same])
@@ -163,20 +151,13 @@ class Choice:
             check_fit(made.referenced.card, remedy="--even-so", where=named or "reference/ball")
         return made
 
-    def _built(self, recording: Recording) -> Reconstructor:
-        from tactilevision.heightmap.build import calibrate_light
-        from tactilevision.heightmap.shadows_seen import with_shadows
-
-        made = calibrate_light(recording, self.method)
-        return with_shadows(recording, made) if self.shadows else made
-
     def calibrated(self, recording: Recording) -> CalibratedSensor | None:
         """Return the profile's sensor, checked on some of the frames; None where no profile was named."""
         if self.profile is None:
             return None
         from tactilevision.profile.sensor import sensor_for
 
-        return sensor_for(recording, self.profile, shadows=self.shadows)
+        return sensor_for(recording, self.profile)
 
     def _is_recording(self, path: Path) -> bool:
         """Return whether `path` is to be read as a recording, with its recording.toml."""

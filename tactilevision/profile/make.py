@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 from tactilevision.errors import InputError
@@ -13,10 +12,8 @@ from tactilevision.force.compliance import gel_compliance
 from tactilevision.force.field import ForceSettings
 from tactilevision.force.folder import untouched_frame
 from tactilevision.force.nodes import lay_grid
-from tactilevision.heightmap.lamps import with_lamps
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import some_frames
-from tactilevision.heightmap.shadows_seen import SAID
 from tactilevision.photometric.card import provenance
 from tactilevision.press.certified_faces import DepthScale, with_walls
 from tactilevision.profile.model import Followed, Profile
@@ -26,20 +23,17 @@ from tactilevision.records.measured import Bytes
 from tactilevision.records.rig import Gel
 from tactilevision.shear.displacement import read_untouched
 
-_NO_LAWS: Mapping[bool, DepthScale | None] = MappingProxyType({})
-
 
 def make_profile(
     recording: Recording,
     reconstructor: Reconstructor,
     *,
     calibration: Mapping[str, Any] | None = None,
-    face_laws: Mapping[bool, DepthScale | None] = _NO_LAWS,
+    face_law: DepthScale | None = None,
 ) -> Profile:
     """Return the profile of a recording's sensor, read by its `reconstructor`.
 
-    `face_laws` are those of maps with cast shadows left (False) and undone (True). The method keeps the lamps that
-    balls tell, and what faces taught of walls; the profile has the lamps where the reader undoes their shadows.
+    The method keeps the walls' law of certified faces; `face_law` is the true over the read depth of these faces.
     `calibration` is the content of calibration.json; without one, E and nu are those stated of the gel. Where gel,
     E and nu are known its compliance is computed, which takes half a minute near free sides. Raises InputError
     where the method has no reference, or E and nu are not fixed.
@@ -56,7 +50,7 @@ def make_profile(
     today = datetime.datetime.now(tz=datetime.UTC).date()
     made = Profile(
         sensor,
-        with_lamps(recording, reconstructor, with_walls(method, reconstructor.walls)),
+        with_walls(method, reconstructor.taught),
         picture,
         recording.frame_size_px,
         (recording.date or today).isoformat(),
@@ -64,12 +58,10 @@ def make_profile(
         about["data"],
         recording.white_level,
         calibration or stated_material(sensor.gel),
-        face_law=face_laws.get(False),
-        lamps=reconstructor.shadows.lamps if reconstructor.shadows else None,
-        undone_face_law=face_laws.get(True),
+        face_law=face_law,
         indenters=recording.indenters,
         versions=about["versions"],
-        warnings=(*recording.warnings, *(one for one in reconstructor.warnings if one != SAID)),
+        warnings=(*recording.warnings, *reconstructor.warnings),
         path=recording.path,
     )
     return with_compliance(made)

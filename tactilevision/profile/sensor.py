@@ -36,25 +36,13 @@ from tactilevision.shear.displacement import Untouched, read_untouched
 NOT_SOLVED = "force not solved"
 
 
-def load_sensor(
-    path: Path | str, *, indenter: Indenter | str | None = None, shadows: bool = False
-) -> CalibratedSensor:
+def load_sensor(path: Path | str, *, indenter: Indenter | str | None = None) -> CalibratedSensor:
     """Return the sensor of a profile that `tactilevision calibrate-sensor` wrote.
 
     `indenter` is sought in frames: a record, or its name in the profile; None for contact alone.
-    With `shadows`, those that lamps cast are undone where the profile knows its lamps; a deep frame then takes
-    up to a second. Without, deep maps of such a sensor have the flag `shadow`.
     Raises InputError for a profile that is missing, of a newer version, or changed.
     """
-    return sensor_of(read_profile(path), indenter=indenter, shadows=shadows)
-
-
-def sensor_of(
-    profile: Profile, *, indenter: Indenter | str | None = None, shadows: bool = False
-) -> CalibratedSensor:
-    """Return the sensor of a profile, as `load_sensor` does."""
-    asked = replace(profile, lamps=profile.told_lamps) if shadows else profile
-    return CalibratedSensor(asked, indenter=indenter, shadows=shadows)
+    return CalibratedSensor(read_profile(path), indenter=indenter)
 
 
 class CalibratedSensor:
@@ -64,14 +52,12 @@ class CalibratedSensor:
     also follows slow changes of the light.
     """
 
-    def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None, shadows: bool = False) -> None:
+    def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None) -> None:
         self.profile = profile
         self.reconstructor = Reconstructor(profile.sensor, profile.method)
         self.reconstructor.warnings = _as_then(profile)
         self.reconstructor.frame_size_px = profile.frame_size_px
         self.indenter = _chosen(profile, indenter)
-        self.shadows = shadows and profile.lamps is not None and not profile.lamps.doubtful
-        self._undo_shadows()
         self.untouched: Untouched | None = None
         if profile.followed != "nothing":
             markers = profile.followed == "markers"
@@ -81,7 +67,7 @@ class CalibratedSensor:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle the profile and rebuild the sensor from it."""
-        return _rebuilt, (self.profile, self.indenter, self.shadows)
+        return _rebuilt, (self.profile, self.indenter)
 
     @property
     def gel(self) -> Gel | None:
@@ -138,15 +124,6 @@ class CalibratedSensor:
         self.reconstructor.warnings += self._unlike([as_frame(one).rgb for one in pictures])
         return self.reconstructor.warnings[before:]
 
-    def look_for_shadows(self, recording: Recording) -> None:
-        """Undo cast shadows from now on where only balls told the lamps and these frames show shadows."""
-        from tactilevision.heightmap.shadows_seen import with_shadows
-
-        lamps = self.profile.told_lamps
-        if self.profile.lamps is None and lamps is not None:
-            self.shadows = with_shadows(recording, self.reconstructor).shadows is not None
-            self.profile = replace(self.profile, lamps=lamps) if self.shadows else self.profile
-
     def with_reference(self, flats: Sequence[Bytes]) -> CalibratedSensor:
         """Return the sensor with newer raw pictures (H, W, 3) of the untouched gel as its reference."""
         profile = self.profile
@@ -154,20 +131,16 @@ class CalibratedSensor:
         made = with_flats(profile.sensor, profile.method, flats=rectified)
         assert made.referenced is not None
         fresh = CalibratedSensor(
-            replace(profile, method=made.referenced, untouched=rectified[0]),
-            indenter=self.indenter,
-            shadows=self.shadows,
+            replace(profile, method=made.referenced, untouched=rectified[0]), indenter=self.indenter
         )
         made.warnings = (*_as_then(profile), *made.warnings)
         made.frame_size_px = profile.frame_size_px
         fresh.reconstructor = made
-        fresh._undo_shadows()
         return fresh
 
     def held(self, height: HeightMap, face: Footprint | None) -> HeightMap:
         """Return the map (H, W), mm, with the depth of a flat face by the profile's law of certified faces."""
-        law = self.profile.undone_face_law if self.shadows else self.profile.face_law
-        indenter = self.indenter
+        law, indenter = self.profile.face_law, self.indenter
         if law is None or indenter is None or indenter.shape != "flat_cylinder":
             return height
         from tactilevision.press.certified_faces import with_face  # takes a while to load
@@ -219,25 +192,14 @@ class CalibratedSensor:
             "calibrate this sensor",
         )
 
-    def _undo_shadows(self) -> None:
-        if self.shadows and self.profile.lamps is not None:
-            from tactilevision.heightmap.shadows_seen import undo_by
-
-            undo_by(self.reconstructor, self.profile.lamps)
-        if (told := self.profile.told_lamps) is not None and told.doubtful:
-            from tactilevision.heightmap.shadows_seen import doubt
-
-            doubt(self.reconstructor)
-        self.reconstructor.keeps_shadows = self.profile.lamps is not None and not self.shadows
-
 
 def _as_then(profile: Profile) -> tuple[str, ...]:
     """Return the warnings of when the profile was made."""
     return tuple(f"when {profile.path.name} was made: {one}" for one in profile.warnings)
 
 
-def _rebuilt(profile: Profile, indenter: Indenter | None, shadows: bool) -> CalibratedSensor:
-    return CalibratedSensor(profile, indenter=indenter, shadows=shadows)
+def _rebuilt(profile: Profile, indenter: Indenter | None) -> CalibratedSensor:
+    return CalibratedSensor(profile, indenter=indenter)
 
 
 def _chosen(profile: Profile, indenter: Indenter | str | None) -> Indenter | None:
@@ -285,21 +247,17 @@ def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = 
     return found
 
 
-def sensor_for(recording: Recording, profile: Profile, *, shadows: bool = False) -> CalibratedSensor:
+def sensor_for(recording: Recording, profile: Profile) -> CalibratedSensor:
     """Return the calibrated sensor with the recording's own pictures of the untouched gel, if any, as reference.
 
-    With `shadows`, those that lamps cast are undone where the profile knows its lamps; where only its balls told
-    them, if the recording's frames show shadows.
     Some of the frames are checked against the profile; the sensor's warnings report what does not fit.
     """
-    sensor = CalibratedSensor(profile, shadows=shadows)
+    sensor = CalibratedSensor(profile)
     flats = read_flats(recording)
     if flats:
         with faults_of_flats(recording):
             sensor = sensor.with_reference(flats)
     sensor.look(spread_frames(recording))
-    if shadows:
-        sensor.look_for_shadows(recording)
     return sensor
 
 
