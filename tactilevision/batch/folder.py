@@ -8,7 +8,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -261,6 +261,16 @@ def std_at(height: HeightMap, peak_mm: float) -> float:
     deep = np.flatnonzero(height.depth_mm >= peak_mm)
     there = height.std_mm.take(deep)[height.valid.take(deep)]
     return float(median(there)) if there.size and not np.isnan(there).any() else float("nan")
+
+
+def summary(rows: Sequence[FrameResult]) -> dict[str, object]:
+    """Return the number of frames, of each status and flag, and the statuses of those without a map."""
+    return {
+        "frames": len(rows),
+        "statuses": dict(Counter(row.status.split(":")[0] for row in rows)),
+        "bad": {row.frame: row.status for row in rows if row.status != "ok"},
+        "flags": dict(Counter(flag for row in rows for flag in row.flags)),
+    }
 
 
 def table(rows: Iterable[FrameResult]) -> str:

@@ -198,6 +198,28 @@ def summary(found: Residuals) -> dict[str, dict[str, float | int | None]]:
     return by_axis
 
 
+def whole_residuals(rows: Sequence[FrameForce], reading_std_N: Sequence[float] | None = None) -> Residuals | None:
+    """Return `residuals` without contacts cut by the border, unless there are no others."""
+    found = residuals(rows, flagged=(CUT,), reading_std_N=reading_std_N)
+    return found if found is None or found.usable.any() else residuals(rows, reading_std_N=reading_std_N)
+
+
+def strength_N(rows: Sequence[FrameForce]) -> list[float]:
+    """Return fz of each frame, NaN for none, without contacts cut by the border unless there are no others."""
+    every = [row.resultant_N[2] if row.read else float("nan") for row in rows]
+    whole = [float("nan") if CUT in row.flags else force for row, force in zip(rows, every, strict=True)]
+    return whole if any(force > 0 for force in whole) else every
+
+
+def shear_summary(rows: Sequence[FrameForce]) -> dict[str, int | str]:
+    """Return how many touching frames there are, in how many fx and fy are known, and the usual reason else."""
+    touched = [row for row in rows if touches(row)]
+    unknown = [row for row in touched if not np.isfinite(row.resultant_N[0])]
+    why = Counter(words for row in unknown for words in row.flags.split("; "))
+    reason = next((words for words, _ in why.most_common() if "follow" in words or "shear" in words), "")
+    return {"touched": len(touched), "known": len(touched) - len(unknown), "why": reason}
+
+
 def _median(values: Floats) -> float | None:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else None

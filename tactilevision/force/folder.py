@@ -17,6 +17,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
 from tactilevision.files.runs import output_lock
 from tactilevision.files.writing import write_text
+from tactilevision.force.calibrated import check_gel
 from tactilevision.force.comparison import Readings
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import ForceField, ForceSettings
@@ -27,6 +28,7 @@ from tactilevision.recording.model import Recording, is_bare
 from tactilevision.recording.pictures import read_flats
 from tactilevision.recording.write import table_cell
 from tactilevision.records.measured import Bytes, Material
+from tactilevision.records.rig import Gel
 from tactilevision.sensors.rectification import rectify
 from tactilevision.shear.displacement import Untouched, read_untouched
 
@@ -127,6 +129,23 @@ def force_job(
     assert field.compliance is not None
     store = TractionStore(Path(out).absolute(), form, field.compliance.grid)
     return ForceJob(field, reconstructor, untouched or _untouched(recording), store)
+
+
+def with_gel(recording: Recording, calibration: Path | None, thickness_mm: float | None) -> Recording:
+    """Return the recording with a gel as thick as the calibration's, and a warning, where it describes none.
+
+    Raises InputError where its own gel is not that of the file `calibration`.
+    """
+    gel = recording.sensor.gel
+    if gel is not None:
+        if calibration is not None:
+            check_gel(calibration, gel)
+        return recording
+    if thickness_mm is None:
+        return recording
+    guess = f"guessed: the gel is {thickness_mm:g} mm thick, as the calibration's, and has no sides nearby"
+    sensor = replace(recording.sensor, gel=Gel(thickness_mm))
+    return replace(recording, sensor=sensor, warnings=(*recording.warnings, guess))
 
 
 def untouched_frame(recording: Recording) -> Bytes | None:
