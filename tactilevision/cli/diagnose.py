@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from calibration.model.stages import Effect
     from calibration.report.diagnosis_report import Drawn, Evidence
     from calibration.report.drawing import Card, ResidualMap
-    from calibration.report.report import Picture
+    from calibration.report.page import Picture
     from calibration.tasks.session import Step
     from tactilevision.cli.pictures import FigureFolder
 

@@ -290,7 +290,7 @@ def test_a_radius_pressed_to_one_depth_is_left_out_by_name() -> None:
     depths = [np.linspace(0.03, 0.6, 9)] * 6 + [np.array([0.4])] * 2
     kinds = [indenter("A", 2.5)] * 6 + [indenter("B", 1.5)] * 2
     found, said = analysed(observations(depths, kinds))
-    assert "radius 1.5 mm are left out" in said
+    assert "radius 1.5 mm are excluded" in said
     assert found.fits.base.data.count == 6
     with pytest.raises(InputError, match="one depth"):
         diagnose(

@@ -86,5 +86,5 @@ def test_what_only_the_picture_shows_is_not_laid_to_the_forces() -> None:
     found = diagnosed(points(3))
     unseen = Searched(found.fits.base, found.fits.base, (), (), ScoreTest((), (), {}, {}))
     said = verdict_sentence(replace(found, verdict="UNKNOWN", search=replace(found.search, sight=unseen)))
-    assert said.startswith("The depth that the picture reads is off")
-    assert "The forces themselves are explained as well as they repeat." in said
+    assert said.startswith("The reconstructed depth has an error")
+    assert "The forces themselves are explained within their repeatability." in said

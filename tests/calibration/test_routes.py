@@ -117,11 +117,11 @@ def test_a_stated_nu_that_the_radii_contradict_is_in_the_interval_beside_theirs(
 
 
 def test_a_picture_that_cannot_tell_changes_nothing() -> None:
-    nothing = Estimate(None, None, (0.3, 0.5), "1", "the rise beside the punch is lost in the noise of the maps")
+    nothing = Estimate(None, None, (0.3, 0.5), "1", "the rise around the punch is below the noise of the maps")
     result, plain = (calibrate(drawn(STATED), bulge=b) for b in (nothing, None))
     assert result.poisson_ratio == plain.poisson_ratio
     assert result.poisson_ratio_source == "prior"
-    assert any("lost in the noise" in line for line in result.assumptions)
+    assert any("below the noise" in line for line in result.assumptions)
 
 
 def test_the_bound_of_elastomers_cuts_off_what_lies_below_it_and_no_more() -> None:

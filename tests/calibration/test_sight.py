@@ -167,6 +167,6 @@ def test_a_comparison_says_how_far_the_picture_is_off_before_anything_is_added()
     assert fall.models == ("as read",)
     assert not fall.reached
     said = fall_sentence(fall)
-    assert said.startswith("As read, the error of the picture's depth on presses left out is")
-    assert "more than the presses repeat within" in said
+    assert said.startswith("Without effects the error of the reconstructed depth on held-out presses is")
+    assert "above the presses' repeatability" in said
     assert "faces" not in said, "nothing was read beside them"

@@ -48,7 +48,7 @@ def test_the_papers_points_give_the_papers_figures(
     assert json.loads((tmp_path / "r.json").read_text()) == result
     out = capsys.readouterr()
     assert "reproduction" in out.out
-    assert "outside of what contact laws allow" in out.err
+    assert "outside the range of contact laws" in out.err
     assert "<img" in (tmp_path / "report.html").read_text()
 
 

@@ -62,7 +62,7 @@ def test_thickness_near_the_punch_counts() -> None:
 
 
 def test_bad_input_is_named() -> None:
-    with pytest.raises(InputError, match="misses"):
+    with pytest.raises(InputError, match="lacks"):
         equivalent_thickness(np.full((50, 50), 3.0), np.ones((50, 50), bool), centre_mm=(9.0, 0.0), **PUNCH)
     with pytest.raises(InputError, match="thickness_mm"):
         equivalent_thickness(np.full((90, 90), -3.0), np.ones((90, 90), bool), centre_mm=(0.0, 0.0), **PUNCH)

@@ -45,8 +45,7 @@ UNITS = (
     "ν",
     "press",
     "frame",
-    "if this",
-    "could this",
+    "effect",
     "loading",
 )  # ratios, counts and names have no unit
 OLD_WORDS = ("touch", "floor", "ruler")

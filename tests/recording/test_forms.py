@@ -128,7 +128,7 @@ def test_noise_left_out_is_estimated_from_the_readings(folder: Path) -> None:
     recording = read_recording(folder)
     # a median of 4000 differences scatters by 2 %
     np.testing.assert_allclose(recording.force_std_N or 0, [0.01, 0.02, 0.05], rtol=0.08)
-    assert any("std_N is left out" in warning for warning in recording.warnings)
+    assert any("std_N is missing" in warning for warning in recording.warnings)
 
 
 def test_a_rectification_gives_the_sensor_its_size(folder: Path) -> None:
@@ -194,7 +194,7 @@ def test_curves_alone_are_a_recording(tmp_path: Path) -> None:
 def test_a_time_that_starts_anew_between_curves_is_a_warning(tmp_path: Path) -> None:
     text = "press,time_s,depth_mm,fx_N,fy_N,fz_N\na,5,0,0,0,0\na,6,0,0,0,0\nb,0,0,0,0,0\n"
     warnings = read_recording(tables_only(tmp_path / "curves", "curves.csv", text)).warnings
-    assert any("starts anew between presses, at b, so" in warning for warning in warnings)
+    assert any("starts again between presses, at b, so" in warning for warning in warnings)
 
 
 @pytest.mark.parametrize(("scale", "told"), [(1, False), (1000, True)])

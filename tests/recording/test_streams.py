@@ -216,7 +216,7 @@ def test_whole_numbers_may_be_written_as_a_spreadsheet_does(folder: Path) -> Non
     [
         ("0,0\n1,0.1\n12,0.9\n", "line 4: frame 12 is missing: frames.avi has 10 frames"),
         ("0,0\n1,0.1\n1.5,0.9\n", r"line 4: frames of a video \(frames.avi\) are numbers, from 0"),
-        ("0,0\n3,0.1\n2,0.9\n", "line 4: frame 2 stands after frame 3"),
+        ("0,0\n3,0.1\n2,0.9\n", "line 4: frame 2 comes after frame 3"),
     ],
 )
 def test_faults_in_the_list_of_a_video_are_named(folder: Path, listed: str, said: str) -> None:
@@ -257,7 +257,7 @@ def test_a_listed_picture_that_is_gone_is_named_and_passed_over(folder: Path) ->
     for name in ("f0.png", "f3.png"):
         (folder / "frames" / name).unlink()
     read = read_recording(folder)
-    said = "frames.csv: 2 of 10 pictures listed are missing and are passed over: f0.png, f3.png"
+    said = "frames.csv: 2 of 10 pictures listed are missing and are skipped: f0.png, f3.png"
     assert said in read.warnings
     frames = list(iter_frames(read))
     assert [frame.name for frame in frames if isinstance(frame, BadFrame)] == ["f0.png", "f3.png"]
