@@ -59,9 +59,11 @@ def test_a_gel_that_bends_as_theory_has_it_is_adequate() -> None:
     assert found.verdict == "ADEQUATE"
     assert found.flags == ("bend_within_theory",)
     assert few_sentence(found) == ""
-    few = found.base.data.take(np.arange(24) < 8)
-    assert "8 presses hardly tell" in few_sentence(replace(found, base=replace(found.base, data=few)))
-    assert found.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
+    few = found.fits.base.data.take(np.arange(24) < 8)
+    assert "8 presses hardly tell" in few_sentence(
+        replace(found, fits=replace(found.fits, base=replace(found.fits.base, data=few)))
+    )
+    assert found.material.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
 
 
 def plateaus(count: int, rng: np.random.Generator) -> Observations:
@@ -204,7 +206,7 @@ def test_a_zero_that_jumps_is_unknown_since_its_press() -> None:
     found = diagnose(measured(data, force, np.random.default_rng(1)), np.random.default_rng(0))
     assert found.verdict == "UNKNOWN"
     assert "presses_wander" in found.flags
-    assert found.change_point == "p14"
+    assert found.remainder.change_point == "p14"
     shown = own_offsets(found)
     assert shown is not None
     assert shown.labels[shown.since or 0] == "p14"

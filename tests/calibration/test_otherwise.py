@@ -117,7 +117,7 @@ def test_a_creeping_sensor_is_unknown_and_said_so() -> None:
     data = noisy(RICH, planted(SinceTouch(), CREEP), 4)
     found = diagnose(data, np.random.default_rng(0))
     assert found.verdict == "UNKNOWN"
-    assert found.alternative_explanation is not None
+    assert found.remainder.alternative_explanation is not None
     assert "grows from the moment of touch" in verdict_sentence(found)
     assert "dead weight" in found.measure_next[0].action
     assert found.as_json()["otherwise"]["key"] == "force_since_touch"

@@ -38,7 +38,7 @@ def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Pat
     data = presses(8)
     taken = measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1))
     found = diagnose(taken, np.random.default_rng(0), effects=[effect])
-    assert why in found.not_testable["my_effect"]
+    assert why in found.limits.not_testable["my_effect"]
     assert found.verdict in ("ADEQUATE", "IDENTIFIED", "AMBIGUOUS", "UNKNOWN")
     compared = compare(taken, [effect, "ageing", "depth_zero"], rng=np.random.default_rng(0))
     assert [model.effects for model in compared.models] == [(), ("depth_zero",)]

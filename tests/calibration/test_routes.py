@@ -61,9 +61,12 @@ def test_the_source_is_the_tightest_route(std: float, source: str) -> None:
 def test_a_diagnosis_names_the_source_as_calibrate_does() -> None:
     measured, rng = drawn(OPEN), np.random.default_rng(0)
     found = diagnose(observe([measured]), rng, bulge=bulge(0.478, 0.003))
-    assert (found.before.poisson_ratio_source, found.after.poisson_ratio_source) == ("bulge", "bulge")
+    assert (found.material.before.poisson_ratio_source, found.material.after.poisson_ratio_source) == (
+        "bulge",
+        "bulge",
+    )
     stated = diagnose(observe([drawn(STATED)]), rng)
-    assert stated.after.poisson_ratio_source == "prior"
+    assert stated.material.after.poisson_ratio_source == "prior"
 
 
 def test_routes_that_contradict_each_other_widen_the_interval_and_say_so() -> None:

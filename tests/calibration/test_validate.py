@@ -16,9 +16,17 @@ from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Measured, Observations
 from calibration.tasks import validate as method
 from calibration.tasks.calibrate import observe
-from calibration.tasks.validate import Validation, as_json, find_trend, representative, statements, table, validate
+from calibration.tasks.validate import (
+    Validation,
+    as_json,
+    find_trend,
+    middle_material,
+    representative,
+    statements,
+    table,
+    validate,
+)
 from tactilevision.cli import main
-from tactilevision.cli.simulate import _middle
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.punch_curve import PunchCurve
@@ -230,7 +238,7 @@ def test_what_calibrate_wrote_can_be_validated(
 
 
 def test_where_nu_stays_open_its_interval_is_that_of_the_material() -> None:
-    taken = _middle((0.45, 0.49), [(0.45, 0.25), (0.47, 0.22), (0.49, 0.19)]).as_json()
+    taken = middle_material((0.45, 0.49), [(0.45, 0.25), (0.47, 0.22), (0.49, 0.19)]).as_json()
     assert taken["poisson_ratio"]["value"] == pytest.approx(0.47)
     assert taken["poisson_ratio"]["interval95"] == pytest.approx([0.45, 0.49])
     assert taken["youngs_modulus_MPa"]["interval95"] == pytest.approx([0.19, 0.25])

@@ -18,8 +18,7 @@ from typer.main import get_command
 from calibration.result.result import NO_CLOCK
 from tactilevision.cli import console, main
 from tactilevision.cli.app import app
-from tactilevision.cli.calibrate import calibrate_one
-from tactilevision.cli.measure import Taken
+from tactilevision.pipeline import CertifiedRecording, calibrate_certified
 from tactilevision.press.certificate import Certificate
 from tactilevision.recording.read import read_recording
 
@@ -63,7 +62,7 @@ def test_what_was_said_while_frames_were_read_stands_in_the_result() -> None:
         warnings=("lamps cast shadows",),
         flags=("cast_shadow",),
     )
-    content = calibrate_one(Taken(recording, certificate), "default").content
+    content = calibrate_certified(CertifiedRecording(recording, certificate)).content
     assert content["warnings"][:2] == ["no rectification", "lamps cast shadows"]
     assert "cast_shadow" in content["flags"]
 
