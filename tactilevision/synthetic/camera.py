@@ -50,7 +50,7 @@ class Imaging(Protocol):
         """Return a frame (H, W, 3) of the given light, the mean of `averaged`."""
 
     def picture(self, surface: Surface, rng: np.random.Generator, *, time_s: float = 0.0) -> Bytes:
-        """One frame (H, W, 3) of a surface."""
+        """Return one frame (H, W, 3) of a surface."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +104,7 @@ class Camera:
         return np.asarray(_response(self.gamma)[index] + np.float32(0.5)).astype(np.uint8)
 
     def picture(self, surface: Surface, rng: np.random.Generator, *, time_s: float = 0.0) -> Bytes:
-        """One frame (H, W, 3) of a surface."""
+        """Return one frame (H, W, 3) of a surface."""
         return self.expose(self.ideal(surface, time_s), rng)
 
     def _gains(self, time_s: float) -> Floats:
