@@ -22,7 +22,7 @@ from tactilevision.force.comparison import residuals
 from tactilevision.force.field import CUT
 from tactilevision.force.folder import force_folder, force_job
 from tactilevision.force.frame import FrameForce
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.recording.read import read_recording
 
 BANDS_MM = (0.03, 0.12, 0.2, 0.3, 0.4, 0.8)
@@ -43,7 +43,7 @@ def calibrated(path: Path, folder: Path) -> Path:
 def beside_the_sensor(path: Path, calibration: Path, out: Path) -> tuple[FrameForce, ...]:
     """Forces of every frame, with the reading of its time."""
     recording = read_recording(path)
-    job = force_job(recording, calibrate_light(recording), material=read_material(calibration), out=out)
+    job = force_job(recording, build_reconstructor(recording), material=read_material(calibration), out=out)
     return force_folder(recording, job, clock_offset_s=read_clock_offset(calibration))
 
 

@@ -53,7 +53,7 @@ def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     """Simulate, calibrate, hold against the truth."""
     from calibration.inputs.observations import Measured
     from calibration.tasks.calibrate import calibrate
-    from tactilevision.heightmap.build import calibrate_light
+    from tactilevision.heightmap.build import build_reconstructor
     from tactilevision.press.certification import certify
     from tactilevision.press.poisson_from_rise import with_nu
     from tactilevision.recording.read import read_recording
@@ -62,7 +62,7 @@ def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
         place = simulate(Path(folder) / "made", seed=seed, options=options_of(seed, dwell_s))
         truth = tomllib.loads((place / "truth.toml").read_text())
         recording = read_recording(place)
-        reconstructor = calibrate_light(recording)
+        reconstructor = build_reconstructor(recording)
         certificate, bulge = with_nu(recording, reconstructor, certificate=certify(recording, reconstructor))
         measured = Measured(recording, certificate.points)
         result = calibrate(measured, clock_offset=certificate.clock_offset, bulge=bulge)

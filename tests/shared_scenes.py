@@ -11,7 +11,7 @@ from typing import ParamSpec, TypeVar
 
 from filelock import FileLock
 
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.storage import save_method
@@ -47,7 +47,7 @@ def shared(make: Callable[P, T]) -> Callable[P, T]:
 @shared
 def sample_reconstructor() -> Reconstructor:
     """The light of the sample gelslim3, calibrated on its own balls."""
-    return calibrate_light(read_recording(SAMPLE), "polynomial")
+    return build_reconstructor(read_recording(SAMPLE), "polynomial")
 
 
 @shared
