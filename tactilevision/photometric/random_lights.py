@@ -53,9 +53,10 @@ class LightKind:
     bulge: float  # slope of the untouched gel at the border, at most
     soft_edge: Pair = (0.01, 0.08)  # of attached shadows
     gamma: Pair = (1.0, 2.0)  # of the camera
-    upright_mm: Pair = (1.0, 4.0)  # height of a lamp, which sets its penumbrae
+    upright_mm: Pair = (1, 4)  # height of a lamp, which sets its penumbrae
 
 
+DIGIT_LEAK = (0.05, 0.25)
 LIGHT_KINDS = {
     "gelslim3": LightKind(
         size_mm=(27.1, 20.3),
@@ -108,9 +109,9 @@ LIGHT_KINDS = {
         half_length_mm=2,
         aim_mm=(-10, 0),
         beam_mm=(5, 10),
-        leak=(0.05, 0.25),
-        green_in_blue=(0.05, 0.25),
-        blue_in_green=(0.05, 0.25),
+        leak=DIGIT_LEAK,
+        green_in_blue=DIGIT_LEAK,
+        blue_in_green=DIGIT_LEAK,
         reflected=0.3,
         stray=0.1,
         bulge=0.15,
@@ -132,6 +133,7 @@ LIGHT_KINDS = {
 
 GRID = (24, 32)  # of the fields and of the brightness of the untouched picture
 STRIP = 3  # lamps per colour, and one for the reflected light
+FAINT = 0.01  # least vignetting, and grain of the ink
 
 
 @dataclass(frozen=True)
@@ -221,10 +223,10 @@ def draw_fields(count: int) -> torch.Tensor:
 
     blank = torch.full((count, 1, *GRID), 0.5)
     uneven = draw.AugmentationSequential(
-        draw.RandomLinearIllumination(gain=(0.01, 0.2), p=0.5),
-        draw.RandomLinearCornerIllumination(gain=(0.01, 0.3), p=0.5),
-        draw.RandomGaussianIllumination(gain=(0.01, 0.35), sign=(-1.0, 1.0), p=0.7),
-        draw.RandomGaussianNoise(std=0.01, p=1.0),
+        draw.RandomLinearIllumination(gain=(FAINT, 0.2), p=0.5),
+        draw.RandomLinearCornerIllumination(gain=(FAINT, 0.3), p=0.5),
+        draw.RandomGaussianIllumination(gain=(FAINT, 0.35), sign=(-1.0, 1.0), p=0.7),
+        draw.RandomGaussianNoise(std=FAINT, p=1.0),
     )
     return torch.as_tensor(uneven(blank)).clamp(0.05, 1.0) / 0.5
 

@@ -29,25 +29,23 @@ from tactilevision.photometric.shading_law import TERMS
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.measured import Floats
 
-# What certified faces taught of walls as an array of a method's file, and back.
+# Wall corrections from certified faces as an array of a method's file.
 
 WALL_NUMBERS = 8  # share, growth; their two variances and covariance; least and greatest depth in mm; scatter
-MAX_WALL_CHANGE = (
-    3.0  # of what a wall hides: two thirds of a face are no wall's; light is then to be calibrated anew
-)
+MAX_WALL_CHANGE = 3  # of the depth that a wall hides: beyond, the light is to be calibrated again
 
 
 def wall_numbers(walls: TaughtWalls) -> Floats:
-    """Return the numbers (8,) of what was taught, depths in mm."""
+    """Return the numbers (8,) of wall corrections, depths in mm."""
     return np.array([walls.share, walls.growth, *walls.covariance, *walls.limits_mm, walls.scatter])
 
 
 def taught_walls(numbers: npt.NDArray[Any], *, where: Path) -> TaughtWalls:
-    """Return what was taught from its numbers (8,). Raises InputError for numbers that no faces teach."""
+    """Return the wall corrections of numbers (8,). Raises InputError for impossible ones."""
     share, growth, of_share, of_growth, between, low, high, scatter = (float(one) for one in numbers)
     known = max(abs(share), abs(growth)) <= MAX_WALL_CHANGE and 0 < low <= high and scatter >= 0
     if not known or min(of_share, of_growth) < 0 or between**2 > of_share * of_growth:
-        raise InputError("what faces taught of walls is of no face", where=where, value=numbers.tolist())
+        raise InputError("the wall corrections are out of range", where=where, value=numbers.tolist())
     return TaughtWalls(share, growth, (of_share, of_growth, between), (low, high), scatter)
 
 

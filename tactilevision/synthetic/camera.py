@@ -12,6 +12,7 @@ import numpy as np
 from tactilevision.records.measured import Bytes, Floats, Pair
 from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 from tactilevision.synthetic.lights import (
+    GLOSS,
     SOUND,
     Finish,
     Light,
@@ -215,7 +216,7 @@ class CameraOptions:
     full_well: float = 12_000
     read_noise: float = 0.6
     drift: float = 0.003
-    gloss: float = 0.03
+    gloss: float = GLOSS
     shadow_strip_mm: Pair | None = None
 
 

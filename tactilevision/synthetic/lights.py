@@ -40,11 +40,14 @@ class Light:
     colour: Triple
 
 
+GLOSS = 0.03  # of the highlight of a usual ink
+
+
 @dataclass(frozen=True, slots=True)
 class Finish:
     """Reflection of the ink: `gloss` of its highlight, `soft_edge` δ of attached shadows."""
 
-    gloss: float = 0.03
+    gloss: float = GLOSS
     soft_edge: float = 0.06
 
 
