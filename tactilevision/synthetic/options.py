@@ -81,7 +81,7 @@ class SimulationOptions:
 
     `slope_response`: change of the light since the reference pictures; its `end_s` is that of the recording.
     `frames`: format of the pictures, "curves" or "points" for curves or certified points only. `flats` and
-    `balls`: numbers of reference pictures; `state_balls` writes the places of the balls into ball.csv.
+    `balls`: numbers of reference pictures.
     """
 
     name: str = "simulated"
@@ -98,7 +98,6 @@ class SimulationOptions:
     flats: int = 2
     balls: int = 24
     ball_radii_mm: tuple[float, ...] = (2.0, 4.0)
-    state_balls: bool = False
     torn_frame: bool = True
 
     def __post_init__(self) -> None:

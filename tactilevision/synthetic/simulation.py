@@ -22,7 +22,7 @@ from tactilevision.records.measured import Bytes, Floats, ForceSeries, Pair
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Imaging, build_camera, distortion
-from tactilevision.synthetic.gel import Flat, Grid
+from tactilevision.synthetic.gel import Flat
 from tactilevision.synthetic.options import GelOptions, SimulationOptions
 from tactilevision.synthetic.scenario import (
     DEPTH_STD_MM,
@@ -137,21 +137,6 @@ def _press(press: PlannedPress) -> Press:
         speed_mm_s=press.protocol.speed_mm_s,
         hold_s=press.protocol.hold_s,
     )
-
-
-def ball_records(
-    folder: Path, balls: tuple[BallPress, ...], *, grid: Grid, stated: bool
-) -> tuple[BallRecord, ...]:
-    """Return rows of the table of balls, if `stated` with the place of each in rectified pixels."""
-    records = []
-    for i, ball in enumerate(balls):
-        path = folder / layout.BALLS / f"{i:02d}.png"
-        step_x, step_y = grid.spacing_mm
-        x, y = (ball.centre_mm[0] - grid.x_mm[0]) / step_x, (ball.centre_mm[1] - grid.y_mm[0]) / step_y
-        place = (round(float(x), 2), round(float(y), 2)) if stated else None
-        contact = round(ball.contact_radius_mm / step_x, 2) if stated else None
-        records.append(BallRecord(path, ball.radius_mm, place, contact))
-    return tuple(records)
 
 
 def write_toml(path: Path, content: Mapping[str, Any]) -> None:
@@ -312,7 +297,9 @@ def _pictured(
             progress(done := done + 1, total)
     if options.torn_frame:
         frames.tear(_unimportant(plan))
-    records = ball_records(folder, balls, grid=camera.grid, stated=options.state_balls)
+    records = tuple(
+        BallRecord(folder / layout.BALLS / f"{i:02d}.png", ball.radius_mm) for i, ball in enumerate(balls)
+    )
     flats = [folder / layout.FLATS / f"{i:02d}.png" for i in range(options.flats)]
     stills = [(path, Flat()) for path in flats] + list(zip((r.path for r in records), balls, strict=True))
     for path, surface in stills:
