@@ -128,7 +128,7 @@ def bevel_force_N(bevel: Bevel, profile: PunchProfile, *, reduced_modulus_MPa: f
 class ForceSensor:
     """Errors of a six-axis sensor: `noise_N` of a reading, `bias_N`, linear `drift_N_s`, symmetric `range_N`."""
 
-    noise_N: tuple[float, float, float] = (0.00625, 0.00625, 0.0125)
+    noise_N: tuple[float, float, float] = QUANTUM_N
     bias_N: tuple[float, float, float] = (0.0, 0.0, 0.0)
     drift_N_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     range_N: float = float("inf")

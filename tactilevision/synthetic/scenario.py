@@ -252,7 +252,7 @@ def curves(scenario: Scenario) -> tuple[Curve, ...]:
     rng = stream(scenario.seed, 1)
     made = []
     for press in (p for p in scenario.presses if not p.fault):
-        time_s = np.round(np.arange(press.start_s, press.end_s, 0.02), 4)
+        time_s = np.round(np.arange(press.start_s, press.end_s, 1 / 50), 4)
         depth = np.maximum(press.motion.at(time_s), 0.0) + DEPTH_STD_MM * rng.standard_normal(time_s.size)
         force = (
             press.force_N(time_s, scenario.law) + rng.standard_normal((time_s.size, 3)) * scenario.sensor.noise_N
