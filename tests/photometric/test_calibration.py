@@ -216,7 +216,7 @@ def test_a_ball_where_the_light_is_saturated_is_left_out() -> None:
     shots.append(BallPicture(shots[0].rgb, RADIUS_MM, centre_px=lost, contact_radius_px=10.0, name="lost"))
     found = calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"])
     assert found.balls[-1] is None
-    assert any("lost left out" in warning for warning in found.warnings)
+    assert any("lost excluded" in warning for warning in found.warnings)
 
 
 @pytest.mark.parametrize(("radius_mm", "contact_px"), [(0.004, None), (RADIUS_MM, 1.7)])

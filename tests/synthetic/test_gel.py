@@ -11,7 +11,7 @@ from tactilevision.mechanics.kappa import kappa
 from tactilevision.synthetic import ball as truth
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.gel import Grid, Prescribed
-from tactilevision.synthetic.punch import Bevel, PunchPress, RingPress, punch_profile
+from tactilevision.synthetic.punch import Bevel, PunchPress, punch_profile
 
 
 def grid(half_mm: float, step_mm: float) -> Grid:
@@ -145,13 +145,3 @@ def test_any_height_map_is_drawn_as_it_is() -> None:
     pad = grid(2.0, 0.25)
     px, py = pad.places()
     np.testing.assert_allclose(prescribed.depth_mm(pad), 0.1 * px + 0.05 * py, atol=1e-5)
-
-
-def test_ring_is_flat_between_its_radii_and_open_in_the_middle() -> None:
-    ring = RingPress(1.5, 2.5, 0.3, 3.0, 0.48, (0.0, 0.0))
-    pad = grid(6.0, 0.05)
-    depth, r = ring.depth_mm(pad), pad.distance((0.0, 0.0))
-    np.testing.assert_allclose(depth[(r > 1.6) & (r < 2.4)], 0.3, atol=1e-3)
-    middle = float(depth[r < 0.1].mean())
-    assert 0.1 < middle < 0.25
-    assert depth[(r > 4.8) & (r < 5.2)].max() < 0
