@@ -136,10 +136,12 @@ def test_any_side_and_a_bevel_whose_place_is_not_stated(side: str, tmp_path: Pat
         assert point.depth_mm == pytest.approx(press.touch_mm, abs=3 * point.depth_std_mm)
 
 
-def test_a_stated_offset_is_used(tmp_path: Path) -> None:
+def test_a_stated_offset_is_used_and_frames_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     made = line_up([Made(0.3), Made(0.3)])
     read, drawn = recording(tmp_path, made)
+    (tmp_path / "00003.png").write_bytes(b"torn")
     certificate = certify(replace(read, clock_offset_s=OFFSET_S), drawn)
+    assert any("00003.png" in warning for warning in certificate.warnings)
     assert certificate.clock_offset.value == OFFSET_S
     assert all(point.accepted for point in certificate.points)
 
@@ -182,12 +184,6 @@ def test_a_map_that_doubts_its_rise_leaves_the_word_to_the_computed_one(tmp_path
     assert pile_up.seen[0] < 0.8 * RISE
     assert pile_up.seen[1] > 0.02 / 0.6
     assert pile_up.ratio == pytest.approx(pile_up.computed[0], abs=0.005)
-
-
-def test_frames_that_cannot_be_read_are_named(tmp_path: Path) -> None:
-    read, drawn = recording(tmp_path, line_up([Made(0.35), Made(0.5)]))
-    (tmp_path / "00003.png").write_bytes(b"torn")
-    assert any("00003.png" in warning for warning in certify(read, drawn).warnings)
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.batch.folder import measure
 from tactilevision.errors import InputError
@@ -90,8 +91,8 @@ BAD: dict[str, Callable[[Bytes], Bytes]] = {
 }
 
 
-@pytest.mark.parametrize("said", BAD)
-@pytest.mark.parametrize("halved", [False, True])
+@each("said", BAD)
+@each("halved", [False, True])
 def test_a_frame_of_another_kind_is_refused_and_the_next_one_read(said: str, halved: bool) -> None:
     rng = np.random.default_rng(6)
     live = stream(0.1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.storage import wall_arrays, walls_of
@@ -23,9 +24,7 @@ def test_older_files_have_none() -> None:
     assert walls_of({}, where=FILE) is None
 
 
-@pytest.mark.parametrize(
-    ("place", "value"), [(0, 9.0), (1, -9.0), (2, -0.1), (4, 0.5), (5, 0.9), (5, 0.0), (7, -1.0)]
-)
+@each("place, value", [(0, 9.0), (1, -9.0), (2, -0.1), (4, 0.5), (5, 0.9), (5, 0.0), (7, -1.0)])
 def test_numbers_that_no_faces_teach_are_refused(place: int, value: float) -> None:
     arrays = wall_arrays(WallLessons(LESSON))
     arrays["walls_left"][place] = value

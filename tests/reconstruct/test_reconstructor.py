@@ -286,7 +286,7 @@ def test_threads_that_share_a_reconstructor_get_the_maps_of_one() -> None:
     recording = read_recording(SAMPLE)
     pictures = [reconstructor.rectified(read_frame(recording, k)) for k in range(80, 120, 8)]
     alone = [reconstructor.rectified_map(picture).depth_mm.copy() for picture in pictures]
-    turns = [*range(len(pictures))] * 6
+    turns = [*range(len(pictures))] * 3
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(lambda k: reconstructor.rectified_map(pictures[k]).depth_mm, turns))
     for k, depth_mm in zip(turns, together, strict=True):
