@@ -21,7 +21,7 @@ from scipy.stats import spearmanr
 
 from benchmarks.peers import calibrated, clicked
 from benchmarks.public_frames import i_digit
-from benchmarks.real_frames import circles, real_balls
+from benchmarks.real_frames import REAL, circles, real_balls
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
 from tactilevision.photometric.ball_pictures import locate
 from tactilevision.photometric.calibrate import direction_error_deg
@@ -39,7 +39,10 @@ CLIPPED = 250.0  # grey level from which a colour may be overexposed
 
 
 def main(clones: str = "") -> None:
-    clicked_circles()
+    if REAL.is_dir():
+        clicked_circles()
+    else:
+        print("the real frames are not at hand")
     if clones:
         staged_circles(Path(clones))
 
@@ -139,6 +142,10 @@ def radial(u: Floats, at: Pair) -> list[Floats]:
         )
         for r in AT_PX
     ]
+
+
+def quick() -> None:
+    main()
 
 
 if __name__ == "__main__":
