@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from lamp_room import BALL_MM, SENSOR, ball, ball_pictures, flat, in_px, picture
+from shared_scenes import shared
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.build import build_reconstructor
@@ -42,6 +43,7 @@ def dark(rgb: Bytes, colour: int, grey: float = 0.0) -> Bytes:
 
 
 @lru_cache
+@shared
 def calibrated(colour: int | None, grey: float = 0.0, method: str = "auto") -> Calibration:
     rng = np.random.default_rng(1)
     flats, shots = [flat(rng) for _ in range(3)], ball_pictures(14, rng)

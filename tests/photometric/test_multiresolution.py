@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from each import each
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
+from shared_scenes import shared
 
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.heightmap.untouched_frames import subtract_background
@@ -31,6 +32,7 @@ FITS = {**PHOTOMETRIC, "network": NetworkFitter(steps=150)}  # trained briefly
 
 
 @lru_cache
+@shared
 def calibrated(name: str = "polynomial", odd: bool = False) -> CalibratedMethod:
     rng = np.random.default_rng(1)
     shots = [BallPicture(cut(picture(*ball(c, a, 4.0)[1:], rng), odd), 4.0) for c, a in presses(8, rng)]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lamp_room import BALL_MM, SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture
+from shared_scenes import shared
 
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.ball_detection import Ball
@@ -37,6 +38,7 @@ def gain() -> float:
 
 
 @lru_cache
+@shared
 def calibrated(over: bool) -> Calibration:
     rng = np.random.default_rng(1)
     factor = gain() if over else 1.0

@@ -29,6 +29,7 @@ from tactilevision.robots.live import Stream
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import BALL_MM, SENSOR, SHAPE, ball_pictures, flat
+from shared_scenes import shared
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 
@@ -44,6 +45,7 @@ def test_what_balls_left_out_say_decides(direction: float, ratio: float, fit: bo
 
 
 @lru_cache
+@shared
 def on_wrong_circles() -> Reconstructor:
     """Circles where no ball is, as those of another folder would be."""
     rng = np.random.default_rng(2)

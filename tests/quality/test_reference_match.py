@@ -25,6 +25,7 @@ from tactilevision.robots.live import Stream
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import LAMPS, MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture, places, presses
+from shared_scenes import shared
 
 SEED = 61
 
@@ -40,6 +41,7 @@ def shots() -> tuple[BallPicture, ...]:
 
 
 @lru_cache
+@shared
 def made() -> Reconstructor:
     rng = np.random.default_rng(SEED)
     reference = make_reference([flat(rng, gain=grain()) for _ in range(3)], may_have_marks=False)

@@ -31,7 +31,18 @@ from tactilevision.sensors import get_sensor
 from tactilevision.sensors.rectification import maps_from_lookup, rectify
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
-from lamp_room import MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, picture, places, presses
+from lamp_room import (
+    MM_PER_PX,
+    SENSOR,
+    SHAPE,
+    ball,
+    ball_pictures,
+    flat,
+    picture,
+    places,
+    presses,
+    room_calibration,
+)
 
 from tactilevision.heightmap.ball_validation import held_out_depth
 from tactilevision.heightmap.deviation_terms import hidden_step_mm
@@ -39,12 +50,8 @@ from tactilevision.heightmap.deviation_terms import hidden_step_mm
 REAL = Path(__file__).parents[3] / "shared" / "real"
 
 
-@lru_cache
 def calibrated() -> Calibration:
-    rng = np.random.default_rng(1)
-    shots = ball_pictures(12, rng)
-    reference = make_reference([flat(rng) for _ in range(3)])
-    return calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    return room_calibration(12)
 
 
 @lru_cache
