@@ -23,11 +23,14 @@ extensions = [
     "public_names",
     "effects_table",
     "plain_docstrings",
+    "mathml",
 ]
+html_math_renderer = "mathml"
 exclude_patterns = ["_build", "gallery/README.rst", "sg_execution_times.rst", "**/sg_execution_times.rst"]
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_fence_as_directive = ["math"]  # ```math, as other readers of Markdown know it
 myst_heading_anchors = 4
-highlight_language = "none"  # blocks without a language are equations and command lines
+highlight_language = "none"  # blocks without a language are command lines
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autosummary_generate = False

@@ -2,7 +2,7 @@
 Add an effect by hand
 =====================
 
-The plain law misses these presses by twice what they repeat by. Relaxation is added, and the error falls.
+The base model misses these presses by twice their repeatability. Adding relaxation reduces the error.
 """
 
 from pathlib import Path
@@ -17,12 +17,12 @@ SAMPLE = Path(__file__).parents[1] / "sample_frames" / "hidden_material"
 
 
 def draw(names: list[str], held_out_N: list[float], repeatability_N: float) -> None:
-    """The error on presses left out, for each model, beside what the presses repeat by."""
+    """Plot the error on held-out presses of each model, with the repeatability."""
     figure, axes = plt.subplots(figsize=(7, 2.4), layout="constrained")
     axes.barh(names, [1e3 * error for error in held_out_N], color=["#b0b7c3", "#00429d"])
     axes.axvline(1e3 * repeatability_N, color="k", ls="--", label="repeatability")
     axes.invert_yaxis()
-    axes.set(xlabel="rms error on presses left out (mN)")
+    axes.set(xlabel="rms error on held-out presses (mN)")
     axes.legend()
     figure.savefig("add_an_effect.png", dpi=150)
 
@@ -33,11 +33,11 @@ def main() -> None:
     models = compare(data, [Viscoelasticity()], rng=np.random.default_rng(0)).models
     draw([model.name for model in models], [model.held_out_N for model in models], models[-1].repeatability_N)
     for model in models:
-        told = [cause.key for cause in model.covariates if cause.p_adjusted < 0.05]
+        causes = [cause.key for cause in model.covariates if cause.p_adjusted < 0.05]
         print(
-            f"{model.name}: {1e3 * model.held_out_N:.1f} mN on presses left out, "
+            f"{model.name}: {1e3 * model.held_out_N:.1f} mN on held-out presses, "
             f"repeatability {1e3 * model.repeatability_N:.1f}; "
-            f"the residual still depends on: {', '.join(told) or 'nothing recorded'}"
+            f"the residual still depends on: {', '.join(causes) or 'nothing recorded'}"
         )
         for name, found in model.parameters:
             print(f"    {name} = {found.value:.4g} ± {found.std:.2g} {found.unit}")

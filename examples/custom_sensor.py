@@ -1,10 +1,10 @@
 """
-A sensor of one's own
-=====================
+A sensor of your own
+====================
 
-A raw picture is straightened, its scale is found along x and along y, and a file says so.
-A plate of dots at a known spacing is pressed into the gel (drawn here, through a lens that bends lines). Where
-straight lines are straight already, the four corners of a rectangle of known size do.
+Rectify a raw picture, determine its scale along x and y, and write both to a file.
+A plate of dots at a known spacing is pressed into the gel (simulated here, with lens distortion). Without
+distortion, the four corners of a rectangle of known size suffice.
 """
 
 from pathlib import Path
@@ -18,7 +18,7 @@ ROWS, COLUMNS, SPACING_MM = 7, 9, 2.0
 
 
 def picture_of_the_plate() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """What a camera of 560 by 400 px sees of it; yours comes from the camera, red first."""
+    """Return a simulated picture of 560 by 400 px; yours comes from the camera, red first."""
     y, x = np.mgrid[:400, :560].astype(float)
     u, v = (x - 275) / 280, (y - 205) / 200
     swell = 1 + 0.12 * (u**2 + v**2)

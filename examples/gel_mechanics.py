@@ -2,7 +2,7 @@
 The gel as a solid
 ==================
 
-How stiff a flat punch finds a thin gel, how depth and friction bend the line, and a material card for Abaqus.
+Stiffness of a thin gel under a flat punch, the influence of depth and friction, and a material card for Abaqus.
 """
 
 import matplotlib.pyplot as plt
@@ -27,8 +27,8 @@ def main() -> None:
             curve.force_at(depth_mm[1:]) / depth_mm[1:],
             label=f"finite elements, friction {friction:g}",
         )
-        told = ", ".join(f"{force:.3f}" for force in forces)
-        print(f"friction {friction:g} ({curve.source}): {told} N at .1, .2, .3 mm")
+        shown = ", ".join(f"{force:.3f}" for force in forces)
+        print(f"friction {friction:g} ({curve.source}): {shown} N at .1, .2, .3 mm")
     axes.set(xlabel="depth w (mm)", ylabel="force over depth P/w (N/mm)")
     axes.legend()
     figure.savefig("gel_mechanics.png", dpi=150)

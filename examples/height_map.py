@@ -2,8 +2,8 @@
 A frame into a height map
 =========================
 
-One frame becomes a map of depth, with the standard deviation of every pixel.
-The recording holds all it needs: the sensor, its untouched reference, and ball presses that calibrate the light.
+Compute a depth map of one frame, with the standard deviation of every pixel.
+The recording holds the sensor, its untouched reference, and ball presses that calibrate the light.
 """
 
 from pathlib import Path
@@ -17,7 +17,7 @@ SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 
 
 def draw(height: HeightMap) -> None:
-    """Depth, and its standard deviation beside it."""
+    """Plot depth and its standard deviation."""
     rows, columns = height.depth_mm.shape
     extent = (0.0, columns * height.mm_per_px[0], rows * height.mm_per_px[1], 0.0)
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
@@ -39,7 +39,7 @@ def main() -> None:
     assert height.std_mm is not None
     depth, std = height.depth_mm[deepest], height.std_mm[deepest]
     print(f"frame {height.name}: {depth:.3f} ± {std:.3f} mm deep at its deepest")
-    print(f"the gel beside rises to {-1e3 * height.depth_mm.min():.0f} µm above its untouched level")
+    print(f"the gel next to it rises to {-1e3 * height.depth_mm.min():.0f} µm above its untouched level")
     print(f"{100 * height.valid.mean():.1f} % of the picture could be read; {height.mm_per_px[0]:.4f} mm a pixel")
     write_tiff("height.tiff", height)
     draw(height)

@@ -2,7 +2,7 @@
 A control loop, one frame at a time
 ===================================
 
-A stream takes frames as a camera gives them. Of each it says: contact or not, how deep, and where.
+A stream reads frames as a camera delivers them and reports contact, depth and place.
 """
 
 from itertools import islice
@@ -16,7 +16,7 @@ SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 
 
 def draw(names: list[str], peaks_mm: list[float]) -> None:
-    """The greatest depth of every frame; 0 where the gel is free."""
+    """Plot the greatest depth of every frame; 0 if nothing touches."""
     figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
     axes.plot(range(len(names)), peaks_mm, "o-", color="#00429d")
     axes.set(xlabel="frame", ylabel="greatest depth (mm)", title="What the stream says of each frame")

@@ -2,7 +2,7 @@
 Depth and force into E and nu
 =============================
 
-Five printed points of certified depth and force: what they say of the gel, and what they leave open.
+Five published points of depth and force: what they determine of the gel, and what stays open.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ POINTS = Path(__file__).parents[1] / "sample_frames" / "paper_points"
 
 
 def draw(points: Sequence[CertifiedPoint], nu_E: Sequence[tuple[float, float]]) -> None:
-    """Left: the points with their straight line. Right: what one punch fixes, E as a function of nu."""
+    """Plot the points with their line, and E as a function of nu, which is what one punch determines."""
     depth = np.array([point.depth_mm for point in points])
     stiffness = np.array([point.fz_N for point in points]) / depth
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")

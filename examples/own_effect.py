@@ -1,12 +1,12 @@
 """
-An effect of one's own
-======================
+An effect of your own
+=====================
 
-A clamp that creeps with every press is planted in the data. The effect is written down, and found again::
+Plant a clamp that creeps with every press in the data, define the effect, and recover it::
 
     P -> P (1 + amplitude * order / last order)
 
-On the command line the same class goes into its own file: ``tactilevision diagnose RECORDING --effect FILE.py``.
+For the command line, put the class into its own file: ``tactilevision diagnose RECORDING --effect FILE.py``.
 """
 
 from dataclasses import dataclass, replace
@@ -51,7 +51,7 @@ def share_of(data: Observations) -> Floats:
 
 
 def draw(found: Estimate) -> None:
-    """What was planted beside what was found, with its 95 % interval."""
+    """Plot the planted and the estimated size, with its 95 % interval."""
     assert found.value is not None
     assert found.std is not None
     figure, axes = plt.subplots(figsize=(6, 1.9), layout="constrained")
@@ -71,8 +71,8 @@ def main() -> None:
     draw(found)
     print(f"planted {PLANTED:.3f}, found {found.value:.3f} ± {found.std:.3f}")
     print(
-        f"error on presses left out: {1e3 * base.held_out_N:.0f} -> {1e3 * added.held_out_N:.0f} mN, "
-        f"the repeats' own scatter {1e3 * added.repeatability_N:.0f} mN"
+        f"error on held-out presses: {1e3 * base.held_out_N:.0f} -> {1e3 * added.held_out_N:.0f} mN, "
+        f"repeatability {1e3 * added.repeatability_N:.0f} mN"
     )
 
 

@@ -2,12 +2,12 @@
 A node of ROS 2
 ===============
 
-Pictures of a sensor come in; depth (32FC1, metres) and wrench go out with the same stamp.
+Subscribe to pictures of a sensor; publish depth (32FC1, metres) and wrench with the same stamp.
 Start it as any node::
 
     python examples/ros2_node.py --ros-args -p sensor:=my_sensor.tvs -r image:=/camera/image_raw
 
-What the node does with a picture needs no ROS: where there is none, frames of a sample are played instead.
+Without ROS, frames of a sample are played through the same code.
 """
 
 from array import array
@@ -40,7 +40,7 @@ PLAYED = range(70, 110, 4)  # frames of the sample: the end of one press, then t
 
 @dataclass
 class Tactile:
-    """The node's work. `new_image` and `new_wrench` make empty messages, the others send what is known."""
+    """The node without ROS: `new_image` and `new_wrench` make empty messages, the others send results."""
 
     stream: Stream
     new_image: Callable[[], Any]
@@ -51,7 +51,7 @@ class Tactile:
     frame_id: str = "gel_pad"  # x right, y down, z into the gel, from the pad's centre
 
     def take(self, message: Any) -> None:
-        """Answer one sensor_msgs/Image; one that cannot be read is told and passed over."""
+        """Answer one sensor_msgs/Image; skip an unreadable one with a warning."""
         try:
             moment = self.stream.take(Frame(picture_of(message)))
         except InputError as fault:
@@ -73,7 +73,7 @@ class Tactile:
 
 
 def picture_of(message: Any) -> npt.NDArray[np.uint8]:
-    """The picture (H, W, 3) uint8, red first, of a message of 8 bits a colour."""
+    """Return the picture (H, W, 3) uint8, red first, of an 8-bit message."""
     if message.encoding not in ("rgb8", "bgr8"):
         raise InputError("pictures are rgb8 or bgr8", where="image", value=message.encoding)
     data = np.frombuffer(message.data, np.uint8)
@@ -85,7 +85,7 @@ def picture_of(message: Any) -> npt.NDArray[np.uint8]:
 
 
 def fill_depth(message: Any, height: HeightMap) -> None:
-    """32FC1 in metres, NaN where the map is not valid."""
+    """Fill a 32FC1 message in metres, NaN where the map is invalid."""
     depth_m = np.where(height.valid, height.depth_mm * METRES, np.nan).astype("<f4")
     message.height, message.width = depth_m.shape
     message.encoding, message.is_bigendian, message.step = "32FC1", 0, 4 * message.width
@@ -93,14 +93,14 @@ def fill_depth(message: Any, height: HeightMap) -> None:
 
 
 def fill_wrench(message: Any, wrench: Wrench) -> None:
-    """Force in N, torque in N m."""
+    """Fill a wrench with force in N and torque in N m."""
     for name, force_N, moment_Nmm in zip("xyz", wrench.force_N, wrench.moment_Nmm, strict=True):
         setattr(message.force, name, float(force_N))
         setattr(message.torque, name, float(moment_Nmm) * METRES)
 
 
 def spin() -> None:
-    """Subscribe, and answer until the node is stopped. Only the newest picture waits: the node never lags."""
+    """Subscribe and answer until the node stops. Only the newest picture is queued, so the node never lags."""
     import rclpy
     from geometry_msgs.msg import WrenchStamped
     from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -125,12 +125,12 @@ def spin() -> None:
 
 
 def empty() -> SimpleNamespace:
-    """What stands for a message where there is no ROS."""
+    """Return a stand-in for a ROS message."""
     return SimpleNamespace(header=SimpleNamespace())
 
 
 def play() -> None:
-    """Frames of the sample through the node's work, and the deepest answer as a picture."""
+    """Play frames of the sample and plot the deepest answer."""
     recording = read_recording(SAMPLE)
     answers: list[Any] = []
     stream = Stream(build_reconstructor(recording))
@@ -157,7 +157,7 @@ def play() -> None:
 
 
 def draw(depth_m: npt.NDArray[np.float32]) -> None:
-    """The deepest map, as a subscriber would see it."""
+    """Plot the deepest map as a subscriber receives it."""
     figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
     shown = axes.imshow(1e3 * depth_m, cmap="viridis")
     figure.colorbar(shown, label="depth (mm)")

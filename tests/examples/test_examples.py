@@ -80,7 +80,7 @@ def test_the_published_route_and_what_the_points_leave_open(said: str) -> None:
 @pytest.mark.slow  # the pages run it, too
 @pytest.mark.parametrize("said", ["add_an_effect"], indirect=True)
 def test_the_error_falls_to_the_floor(said: str) -> None:
-    held_out = [float(value) for value in re.findall(r": ([\d.]+) mN on presses left out", said)]
+    held_out = [float(value) for value in re.findall(r": ([\d.]+) mN on held-out presses", said)]
     floor = first(r"viscoelasticity: .*repeatability ([\d.]+)", said)
     assert len(held_out) == 2
     assert held_out[1] < 1.2 * floor < held_out[0]
