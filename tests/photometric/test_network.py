@@ -276,6 +276,7 @@ def test_without_the_exporter_it_is_told_before_training(monkeypatch: pytest.Mon
 
 
 def test_importing_photometry_loads_nothing_heavy() -> None:
-    code = "import sys, tactilevision.heightmap.build; print(*{'torch', 'kornia', 'onnxruntime'} & set(sys.modules))"
+    heavy = "{'torch', 'kornia', 'onnxruntime'}"
+    code = f"import sys, tactilevision.heightmap.build; print(*{heavy} & set(sys.modules))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.split() == []
