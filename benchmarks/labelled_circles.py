@@ -38,9 +38,9 @@ SAME_PLACE = (0, 7)  # a gentle and the deepest press, which lie a pixel apart
 CLIPPED = 250.0  # grey level from which a colour may be overexposed
 
 
-def main(clones: str = "") -> None:
+def main(clones: str = "", most: int | None = None) -> None:
     if REAL.is_dir():
-        clicked_circles()
+        clicked_circles(most)
     else:
         print("the real frames are not at hand")
     if clones:
@@ -71,8 +71,10 @@ def stage_line(travel_mm: Floats, balls: Sequence[Ball | None]) -> str:
     return f"{len(used)} balls, {np.hypot(*line[1]):.1f} px in a mm, {off:.2f} px off a line (rms)"
 
 
-def clicked_circles() -> None:
+def clicked_circles(most: int | None = None) -> None:
+    """Judge the circles of the first `most` pictures of set E."""
     reference, pictures, mm_per_px = real_balls("E")
+    pictures = pictures[:most]
     changes = [change(reference, one.rgb) for one in pictures]
     found = [ball for ball in calibrated(reference, pictures, mm_per_px).balls if ball is not None]
     labelled = [ball for ball in clicked(pictures)[1] if ball is not None]
@@ -145,7 +147,7 @@ def radial(u: Floats, at: Pair) -> list[Floats]:
 
 
 def quick() -> None:
-    main()
+    main(most=8)
 
 
 if __name__ == "__main__":
