@@ -139,12 +139,14 @@ def called(text: str) -> list[tuple[str, list[str]]]:
     return [(command, re.findall(r"--[a-z-]+", rest)) for command, rest in lines]
 
 
+COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+
+
 @each("page", [ROOT / "README.md", *PAGES])
 def test_commands_and_options_of_the_pages_exist(page: Path) -> None:
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     for command, options in called(page.read_text(encoding="utf-8")):
-        assert command in commands, command
-        known = {name for option in commands[command].params for name in option.opts}
+        assert command in COMMANDS, command
+        known = {name for option in COMMANDS[command].params for name in option.opts}
         assert set(options) <= {*known, "--help"}, command
 
 

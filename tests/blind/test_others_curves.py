@@ -77,6 +77,7 @@ def test_what_hides_beside_another_effect_is_weaker_than_alone(tmp_path: Path) -
     assert max(made.each.values()) < made.strength
 
 
+@pytest.mark.slow
 def test_faces_that_never_let_go_show_adhesion_and_nothing_beside(tmp_path: Path) -> None:
     """The work that was found first, under a noise that knew of no clinging face, was far too small: UNKNOWN."""
     make(tmp_path, "single", 761239, rich=True)
