@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.press.certificate import Certificate
 from tactilevision.press.certification import certify
 from tactilevision.recording.read import read_recording
@@ -67,7 +67,7 @@ def _run(folder: Path, seed: int, options: SimulationOptions) -> tuple[dict[str,
     simulate(folder, seed=seed, options=options)
     start = time.process_time()
     recording = read_recording(folder)
-    certificate = certify(recording, calibrate_light(recording))
+    certificate = certify(recording, build_reconstructor(recording))
     took = time.process_time() - start
     return tomllib.loads((folder / "truth.toml").read_text()), certificate, took
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from tactilevision import read_recording
 from tactilevision.contact.region import find_contact
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.pictures import iter_frames
 from tactilevision.records.maps import Frame, HeightMap
@@ -125,7 +125,7 @@ def cost(raw: list[tuple[HeightMap, Bools]], again: list[tuple[HeightMap, Bools]
 def print_costs(count: int = COUNT, ways: Iterable[str] = WAYS) -> None:
     """One line a way of packing."""
     recording = read_recording(SAMPLE)
-    reconstructor = calibrate_light(recording)
+    reconstructor = build_reconstructor(recording)
     frames = [one.rgb for one in iter_frames(recording) if isinstance(one, Frame)][FIRST : FIRST + count]
     raw = seen(reconstructor, frames)
     touched = sum(bool(contact.any()) for _, contact in raw)

@@ -24,7 +24,7 @@ from tactilevision.force.comparison import residuals
 from tactilevision.force.field import CUT
 from tactilevision.force.folder import force_folder, force_job
 from tactilevision.force.frame import FrameForce
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.recording.model import Recording
 from tactilevision.recording.read import read_recording
 
@@ -45,7 +45,7 @@ def calibrated(path: Path, folder: Path) -> Path:
 
 def beside_the_sensor(recording: Recording, calibration: Path, out: Path) -> tuple[FrameForce, ...]:
     """Forces of every frame, with the reading of its time."""
-    job = force_job(recording, calibrate_light(recording), material=read_material(calibration), out=out)
+    job = force_job(recording, build_reconstructor(recording), material=read_material(calibration), out=out)
     return force_folder(recording, job, clock_offset_s=read_clock_offset(calibration))
 
 

@@ -58,7 +58,7 @@ def judge(seed: int, options: SimulationOptions) -> dict[str, Any]:
     """Simulate, calibrate, compare with the truth."""
     from calibration.inputs.observations import Measured
     from calibration.tasks.calibrate import calibrate
-    from tactilevision.heightmap.build import calibrate_light
+    from tactilevision.heightmap.build import build_reconstructor
     from tactilevision.press.certification import certify
     from tactilevision.press.poisson_from_rise import with_nu
     from tactilevision.recording.read import read_recording
@@ -67,7 +67,7 @@ def judge(seed: int, options: SimulationOptions) -> dict[str, Any]:
         place = simulate(Path(folder) / "made", seed=seed, options=options)
         truth = tomllib.loads((place / "truth.toml").read_text())
         recording = read_recording(place)
-        reconstructor = calibrate_light(recording)
+        reconstructor = build_reconstructor(recording)
         certificate, bulge = with_nu(recording, reconstructor, certificate=certify(recording, reconstructor))
         measured = Measured(recording, certificate.points)
         result = calibrate(measured, clock_offset=certificate.clock_offset, bulge=bulge)

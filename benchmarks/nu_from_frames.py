@@ -20,7 +20,7 @@ from benchmarks.main_job import SIDES
 from calibration.inputs.observations import Measured
 from calibration.tasks.calibrate import calibrate
 from tactilevision.errors import ConvergenceError, TactilevisionError
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.press.certification import certify
 from tactilevision.press.poisson_from_rise import with_nu
 from tactilevision.recording.read import read_recording
@@ -52,7 +52,7 @@ def run(seed: int, *, small: bool = False) -> tuple[float, float, Estimate, Esti
     with tempfile.TemporaryDirectory() as folder:
         place = simulate(Path(folder) / "made", seed=seed, options=options)
         recording = read_recording(place)
-        reconstructor = calibrate_light(recording)
+        reconstructor = build_reconstructor(recording)
         certificate, bulge = with_nu(recording, reconstructor, certificate=certify(recording, reconstructor))
         if bulge is None:
             raise TactilevisionError(f"seed {seed}: no press shows the gel beside it")

@@ -31,7 +31,7 @@ from benchmarks.real_frames import MINI, OBJECTS, REAL, ROOT, SETS, objects_of, 
 from benchmarks.vision import milliseconds
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.heightmap.ball_validation import dent_mm
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
@@ -241,7 +241,7 @@ def speed(peer: Any) -> None:
     from tactilevision.recording.read import read_recording
 
     recording = read_recording(ROOT / "sample_frames" / "gelslim3")
-    reader = calibrate_light(recording)
+    reader = build_reconstructor(recording)
     assert reader.referenced is not None
     free = np.ascontiguousarray(np.rint(reader.referenced.reference.rgb).astype(np.uint8)[..., ::-1])
     made = peer_on(peer, peer.BGRXYMLPNet(), free)

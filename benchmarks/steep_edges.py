@@ -99,7 +99,7 @@ def carried(wall: Wall, *, px: float, blur_px: float, limit: float) -> Carried |
     places = np.arange(a - 12 * px, 1.8 * a, 0.5 * px)
     slopes = shown(wall, places, px=px, blur_px=blur_px)
     rim = CircularEdge((0.0, 0.0), a, 0.8 * px, 0.02 * px, places, slopes, slopes, np.full(places.size, 0.005))
-    found = steep_edges.fit_edge(rim, WallLaw(limit, strict=False), px=px)
+    found = steep_edges.fit_edge(rim, WallLaw(limit), px=px)
     if found is None:
         return None
     inside, beyond = np.interp([a - 9 * px, found.radius_mm + found.reach_mm], wall.r_mm, wall.z_mm)

@@ -21,7 +21,7 @@ from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Frames, Opened
 from calibration.workbench.views import curve_view, state_view
 from tactilevision.files.writing import as_json
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.recording.read import read_recording
 
 SAMPLES = Path(__file__).parents[1] / "sample_frames"
@@ -61,7 +61,7 @@ def scrubbed() -> None:
     press = replace(recording.presses[0], start_s=0.0, end_s=MANY / 100)
     names = [recording.frame_names[k % len(recording.frame_names)] for k in range(MANY)]
     long = replace(recording, presses=(press,), frame_names=tuple(names), frame_times_s=np.arange(MANY) / 100)
-    frames, numbers = Frames(long, calibrate_light(recording)), iter(range(0, MANY, 97))
+    frames, numbers = Frames(long, build_reconstructor(recording)), iter(range(0, MANY, 97))
     timed(f"what the page is told of a press of {MANY} frames", lambda: as_json(frames.view(press.press)), PATIENT)
     timed("a small picture while the slider moves", lambda: frames.small(next(numbers)), PATIENT)
     timed("a frame with its height map where it rests", lambda: frames.see(next(numbers)), PATIENT)

@@ -14,7 +14,7 @@ import pytest
 from filelock import FileLock
 
 from tactilevision.cli import main
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.storage import save_method
@@ -61,7 +61,13 @@ def calibrated_points() -> Path:
 @shared
 def sample_reconstructor() -> Reconstructor:
     """The light of the sample gelslim3, calibrated on its own balls."""
-    return calibrate_light(read_recording(SAMPLE), "polynomial")
+    return build_reconstructor(read_recording(SAMPLE), "polynomial")
+
+
+@shared
+def rendered_reconstructor() -> Reconstructor:
+    """The light of the sample that a path tracer rendered."""
+    return build_reconstructor(read_recording(SAMPLE.parent / "rendered_shadows"), "polynomial")
 
 
 @shared

@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] = ()) -> None:
         keep(options.keep, options.seed, options.cache)
         return
     if options.judge:
-        judge(options.judge, plain=options.plain)
+        judge(options.judge)
         return
     if options.taught:
         taught(options.taught)
@@ -91,7 +91,6 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("--presses", type=int, default=3, help="good presses of each indenter in a recording")
     parser.add_argument("--compare", action="store_true", help="the simulator's shadows beside Mitsuba's")
     parser.add_argument("--judge", type=Path, nargs="+", help="sets whose height maps are held against the truth")
-    parser.add_argument("--plain", action="store_true", help="with --judge: leave cast shadows as they are")
     parser.add_argument(
         "--taught", type=Path, nargs="+", help="sets of which half the faces teach the other half's walls"
     )

@@ -15,9 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.rendered.sets import TRUTH
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.shadows_seen import with_shadows
 from tactilevision.recording.images import read_image
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
@@ -46,34 +45,22 @@ class Step:
     within: tuple[float, float, float, float]
 
 
-def judge(folder: Path, *, plain: bool) -> tuple[list[float], list[Step]]:
-    """Depth over truth of balls that the other three quarters calibrate, and each step by all balls.
-
-    `plain` leaves cast shadows as they are.
-    """
+def judge(folder: Path) -> tuple[list[float], list[Step]]:
+    """Depth over truth of balls that the other three quarters calibrate, and each step by all balls."""
     recording = read_recording(folder)
     truth = tomllib.loads((folder / "truth.toml").read_text())
     ratios: list[float] = []
     order = np.random.default_rng(0).permutation(len(truth.get("ball", ())))
     for left_out in (order[fold::FOLDS] for fold in range(min(FOLDS, order.size))):
         kept = tuple(ball for number, ball in enumerate(recording.balls) if number not in left_out)
-        reader = _reader(replace(recording, balls=kept), plain=plain)
+        reader = build_reconstructor(replace(recording, balls=kept))
         ratios += [_ball(folder, recording, reader, number, truth["ball"][number]) for number in left_out]
-    reader = _reader(recording, plain=plain)
+    reader = build_reconstructor(recording)
     steps = []
     for number, step in enumerate(truth["step"], start=1):
         seen = reader.height_map(read_frame(recording, number))
         steps.append(judge_step(seen, true_depth_mm(folder, f"frame_{number:05d}"), step))
     return ratios, steps
-
-
-def _reader(recording: Recording, *, plain: bool) -> Reconstructor:
-    """A reader of the recording's balls, which undoes the shadows that its frames show; `plain` leaves them."""
-    reader = calibrate_light(recording)
-    if plain:
-        return reader
-    frames = [reader.rectified(read_frame(recording, k)) for k in range(len(recording.frame_names))]
-    return with_shadows(recording, reader, frames=frames)
 
 
 def true_depth_mm(folder: Path, name: str) -> Array:
@@ -116,10 +103,10 @@ def judge_step(seen: HeightMap, truth: Array, step: dict[str, Any]) -> Step:
     )
 
 
-def report(folders: Sequence[Path], *, plain: bool) -> None:
+def report(folders: Sequence[Path]) -> None:
     """A table for each set."""
     for folder in folders:
-        ratios, steps = judge(folder, plain=plain)
+        ratios, steps = judge(folder)
         if ratios:
             print(f"{folder.name}: balls {np.mean(ratios):.3f}, sd {np.std(ratios):.3f} ({len(ratios)})")
         print("  depth   face   fall  beside um   face within 1, 2 std   beside within 1, 2 std")

@@ -2,8 +2,8 @@
 
 python -m benchmarks.rendered --nu FOLDER...
 
-Places and depths of the faces are the truth's, and only places that all lamps reach are read, so that what the two
-differ by is the picture's, and what the second is off by the fit's.
+Places and depths of the faces are the truth's, and only gel beyond the zone of shadows is read: what the two
+differ by is the picture's error, and what the second is off by the fit's.
 """
 
 from __future__ import annotations
@@ -16,19 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rendered.judge import FACE, distance_mm, true_depth_mm
-from tactilevision.heightmap.build import calibrate_light
-from tactilevision.heightmap.lamps import find_lamps
-from tactilevision.heightmap.lit_slopes import lit_slopes
+from benchmarks.rendered.judge import true_depth_mm
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.mechanics.surface_view import SurfaceView
-from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.press.poisson_from_rise import average_slopes, fit_nu, surface_view
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
 from tactilevision.recording.read import read_recording
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.rig import Indenter
+from tactilevision.records.rig import SHADOW_ZONE, Indenter
 
 DEPTH_STD = 0.01  # of the depth, one sigma: as well as bevels certify it
 
@@ -39,7 +36,7 @@ def report(folders: Sequence[Path]) -> None:
     print(7 * "|---" + "|")
     for folder in folders:
         recording, truth = read_recording(folder), tomllib.loads((folder / "truth.toml").read_text())
-        reader = calibrate_light(recording)
+        reader = build_reconstructor(recording)
         views = _views(folder, recording, reader, truth["step"])
         nu, ink = truth["gel"]["poisson_ratio"], truth["rig"]["ink"]["reflectance"]
         for radius in sorted({seen.radius_mm for seen, _ in views}):
@@ -59,14 +56,11 @@ def _views(
     folder: Path, recording: Recording, reader: Reconstructor, steps: Sequence[dict[str, Any]]
 ) -> list[tuple[SurfaceView, SurfaceView]]:
     """The surface beside each step from the picture's slopes, and from those of the drawn surface."""
-    sensor, lamps, views = recording.sensor, find_lamps(recording, reader), []
-    assert lamps is not None
-    field = LightField.of(lamps, (sensor.height_px, sensor.width_px), sensor.mm_per_px)
+    scale, views = recording.sensor.mm_per_px, []
     for number, step in enumerate(steps, start=1):
         frame, drawn = read_frame(recording, number), true_depth_mm(folder, f"frame_{number:05d}")
-        face = distance_mm(drawn.shape, sensor.mm_per_px, step["centre_mm"]) < FACE * step["radius_mm"]
-        seen = lit_slopes(reader, field, frame, face=face, depth_mm=step["face_mm"]).slope_map(frame)
-        q, p = np.gradient(drawn, *sensor.mm_per_px[::-1])
+        seen = reader.slope_map(frame)
+        q, p = np.gradient(drawn, scale[1], scale[0])
         views.append(
             (_view(seen, step, recording, number), _view(replace(seen, dz_dx=p, dz_dy=q), step, recording, number))
         )
@@ -85,4 +79,5 @@ def _view(slopes: SlopeMap, step: dict[str, Any], recording: Recording, number: 
         mm_per_px=scale,
         shape=slopes.dz_dx.shape,
         name=str(number),
+        clear_mm=SHADOW_ZONE.reach * step["face_mm"],
     )

@@ -16,14 +16,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rendered.judge import Step, judge_step, true_depth_mm
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.shadows_seen import with_shadows
 from tactilevision.heightmap.walls import WallFace, teach
 from tactilevision.press.certified_faces import wall_at
 from tactilevision.recording.pictures import read_frame
 from tactilevision.recording.read import read_recording
-from tactilevision.records.certified import WallLessons
 
 BAND = (0.96, 1.02)  # of the true depth: where faces are asked to be
 DEPTHS = 4  # depths of one radius in a set, in a row
@@ -63,9 +61,8 @@ def _sum_up(name: str, steps: Sequence[Step]) -> None:
 
 def _halves(folder: Path) -> tuple[list[Step], list[Step]]:
     recording, truth = read_recording(folder), tomllib.loads((folder / "truth.toml").read_text())["step"]
-    reader = calibrate_light(recording)
+    reader = build_reconstructor(recording)
     frames = [reader.rectified(read_frame(recording, k)) for k in range(len(recording.frame_names))]
-    reader = with_shadows(recording, reader, frames=frames)
 
     def read(number: int) -> Step:
         seen = reader.rectified_map(frames[number + 1])
@@ -78,8 +75,7 @@ def _halves(folder: Path) -> tuple[list[Step], list[Step]]:
     halves = [(number + number // DEPTHS) % 2 for number in range(len(truth))]
     taught = []
     for number, half in enumerate(halves):
-        lesson = teach([face for face, other in zip(faces, halves, strict=True) if other != half])
-        reader.walls = WallLessons(left=lesson, undone=lesson)
+        reader.taught = teach([face for face, other in zip(faces, halves, strict=True) if other != half])
         taught.append(read(number))
     return plain, taught
 

@@ -9,13 +9,13 @@ Lamps round the pad shade all sides. What is read there grows faster than w; bey
 right. Faces are left to what the height map says of itself. Vanishes at A = 0.
 
 What it does: nu, read from that gel, comes out too low by up to .04, and E too high by 5 to 20 %. Certified depths
-know nothing of light. Added, it is no number to be fitted: the frames are read again with the shadows undone.
+know nothing of light. Added, it is no number to be fitted: rings that a wall may shade are not used (`treat`).
 Source: geometry of a strip lamp; one tilt and one reach for all sides, and A w, by judgement.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,13 +40,13 @@ class CastShadow(OfPicture):
     stage = Stage.DEPTH
     seen_in = ("w", "slope")
     confused_with = ("slope_saturation", "photometric_gain")
-    separated_by = ("presses of several depths", "pictures of balls, which tell the lamps' places")
+    separated_by = ("presses of several depths", "rings farther from the faces")
     source = "geometry"
     threshold = True
     order = 250
     largest = 0.6
     check = ManualCheck("look at a deep press: is the gel beside the face dark away from a lamp?", 2.0)
-    treatment = "undo_shadows"
+    treatment = "outside_shadow_zone"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -73,6 +73,17 @@ class CastShadow(OfPicture):
         tilt, reach, toe = values
         dark = np.clip((reach * data.depth_mm - toe - slopes.from_mm) / SOFT_MM, 0.0, 1.0)
         return np.asarray(depth_mm * (1 + np.nan_to_num(tilt * data.depth_mm * dark / slopes.slope)))
+
+    def treat(self, data: Observations) -> Observations:
+        """Return the data without the falls that begin within the reach of a low lamp's shadow, r w - b."""
+        depth_mm = {
+            (int(number), label): depth
+            for number, label, depth in zip(data.presses.recording, data.presses.label, data.depth_mm, strict=True)
+        }
+        end_mm = {press: (REACH + 2 * REACH_STD) * depth - TOE_MM for press, depth in depth_mm.items()}
+        return replace(
+            data, falls=tuple(f for f in data.falls if f.from_mm >= end_mm.get((f.recording, f.press), np.inf))
+        )
 
     def in_picture(self, data: Observations | None = None) -> InPicture:
         """Slopes beside faces show it."""

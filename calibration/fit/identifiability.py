@@ -11,7 +11,7 @@ import numpy as np
 from calibration.fit.finite_depth import FiniteDepth, finite_depth, stated_edge_mm, straight_line
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.observations import Observations
-from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU, FlatPunch
+from calibration.laws.flat_punch import NU_TABLE, OPEN_NU, SILICONE_NU, FlatPunch
 from calibration.laws.theory import GEL_MODULUS_MPA, punch_stiffness, sticking_surplus
 from calibration.model.composition import Model
 from calibration.model.stages import EDGE, STICKING
@@ -250,8 +250,9 @@ def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tu
         if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(SILICONE_NU)[0]:
             return found, "radii"
     low, high = possible = poisson_range(fitted)
-    kind = "silicone gels lie" if possible == SILICONE_NU else "gels that the tables know lie"
-    assumptions.append(f"nothing fixes poisson_ratio; {kind} in [{low:g}, {high:g}]")
+    kinds = {SILICONE_NU: "silicone gels lie", OPEN_NU: "gels that the tables know lie"}
+    kind = kinds.get(possible, "the rise next to the punch leaves it")
+    assumptions.append(f"nothing fixes poisson_ratio; {kind} in [{low:.4g}, {high:.4g}]")
     why = (
         "one punch radius fixes the stiffness c and the curve E(nu), not nu"
         if not several

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
@@ -32,6 +32,7 @@ FACE_STD = 0.02  # of a face behind its walls, relative, from press to press
 MIN_MM = 0.004  # of an expected fall: below it a micron is a quarter
 UNSTATED_NU_STD = 0.015  # of nu where none is stated: silicones lie in .45 to .4999
 HIGHEST_NU = 0.499  # where the profile's table ends
+NEAR = 0.55  # of the radius: gel falls by more there than slopes are off by; farther out only of shaded presses
 MIN_PRESSES = 6  # fewer leave too little beside what each indenter may be off by
 
 
@@ -44,7 +45,7 @@ def with_slopes(faces: Observations) -> Observations | None:
         (int(number), label): k
         for k, (number, label) in enumerate(zip(faces.presses.recording, faces.presses.label, strict=True))
     }
-    falls = [f for f in faces.falls if (f.recording, f.press) in place]
+    falls = _near(faces.falls, {one: float(faces.radius_mm[k]) for one, k in place.items()})
     if faces.is_curves or not falls:
         return None
     press = np.array([place[f.recording, f.press] for f in falls], dtype=np.int64)
@@ -66,6 +67,14 @@ def with_slopes(faces: Observations) -> Observations | None:
     unknown = np.full(faces.count, np.nan)
     slopes = Slopes(**{f.name: np.concatenate([unknown, getattr(beside, f.name)])[order] for f in fields(Slopes)})
     return replace(faces.at(rows[order]).with_force(seen[order]), slopes=slopes, force_std_N=std[order])
+
+
+def _near(falls: Sequence[EdgeDrop], radius_mm: Mapping[tuple[int, str], float]) -> list[EdgeDrop]:
+    """Return the falls within NEAR of the radius, and those farther out of presses that have none there."""
+    here = [f for f in falls if (f.recording, f.press) in radius_mm]
+    near = [f for f in here if f.to_mm <= NEAR * radius_mm[f.recording, f.press]]
+    some = {(f.recording, f.press) for f in near}
+    return [f for f in here if f in near or (f.recording, f.press) not in some]
 
 
 def _expected(gel: Gel, depth_mm: Floats, radius_mm: Floats, falls: Sequence[EdgeDrop]) -> tuple[Floats, ...]:

@@ -191,8 +191,8 @@ class EffectBase:
     size where nothing shows how large; None: the parameter's scale. `check`: what a person can do about it.
     `depth_source`: the one kind of depth that it belongs to; None: any. `condition`: what it fits of the rig that
     is otherwise stated or supposed ("sticking", "edge", "thickness"). `instead_of_beta`: its rank, from 1, among
-    what a beta that theory does not allow may be instead; 0: it is none. `treatment`: how frames are read anew
-    once the effect is added ("undo_shadows"); "": it is fitted.
+    what a beta that theory does not allow may be instead; 0: it is none. `treatment`: what `treat(data)` does
+    to the observations once the effect is added ("outside_shadow_zone"); "": there is none, and it is fitted.
     """
 
     key: ClassVar[str] = ""

@@ -26,7 +26,8 @@ from tactilevision.errors import InputError
 
 MISFIT = 0.05  # p of the most telling covariate, below which the page says that the model fails
 ANEW = (
-    " Below, what was read is corrected by these sizes; `compare` reads the frames anew instead, to another error."
+    " Below, what was read is corrected by these sizes; `compare` excludes what a wall may shade instead, to "
+    "another error."
 )
 OWN_IDEA = (
     "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, "

@@ -26,7 +26,7 @@ import numpy as np
 
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.observations import Observations
-from calibration.laws.flat_punch import SILICONE_NU, STATED_NU_STD, FlatPunch
+from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, STATED_NU_STD, FlatPunch
 from calibration.laws.paper import poisson_from_beta
 from calibration.model.composition import Model
 from tactilevision.errors import ConvergenceError
@@ -127,6 +127,14 @@ def within(nu: Estimate | None, bound: Pair | None) -> Estimate | None:
     cut = truncnorm(beyond, np.inf, loc=nu.value, scale=nu.std)
     low, high = cut.ppf((0.025, 0.975))
     return replace(nu, value=float(cut.mean()), std=float(cut.std()), interval95=(float(low), float(high)))
+
+
+def narrowed(bound: Pair | None, bulge: Estimate | None) -> Pair | None:
+    """Return the bound, cut from below by the interval of a rise that leaves nu open (at the end of its range)."""
+    low, high = bound or OPEN_NU
+    if bulge is None or bulge.value is not None or bulge.interval95 is None:
+        return bound
+    return (bulge.interval95[0], high) if low < bulge.interval95[0] < high else bound
 
 
 def contradicts(nu: Estimate | None, bound: Pair | None) -> bool:

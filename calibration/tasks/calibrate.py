@@ -31,6 +31,7 @@ from calibration.result.poisson_routes import (
     holding_each,
     in_words,
     informed,
+    narrowed,
     of_beta,
     of_bulge,
     of_prior,
@@ -60,8 +61,9 @@ def calibrate(
 
     `law` a Law or the key of one ("default": the flat punch; where there is none, the ball or the cone); `effects`
     a model whose effects are fitted along; `clock_offset` and `bulge` (nu from the rise beside the punch) come
-    from the certificate, where it has them; `bound` holds nu to what elastomers have where nothing is stated of
-    it, None leaves that out. Presses that clocks far apart put out of phase are left out, with a warning. Raises
+    from the certificate, where it has them: a rise that leaves nu open bounds it by its interval. `bound` holds nu
+    to what elastomers have where nothing is stated of it, None leaves that out. Presses that clocks far apart put
+    out of phase are left out, with a warning. Raises
     NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
     """
     sets = as_sets(measured)
@@ -75,7 +77,7 @@ def calibrate(
     single = isinstance(chosen, FlatPunch) and at_one_depth(data)
     check(data, shape=shape_of(chosen), one_depth=single)
     given, data = data, in_phase(data)
-    free = _free(chosen, data, single=single, bound=bound)
+    free = _free(chosen, data, single=single, bound=narrowed(bound, bulge))
     fitted = fit(Model(free, effects.effects if effects else ()), data)
     known = (*of_bulge(bulge), *of_prior(stated.gel, bulge=bulge, bound=bound))
     routes = (*known, *of_radii(fitted)) if isinstance(chosen, FlatPunch) else ()

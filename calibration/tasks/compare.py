@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -194,7 +193,6 @@ def compare(
     *,
     rng: np.random.Generator,
     bulge: Estimate | None = None,
-    treated: Mapping[str, Observations] = MappingProxyType({}),
     progress: Progress = SILENT,
     deadline: Deadline = NEVER,
     bound: Pair | None = SILICONE_NU,
@@ -203,11 +201,11 @@ def compare(
 
     An effect that these data cannot show, that fails or that finds no minimum is passed over, named in `left_out`,
     and the next one is added without it. One of the picture's depth is added there, where there is a certified
-    one; where its cure is to read the frames anew, `treated` holds by the treatment's name what they then give.
+    one; where it has a treatment, that takes the place of its fit.
     `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added any
     more. Raises InputError for unusable data.
     """
-    ready = replace(prepare(data, bulge=bulge, bound=bound), treated=treated)
+    ready = prepare(data, bulge=bulge, bound=bound)
     progress(0, len(effects) + 1, "the plain law")
     found = plain_law(ready, rng=rng)
     for number, added in enumerate(effects, start=1):
@@ -219,14 +217,10 @@ def compare(
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """Measurements that models are fitted to: `stated` as they were recorded, `data` with what is known of nu.
-
-    `treated`: as they were recorded, from frames that were read anew, by the name of the treatment.
-    """
+    """Measurements that models are fitted to: `stated` as they were recorded, `data` with what is known of nu."""
 
     stated: Observations
     data: Observations
-    treated: Mapping[str, Observations] = field(default_factory=dict)
 
 
 def prepare(data: Observations, *, bulge: Estimate | None = None, bound: Pair | None = SILICONE_NU) -> Prepared:
@@ -312,20 +306,19 @@ def _in_picture(pictured: tuple[Compared, ...], effect: Effect, ready: Prepared)
     shown = {one.key: one for one in in_picture(seen.data)}.get(effect.key)
     if shown is None or shown.missing(seen.data):
         return None
-    treatment = getattr(effect, "treatment", "")
-    fitted = _read_anew(seen, ready.treated.get(treatment)) if treatment else adopt(seen, refit_with(seen, shown))
+    treat = getattr(effect, "treat", None)
+    fitted = adopt(seen, refit_with(seen, shown)) if treat is None else _treated(seen, treat(ready.stated))
     return (*pictured, _as_read(fitted, (*pictured[-1].effects, effect.key)))
 
 
-def _read_anew(seen: Fit, data: Observations | None) -> Fit:
-    """The law of the picture's depth, with the effects added so far, on frames that were read anew."""
-    if data is None:
-        raise InputError(
-            "its cure is to read the frames anew, and they show none of it or were not read anew",
-            remedy="It needs ball presses that near lamps explain, and frames of deep presses.",
-        )
+def _treated(seen: Fit, data: Observations) -> Fit:
+    """Return the law of the picture's depth, with the effects added so far, on treated data."""
     begin = fit_vision_depth(data)
-    assert begin is not None
+    if begin is None or begin.data.slopes is None:
+        raise InputError(
+            "its treatment leaves too few presses with gel outside the contact",
+            remedy="Press less deeply, or with narrower punches: a shadow is some depths long.",
+        )
     shown = {one.key: one for one in in_picture(begin.data)}
     for key in seen.model.keys:
         begin = adopt(begin, refit_with(begin, shown[key])) if key in shown else begin

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -145,20 +145,19 @@ def diagnose(
     known: Sequence[Effect] = (),
     bulge: Estimate | None = None,
     bound: Pair | None = SILICONE_NU,
-    ruled_out: Collection[str] = (),
     watch: Watch = UNWATCHED,
 ) -> Diagnosis:
     """Diagnose measurements against the catalogue and the private `effects`; `known` ones are in from the start.
 
     `bulge`: nu from the rise beside the punch, held within `bound`; forces are fitted with it, and the picture is
     held against none of its own. A candidate that cannot be fitted is passed over. Where the time of `watch` is
-    over, nothing new is looked for: the answer is the best so far, `stopped`. `ruled_out`: keys of effects of the
-    picture that its frames are known not to show. Raises InputError where no law can be fitted at all.
+    over, nothing new is looked for: the answer is the best so far, `stopped`. Raises InputError where no law can
+    be fitted at all.
     """
     data = clear_of_touch(in_phase(usable(data)))
     catalogue = [*EFFECTS.values(), *effects]
     held = partial(_diagnosed, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch)
-    fitted = partial(held, catalogue=catalogue, ruled_out=ruled_out)
+    fitted = partial(held, catalogue=catalogue)
     found = whole = fitted(data)
     aside, foreign = tuple[str, ...](), False
     while not watch.over and found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
@@ -176,7 +175,6 @@ def _diagnosed(
     rng: np.random.Generator,
     bulge: Estimate | None,
     bound: Pair | None,
-    ruled_out: Collection[str],
     watch: Watch,
 ) -> Diagnosis:
     """These presses, all of them."""
@@ -198,8 +196,7 @@ def _diagnosed(
     )
     sight = None
     if seen is not None:
-        known_there = {*seen.model.keys, *ruled_out}
-        others = [one for one in in_picture(seen.data) if one.key not in known_there]
+        others = [one for one in in_picture(seen.data) if one.key not in seen.model.keys]
         sight = outcome(forward_selection(seen, others, rng=rng, level=level, watch=watch), level)
     watch.tell("what it does to the material")
     found = _determine(_unbiased(force), sight, catalogue, rng)

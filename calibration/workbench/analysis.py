@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -63,7 +63,6 @@ class Models:
 
     def __init__(self, opened: Opened, seed: int = 0) -> None:
         self._opened, self._seed = opened, seed
-        self._anew: dict[str, Mapping[str, Observations]] = {}
         self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], Fitted] = {}
 
     def fitted(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
@@ -76,7 +75,7 @@ class Models:
         if place not in self._known:
             if keys:
                 before = self.fitted(place[0], keys[:-1])
-                self._known[place] = self._with(before, self._opened.effect(keys[-1]), place[0])
+                self._known[place] = self._with(before, self._opened.effect(keys[-1]))
             else:
                 self._known[place] = self._plain(place[0])
         return self._known[place]
@@ -112,15 +111,8 @@ class Models:
         ready = prepare(data, bulge=self._opened.bulge, bound=self._opened.bound)
         return Fitted(plain_law(ready, rng=None, of_gel=False), ready)
 
-    def _with(self, before: Fitted, effect: Effect, left_out: Sequence[str]) -> Fitted:
-        ready = before.ready
-        asked = str(getattr(effect, "treatment", ""))
-        if asked:
-            if asked not in self._anew:
-                self._anew[asked] = self._opened.read_anew(effect)
-            again = {name: leave_out(data, left_out) for name, data in self._anew[asked].items()}
-            ready = replace(ready, treated={**ready.treated, **again})
-        return Fitted(with_effect(before.found, effect, ready, rng=None, of_gel=False), ready)
+    def _with(self, before: Fitted, effect: Effect) -> Fitted:
+        return Fitted(with_effect(before.found, effect, before.ready, rng=None, of_gel=False), before.ready)
 
 
 # How much speaks for each effect that is not in the model, and what it would leave: the screen of `diagnose`.

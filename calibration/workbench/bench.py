@@ -258,13 +258,13 @@ class Bench:
         one = self._next(until_idle=until_idle)
         if one is None:
             return False
-        began, limit = time.monotonic(), seconds_allowed(*one, self.opened)
+        began, limit = time.monotonic(), seconds_allowed(one[0])
         over = threading.Timer(limit, self._dropping.drop, (ACTION,))
         over.daemon = True
         over.start()
         if not self._dropping.run(ACTION, lambda: self._do(*one)):
             why = f" after {limit:.0f} s" if time.monotonic() - began >= limit else ""
-            self._show(busy="", notice=f"{in_words(*one, self.opened)} was stopped{why}; nothing is changed")
+            self._show(busy="", notice=f"{in_words(*one)} was stopped{why}; nothing is changed")
         over.cancel()
         return True
 
@@ -296,7 +296,7 @@ class Bench:
 
     def _do(self, action: str, value: str) -> None:
         """One action; what goes wrong is said on the page, and the state stays."""
-        self._show(busy=in_words(action, value, self.opened), since_s=time.monotonic(), notice="")
+        self._show(busy=in_words(action, value), since_s=time.monotonic(), notice="")
         try:
             if action == "card":
                 self._open_card(value)

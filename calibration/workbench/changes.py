@@ -13,8 +13,7 @@ from tactilevision.errors import InputError
 
 NOW = "now"  # the state that stands, beside those with a name
 FIT_S = 120.0  # s that one change may take: a slow effect on 39 presses takes half a minute
-READ_S = 1800.0  # s where frames are read anew or a report is drawn: a hundred presses on a slow machine
-PRESS_S = 6.0  # s that a press's frames take to be read anew: 57 s for ten were measured
+READ_S = 1800.0  # s where a report is drawn: a hundred presses on a slow machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,32 +107,17 @@ _CHANGES: Mapping[str, Callable[[History, str, Opened], History]] = {
 }
 
 
-def seconds_anew(key: str, opened: Opened) -> float:
-    """How long reading the frames anew takes before this effect is in, in s; 0 where nothing is read."""
-    asks = getattr(opened.effect(key), "treatment", "") and any(opened.frames)
-    return PRESS_S * sum(len(one.points) for one in opened.measured) if asks else 0.0
-
-
-def seconds_allowed(action: str, value: str, opened: Opened) -> float:
+def seconds_allowed(action: str) -> float:
     """After how many s a change is stopped, and the page says so."""
-    quick = action == "card" or (action == "add" and not _reads(value, opened))
-    return FIT_S if quick else READ_S
+    return FIT_S if action in ("card", "add") else READ_S
 
 
-def _reads(key: str, opened: Opened) -> bool:
-    try:
-        return seconds_anew(key, opened) > 0
-    except InputError:  # an unknown effect, which the change itself refuses
-        return False
-
-
-def in_words(action: str, value: str, opened: Opened) -> str:
+def in_words(action: str, value: str) -> str:
     """What is at work, as a person says it."""
     said = value.replace("_", " ")
-    anew = ": the frames are read anew" if action == "add" and _reads(value, opened) else ""
     return {
         "open": "fitting the plain law",
-        "add": f"adding {said}{anew}",
+        "add": f"adding {said}",
         "remove": f"removing {said}",
         "card": f"fitting {said}",
         "export": "writing the report",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -130,9 +130,7 @@ class Opened:
 
     `paths` of the recordings; `data` all accepted presses; `bulge` and `bound` what is known of nu; `private`
     effects of the user's own and the `files` that they stand in, by key; `frames` where a recording has pictures;
-    `marks` what the files were when they were read; `read_anew` all presses by the treatment that an effect of the
-    picture asks for, none where frames show nothing of it; `listed` the effects that are looked for beside one's
-    own.
+    `marks` what the files were when they were read; `listed` the effects that are looked for beside one's own.
     """
 
     paths: tuple[Path, ...]
@@ -145,7 +143,6 @@ class Opened:
     frames: tuple[Frames | None, ...] = ()
     warnings: tuple[str, ...] = ()
     marks: Marks = ()
-    read_anew: Callable[[Effect], Mapping[str, Observations]] = lambda _: {}
     listed: tuple[Effect, ...] = tuple(EFFECTS.values())
 
     @property

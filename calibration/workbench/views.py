@@ -29,7 +29,6 @@ from calibration.tasks.compare import Compared, Comparison
 from calibration.tasks.history import HistoryRow
 from calibration.workbench.analysis import Evidence, Verdict
 from calibration.workbench.bench import Bench, Shown
-from calibration.workbench.changes import seconds_anew
 from calibration.workbench.opened import Opened
 from tactilevision.errors import InputError
 from tactilevision.plots.diagnosis import Overlay
@@ -229,7 +228,6 @@ def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
         "candidate": verdict is not None and effect.key in verdict.candidates and not named,
         "suggested": effect.key in shown.suggested,
         "why": one.why,
-        "slow_s": seconds_anew(effect.key, opened),
         "values": [] if one.fitted is None else [
             f"{p.meaning or p.name} {wording.number(float(v))}{'' if p.unit in ('', '1') else f' {p.unit}'}"
             for p, v in zip(effect.parameters, one.fitted.own_values, strict=True)

@@ -178,7 +178,7 @@ def _reconstruct(
             make_folder(out / kind)
     seen = way_of_reading(recording, job.reconstructor.height_map)
     form = "tiff" if scratch is None else "zarr"
-    laws = job.anchor.depth_scale, job.reconstructor.walls
+    laws = job.anchor.depth_scale, job.reconstructor.taught
     journal = Journal(out / JOURNAL, fingerprint_of(recording, form, seen, laws, job.with_std))
 
     def begin() -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tactilevision.cli.measure import beside_the_punch, oldest_first, shadows_undone, take
+from tactilevision.cli.measure import beside_the_punch, oldest_first, take
 
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from tactilevision.records.measured import Estimate
 
 ANSWERED = "gentle faces"  # of the certificate's warning about the picture's scale: a diagnosis has its number
-UNDO_SHADOWS = "undo_shadows"  # the treatment that an effect of the picture may ask for
 FIND, TRY = "to find what is missing", "to try"  # what a command that is suggested is for
 OWN = ".py"  # how the file of an effect of one's own ends
 
@@ -85,30 +84,6 @@ def observed(taken: Sequence[Taken], left_out: Sequence[str] = ()) -> Observatio
 
     sets = [one.measured for one in taken]
     return leave_out(observe_all(sets) if any(one.curves for one in sets) else observe(sets), left_out)
-
-
-def treated(
-    taken: Sequence[Taken], effects: Sequence[Effect], left_out: Sequence[str] = ()
-) -> dict[str, Observations]:
-    """The measurements read anew in each way that one of the effects asks for, where frames show its cause."""
-    wanted = {str(getattr(effect, "treatment", "")) for effect in effects}
-    again = [shadows_undone(one) for one in taken] if UNDO_SHADOWS in wanted else []
-    if not any(again):
-        return {}
-    return {UNDO_SHADOWS: observed([new or old for new, old in zip(again, taken, strict=True)], left_out)}
-
-
-def not_in_frames(taken: Sequence[Taken], found: Diagnosis) -> tuple[str, ...]:
-    """Keys of effects that the diagnosis names or leaves open, whose cause no frame of any recording shows."""
-    from calibration.effects import EFFECTS
-    from tactilevision.heightmap.shadows_seen import shows_none
-
-    named = {effect.key for effect in found.effects} | set(found.candidates)
-    keys = [key for key in named if getattr(EFFECTS.get(key), "treatment", "") == UNDO_SHADOWS]
-    told = bool(keys) and all(
-        one.reconstructor is not None and shows_none(one.recording, one.reconstructor) for one in taken
-    )
-    return tuple(keys) if told else ()
 
 
 def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dict[str, str]]:

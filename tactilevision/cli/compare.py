@@ -24,7 +24,6 @@ from tactilevision.cli.analysis import (
     named_effects,
     next_commands,
     observed,
-    treated,
     with_nu,
     write_history,
 )
@@ -191,10 +190,10 @@ def _refit(history: History, folder: Path, stage: Path, *, private: Sequence[Pat
     effects = _effects(history.steps, private)
     taken, bulge = with_nu(take([Path(name) for name in history.recordings], answered=ANSWERED))
     rng = np.random.default_rng(history.seed)
-    data, again = observed(taken, history.left_out), treated(taken, effects, history.left_out)
+    data = observed(taken, history.left_out)
     with console.progress_bar("fitting") as progress:
         bound = elastomer_bound(history.prior)
-        result = compare(data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress)
+        result = compare(data, effects, rng=rng, bulge=bulge, bound=bound, progress=progress)
     names = ", ".join(step.key.replace("_", " ") for step in reversed(history.undone))
     state = f"Taken back: {names}. `tactilevision steps {folder} --redo` puts it back."
     if (folder / "diagnosis.json").is_file() or (folder / FOUND / "diagnosis.json").is_file():
@@ -320,11 +319,11 @@ def compare_effects(
     deadline, aside = Deadline.after(time_limit), tuple(left_out or ())
     effects, files = named_effects(chosen)
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
-    data, again = observed(taken, aside), treated(taken, effects, aside)
+    data = observed(taken, aside)
     with console.progress_bar("fitting") as progress:
         rng, bound = np.random.default_rng(seed), elastomer_bound(prior)
         found = method.compare(
-            data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress, deadline=deadline
+            data, effects, rng=rng, bulge=bulge, bound=bound, progress=progress, deadline=deadline
         )
     commands = next_commands(recordings, found, files, prior=prior, left_out=aside)
     title = "Comparison of " + ", ".join(one.recording.name for one in taken)

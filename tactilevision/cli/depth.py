@@ -57,7 +57,6 @@ def depth(
         bool, typer.Option("--std", help="Also the depths' standard deviation, in depth_std/.")
     ] = False,
     even_so: source.EvenSoOption = False,
-    shadows: source.ShadowsOption = True,
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
@@ -68,7 +67,7 @@ def depth(
     from tactilevision.batch.tree import reconstruct_tree
 
     warned: list[str] = []
-    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows, even_so)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     light = _teller(chosen, warned, path)
     how: dict[str, Any] = {"form": form.value, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps = "depth.zarr" if form is MapFormat.ZARR else "depth/NAME.tiff"
@@ -203,7 +202,6 @@ def force(
     form: Annotated[
         TractionFormat, typer.Option("--format", help="How tractions are stored.")
     ] = TractionFormat.NPZ,
-    shadows: source.ShadowsOption = True,
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
@@ -213,7 +211,7 @@ def force(
     from tactilevision.force.comparison import write_comparison
     from tactilevision.force.folder import force_folder
 
-    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows, even_so)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     known = _known_material(chosen, calibration)
     recording, material, offset = _with_gel(chosen.open(path), known), known.material, known.clock_offset_s
     with console.progress_bar("calibrating the light"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -23,7 +23,6 @@ from tactilevision.cli.analysis import (
     commands_of,
     keep_history,
     named_effects,
-    not_in_frames,
     observed,
     taken_with_nu,
 )
@@ -49,8 +48,6 @@ With = Annotated[
     typer.Option("--with", metavar="KEY|FILE.py", help="An effect that is in from the start."),
 ]
 
-ABSENT = "the frames show none, where the balls tell how they would look"  # why an effect is ruled out
-
 
 def diagnose(
     recordings: Recordings,
@@ -67,6 +64,7 @@ def diagnose(
     time_limit: TimeLimit = None,
 ) -> None:
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
+    import numpy as np
 
     from calibration.inputs.deadline import Deadline, Watch
     from calibration.laws.flat_punch import elastomer_bound
@@ -83,7 +81,7 @@ def diagnose(
     with step_pool(workers, cluster) as each, console.progress_bar("diagnosing:") as progress:
         watch, data = Watch(progress, deadline, each), observed(taken)
         asked = partial(method.diagnose, data, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
-        alone = _asked_of_frames(asked, taken, seed)
+        alone = asked(np.random.default_rng(seed))
     found, files = _with_what_was_read(alone, taken), sure_files | own_files
     steps = [*(Step(effect.key, files.get(effect.key, "")) for effect in sure), *steps_of(found, files)]
     commands = commands_of(recordings, found, files, prior=prior)
@@ -103,18 +101,6 @@ def diagnose(
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content, json)
-
-
-def _asked_of_frames(asked: Callable[..., Diagnosis], taken: Sequence[Taken], seed: int) -> Diagnosis:
-    """What was asked; once more without what is named, where the frames rule it out."""
-    import numpy as np
-
-    found = asked(np.random.default_rng(seed))
-    absent = not_in_frames(taken, found)
-    if not absent:
-        return found
-    again = asked(np.random.default_rng(seed), ruled_out=absent)
-    return replace(again, not_testable={**again.not_testable, **dict.fromkeys(absent, ABSENT)})
 
 
 def _with_what_was_read(found: Diagnosis, taken: Sequence[Taken]) -> Diagnosis:

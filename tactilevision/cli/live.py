@@ -25,10 +25,6 @@ if TYPE_CHECKING:
 
 EVERY_S = 1.0  # s between two lines on the terminal
 TABLE = "live.csv"
-KEPT = (
-    "this sensor's lamps cast shadows beside deep contacts, and they stay: such frames have the flag shadow. "
-    "--shadows undoes them as `depth` does; a deep frame then takes up to a second, and others are dropped"
-)
 
 
 class Format(StrEnum):
@@ -47,7 +43,6 @@ def live(
     method: source.MethodOption = None,
     mm_per_px: source.ScaleOption = None,
     even_so: source.EvenSoOption = False,
-    shadows: source.ShadowsOption = False,
     indenter: Annotated[
         str | None, typer.Option(help="Look for the face of this indenter of the profile.")
     ] = None,
@@ -73,7 +68,7 @@ def live(
 
     if foxglove or mcap is not None:
         check_installed()  # before the camera is looked at
-    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows=shadows, even_so=even_so)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
 
     def listeners(stack: ExitStack) -> tuple[list[Callable[[Told, float], None]], Path | None]:
@@ -148,7 +143,7 @@ def _open(
 
 
 def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
-    from tactilevision.profile.sensor import sensor_of
+    from tactilevision.profile.sensor import CalibratedSensor
     from tactilevision.recording.folder import list_references
     from tactilevision.recording.images import read_image
     from tactilevision.recording.model import faults_of_reference
@@ -159,7 +154,7 @@ def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
             where="live",
             remedy="Make one with `tactilevision calibrate-sensor`, and name it with --sensor FILE.tvs.",
         )
-    sensor = sensor_of(chosen.profile, indenter=indenter, shadows=chosen.shadows)
+    sensor = CalibratedSensor(chosen.profile, indenter=indenter)
     flats = list_references(chosen.reference)
     if not flats:
         return sensor
@@ -174,7 +169,7 @@ def _tell_audit(opened: _Opened, found: Audit) -> None:
     reader = opened.stream.reconstructor
     pictures = [reader.rectified(Frame(shot.rgb)) for shot in opened.first[:: max(1, len(opened.first) // 5)]]
     look = opened.stream.sensor.look if opened.stream.sensor is not None else None
-    before = reader.warnings + ((KEPT,) if reader.keeps_shadows else ())
+    before = reader.warnings
     said = look(pictures) if look is not None else ()
     timed = "" if opened.source.waits else f"{found.rate_Hz:.1f} frames a second, {found.lost} lost, "
     console.say(f"{opened.source.name}: {timed}{found.repeated} of {found.frames} frames repeat the one before")

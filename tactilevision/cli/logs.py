@@ -107,12 +107,6 @@ def lerobot(
     sensor: Annotated[Path, typer.Option(help="The sensor's profile (.tvs).")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the new data set; made if missing.")],
     shrink: Annotated[int, typer.Option(min=1, help="Depth as means of so many pixels squared.")] = 4,
-    shadows: Annotated[
-        bool,
-        typer.Option(
-            "--shadows", help="Undo what lamps cast, as `depth` does; a deep frame takes up to a second."
-        ),
-    ] = False,
     json: console.JsonOption = None,
 ) -> None:
     """Write a data set that also has depth, contact and force; frames are kept as they are."""
@@ -120,11 +114,7 @@ def lerobot(
     from tactilevision.robots.lerobot import annotate
     from tactilevision.robots.lerobot_dataset import read_dataset
 
-    source, reader = read_dataset(dataset, camera), load_sensor(sensor, shadows=shadows)
-    if reader.reconstructor.keeps_shadows:
-        console.warn(
-            ["this sensor's lamps cast shadows beside deep contacts, and they stay: --shadows undoes them"]
-        )
+    source, reader = read_dataset(dataset, camera), load_sensor(sensor)
     with console.progress_bar("frames") as progress:
         found = annotate(source, reader, out, shrink=shrink, tell=progress)
     console.say(f"{found.frames} frames of {found.episodes} episodes, {found.in_contact} in contact: {out}")

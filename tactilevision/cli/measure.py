@@ -74,23 +74,6 @@ def take(paths: Sequence[Path], *, answered: str = "") -> list[Taken]:
     return [_certified(one, answered) if one.frame_names else Taken(one, None) for one in opened]
 
 
-def shadows_undone(taken: Taken) -> Taken | None:
-    """The recording certified from maps whose cast shadows are undone; None where its frames show none.
-
-    Its reconstructor undoes them from then on; faces stay as deep as their walls have them.
-    """
-    from tactilevision.heightmap.shadows_seen import with_shadows
-    from tactilevision.press.certification import certify
-
-    reader = taken.reconstructor
-    field = with_shadows(taken.recording, reader).shadows if reader else None
-    if reader is None or field is None:
-        return None
-    reader.shadows = field.unrefined
-    with console.progress_bar("undoing cast shadows") as progress:
-        return replace(taken, certificate=certify(taken.recording, reader, progress=progress))
-
-
 def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
     """Poisson's ratio from the rise beside the punch, and the depths corrected by it where no better is stated."""
     from tactilevision.press.poisson_from_rise import with_nu
@@ -117,12 +100,12 @@ def with_what_was_read(
 
 
 def _certified(recording: Recording, answered: str) -> Taken:
-    from tactilevision.heightmap.build import calibrate_light
+    from tactilevision.heightmap.build import build_reconstructor
     from tactilevision.press.certification import certify, require_all
 
     require_all(recording)
     with console.progress_bar("calibrating the light"):
-        reconstructor = calibrate_light(recording, "polynomial" if recording.balls else None)
+        reconstructor = build_reconstructor(recording, "polynomial" if recording.balls else None)
     console.warn(_unanswered(reconstructor.warnings, answered))
     with console.progress_bar("certifying presses") as progress:
         certificate = certify(recording, reconstructor, progress=progress)

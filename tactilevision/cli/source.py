@@ -69,13 +69,6 @@ BallOption = Annotated[
 EvenSoOption = Annotated[
     bool, typer.Option("--even-so", help="Go on though the light's calibration fails its own balls.")
 ]
-ShadowsOption = Annotated[
-    bool,
-    typer.Option(
-        "--shadows/--no-shadows",
-        help="Undo cast shadows, where frames show them and balls or the method's file tell the lamps; slower.",
-    ),
-]
 
 
 @dataclass(frozen=True)
@@ -86,7 +79,6 @@ class Choice:
     reference: Path | None = None
     method: str | None = None
     mm_per_px: float | None = None
-    shadows: bool = True
     even_so: bool = True
 
     @cached_property
@@ -105,7 +97,7 @@ class Choice:
 
     @property
     def way(self) -> str:
-        """What decides how frames are read: the method's name or content, or the profile's; scale and shadows."""
+        """What decides how frames are read: the method's name or content, or the profile's; and the scale."""
         from tactilevision.photometric.catalogue import PHOTOMETRIC
         from tactilevision.photometric.storage import digest
 
@@ -113,7 +105,7 @@ class Choice:
         if name and name not in PHOTOMETRIC:
             path = Path(name).with_suffix(".json")  # the card, which holds the hashes of its files
         content = digest(path) if path is not None and path.is_file() else name
-        return f"{content} {self.mm_per_px} {self.shadows}"
+        return f"{content} {self.mm_per_px}"
 
     def open(self, path: Path, *, needs_frames: bool = True) -> Recording:
         """Read a recording, or a bare folder of frames whose sensor is named.
@@ -146,24 +138,20 @@ class Choice:
         from tactilevision.recording import layout
 
         own = self.profile is None and (path / layout.SETTINGS).is_file()
-        return (
-            Choice(method=self.method, shadows=self.shadows, even_so=self.even_so).open(path)
-            if own
-            else self.open(path)
-        )
+        return Choice(method=self.method, even_so=self.even_so).open(path) if own else self.open(path)
 
     def light(self, recording: Recording) -> Reconstructor:
         """Calibrate the light from the recording's own references, or use the method or profile that was named.
 
         Left out, balls decide how the light is fitted. A certificate keeps to the polynomial: its scale is the
         bevel's, and on one sample it saw the touch 2 um earlier with another fit.
-        With `shadows`, those that lamps cast are undone where the frames show them. Not `even_so`: raises
-        InputError for a calibration that fails its own balls.
+        Not `even_so`: raises InputError for a calibration that fails its own balls.
         """
         from tactilevision.heightmap.ball_validation import check_fit, unfit_warnings
+        from tactilevision.heightmap.build import build_reconstructor
 
         sensor = self.calibrated(recording)
-        made = self._built(recording) if sensor is None else sensor.reconstructor
+        made = build_reconstructor(recording, self.method) if sensor is None else sensor.reconstructor
         if made.referenced is not None and not self.even_so:
             if same := unfit_warnings(made.referenced.card):  # what else is doubtful may say why
                 console.warn([line for line in made.warnings if line not in same])
@@ -171,20 +159,13 @@ class Choice:
             check_fit(made.referenced.card, remedy="--even-so", where=named or "reference/ball")
         return made
 
-    def _built(self, recording: Recording) -> Reconstructor:
-        from tactilevision.heightmap.build import calibrate_light
-        from tactilevision.heightmap.shadows_seen import with_shadows
-
-        made = calibrate_light(recording, self.method)
-        return with_shadows(recording, made) if self.shadows else made
-
     def calibrated(self, recording: Recording) -> CalibratedSensor | None:
         """The profile's sensor, once it has looked at some of the frames; None where no profile was named."""
         if self.profile is None:
             return None
         from tactilevision.profile.sensor import sensor_for
 
-        return sensor_for(recording, self.profile, shadows=self.shadows)
+        return sensor_for(recording, self.profile)
 
     def _is_recording(self, path: Path) -> bool:
         """Whether recording.toml says all that is needed, or is asked for because there is nothing else."""

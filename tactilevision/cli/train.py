@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -47,7 +47,7 @@ def train(
     Its card says how far it is off; a figure shows balls held out, and flat steps that the recording's own presses
     certify, by depth and by contact size.
     """
-    from tactilevision.heightmap.build import calibrate_light
+    from tactilevision.heightmap.build import build_reconstructor
     from tactilevision.photometric.card import provenance
     from tactilevision.photometric.catalogue import PHOTOMETRIC
 
@@ -69,12 +69,12 @@ def train(
             remedy="Press a ball twenty times, all over. In a bare folder --ball-radius-mm states the radius.",
         )
     with console.progress_bar("calibrating the light"):
-        made = calibrate_light(source, method)
+        made = build_reconstructor(source, method)
     console.warn([*source.warnings, *made.warnings])
     assert made.referenced is not None
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
     known, certified = _certified(source, made)
-    kept = _with_walls(source, made, _with_lamps(source, made, made.referenced), certified)
+    kept = _with_walls(source, made, made.referenced, certified)
     if getattr(kept, "walls", None) is not None:
         known["flat_steps_walls"] = "as read before these faces taught the walls' law"
     card = made.referenced.card.extended(known | provenance(data, licence=licence))
@@ -139,27 +139,17 @@ def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], 
     return ({**known, "doubt_of_scale": doubt} if doubt else dict(known)), certified
 
 
-def _with_lamps(source: Recording, made: Reconstructor, method: ReferencedMethod) -> ReferencedMethod:
-    from tactilevision.heightmap.lamps import with_lamps
-
-    with console.progress_bar("looking for the lamps"):
-        return with_lamps(source, made, method)
-
-
 def _with_walls(
     source: Recording, made: Reconstructor, method: ReferencedMethod, certified: tuple[Certified, ...]
 ) -> ReferencedMethod:
-    """The method with what certified faces teach of walls, shadows left and, where frames show them, undone."""
-    from tactilevision.heightmap.shadows_seen import with_shadows
+    """The method with what certified faces teach of walls, ."""
     from tactilevision.press.certified_faces import read_faces, teach_walls, with_walls
 
     if not certified:
         return method
     with console.progress_bar("learning walls"):
         teach_walls(made, read_faces(source, made, certified=certified))
-        if with_shadows(source, made).shadows is not None:
-            teach_walls(made, read_faces(source, made, certified=certified))
-    return with_walls(method, made.walls)
+    return with_walls(method, made.taught)
 
 
 def _save(method: ReferencedMethod, out: Path, *, network: bool) -> None:
@@ -213,7 +203,7 @@ def calibrate_sensor(
     console.warn([*recording.warnings, *reconstructor.warnings])
     known = _Known() if light_only else _known(recording, reconstructor, calibration)
     with console.progress_bar("solving the gel"):
-        made = make_profile(recording, reconstructor, calibration=known.content, face_laws=known.face_laws)
+        made = make_profile(recording, reconstructor, calibration=known.content, face_law=known.face_law)
         write_profile(made, out)
     found = read_profile(out)
     console.say(f"wrote {out}: {found.name}, {found.date}, {out.stat().st_size / 1e6:.1f} MB", *_told(found))
@@ -232,7 +222,7 @@ class _Known:
     """Content of calibration.json, and how deep certified faces are over how deep they are read."""
 
     content: dict[str, Any] | None = None
-    face_laws: dict[bool, DepthScale | None] = field(default_factory=dict)
+    face_law: DepthScale | None = None
 
 
 def _open(path: Path, chosen: source.Choice, ball_radius_mm: float | None, serial: str | None) -> Recording:
@@ -266,34 +256,20 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
 
 
 def _taught(
-    recording: Recording, reconstructor: Reconstructor, certified: Any, *, said: Sequence[str] = ()
-) -> dict[bool, DepthScale | None]:
-    """Lets certified faces teach the walls; then, how deep these faces are over how deep they are read.
+    recording: Recording, reader: Reconstructor, certified: Any, *, said: Sequence[str] = ()
+) -> DepthScale | None:
+    """Let certified faces teach the walls; then return how deep these faces are over how deep they are read.
 
-    With cast shadows left (False) and undone (True). `said`: warnings that were given already.
+    `said`: warnings that were given already.
     """
-    from tactilevision.heightmap.shadows_seen import leave, undo_by
-
-    found, doubt = _face_law(recording, reconstructor, certified)
-    console.warn([doubt] if doubt and doubt not in said else [])
-    light = reconstructor.shadows
-    if light is None:
-        return {False: found}
-    leave(reconstructor)
-    plain, _ = _face_law(recording, reconstructor, certified)
-    undo_by(reconstructor, light.lamps)
-    return {False: plain, True: found}
-
-
-def _face_law(recording: Recording, reader: Reconstructor, certified: Any) -> tuple[DepthScale | None, str]:
-    """The law of the faces' depth with walls as they teach them, shadows as they are read now; its doubt."""
     from tactilevision.press.certified_faces import face_depth_correction, read_faces, teach_walls, with_scatter
 
     faces = read_faces(recording, reader, certified=certified)
     taught = teach_walls(reader, faces)
     found = face_depth_correction(recording, faces, walls=reader.taught)
+    console.warn([found.doubt] if found.doubt and found.doubt not in said else [])
     same = reader.taught if taught else None
-    return found.depth_scale if same is None else with_scatter(found.depth_scale, same), found.doubt
+    return found.depth_scale if same is None else with_scatter(found.depth_scale, same)
 
 
 def _told(profile: Profile) -> list[str]:
@@ -311,10 +287,6 @@ def _told(profile: Profile) -> list[str]:
     else:
         E, nu = material.youngs_modulus_MPa, material.poisson_ratio
         lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given; {_SHEAR[profile.followed]}")
-    if profile.lamps is not None:
-        lines.append("  the lamps cast shadows: `depth` and `force` undo them, `live` does not")
-    elif (told := profile.told_lamps) is not None and not told.doubtful:
-        lines.append("  balls tell the lamps: `depth` and `force` undo shadows that frames show, `live` does not")
     if getattr(profile.method, "walls", None) is not None:
         lines.append("  certified faces taught the walls' law: any flat face gains from it")
     if profile.face_law is not None:
@@ -333,6 +305,5 @@ def _as_json(profile: Profile) -> dict[str, Any]:
         "youngs_modulus_MPa": None if material is None else material.youngs_modulus_MPa,
         "poisson_ratio": None if material is None else material.poisson_ratio,
         "face_law": profile.face_law is not None,
-        "lamps": profile.lamps is not None,
         "warnings": list(profile.warnings),
     }

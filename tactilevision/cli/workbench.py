@@ -17,7 +17,6 @@ from tactilevision.cli.analysis import (
     named_effects,
     next_commands,
     observed,
-    treated,
     with_nu,
     write_history,
 )
@@ -101,7 +100,6 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
         frames=tuple(_frames(one) for one in taken),
         warnings=tuple(warning for one in taken for warning in one.recording.warnings),
         marks=marks,
-        read_anew=lambda effect: treated(taken, [effect]),
     )
 
 

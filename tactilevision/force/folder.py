@@ -168,7 +168,7 @@ def _what_decides(job: ForceJob) -> tuple[object, ...]:
     covariance = None if material.covariance is None else material.covariance.tolist()
     follows = job.untouched is not None and job.untouched.shows
     return (material.youngs_modulus_MPa, material.poisson_ratio, covariance, field.settings, field.gel, follows,
-            job.anchor.depth_scale, job.reconstructor.walls)  # fmt: skip
+            job.anchor.depth_scale, job.reconstructor.taught)  # fmt: skip
 
 
 def _cell(value: float) -> str:

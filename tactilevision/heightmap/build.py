@@ -18,7 +18,6 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import DEFAULT_BASELINE, ReferenceMatch, some_frames, spread_frames
 from tactilevision.heightmap.scene_faults import check_order
 from tactilevision.heightmap.self_calibration import MIN_CONTACTS, calibrated_on_frames, scale_warning
-from tactilevision.heightmap.shadows_seen import leave, with_shadows
 from tactilevision.heightmap.untouched_frames import free_frames, press_starts, tuned, with_free_reference
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls
@@ -103,32 +102,11 @@ def curl_share(method: PhotometricMethod, frames: Sequence[Bytes], mm_per_px: Pa
 
 # The ways to a reconstructor: a recording's own balls, a method that was saved, or one that came ready.
 
-KEPT = (
-    "the frames show cast shadows, and they stay: deep maps have the flag shadow. build_reconstructor(..., "
-    "shadows=True) undoes them; a deep frame then takes up to a second"
-)
 DEFAULT = "auto"  # balls left out choose the fit: never one that they tell worse than the plain polynomial
 
 
-def build_reconstructor(
-    recording: Recording, method: str | PhotometricMethod | None = None, *, shadows: bool = False
-) -> Reconstructor:
-    """A reconstructor calibrated on the recording's own flats and ball presses, as `calibrate_light` has it.
-
-    With `shadows`, those that lamps cast are undone where frames show them; a deep frame takes up to a second.
-    Without, a warning says so, and deep maps have the flag `shadow`. To look takes some seconds; balls or a saved
-    method have to tell the lamps.
-    """
-    found = with_shadows(recording, calibrate_light(recording, method))
-    if found.shadows is not None and not shadows:
-        leave(found)
-        found.keeps_shadows = True
-        found.warnings += (KEPT,)
-    return found
-
-
-def calibrate_light(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
-    """A reconstructor that leaves cast shadows as they are, without a look for them.
+def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
+    """Return a reconstructor calibrated on the recording's own flats and ball presses.
 
     It warns where the recording's frames lie beside the reference, or show a contact in it. `method` is a name in
     PHOTOMETRIC, the path of a saved method, or a ready one; a ready one is used against the recording's flats

@@ -205,17 +205,15 @@ class CircularEdge:
     std: Floats
 
 
-def find_circular_edges(
-    slopes: SlopeMap, mm_per_px: Pair, *, limit: float, gentlest: float | None = None
-) -> list[CircularEdge]:
-    """Sharp round rims in slopes (H, W), mm/mm, about regions that are anywhere steeper than `gentlest`.
+def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> list[CircularEdge]:
+    """Sharp round rims in slopes (H, W), mm/mm, about regions that are anywhere steeper than `limit`.
 
-    `limit`, which is also the usual `gentlest`, is the steepest slope that is read reliably.
+    `limit` is the steepest slope that is read reliably.
     """
     # every second pixel: a rim is long, and a frame has little time
     p, q = (np.array(plane[::2, ::2], np.float32) for plane in (slopes.dz_dx, slopes.dz_dy))
     squared = cv2.add(cv2.multiply(p, p, dst=p), cv2.multiply(q, q, dst=q), dst=p)
-    beyond = cv2.compare(squared, (gentlest or limit) ** 2, cv2.CMP_GT)
+    beyond = cv2.compare(squared, limit**2, cv2.CMP_GT)
     if 4 * cv2.countNonZero(beyond) < MIN_STEEP:
         return []
     gentle = cv2.compare(squared, 0.25 * limit**2, cv2.CMP_GT)

@@ -15,6 +15,7 @@ from tactilevision.heightmap.deviation_terms import (
     STEEP_SHARE,
     DriftError,
     add_edge_variance,
+    add_shadow_variance,
     add_steep_variance,
     extrapolated_gain_std,
     free_variance,
@@ -37,8 +38,8 @@ from tactilevision.robust import frame_mad_std, median
 
 # How far a depth is to be trusted, pixel by pixel: what `HeightMap.std_mm` says.
 #
-#   std^2 = max(scale, leakage) + missing colour + free gel + zero plane + illumination + steep edges + steep slope
-#           + inconsistent light
+#   std^2 = max(scale, leakage) + missing colour + free gel + zero plane + illumination + steep edges + cast shadow
+#           + steep slope + inconsistent light
 #
 # The terms, their equations and limits stand in their own files (`tactilevision.uncertainty`); here they are
 # summed. Assumes them to be independent. It is worked out on a grid, as all but edges is smooth.
@@ -58,6 +59,7 @@ TERMS = (
     "zero plane",
     "illumination",
     "steep edge",
+    "cast shadow",
     "steep slope",
     "inconsistent light",
 )
@@ -100,7 +102,6 @@ class DepthError:
         free = free_variance(noise, waves_mm, untouched_std=np.array(card.untouched_std_mm or [[0.0]], np.float32))
         self.noise_mm2, self.free_mm2 = (whole[::every, ::every].copy() for whole in (noise, free))
         self.gain_square = gain_variance(card, method.relative_error, shape=self.free_mm2.shape)
-        self.lamps_std = 0.0  # of a face's depth, where lamps that cast shadows are not known
         self.extrapolates = card.extrapolated_gain_std is not None
         beyond = np.asarray(extrapolated_gain_std(card), np.float32)
         self.extrapolated_std: Picture = np.asarray(cv2.resize(beyond, self.free_mm2.shape[::-1]))
@@ -119,7 +120,8 @@ class DepthError:
         light = self._light(evidence, total.shape)
         if light is not None:
             total += light
-        self._add_edges(total, few, evidence.edges)
+        add_edge_variance(total, evidence.edges, mm_per_point=self._step_mm)
+        add_shadow_variance(total, evidence.edges, mm_per_point=self._step_mm)
         add_steep_variance(total, few, hidden_mm=self._hidden_mm(few, evidence))
         if evidence.unexplained_mm is not None:
             total += self._unexplained(evidence.unexplained_mm, total.shape)
@@ -143,7 +145,9 @@ class DepthError:
         scale = scale_variance(few, self.gain_square)
         lost = self._lost(few, evidence)
         light, edges, steep = self._light(evidence, few.shape), np.zeros_like(few), np.zeros_like(few)
-        self._add_edges(edges, few, evidence.edges)
+        shadow = np.zeros_like(few)
+        add_edge_variance(edges, evidence.edges, mm_per_point=self._step_mm)
+        add_shadow_variance(shadow, evidence.edges, mm_per_point=self._step_mm)
         add_steep_variance(steep, few, hidden_mm=self._hidden_mm(few, evidence))
         variances = (
             scale,
@@ -154,6 +158,7 @@ class DepthError:
             zero_variance(evidence.zero, few.shape),
             np.zeros_like(few) if light is None else light,
             edges,
+            shadow,
             steep,
             np.zeros_like(few)
             if evidence.unexplained_mm is None
@@ -186,11 +191,6 @@ class DepthError:
         share = cv2.resize(contact.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         covered = float(share.sum())
         return covered > 0.0 and float(np.vdot(self.extrapolated_std, share)) > MAX_EXTRAPOLATED * covered
-
-    def _add_edges(self, total: Picture, few: Picture, edges: Sequence[PunchEdge]) -> None:
-        add_edge_variance(total, edges, mm_per_point=self._step_mm)
-        if edges and self.lamps_std:
-            total += np.square(self.lamps_std * few)
 
     @property
     def _step_mm(self) -> Pair:

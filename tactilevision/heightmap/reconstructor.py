@@ -7,8 +7,6 @@ untouched gel.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
 from threading import RLock
 from typing import Any
 
@@ -19,14 +17,13 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.heightmap.ball_validation import unfit_warnings
 from tactilevision.heightmap.deviation import DepthError, MapEvidence
+from tactilevision.heightmap.deviation_terms import shades
 from tactilevision.heightmap.inconsistent_light import Inconsistency, LightCheck, stands_out
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.heightmap.reference_match import DEFAULT_BASELINE, ReferenceMatch, check_reference
 from tactilevision.heightmap.two_grid_poisson import TwoGridPoisson
-from tactilevision.heightmap.unshadowed import MIN_DEPTH_MM, undo_shadows
-from tactilevision.heightmap.walls import LEAN, PunchEdge, WallLaw, find_punch_edges, restore, restore_windows
+from tactilevision.heightmap.walls import PunchEdge, WallLaw, find_punch_edges, restore, restore_windows
 from tactilevision.heightmap.zero_plane import (
-    USUAL_THICKNESS_MM,
     ZeroPlane,
     find_zero_plane,
     flat_blocks,
@@ -36,18 +33,16 @@ from tactilevision.heightmap.zero_plane import (
 from tactilevision.photometric.calibrate import Calibration
 from tactilevision.photometric.colour_change import Planes
 from tactilevision.photometric.drift import Drift
-from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.method import ReferencedMethod, as_referenced
 from tactilevision.photometric.multiresolution import TiledEvaluator
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.windows import Patch
-from tactilevision.records.certified import TaughtWalls, WallLessons
+from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import (
     DEEPER,
     INCONSISTENT,
     SHADOW,
     STEEP,
-    UNKNOWN_LAMPS,
     Frame,
     HeightMap,
     SlopeMap,
@@ -77,9 +72,8 @@ class _Turn:
 class Reconstructor:
     """Turns the frames of one sensor into height maps, one at a time: threads that share one wait for each other.
 
-    `calibration` is what the method was made from, None for a method that came ready. Where `shadows` holds the
-    lamps' light, cast shadows are undone (unshadowed.py), which takes up to a second a frame. Where the lamps are
-    known to cast some, and they stay, it `keeps_shadows`: maps deep enough to have them are flagged.
+    `calibration` is what the method was made from, None for a method that came ready. `taught` is what certified
+    faces taught of walls, None where none did.
     """
 
     def __init__(
@@ -98,24 +92,11 @@ class Reconstructor:
         self.grids: TwoGridPoisson | None = None
         if self.referenced and (tiled := self.referenced.tiled_evaluator):
             self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
-        self.shadows: LightField | None = None
-        self.keeps_shadows = self.unknown_lamps = False
-        self.lean = LEAN
-        self.walls: WallLessons = getattr(self.referenced, "walls", None) or WallLessons()
-        self.given_back: npt.NDArray[np.floating[Any]] | None = None
+        self.taught: TaughtWalls | None = getattr(self.referenced, "walls", None)
         self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
         self.light_check: LightCheck | None = None
         self.inconsistency: Inconsistency | None = None
         self.frame_size_px: tuple[int, int] | None = None  # of raw frames, where it is known
-
-    @property
-    def taught(self) -> TaughtWalls | None:
-        """What certified faces taught of walls in pictures whose shadows are left, or undone, as they are now."""
-        return self.walls.left if self.shadows is None else self.walls.undone
-
-    @taught.setter
-    def taught(self, lesson: TaughtWalls | None) -> None:
-        self.walls = replace(self.walls, **{"left" if self.shadows is None else "undone": lesson})
 
     def height_map(self, frame: Frame | Bytes) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
@@ -160,10 +141,6 @@ class Reconstructor:
             inconsistent=where,
         )
 
-    def _undone(self) -> LightField | None:
-        """The light whose shadows are undone: none in pictures of another light, whose nonsense takes minutes."""
-        return None if self.reference_match is not None and self.reference_match.other_light else self.shadows
-
     def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
         """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
         with self.turn.lock:
@@ -172,28 +149,14 @@ class Reconstructor:
 
     def _flagged(self, rgb: Bytes) -> Mapped:
         """As `_mapped`; a map that is deeper than the gel is thick says so."""
-        gel, before = self.sensor.gel, self.referenced.reference if self.referenced else None
-        with self.turn.lock:
-            law = WallLaw(self.readable, self.lean, taught=self.taught)
-            if (field := self._undone()) is None:
-                (surface, valid, std, flags), self.given_back = self._mapped(rgb, law=law), None
-            else:
-                (surface, valid, std, flags), self.given_back = undo_shadows(
-                    partial(self._mapped, law=replace(law, taught=None)),
-                    rgb,
-                    field,
-                    again=partial(self._mapped, law=replace(law, strict=False, taught=None)),
-                    taught=partial(self._mapped, law=replace(law, strict=False)) if law.taught else None,
-                    edges=lambda: self.evidence.edges if self.evidence else (),
-                    thickness_mm=gel.thickness_mm if gel else USUAL_THICKNESS_MM,
-                    reference=before.rgb if gel and before and before.marks is None else None,
-                )
+        gel = self.sensor.gel
+        surface, valid, std, flags = self._mapped(rgb, law=WallLaw(self.readable, self.taught))
         if gel is not None and surface.max() > gel.thickness_mm:
             flags = add(flags, (DEEPER,))
         if stands_out(surface) or (self.inconsistency is not None and self.inconsistency.flagged):
             flags = add(flags, (INCONSISTENT,))
-        if surface.max() > MIN_DEPTH_MM:
-            flags = add(flags, (SHADOW,) * self.keeps_shadows + (UNKNOWN_LAMPS,) * self.unknown_lamps)
+        if self.evidence and any(shades(edge) for edge in self.evidence.edges):
+            flags = add(flags, (SHADOW,))
         if self.error and self.evidence and self.error.hides_much(surface, self.evidence):
             flags = add(flags, (STEEP,))
         return surface, valid, std, flags
@@ -223,7 +186,7 @@ class Reconstructor:
         """As `_mapped`, gentle gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
         tiles = reader.read_tiles(rgb)
         walls: list[PunchEdge] = []
-        if tiles.steepest >= law.gentlest:
+        if tiles.steepest >= law.limit:
             walls = restore_windows(
                 tiles.fine, tiles.windows, valid=tiles.valid, mm_per_px=self.sensor.mm_per_px, law=law
             )
@@ -252,11 +215,7 @@ class Reconstructor:
         """
         if self.error is None or self.evidence is None:
             return {}
-        terms = self.error.terms_mm(height.depth_mm, self.evidence)
-        if self.given_back is not None:
-            every = self.error.every
-            terms["cast shadow"] = np.asarray(self.given_back[::every, ::every], np.float32)
-        return terms
+        return self.error.terms_mm(height.depth_mm, self.evidence)
 
     def look(self, pictures: Sequence[Frame | Bytes]) -> None:
         """See by rectified pictures, in order, whether the reference is theirs, and free; warn and flag if not."""
@@ -302,7 +261,7 @@ class Reconstructor:
 
     def _walls(self, slopes: SlopeMap, steepest: float, law: WallLaw) -> list[PunchEdge]:
         """The walls in `slopes`, which are restored there, in place."""
-        if not law.gentlest <= steepest < np.inf:
+        if not law.limit <= steepest < np.inf:
             return []
         walls = find_punch_edges(slopes, self.sensor.mm_per_px, law=law)
         restore(slopes, walls, mm_per_px=self.sensor.mm_per_px)

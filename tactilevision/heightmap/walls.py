@@ -22,7 +22,6 @@ from tactilevision.records.measured import Bools, Floats, Pair
 # And what walls of one sensor's pictures are found by.
 
 LEAN = 2.1  # 1/tan of 25 degrees: lamps of these sensors stand at 15 to 35
-GENTLER = 0.5  # of the limit, from which walls are told where nothing of them is steeper than it
 LEAST_MM = 1e-6  # mm: smaller changes of depth are carried as this one
 
 
@@ -30,22 +29,11 @@ LEAST_MM = 1e-6  # mm: smaller changes of depth are carried as this one
 class WallLaw:
     """How walls are found: `limit` is the steepest slope that is read reliably; infinite, and there are none.
 
-    `lean` of the lamps: 1/tan of their mean elevation. Not `strict`: also walls that the slopes outside do not
-    keep to, of a picture whose shadows are half undone. `taught` by certified faces of the sensor.
+    `taught` by certified faces of the sensor.
     """
 
     limit: float
-    lean: float = LEAN
-    strict: bool = True
     taught: TaughtWalls | None = None
-
-    @property
-    def gentlest(self) -> float:
-        """The slope that a wall shows somewhere, at least: a camera blurs even a steep one that is narrow.
-
-        Where shadows may be left these look like such walls, and only what is steeper than the limit is told.
-        """
-        return self.limit if self.strict else GENTLER * self.limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,7 +314,7 @@ def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, law: WallLaw) -> list
     """The walls round flat faces in `slopes` (H, W)."""
     edges = [
         fit_edge(circle, law, px=min(mm_per_px))
-        for circle in find_circular_edges(slopes, mm_per_px, limit=law.limit, gentlest=law.gentlest)
+        for circle in find_circular_edges(slopes, mm_per_px, limit=law.limit)
     ]
     return [edge if law.taught is None else edge.taught_by(law.taught) for edge in edges if edge is not None]
 
@@ -396,8 +384,7 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     mean, s = edge.slopes, edge.places_mm - edge.radius_mm
     known = np.isfinite(mean)
-    reaches_limit = edge.highest[known].max(initial=0.0) >= walls.limit
-    steep = known & ~(edge.highest < (walls.limit if reaches_limit else walls.gentlest))
+    steep = known & ~(edge.highest < walls.limit)
     if not steep.any():
         return None
     hidden, usual = float(s[steep].max()), max(FAR * edge.radius_mm, 8 * px)
@@ -406,9 +393,9 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
     if hidden > HIDDEN_SHARE * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
         return None
     std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + edge.std**2)[use]
-    law = Law(edge.radius_mm, px, far, wall_light(round(walls.lean, 2)), s[use])
+    law = Law(edge.radius_mm, px, far, wall_light(LEAN), s[use])
     unknown, covariance, off = law.fitted(mean[use], std)
-    if walls.strict and float(np.mean(np.square(off[s[use] > 0]))) > MAX_MISFIT[int(far > usual)]:
+    if float(np.mean(np.square(off[s[use] > 0]))) > MAX_MISFIT[int(far > usual)]:
         return None
     shift, reach = float(unknown[0]), hidden + px
     falls, fall, rate = law.falls(unknown, reach - shift)

@@ -213,6 +213,7 @@ def _system(white: WhitePress, joint: Joint, model: ProfileModel, rise_factor: f
 # (1973) 413; widening: White, Econometrica 48 (1980) 817, in clusters.
 
 START = 0.45  # Poisson's ratio at the start of the fit
+AT_END = 1e-4  # of nu: a solver stops this near to a bound
 AT_BOUND = 1e-3  # an estimate this near the table's lowest nu belongs to another model
 PINNED = 1e-6  # standard deviation of what is taken as known
 MIN_CLUSTERS = 4  # clusters of errors from which a robust covariance is taken
@@ -423,7 +424,7 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
     alone = theta[0] - scores[:, 0] / own_nu
     systematic = float(np.hypot(systematic, _trend(task.presses, alone, own_nu)))
     return SurfaceFit(
-        poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic),
+        poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic, task.model.poisson_range),
         names=NAMES,
         values=theta,
         covariance=covariance,
@@ -505,9 +506,11 @@ def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float
     return float(t.ppf(0.975, count - 1) * np.sqrt(spread[0, 0]))
 
 
-def _estimate(value: float, std: float, shown: float, systematic: float) -> Estimate:
+def _estimate(value: float, std: float, shown: float, systematic: float, bounds: tuple[float, float]) -> Estimate:
     half = float(np.hypot(max(1.96 * std, shown), 1.96 * systematic))
     low, high = max(value - half, 0.0), min(value + half, 0.5)
     if high - low > NO_ANSWER_WIDTH:
         return Estimate(None, None, (low, high), "1", "the rise beside the punch is lost in the noise of the maps")
+    if not bounds[0] + AT_END < value < bounds[1] - AT_END:
+        return Estimate(None, None, (low, high), "1", f"the fit lies at the bound of Poisson's ratio, {value:.4f}")
     return Estimate(float(value), half / 1.96, (low, high), "1")

@@ -15,7 +15,6 @@ from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import ColourChange, Planes, strips
 from tactilevision.photometric.cross_validation import LightLaw
 from tactilevision.photometric.drift import response_from_card
-from tactilevision.photometric.illumination.lamps import Lamps
 from tactilevision.photometric.markers import fill
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, TwoColourReader
 from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
@@ -29,7 +28,7 @@ from tactilevision.photometric.reference import (
     noise_bias,
 )
 from tactilevision.photometric.windows import Patch, Window, common, inside
-from tactilevision.records.certified import WallLessons
+from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Bytes, Floats
 
@@ -74,8 +73,8 @@ class CalibratedMethod:
 
     `relative_error` is the law's own held-out error as a part of the slope. `card` says what it was made from.
     `two_colours` read the pixels of which a colour is overexposed; None: nothing does, and they are not valid.
-    `light_law` says which colours slopes should have; None where no ball told it. `lamps` are where shadows come
-    from; None where they are not known. `walls` are what certified faces taught; None where there were none.
+    `light_law` says which colours slopes should have; None where no ball told it. `walls` are what certified
+    faces taught; None where there were none.
     Not thread-safe: buffers are reused; make one for each thread.
     """
 
@@ -86,8 +85,7 @@ class CalibratedMethod:
     card: MethodCard = field(default_factory=MethodCard)
     two_colours: TwoColourLaws | None = None
     light_law: LightLaw | None = None
-    lamps: Lamps | None = None
-    walls: WallLessons | None = None
+    walls: TaughtWalls | None = None
 
     def __post_init__(self) -> None:
         self.name = self.law.name

@@ -17,7 +17,6 @@ from tactilevision.files.opening import check_numbers, read_bytes
 from tactilevision.files.writing import as_json, pack_arrays, replacing, write_json
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.cross_validation import LightLaw
-from tactilevision.photometric.illumination.kept_lamps import SHAPES as LAMP_SHAPES, lamp_arrays, lamps_of
 from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.photometric.methods.lookup import CELLS, Lookup
@@ -27,39 +26,24 @@ from tactilevision.photometric.methods.two_colours import COLOURS, TwoColourLaws
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference, SlopeBackground, light_of
 from tactilevision.photometric.shading_law import TERMS
-from tactilevision.records.certified import TaughtWalls, WallLessons
+from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.measured import Floats
 
-# What certified faces taught of walls as the arrays of a method's file, and back.
+# What certified faces taught of walls as an array of a method's file, and back.
 
 WALL_NUMBERS = 8  # share, growth; their two variances and covariance; least and greatest depth in mm; scatter
-WALL_NAMES = {"left": "walls_left", "undone": "walls_undone"}  # by what became of cast shadows
-WALL_SHAPES: Mapping[str, tuple[int, ...]] = dict.fromkeys(WALL_NAMES.values(), (WALL_NUMBERS,))
 MAX_WALL_CHANGE = (
     3.0  # of what a wall hides: two thirds of a face are no wall's; light is then to be calibrated anew
 )
 
 
-def wall_arrays(walls: WallLessons) -> dict[str, Floats]:
-    """The numbers (8,) of each lesson by its name in the file, depths in mm; none where nothing was taught."""
-    lessons = {name: getattr(walls, key) for key, name in WALL_NAMES.items()}
-    return {
-        name: np.array([one.share, one.growth, *one.covariance, *one.limits_mm, one.scatter])
-        for name, one in lessons.items()
-        if one is not None
-    }
+def wall_numbers(walls: TaughtWalls) -> Floats:
+    """Return the numbers (8,) of what was taught, depths in mm."""
+    return np.array([walls.share, walls.growth, *walls.covariance, *walls.limits_mm, walls.scatter])
 
 
-def walls_of(arrays: Mapping[str, npt.NDArray[Any]], *, where: Path) -> WallLessons | None:
-    """The lessons of arrays (8,), finite, depths in mm; older files, and methods that no face taught, have none.
-
-    Raises InputError for numbers that no faces teach.
-    """
-    found = {key: _lesson(arrays[name], where) for key, name in WALL_NAMES.items() if name in arrays}
-    return WallLessons(**found) if found else None
-
-
-def _lesson(numbers: npt.NDArray[Any], where: Path) -> TaughtWalls:
+def taught_walls(numbers: npt.NDArray[Any], *, where: Path) -> TaughtWalls:
+    """Return what was taught from its numbers (8,). Raises InputError for numbers that no faces teach."""
     share, growth, of_share, of_growth, between, low, high, scatter = (float(one) for one in numbers)
     known = max(abs(share), abs(growth)) <= MAX_WALL_CHANGE and 0 < low <= high and scatter >= 0
     if not known or min(of_share, of_growth) < 0 or between**2 > of_share * of_growth:
@@ -92,8 +76,7 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
     "light_terms": (len(TERMS), COLOURS),
     "light_noise": (COLOURS, 0, 0),
     "light_limits": (2,),
-    **LAMP_SHAPES,
-    **WALL_SHAPES,
+    "walls": (WALL_NUMBERS,),
 }  # sides of each array; 0: any
 
 
@@ -121,10 +104,8 @@ def pack_method(method: ReferencedMethod) -> dict[str, bytes]:
         arrays |= {f"two_colours_{name}": values for name, values in method.two_colours.arrays().items()}
     if method.light_law is not None and np.isfinite(method.light_law.limit):
         arrays |= {f"light_{name}": values for name, values in method.light_law.arrays().items()}
-    if (lamps := getattr(method, "lamps", None)) is not None:
-        arrays |= lamp_arrays(lamps)
     if (walls := getattr(method, "walls", None)) is not None:
-        arrays |= wall_arrays(walls)
+        arrays["walls"] = wall_numbers(walls)
     numbers = pack_arrays(arrays, small=True)
     files = {".npz": numbers}
     entries: dict[str, Any] = {
@@ -202,10 +183,9 @@ def _method(
     law, error = _law(card, arrays, network, path), float(arrays["relative_error"])
     if error < 0:
         raise InputError("the method's relative error is negative", where=path, value=error)
-    lamps, walls = lamps_of(arrays, where=path), walls_of(arrays, where=path)
-    return CalibratedMethod(
-        law, reference, error, background, card, _two_colours(arrays), _light_law(arrays), lamps, walls
-    )
+    walls = taught_walls(arrays["walls"], where=path) if "walls" in arrays else None
+    laws = _two_colours(arrays), _light_law(arrays)
+    return CalibratedMethod(law, reference, error, background, card, *laws, walls)
 
 
 def _light_law(arrays: Mapping[str, npt.NDArray[Any]]) -> LightLaw | None:

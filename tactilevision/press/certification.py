@@ -14,7 +14,7 @@ from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.press.bevel_contact import DETECTION_CHI2, BevelContact, search_bevel_contacts
 from tactilevision.press.certificate import Certificate, certified_point, evidence_of, judge_point, press_curve
-from tactilevision.press.certified_faces import certified_of, doubt_of_scale, find_depth_scale
+from tactilevision.press.certified_faces import find_depth_scale, scale_warning
 from tactilevision.press.clock import (
     PressDepths,
     clock_jump_warnings,
@@ -84,9 +84,7 @@ def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
         if point.accepted and (touch := evidence[point.press].touch) is not None
     ]
     given = next((one.bevel_contact for one in events.values()), None)
-    doubt = doubt_of_scale(
-        measurements.recording, measurements.reconstructor, pairs=faces, certified=certified_of(points)
-    )
+    doubt = scale_warning(faces, [ball.ball_radius_mm for ball in measurements.recording.balls])
     askew = tilt_warning([evidence[point.press] for point in points if point.accepted])
     certificate = Certificate(
         points=points,
@@ -96,7 +94,7 @@ def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
         pile_ups=pile_ups,
         bevel_distance_mm=given.distance_mm if given else None,
         depth_scale=find_depth_scale(faces),
-        warnings=(*_warnings(measurements, events, pile_ups), *(said for said in (doubt, askew) if said)),
+        warnings=(*_warnings(measurements, events), *(said for said in (doubt, askew) if said)),
     )
     return _with_presses(certificate, measurements, evidence, findings)
 
@@ -191,9 +189,7 @@ def _evidence(
                 rest_s=measurements.rest_s[name], offset_s=measurements.offset_s)  # fmt: skip
 
 
-def _warnings(
-    measurements: RecordingMeasurements, events: Mapping[str, ContactTimes], pile_ups: Mapping[str, PileUp]
-) -> Iterator[str]:
+def _warnings(measurements: RecordingMeasurements, events: Mapping[str, ContactTimes]) -> Iterator[str]:
     yield from measurements.notes
     if measurements.offset.value is None:
         yield f"The clocks could not be aligned ({measurements.offset.why}); they are taken to agree."
@@ -216,15 +212,6 @@ def _warnings(
         yield (
             "The bevel's place is neither stated nor seen: depths are the machined heights, which may be "
             "too deep by up to 13 %."
-        )
-    contrary = [pile_up for pile_up in pile_ups.values() if pile_up.disagreement > 3]
-    if contrary:
-        seen, computed = contrary[0].seen, contrary[0].computed
-        assert seen is not None
-        assert computed is not None
-        yield (
-            f"The gel's rise at the bevel is {seen[0]:.3f} of the depth in the height map and {computed[0]:.3f} "
-            "as computed: they contradict each other, and the uncertainty of the depths was widened."
         )
 
 

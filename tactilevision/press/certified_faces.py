@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -15,14 +15,12 @@ from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.files.documents import cell_text, read_text
 from tactilevision.files.opening import read_cells
-from tactilevision.heightmap.lamps import find_lamps
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.shadows_seen import SEEN_SHARE, leave, share_seen, undo_by
 from tactilevision.heightmap.walls import PunchEdge, WallFace, teach
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
-from tactilevision.records.certified import CertifiedPoint, TaughtWalls, WallLessons
+from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import Footprint, HeightMap
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.rig import Indenter, Press
@@ -110,11 +108,6 @@ def read_certified(calibration: Path) -> tuple[Certified, ...]:
         if good and np.isfinite(time_s) and 0 < depth_mm < np.inf:
             found.append(Certified(cell_text(str(row.get("press"))), time_s, depth_mm))
     return tuple(found)
-
-
-def certified_of(points: Iterable[CertifiedPoint]) -> tuple[Certified, ...]:
-    """The accepted ones of a certificate's points."""
-    return tuple(Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted)
 
 
 def read_faces(
@@ -235,21 +228,16 @@ def scale_warning(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
     return "" if off is None else scale_question(off, len(_ratios(pairs)), radii_mm=radii_mm)
 
 
-def scale_question(off: float, faces: int, *, radii_mm: Sequence[float], shadows: str | None = None) -> str:
-    """What to ask where the picture's scale is `off`, a ratio, at so many gentle `faces`.
-
-    `shadows`: how they were read where it is known what cast shadows do to them; None: they may be the cause.
-    """
+def scale_question(off: float, faces: int, *, radii_mm: Sequence[float]) -> str:
+    """What to ask where the picture's scale is `off`, a ratio, at so many gentle `faces`."""
     stated = ", ".join(f"{radius:g}" for radius in sorted(set(radii_mm)))
     implied = ", ".join(f"{off * radius:.2f}" for radius in sorted(set(radii_mm)))
-    doubts = [
-        f"is the ball radius stated as {stated} mm really {implied}",
-        "has the light changed since the balls",
-    ]
-    doubts += ["do lamps cast shadows beside the faces"] if shadows is None else []
-    why = f"{', '.join(doubts[:-1])}, or {doubts[-1]}?" if stated else "balls of this sensor would mend it."
+    why = "balls of this sensor would mend it."
+    if stated:
+        why = f"is the ball radius stated as {stated} mm really {implied}, "
+        why += "has the light changed since the balls, or do lamps cast shadows beside the faces?"
     return (
-        f"Depth as the picture reads it{shadows or ''} is {100 * (off - 1):+.0f} % off what the bevel certifies "
+        f"Depth as the picture reads it is {100 * (off - 1):+.0f} % off what the bevel certifies "
         f"of {faces} gentle faces: {why}"
     )
 
@@ -328,7 +316,7 @@ def _disc(height: HeightMap, face: Footprint) -> np.ndarray[tuple[int, ...], np.
 #
 # A face's map says how deep it is read and how much of that its wall hides (certified_faces.py). With the
 # certified depth beside it, the two numbers of the wall's law come out (heightmap/walls.py). They belong
-# to the light, and all later frames of the sensor are read with them; shadows left or undone, each has its own.
+# to the light, and all later frames of the sensor are read with them.
 
 
 def teach_walls(reader: Reconstructor, faces: Sequence[CertifiedFace]) -> bool:
@@ -343,98 +331,12 @@ def teach_walls(reader: Reconstructor, faces: Sequence[CertifiedFace]) -> bool:
     return lesson is not None
 
 
-def with_walls(method: ReferencedMethod, walls: WallLessons) -> ReferencedMethod:
+def with_walls(method: ReferencedMethod, walls: TaughtWalls | None) -> ReferencedMethod:
     """The method with what its reader knows of `walls`; itself where that is what it knows already."""
-    known = getattr(method, "walls", None) or WallLessons()
+    known = getattr(method, "walls", None)
     return method if walls == known else replace(cast(CalibratedMethod, method), walls=walls)
 
 
 def with_scatter(scale: DepthScale | None, walls: TaughtWalls) -> DepthScale | None:
     """The scale of faces that taught their `walls`, too: they scatter no less than faces elsewhere."""
     return None if scale is None else replace(scale, scatter=max(scale.scatter, walls.scatter))
-
-
-# Why the camera's scale of depth is off at gentle faces: by the balls' radius, or by shadows that lamps cast?
-#
-# A wrong radius makes all depths wrong alike, shadows beside the faces make them too deep, and both may cancel. So
-# some of the faces are read once more with shadows undone, where the frames show any. On two sensors of a renderer
-# that shares no code with the library, lamps at 13 to 30 degrees, gentle faces then read 3 % too shallow at most,
-# and 12 % where balls are stated 10 % too large; with their shadows they read 8 % too deep and 5 % too shallow, or
-# at random.
-
-FACES = 5  # faces that are read again, spread over depth: each takes a second
-
-
-@dataclass(frozen=True, slots=True)
-class Undone:
-    """Whether frames show cast shadows, None: it cannot be told; faces (read, certified), mm, without them."""
-
-    shows: bool | None
-    pairs: tuple[Pair, ...] = ()
-
-
-def doubt_of_scale(
-    recording: Recording, reconstructor: object, *, pairs: Sequence[Pair], certified: Sequence[Certified]
-) -> str:
-    """As `scale_warning` of gentle faces in `pairs` (seen, certified), mm, but with shadows told from the radius.
-
-    `certified` are the presses that they belong to. The reconstructor leaves shadows as they were.
-    """
-    radii = [ball.ball_radius_mm for ball in recording.balls]
-    said, off = scale_warning(pairs, radii), scale_off(pairs)
-    if off is None or not radii or not isinstance(reconstructor, Reconstructor):
-        return said
-    undone = without_shadows(recording, reconstructor, certified=certified, seen=False)
-    if undone.shows is None or len(undone.pairs) < (MIN_COUNT if undone.shows else 0):
-        return said
-    if not undone.shows:
-        return scale_question(off, len(pairs), radii_mm=radii, shadows="")
-    left = scale_off(undone.pairs)
-    if left is not None:
-        return scale_question(left, len(undone.pairs), radii_mm=radii, shadows=" without cast shadows")
-    return (
-        f"Depth as the picture reads it is {100 * (off - 1):+.0f} % off what the bevel certifies of gentle faces: "
-        "lamps cast shadows beside them. Without these it is not, so the balls' radius stands; `depth` and "
-        "`force` undo them."
-    )
-
-
-def doubt_beside_shadows(
-    recording: Recording, reconstructor: Reconstructor, *, certified: Sequence[Certified]
-) -> str:
-    """A sentence where gentle faces are off once shadows, which may hide it, are undone; "" where not."""
-    radii = [ball.ball_radius_mm for ball in recording.balls]
-    undone = without_shadows(recording, reconstructor, certified=certified, seen=True) if radii else Undone(None)
-    off = scale_off(undone.pairs)
-    if off is None:
-        return ""
-    return scale_question(off, len(undone.pairs), radii_mm=radii, shadows=" without cast shadows")
-
-
-def without_shadows(
-    recording: Recording, reconstructor: Reconstructor, *, certified: Sequence[Certified], seen: bool
-) -> Undone:
-    """FACES gentle faces of `certified` presses with cast shadows undone, where the frames show some.
-
-    `seen`: they are known to.
-    """
-    gentle = sorted((one for one in certified if one.depth_mm <= GENTLE_MM), key=lambda one: one.depth_mm)
-    if not gentle or reconstructor.shadows is not None:
-        return Undone(None)
-    some = [gentle[k] for k in np.unique(np.linspace(0, len(gentle) - 1, FACES).astype(int))]
-    kept = reconstructor.keeps_shadows
-    try:
-        lamps = find_lamps(recording, reconstructor)
-        if lamps is None or lamps.doubtful:
-            return Undone(None)
-        if seen:
-            undo_by(reconstructor, lamps)
-        elif (share := share_seen(recording, reconstructor)) is None or not share > SEEN_SHARE:
-            return Undone(None if share is None else False)
-        faces = read_faces(recording, reconstructor, certified=some)
-        return Undone(True, tuple((one.as_taught(None), one.certified_mm) for one in faces))
-    except TactilevisionError:  # a torn frame; the certificate names it
-        return Undone(None)
-    finally:
-        leave(reconstructor)
-        reconstructor.keeps_shadows = kept

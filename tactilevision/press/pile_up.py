@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,11 +14,12 @@ from tactilevision.mechanics.tables.punch import profile_model
 from tactilevision.mechanics.touch import touch_depth
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.method import as_referenced
-from tactilevision.press.bevel_contact import DETECTION_CHI2, ContactEvent
+from tactilevision.press.bevel_contact import ContactEvent
 from tactilevision.press.contact_times import ContactTimes
 from tactilevision.press.track import GRID_MM, PressTrack
 from tactilevision.records.certified import EdgeDrop, EdgeProfile
-from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.constants import NU_MAX, NU_SILICONE
+from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel, Indenter
 
 # What the slopes behind a depth may be off by, as the photometric method's card states it.
@@ -78,11 +80,11 @@ def _relative_error(method: object) -> float:
 # outer one (mm), less what the free gel shows there; from frames of about the touch's depth, each carried to it in
 # proportion.
 
-RINGS = 4  # between the nearest and the farthest distance
+RINGS = 6  # between the nearest and the farthest distance
 NEAREST_MM = 0.4  # mm beside the edge: nearer is the wall, its ink and the blur
 NEAREST_PX = 4.0  # pixels beside the edge: nearer is the wall, its ink and the blur
 NEAREST = 0.16  # of the radius, beside the edge, where the first ring begins
-FARTHEST = 0.5  # of the radius, beside the edge, where the last ring ends
+FARTHEST = 1.0  # of the radius, beside the edge, where the last ring ends
 BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are left out, lest the bevel's dent be read
 NEAR = 0.15  # of the event's depth: frames this near to it are read
 FREE = 0.05  # of the event's depth: shallower frames show the free gel
@@ -141,41 +143,23 @@ def _azimuths(side: str) -> Iterator[int]:
 #
 #     touch:  w + u_z(r_bevel, w) = H        rho = u_z / w  (positive out of the gel)      w = H / (1 + rho)
 #
-# Seen: rho is the slope of the rise against the depth of the face over the frames before the touch. The rise comes
-# from the height map, the depth from the force, in the scale that the bevels certify. A slope is free of the zero
-# plane. Without tilt the rise is the same all round, so the mean over a ring is taken. Its uncertainty holds the
-# scatter of the ring's quarters, the error of the map's depth scale on the faces, and the map's own error at the
-# ring. Computed: the profile beside a flat punch on a bonded layer, for what is known of the gel's Poisson ratio.
-#
-# The two are checked against each other and combined by their variances. Where the bevel's place is neither given
-# nor seen, w = H is kept with what that may be wrong. Source:
-# docs/explanation/physics.md, "The bevel touches early".
+# By the profile around a flat punch on a bonded layer, for what is known of the gel's Poisson ratio. Where the
+# bevel's place is neither given nor found, or the gel is not described, w = H is kept with what that may be wrong.
+# Source: docs/explanation/physics.md, "The bevel touches early".
 
-_HALF_RING_MM = 0.3  # mm, half the width of the ring in which the rise is read; benchmarks.certificate
-_SOFT_GEL = (0.45, 0.4999)  # Poisson's ratio of silicones and the like, where nothing is said of the gel
 _SINKS = 1.4  # of the radius, within which the gel sinks in
 _SUNK = 1.5  # of the height, the depth at touch where the gel sinks in
+SILICONE_STD = (NU_SILICONE[1] - NU_SILICONE[0]) / math.sqrt(12)  # of their Poisson's ratios
 _STATED_STD = 0.01  # of a Poisson's ratio stated without one
 _UNKNOWN = (0.0, 0.13)  # the rise over the depth anywhere beyond 1.3 radii, for any such gel
 
 
 @dataclass(frozen=True, slots=True)
 class PileUp:
-    """rho at the bevel's edge and its std, and what it rests on: seen and computed (ratio, std), None if not
-    known.
-    """
+    """rho at the bevel's edge and its std."""
 
     ratio: float
     std: float
-    seen: tuple[float, float] | None = None
-    computed: tuple[float, float] | None = None
-
-    @property
-    def disagreement(self) -> float:
-        """Sigmas between what is seen and what is computed."""
-        if self.seen is None or self.computed is None:
-            return 0.0
-        return abs(self.seen[0] - self.computed[0]) / float(np.hypot(self.seen[1], self.computed[1]))
 
 
 def unknown_pile_up() -> PileUp:
@@ -183,77 +167,16 @@ def unknown_pile_up() -> PileUp:
     return PileUp(0.0, (_UNKNOWN[1] - _UNKNOWN[0]) / float(np.sqrt(3)))
 
 
-def press_pile_up(
-    track: PressTrack, depth_mm: Floats, *, before: Bools, distance_mm: float
-) -> tuple[Floats, Floats] | None:
-    """rho (4,) of the quarters of the ring and its std, from one press; `depth_mm` (N,), `before` the touch
-    (N,).
-    """
-    ring = np.abs(track.r_mm - distance_mm) <= _HALF_RING_MM
-    use = before & np.isfinite(depth_mm)
-    if use.sum() < 4 or not ring.any() or np.ptp(depth_mm[use]) <= 0:
-        return None
-    depth = depth_mm[use]
-    level = track.rings[use][:, :, ring].mean(axis=2)
-    unseen = ~np.isfinite(level).all(axis=0)
-    level = np.where(np.isfinite(level), level, 0.0)
-    design = np.c_[np.ones_like(depth), depth]
-    answer, *_ = np.linalg.lstsq(design, level, rcond=None)
-    spread = (level - design @ answer).std(axis=0) / np.sqrt(((depth - depth.mean()) ** 2).sum())
-    return np.where(unseen, np.nan, -answer[1]), np.where(unseen, np.nan, spread)
-
-
-def map_error(track: PressTrack, depth_mm: Floats, *, distance_mm: float) -> float:
-    """What the deepest height map may be off by all round the ring, over the depth `depth_mm` (N,) there; NaN
-    where the map does not say.
-
-    A colour law that misreads gentle slopes does so all round and in every press: no scatter shows it.
-    """
-    height, face, deepest = track.face_map, track.footprint, float(depth_mm[track.deepest])
-    if height.std_mm is None or face is None or not deepest > 0:
-        return float("nan")
-    rows, columns = height.depth_mm.shape
-    x = (np.arange(columns) - (columns - 1) / 2) * height.mm_per_px[0] - face.centre_mm[0]
-    y = (np.arange(rows) - (rows - 1) / 2) * height.mm_per_px[1] - face.centre_mm[1]
-    ring = np.abs(np.hypot(x[None, :], y[:, None]) - distance_mm) <= _HALF_RING_MM
-    std = np.asarray(height.std_mm, dtype=np.float64)[ring & height.valid]
-    std = std[np.isfinite(std)]
-    return float(std.mean()) / deepest if std.size else float("nan")
-
-
-def seen_ratio(
-    found: Sequence[tuple[Floats, Floats]], *, scale_std: float, map_std: float = 0.0
-) -> tuple[float, float] | None:
-    """One rho and its std from ratios (4,) and stds (4,) of many presses.
-
-    `scale_std` is the relative uncertainty of the height map's scale, `map_std` what its rise may be off by over
-    the depth.
-    """
-    if not found:
-        return None
-    ratios, stds = np.array([f[0] for f in found]), np.array([f[1] for f in found])
-    weights = np.where(np.isfinite(ratios), 1 / np.maximum(stds, 1e-4) ** 2, 0.0)
-    total = weights.sum(axis=0)
-    seen = total > 0
-    if seen.sum() < 2:
-        return None
-    quarters = (np.where(np.isfinite(ratios), ratios, 0.0) * weights).sum(axis=0)[seen] / total[seen]
-    value = float(quarters.mean())
-    # the quarters err by what the method has wrong in each direction, which more presses do not mend
-    spread = float(quarters.std(ddof=1) / np.sqrt(seen.sum()))
-    return value, float(np.sqrt(spread**2 + 1 / total[seen].sum() + (scale_std * value) ** 2 + map_std**2))
-
-
-def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> tuple[float, float] | None:
-    """rho and its std from the layer's profile and what is known of Poisson's ratio."""
+def computed_pile_up(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> PileUp | None:
+    """Return the rise by the layer's profile and what is known of Poisson's ratio."""
     if gel is None or indenter.height_mm is None or not distance_mm > indenter.radius_mm:
         return None
     nu, nu_std = gel.poisson_ratio, gel.poisson_ratio_std or _STATED_STD
     if nu is None:
-        nu, nu_std = 0.5 * sum(_SOFT_GEL), (_SOFT_GEL[1] - _SOFT_GEL[0]) / float(np.sqrt(12))
+        nu, nu_std = 0.5 * sum(NU_SILICONE), SILICONE_STD
     if not 0 < indenter.height_mm < 0.25 * gel.thickness_mm:
         return None
-    nu, h = min(nu, 0.4999), gel.thickness_mm
+    nu, h = min(nu, NU_MAX), gel.thickness_mm
     # near a punch, which the gel sinks in with, the depth at touch may exceed the height
     deepest = indenter.height_mm * (_SUNK if distance_mm < _SINKS * indenter.radius_mm else 1.0)
     model = profile_model(nu, indenter.radius_mm / h, deepest=deepest / h)
@@ -264,26 +187,15 @@ def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -
         poisson_ratio_std=nu_std,
         model=model,
     )
-    return touch.rise_over_depth, touch.rise_over_depth_std
+    return PileUp(touch.rise_over_depth, touch.rise_over_depth_std)
 
 
 def blur_place(pile_up: PileUp, gel: Gel | None, *, indenter: Indenter, distance_mm: float) -> PileUp:
     """The rise with what it may be off by where the bevel's place was found, to about its window."""
-    near, far = (computed_ratio(gel, indenter, distance_mm=distance_mm + sign * EDGE_MM) for sign in (-1, 1))
+    near, far = (computed_pile_up(gel, indenter, distance_mm=distance_mm + sign * EDGE_MM) for sign in (-1, 1))
     if near is None or far is None:
         return pile_up
-    return replace(pile_up, std=float(np.hypot(pile_up.std, 0.5 * (near[0] - far[0]))))
-
-
-def combine(seen: tuple[float, float] | None, computed: tuple[float, float] | None) -> PileUp:
-    """By inverse variance; where they contradict each other the std grows until they do not."""
-    if seen is None or computed is None:
-        known = seen or computed
-        return unknown_pile_up() if known is None else PileUp(known[0], known[1], seen, computed)
-    weights = np.array([1 / seen[1] ** 2, 1 / computed[1] ** 2])
-    value = float(np.average([seen[0], computed[0]], weights=weights))
-    apart = abs(seen[0] - computed[0]) / float(np.hypot(seen[1], computed[1]))
-    return PileUp(value, float(max(apart, 1.0) / np.sqrt(weights.sum())), seen, computed)
+    return replace(pile_up, std=float(np.hypot(pile_up.std, 0.5 * (near.ratio - far.ratio))))
 
 
 def depth_std(
@@ -304,78 +216,17 @@ def depth_std(
     return float(np.linalg.norm([height_std_mm / (1 + pile_up.ratio), from_pile_up, tilt_std_mm]))
 
 
-# Pile-up at the bevel's edge for every press: seen in all presses of its bevel, computed for its own depth.
-
-_MAX_GROWTH = 1.25  # of the rise over the depth, between depths up to a quarter of the gel; mechanics.touch
-UNKNOWN_SCALE_STD = 0.25  # relative std of the map's scale where no event tells it
-
-
 def press_pile_ups(events: Mapping[str, ContactTimes], gel: Gel | None) -> dict[str, PileUp]:
-    """Pile-up of each press that was searched, by label.
-
-    The rise over the depth changes with the depth. Beside a punch of 2.5 mm with its bevel at 5 mm on 3 mm of gel
-    it grows by 8 to 9 % of itself from .15 to .6 mm; elsewhere by less, or it falls. What presses of one radius
-    show together is carried to the depth of each by the computed ratio.
-    """
-    computed = {name: _computed(one, gel) for name, one in events.items()}
-    seen, scale_std, map_std = _seen(events)
+    """Return the pile-up at the bevel's edge of each press that was searched, by label."""
     pile_ups = {}
     for name, one in events.items():
         distance, indenter = one.bevel_contact.distance_mm, one.bevel_contact.press_signal.track.indenter
-        if distance is None or not indenter.height_mm:
+        at_mm = math.nan if distance is None else mean_distance_mm(distance)
+        pile_up = computed_pile_up(gel, indenter, distance_mm=at_mm)
+        if pile_up is None:
             pile_ups[name] = unknown_pile_up()
-            continue
-        at_depth = [
-            (ratio * _growth(computed[name], computed[other]), std)
-            for other, (ratio, std) in seen.get((distance, indenter.radius_mm), {}).items()
-        ]
-        pile_up = combine(seen_ratio(at_depth, scale_std=scale_std, map_std=map_std), computed[name])
-        given, beside = one.bevel_contact.distance_given, mean_distance_mm(distance)
-        pile_ups[name] = pile_up if given else blur_place(pile_up, gel, indenter=indenter, distance_mm=beside)
+        elif one.bevel_contact.distance_given:
+            pile_ups[name] = pile_up
+        else:
+            pile_ups[name] = blur_place(pile_up, gel, indenter=indenter, distance_mm=at_mm)
     return pile_ups
-
-
-def _computed(one: ContactTimes, gel: Gel | None) -> Pair | None:
-    """The computed rise over the depth of a press and its std; None where the gel or the bevel is not known."""
-    distance = one.bevel_contact.distance_mm
-    if distance is None:
-        return None
-    indenter = one.bevel_contact.press_signal.track.indenter
-    return computed_ratio(gel, indenter, distance_mm=mean_distance_mm(distance))
-
-
-def _growth(here: Pair | None, there: Pair | None) -> float:
-    """The rise over the depth of one press over another's, as computed; 1 where that is not known.
-
-    A ratio beyond _MAX_GROWTH is of two models, or lies near the place where the gel neither rises nor sinks: it
-    tells nothing, and 1 is taken.
-    """
-    if here is None or there is None or there[0] == 0:
-        return 1.0
-    growth = here[0] / there[0]
-    return growth if 1 / _MAX_GROWTH <= growth <= _MAX_GROWTH else 1.0
-
-
-def _seen(
-    events: Mapping[str, ContactTimes],
-) -> tuple[dict[Pair, dict[str, tuple[Floats, Floats]]], float, float]:
-    """Ratios (4,) and stds (4,) of single presses by the bevel's distance and the punch's radius (mm) and by
-    label, std of the scale, error of the map.
-    """
-    ratios: dict[Pair, dict[str, tuple[Floats, Floats]]] = {}
-    scales, errors = [], []
-    for name, one in events.items():
-        distance, press_signal = one.bevel_contact.distance_mm, one.bevel_contact.press_signal
-        if one.touch is None or one.touch.onset.gain <= DETECTION_CHI2 or distance is None:
-            continue
-        indenter = press_signal.track.indenter
-        scales += [one.touch.depth_seen_mm / indenter.height_mm] if indenter.height_mm else []
-        beside = mean_distance_mm(distance)
-        before = press_signal.use & (press_signal.drive < one.touch.onset.at)
-        single = press_pile_up(press_signal.track, press_signal.drive, before=before, distance_mm=beside)
-        if single is not None:
-            ratios.setdefault((distance, indenter.radius_mm), {})[name] = single
-            errors.append(map_error(press_signal.track, press_signal.drive, distance_mm=beside))
-    scale_std = float(np.sqrt(np.mean((np.array(scales) - 1) ** 2))) if scales else UNKNOWN_SCALE_STD
-    known = [error for error in errors if np.isfinite(error)]
-    return ratios, scale_std, float(np.median(known)) if known else 0.0

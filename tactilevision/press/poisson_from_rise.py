@@ -13,25 +13,19 @@ import numpy.typing as npt
 
 from tactilevision.contact.bevel import SIDES
 from tactilevision.errors import InputError, TactilevisionError
-from tactilevision.heightmap.lamps import find_lamps
-from tactilevision.heightmap.lit_slopes import LitSlopes, lit_slopes
 from tactilevision.heightmap.poisson import integrate_half_squares
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
-from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.mechanics.surface_view import SurfaceView
-from tactilevision.photometric.illumination.cast_shadow import LightField
-from tactilevision.photometric.illumination.lamps import Lamps
 from tactilevision.press.certificate import Certificate
-from tactilevision.press.certified_faces import certified_of, doubt_beside_shadows
-from tactilevision.press.pile_up import blur_place, combine, computed_ratio, depth_std, ring_gain_std
+from tactilevision.press.pile_up import SILICONE_STD, blur_place, computed_pile_up, depth_std, ring_gain_std
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
 from tactilevision.records.certified import CertifiedPoint
-from tactilevision.records.maps import MEANING, UNKNOWN_LAMPS, Footprint, SlopeMap
+from tactilevision.records.constants import Z95
+from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Curve, Estimate, Floats, Pair
-from tactilevision.records.rig import Indenter
+from tactilevision.records.rig import SHADOW_ZONE, Indenter, ShadowZone
 
 # The gel beside a punch as a surface of its own, from slopes alone.
 #
@@ -76,14 +70,16 @@ def surface_view(
     mm_per_px: Pair,
     shape: tuple[int, ...],
     name: str,
+    clear_mm: float = 0.0,
 ) -> SurfaceView:
-    """The surface (h, w) beside a punch at `centre_mm` of the pad, from pictures of `shape` (H, W).
+    """Return the surface (h, w) around a punch at `centre_mm` of the pad, from pictures of `shape` (H, W).
 
-    `mm_per_px` (x, y) of those; `depth_std_mm` of the depth that the slopes state.
+    `mm_per_px` (x, y) of those; `depth_std_mm` of the depth that the slopes state. Gel within `clear_mm` of the
+    punch's edge is not used.
     """
     half = tuple(mm * n / m for mm, n, m in zip(mm_per_px, shape[::-1], slopes.share.shape[::-1], strict=True))
     x, y = _places(slopes.share.shape, half, centre_mm)
-    share = np.where(np.hypot(x, y) > indenter.radius_mm + WALL_MM, slopes.share, 0.0)
+    share = np.where(np.hypot(x, y) > indenter.radius_mm + max(WALL_MM, clear_mm), slopes.share, 0.0)
     depth, beside = integrate_half_squares(
         slopes.dz_dx, slopes.dz_dy, share=share, least=SOUND, mm_per_px=(half[0], half[1])
     )
@@ -115,19 +111,14 @@ def _places(shape: tuple[int, ...], mm: Sequence[float], centre_mm: Pair) -> tup
     return np.asarray(x, np.float64), np.asarray(y, np.float64)
 
 
-# Do lamps cast shadows beside the punch? The fall of the gel over the depth tells, without knowing any lamp.
+# Do lamps cast shadows around the punch? The fall of the gel over the depth shows it, without any lamp known.
 #
 #     f = (z at .5 to .9 mm beyond the edge - z at 1.3 to 1.8 mm) / depth
 #
 # is nearly one number for all depths: finite elements and pictures without shadows have it grow by an eighth from
 # .14 to .56 mm. The wall of a pressed face throws the shadow of low lamps onto just that gel, the farther the
 # deeper it stands; slopes read there are too steep, and f grows by a half and more. A line through f against
-# depth, with the scatter of the presses about it, decides.
-#
-# What it does to Poisson's ratio when nothing is done: too low by .02 to .04, and Young's modulus 5 to 20 % too
-# high (renderings of others and a path tracer's). Read from the places alone that all lamps reach, without the
-# light that the wall sends there, nu was .0025 off (rms) on seven sets of the path tracer, up to .0062 in single
-# frames.
+# depth, with the scatter of the presses about it, decides on a flag; nu is read beyond shadows anyway.
 
 FLAG = "cast_shadow"
 NEAR_MM = (0.5, 0.9)  # mm beyond the edge, where walls and their blur end
@@ -137,8 +128,6 @@ MIN_SIGMA = 4.0  # deviations of the growth, by the scatter of the presses
 MIN_PRESSES = 4  # fewer tell no scatter
 MIN_SPAN = 1.5  # deepest over gentlest: less shows no growth
 MIN_COUNT = 20  # squares of gel in either ring
-LIT_NU_STD = 0.003  # of nu, read where all lamps reach: .0025 rms on sets of `train`; docs/evidence/rendered.md
-NU_STD = 0.03  # of nu, where shadows are seen and cannot be left out; by the renderings above
 
 
 def fall_growth(views: Sequence[SurfaceView]) -> tuple[float, float]:
@@ -177,15 +166,21 @@ def _ring(view: SurfaceView, beyond: Floats, limits: tuple[float, float]) -> flo
     return float(view.depth_mm[inside].mean()) if np.count_nonzero(inside) >= MIN_COUNT else np.nan
 
 
-# Poisson's ratio from the gel's rise beside each accepted punch, read apart from the punch's walls.
+# Poisson's ratio from the gel's rise around each accepted punch, read where every lamp reaches.
 #
-# A height map reaches the gel beside a punch over walls that are too steep to be read, and what is missing there
-# leaks into all of it. Here the slopes alone are taken, averaged over the frames near the event and integrated
-# with the face and its walls left out (surface_beside_punch.py). Level and tilt are then open, which a fit of the
-# rise does not mind. The depth is the certified one, carried to each frame by the press's curve.
+# A height map reaches the gel over walls that are too steep to be read, and what is missing there leaks into all
+# of it. Here slopes alone are averaged over the frames near the event and integrated without the face and the gel
+# that its wall may shade:
 #
-# Known of the map: its gain from balls that were held out, and a light that drifts unevenly, which the gel's
-# gentle slopes are taken for in part: it leaves a bowl, which is fitted along.
+#     r > a + K w,    K = 1/tan(elevation of the lowest lamp)
+#
+# a the radius, w the certified depth, carried to each frame by the press's curve. How nu changes with K is part of
+# its deviation:
+#
+#     std^2 = std_fit^2 + (dnu/dK std_K)^2,    dnu/dK std_K = (nu(K + std_K) - nu(K - std_K))/2
+#
+# Level and tilt of the surface are open, which a fit of the rise does not mind. Known of the map: its gain from
+# balls that were held out, and a light that drifts unevenly: it leaves a bowl, which is fitted along.
 
 FRAMES = 8  # a press: more no longer lower what is left, which all frames share; benchmarks.nu_from_frames
 NEAR = 0.15  # of the depth: frames this near to the event show one surface on another scale
@@ -193,15 +188,40 @@ MAP_OFF = 0.1  # of the depth: pictures that are farther from the force's have l
 FORCE_POWER = 1.1  # of the depth, as which the force grows near .1 of the thickness: 1 + beta w/h
 GUARD = 0.4  # thicknesses beside the edge, where the edge's radius and the wall's blur reach
 BOWL_STD_PER_MM = 3e-4  # slope per mm, one sigma: three thousandths of slope at 10 mm
-MAX_NU = 0.4999  # of a gel
-INTERVAL = 1.96  # deviations to either end of a 95 % interval
 STATED_STD = 0.005  # of a Poisson's ratio stated without one
+UNKNOWN_STD = 0.02  # of a depth whose deviation is not known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PressSlopes:
+    """Mean slopes of one accepted press near its event, and where its punch stands: `centre_mm` on the pad."""
+
+    point: CertifiedPoint
+    indenter: Indenter
+    centre_mm: Pair
+    slopes: SquareSlopes
+    mm_per_px: Pair
+    shape: tuple[int, ...]
+
+    def view(self, reach: float) -> SurfaceView:
+        """Return the surface farther than `reach` depths beyond the punch's edge."""
+        depth, std = self.point.depth_mm, self.point.depth_std_mm
+        return surface_view(
+            self.slopes,
+            self.indenter,
+            centre_mm=self.centre_mm,
+            depth_std_mm=std if np.isfinite(std) else UNKNOWN_STD * depth,
+            mm_per_px=self.mm_per_px,
+            shape=self.shape,
+            name=self.point.press,
+            clear_mm=reach * depth,
+        )
 
 
 def fit_nu(
     recording: Recording, reconstructor: Reconstructor, *, views: Sequence[SurfaceView]
 ) -> SurfaceFit | None:
-    """Poisson's ratio from the gel beside the accepted presses; None where none shows it or the gel is unknown."""
+    """Fit Poisson's ratio to the surfaces of the presses; None where no profile reaches any of them."""
     gel = recording.sensor.gel
     if gel is None or not views:
         return None
@@ -218,103 +238,84 @@ def fit_nu(
         return None
 
 
-def with_nu(
-    recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate
-) -> tuple[Certificate, Estimate | None]:
-    """fit_nu, and the certificate with depths that follow it where nothing better is stated of the gel.
+def nu_beyond_shadows(
+    recording: Recording, reconstructor: Reconstructor, *, presses: Sequence[PressSlopes], zone: ShadowZone
+) -> tuple[Estimate, tuple[str, ...]]:
+    """Return Poisson's ratio from gel that no wall can shade, and the presses that were not used.
 
-    Where the gel beside the punch shows cast shadows it is read from the places that all lamps reach, and the
-    certificate is flagged.
+    Without a value where too little gel is in view, where noise hides the rise, and where the fit ends at a bound.
+    """
+    fits = [
+        fit_nu(recording, reconstructor, views=[press.view(reach) for press in presses])
+        for reach in (zone.reach, zone.reach - zone.reach_std, zone.reach + zone.reach_std)
+    ]
+    if fits[0] is None:
+        why = f"no gel that the profiles reach is in view beyond {zone.reach:.1f} depths of a punch's edge"
+        return Estimate(None, None, None, "1", why), ()
+    nu, unused = fits[0].poisson_ratio, fits[0].left_out
+    if nu.value is None or nu.std is None:
+        return nu, unused
+    values = [float(fit.values[0]) for fit in fits if fit is not None]
+    change = 0.5 * float(np.ptp(values[1:])) if len(values) == len(fits) else float(np.ptp(values))
+    std = math.hypot(nu.std, change)
+    low, high = nu.value - Z95 * std, nu.value + Z95 * std
+    return replace(nu, std=std, interval95=(max(low, 0.0), min(high, 0.5))), unused
+
+
+def with_nu(
+    recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate, zone: ShadowZone = SHADOW_ZONE
+) -> tuple[Certificate, Estimate | None]:
+    """Return the certificate with depths that follow nu_beyond_shadows where nothing better is known of the gel.
+
+    And that nu; None where no press can show it. The certificate is flagged where the gel around the punches falls
+    the more steeply over depth the deeper they stand: lamps cast shadows there.
     """
     gel = recording.sensor.gel
-    views = surfaces_beside_punch(recording, reconstructor, certificate=certificate) if gel is not None else []
-    found = fit_nu(recording, reconstructor, views=views)
-    if found is None or gel is None:
+    presses = press_slopes(recording, reconstructor, certificate=certificate) if gel is not None else []
+    if gel is None or not presses:
         return certificate, None
-    growth = fall_growth(views)
+    nu, unused = nu_beyond_shadows(recording, reconstructor, presses=presses, zone=zone)
+    growth = fall_growth([press.view(0.0) for press in presses])
+    warnings, flags = certificate.warnings, certificate.flags
     if shows_shadow(*growth):
-        found, said = _out_of_shadow(found, recording, reconstructor, certificate=certificate)
-        seen = (
-            f"The fall of the gel beside the punch over depth grows by {growth[0]:.0%}: lamps cast shadows there."
+        flags = (*flags, FLAG)
+        warnings = (
+            *warnings,
+            f"The fall of the gel around the punch over depth grows by {growth[0]:.0%}: lamps cast shadows there. "
+            f"nu is read from gel farther than {zone.reach:.1f} depths beyond the edge, which all of them reach.",
         )
-        told = [f"{seen} {said}"]
-        if not any("gentle faces" in line for line in certificate.warnings):
-            certified = certified_of(certificate.points)
-            told.append(doubt_beside_shadows(recording, reconstructor, certified=certified))
-        certificate = replace(
-            certificate, warnings=(*certificate.warnings, *filter(None, told)), flags=(*certificate.flags, FLAG)
-        )
-    if found.left_out:
-        left_out = f"The gel beside presses {', '.join(found.left_out)} lies beyond the profiles: not used for nu."
-        certificate = replace(certificate, warnings=(*certificate.warnings, left_out))
-    stated = math.inf if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_STD
-    if (found.poisson_ratio.std or math.inf) > stated:
-        return certificate, found.poisson_ratio
-    return with_pile_up(certificate, recording, poisson_ratio=found.poisson_ratio), found.poisson_ratio
-
-
-def _out_of_shadow(
-    plain: SurfaceFit, recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate
-) -> tuple[SurfaceFit, str]:
-    """The fit to what all lamps reach, else the plain one with what shadows may do to it; and which, in words."""
-    lamps = find_lamps(recording, reconstructor)
-    if lamps is not None and not lamps.doubtful:
-        views = surfaces_beside_punch(recording, reconstructor, certificate=certificate, lamps=lamps)
-        found = fit_nu(recording, reconstructor, views=views)
-        if found is not None:
-            wider = replace(found, poisson_ratio=_widened(found.poisson_ratio, LIT_NU_STD))
-            said = _without(plain, found, recording)
-            return wider, f"nu is read from the places that all lamps reach.{said}"
-    nu = plain.poisson_ratio
-    if nu.value is not None and nu.std is not None and nu.interval95 is not None:
-        low, high = nu.interval95
-        nu = replace(nu, std=math.hypot(nu.std, NU_STD), interval95=(low, min(high + 2 * NU_STD, MAX_NU)))
-    why = "" if lamps is None else f" {UNKNOWN_LAMPS}: {MEANING[UNKNOWN_LAMPS]}."
-    return replace(plain, poisson_ratio=nu), (
-        f"The lamps' places are not known, so nu may be {NU_STD:g} too low and E 5 to 20 % too high.{why}"
-    )
-
-
-def _widened(nu: Estimate, std: float) -> Estimate:
-    """The estimate with a further deviation, alike to both sides."""
-    if nu.std is None or nu.interval95 is None:
-        return nu
-    low, high = nu.interval95
-    more = math.hypot(0.5 * (high - low), INTERVAL * std) - 0.5 * (high - low)
-    return replace(nu, std=math.hypot(nu.std, std), interval95=(low - more, min(high + more, MAX_NU)))
-
-
-def _without(plain: SurfaceFit, lit_alone: SurfaceFit, recording: Recording) -> str:
-    """What nu and E would be from all of the gel, in words; at one force E goes as (1 - nu^2)/kappa(nu)."""
-    values, gel = (plain.poisson_ratio.value, lit_alone.poisson_ratio.value), recording.sensor.gel
-    if gel is None or values[0] is None or values[1] is None:
-        return ""
-    a_over_h = max(one.radius_mm for one in recording.indenters.values()) / gel.thickness_mm
-    if not a_over_h <= A_OVER_H_RANGE[1]:
-        return ""
-    of_all, of_lit = ((1 - nu**2) / float(fast_kappa(nu, a_over_h)) for nu in (values[0], values[1]))
-    return f" All of the gel would give {values[0]:.3f} for {values[1]:.3f}, and E {of_all / of_lit - 1:+.1%}."
+    if unused:
+        why = "lies beyond the profiles, or too little of it is in view: not used for nu"
+        warnings = (*warnings, f"The gel around presses {', '.join(unused)} {why}.")
+    certificate = replace(certificate, warnings=warnings, flags=flags)
+    known = SILICONE_STD if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_STD
+    if nu.value is None or (nu.std or math.inf) > known:
+        return certificate, nu
+    return with_pile_up(certificate, recording, poisson_ratio=nu), nu
 
 
 def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_ratio: Estimate) -> Certificate:
-    """The certificate with the bevel's touch corrected by the rise that belongs to this Poisson's ratio.
+    """Return the certificate with the bevel's touch corrected by the rise that belongs to this Poisson's ratio.
 
-    The rise that the frames show stays part of it. As it is where nu has no value or the bevel's place is unknown.
+    As it is where nu has no value or the bevel's place is unknown.
     """
-    gel, pile_ups = recording.sensor.gel, certificate.pile_ups
-    if gel is None or not pile_ups or poisson_ratio.value is None or certificate.bevel_distance_mm is None:
+    gel = recording.sensor.gel
+    if (
+        gel is None
+        or not certificate.pile_ups
+        or poisson_ratio.value is None
+        or certificate.bevel_distance_mm is None
+    ):
         return certificate
     known = replace(gel, poisson_ratio=poisson_ratio.value, poisson_ratio_std=poisson_ratio.std)
     points, scales = [], {}
     for point in certificate.points:
         indenter = recording.indenters[point.indenter]
         distance = indenter.bevel_distance_mm or certificate.bevel_distance_mm
-        computed = computed_ratio(known, indenter, distance_mm=distance)
-        if computed is None:
+        pile_up = computed_pile_up(known, indenter, distance_mm=distance)
+        if pile_up is None:
             points.append(point)
             continue
-        old = pile_ups.get(point.press)
-        pile_up = combine(old.seen if old else None, computed)
         if indenter.bevel_distance_mm is None:
             pile_up = blur_place(pile_up, known, indenter=indenter, distance_mm=distance)
         depth = point.depth_uncorrected_mm / (1 + pile_up.ratio)
@@ -333,60 +334,30 @@ def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_rati
     return replace(certificate, points=tuple(points), curves=tuple(curves))
 
 
-def surfaces_beside_punch(
-    recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate, lamps: Lamps | None = None
-) -> list[SurfaceView]:
-    """One view for each accepted press of a flat cylinder that left a curve and a footprint.
+def press_slopes(
+    recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate
+) -> list[PressSlopes]:
+    """Return the slopes of each accepted press of a flat cylinder that left a curve and a footprint.
 
-    Reads FRAMES frames of each; a press whose frames cannot be read again is left out. Depth is in the scale of
-    the map's slopes, its level open. With `lamps`, places that one of them does not reach are left out, and the
-    light that the face's wall sends to the gel is taken off.
+    Reads FRAMES frames of each; a press whose frames cannot be read again is passed over.
     """
-    sensor = recording.sensor
-    field = None if lamps is None else LightField.of(lamps, (sensor.height_px, sensor.width_px), sensor.mm_per_px)
     curves = {curve.press: curve for curve in certificate.curves}
-    views = []
+    presses = []
     for point in certificate.points:
         evidence, indenter = certificate.evidence.get(point.press), recording.indenters.get(point.indenter)
         if not point.accepted or evidence is None or evidence.footprint is None or point.press not in curves:
             continue
         if indenter is None or indenter.shape != "flat_cylinder":
             continue
-        rows = _frames(recording, curves[point.press], point)
-        reader = _reader(recording, reconstructor, rows, face=evidence.footprint, field=field)
-        slopes = average_slopes(list(_slope_maps(recording, reader, rows)), sensor.mm_per_px)
+        rows, scale = _frames(recording, curves[point.press], point), recording.sensor.mm_per_px
+        slopes = average_slopes(list(_slope_maps(recording, reconstructor, rows)), scale)
         if slopes is not None:
-            distance = indenter.bevel_distance_mm or certificate.bevel_distance_mm
-            view = surface_view(
-                slopes,
-                replace(indenter, bevel_distance_mm=distance),
-                centre_mm=evidence.footprint.centre_mm,
-                depth_std_mm=point.depth_std_mm if np.isfinite(point.depth_std_mm) else 0.02 * point.depth_mm,
-                mm_per_px=sensor.mm_per_px,
-                shape=evidence.footprint.mask.shape,
-                name=point.press,
+            face = evidence.footprint
+            known = replace(
+                indenter, bevel_distance_mm=indenter.bevel_distance_mm or certificate.bevel_distance_mm
             )
-            views.append(view)
-    return views
-
-
-def _reader(
-    recording: Recording,
-    reconstructor: Reconstructor,
-    rows: Sequence[tuple[int, float]],
-    *,
-    face: Footprint,
-    field: LightField | None,
-) -> Reconstructor | LitSlopes:
-    """What reads the slopes of a press: the reconstructor, or with lamps what reads the lit places alone."""
-    if field is None or not rows:
-        return reconstructor
-    row, depth = rows[len(rows) // 2]
-    try:
-        frame = read_frame(recording, row)
-        return lit_slopes(reconstructor, field, frame, face=face.mask, depth_mm=depth)
-    except TactilevisionError:  # a torn frame; the certificate names it
-        return reconstructor
+            presses.append(PressSlopes(point, known, face.centre_mm, slopes, scale, face.mask.shape))
+    return presses
 
 
 def _frames(recording: Recording, curve: Curve, point: CertifiedPoint) -> list[tuple[int, float]]:
@@ -414,7 +385,7 @@ def _depths(curve: Curve, point: CertifiedPoint) -> Floats:
 
 
 def _slope_maps(
-    recording: Recording, reader: Reconstructor | LitSlopes, rows: Sequence[tuple[int, float]]
+    recording: Recording, reader: Reconstructor, rows: Sequence[tuple[int, float]]
 ) -> Iterator[tuple[SlopeMap, float]]:
     for row, depth in rows:
         with suppress(TactilevisionError):  # a torn frame; the certificate names it

@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 from tactilevision.errors import InputError
@@ -13,10 +12,8 @@ from tactilevision.force.compliance import gel_compliance
 from tactilevision.force.field import ForceSettings
 from tactilevision.force.folder import untouched_frame
 from tactilevision.force.nodes import lay_grid
-from tactilevision.heightmap.lamps import with_lamps
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import some_frames
-from tactilevision.heightmap.shadows_seen import SAID
 from tactilevision.photometric.card import provenance
 from tactilevision.press.certified_faces import DepthScale, with_walls
 from tactilevision.profile.model import Followed, Profile
@@ -25,7 +22,6 @@ from tactilevision.records.measured import Bytes
 from tactilevision.records.rig import Gel
 from tactilevision.shear.displacement import read_untouched
 
-_NO_LAWS: Mapping[bool, DepthScale | None] = MappingProxyType({})
 _INTERVAL = 1.96  # deviations to either end of a 95 % interval
 
 
@@ -34,15 +30,14 @@ def make_profile(
     reconstructor: Reconstructor,
     *,
     calibration: Mapping[str, Any] | None = None,
-    face_laws: Mapping[bool, DepthScale | None] = _NO_LAWS,
+    face_law: DepthScale | None = None,
 ) -> Profile:
     """The profile of a recording's sensor, read by its `reconstructor`.
 
-    `face_laws` are those of maps with cast shadows left (False) and undone (True). The method keeps the lamps that
-    balls tell, and what faces taught of walls; the profile has the lamps where the reader undoes their shadows.
-    `calibration` is the content of calibration.json. Without one, E and nu that the recording's gel states serve.
-    Where gel, E and nu are known its compliance is worked out: half a minute where free sides are near. Raises
-    InputError where the method has no reference, or E and nu are not fixed.
+    The method keeps what certified faces taught of walls; `face_law` is how deep they are over how deep they are
+    read. `calibration` is the content of calibration.json. Without one, E and nu that the recording's gel states
+    serve. Where gel, E and nu are known its compliance is worked out: half a minute where free sides are near.
+    Raises InputError where the method has no reference, or E and nu are not fixed.
     """
     method, picture, sensor = reconstructor.referenced, untouched_frame(recording), recording.sensor
     if method is None or picture is None or recording.frame_size_px is None:
@@ -55,7 +50,7 @@ def make_profile(
     today = datetime.datetime.now(tz=datetime.UTC).date()
     made = Profile(
         sensor,
-        with_lamps(recording, reconstructor, with_walls(method, reconstructor.walls)),
+        with_walls(method, reconstructor.taught),
         picture,
         recording.frame_size_px,
         (recording.date or today).isoformat(),
@@ -63,12 +58,10 @@ def make_profile(
         about["data"],
         recording.white_level,
         calibration or stated_material(sensor.gel),
-        face_law=face_laws.get(False),
-        lamps=reconstructor.shadows.lamps if reconstructor.shadows else None,
-        undone_face_law=face_laws.get(True),
+        face_law=face_law,
         indenters=recording.indenters,
         versions=about["versions"],
-        warnings=(*recording.warnings, *(one for one in reconstructor.warnings if one != SAID)),
+        warnings=(*recording.warnings, *reconstructor.warnings),
         path=recording.path,
     )
     return with_compliance(made)

@@ -19,7 +19,6 @@ from tactilevision.records.measured import Bools, Bytes, Floats, Material, Wrenc
 from tactilevision.records.rig import Indenter, Sensor
 
 if TYPE_CHECKING:
-    from tactilevision.photometric.illumination.lamps import Lamps
     from tactilevision.press.certified_faces import DepthScale
 
 
@@ -35,9 +34,8 @@ class Profile:
     `method` holds the reference; `untouched` (H, W, 3) is one rectified picture of the free gel; `followed` says
     what of it single frames show, so that shear can be told. `calibration` is the content of calibration.json,
     None where E and nu are not known; `compliance` then is the gel's. `face_law` is how deep flat faces are over
-    how deep they are read, None where no certified face has told. `lamps` are known where they cast shadows that
-    frames showed; `undone_face_law` is that of faces read with these undone. `frame_size_px` (width, height) is
-    that of raw frames, `white_level` as in recording.toml. `source` says in words what it was made from,
+    how deep they are read, None where no certified face has told. `frame_size_px` (width, height) is that of
+    raw frames, `white_level` as in recording.toml. `source` says in words what it was made from,
     `warnings` what was doubtful then; `path` is its file.
     """
 
@@ -52,17 +50,10 @@ class Profile:
     calibration: Mapping[str, Any] | None = None
     compliance: GelCompliance | None = None
     face_law: DepthScale | None = None
-    lamps: Lamps | None = None
-    undone_face_law: DepthScale | None = None
     indenters: Mapping[str, Indenter] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     path: Path = Path("sensor.tvs")
-
-    @property
-    def told_lamps(self) -> Lamps | None:
-        """The lamps, also where only balls told them and no frame showed whether they cast shadows."""
-        return self.lamps or getattr(self.method, "lamps", None)
 
     @cached_property
     def material(self) -> Material | None:

@@ -39,25 +39,13 @@ from tactilevision.shear.displacement import Untouched, read_untouched
 NOT_SOLVED = "force not solved"
 
 
-def load_sensor(
-    path: Path | str, *, indenter: Indenter | str | None = None, shadows: bool = False
-) -> CalibratedSensor:
+def load_sensor(path: Path | str, *, indenter: Indenter | str | None = None) -> CalibratedSensor:
     """The sensor of a profile that `tactilevision calibrate-sensor` wrote.
 
     `indenter` is what to look for in frames: a record, or its name in the profile; None for contact alone.
-    With `shadows`, those that lamps cast are undone where the profile knows its lamps; a deep frame then takes
-    up to a second. Without, deep maps of such a sensor have the flag `shadow`.
     Raises InputError where there is no such profile, where it is of a newer version, and where it was changed.
     """
-    return sensor_of(read_profile(path), indenter=indenter, shadows=shadows)
-
-
-def sensor_of(
-    profile: Profile, *, indenter: Indenter | str | None = None, shadows: bool = False
-) -> CalibratedSensor:
-    """The sensor of a profile, as `load_sensor` has it."""
-    asked = replace(profile, lamps=profile.told_lamps) if shadows else profile
-    return CalibratedSensor(asked, indenter=indenter, shadows=shadows)
+    return CalibratedSensor(read_profile(path), indenter=indenter)
 
 
 class CalibratedSensor:
@@ -67,14 +55,12 @@ class CalibratedSensor:
     `Stream(sensor)`, too, which follows slow changes of the light; `read` keeps to the profile's reference.
     """
 
-    def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None, shadows: bool = False) -> None:
+    def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None) -> None:
         self.profile = profile
         self.reconstructor = Reconstructor(profile.sensor, profile.method)
         self.reconstructor.warnings = _as_then(profile)
         self.reconstructor.frame_size_px = profile.frame_size_px
         self.indenter = _chosen(profile, indenter)
-        self.shadows = shadows and profile.lamps is not None and not profile.lamps.doubtful
-        self._undo_shadows()
         self.untouched: Untouched | None = None
         if profile.followed != "nothing":
             markers = profile.followed == "markers"
@@ -84,7 +70,7 @@ class CalibratedSensor:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Sent to other processes as its profile."""
-        return _again, (self.profile, self.indenter, self.shadows)
+        return _again, (self.profile, self.indenter)
 
     @property
     def gel(self) -> Gel | None:
@@ -141,15 +127,6 @@ class CalibratedSensor:
         self.reconstructor.warnings += self._unlike([as_frame(one).rgb for one in pictures])
         return self.reconstructor.warnings[before:]
 
-    def look_for_shadows(self, recording: Recording) -> None:
-        """Undo cast shadows from now on where only balls told the lamps and these frames show shadows."""
-        from tactilevision.heightmap.shadows_seen import with_shadows
-
-        lamps = self.profile.told_lamps
-        if self.profile.lamps is None and lamps is not None:
-            self.shadows = with_shadows(recording, self.reconstructor).shadows is not None
-            self.profile = replace(self.profile, lamps=lamps) if self.shadows else self.profile
-
     def with_reference(self, flats: Sequence[Bytes]) -> CalibratedSensor:
         """The same sensor against newer raw pictures (H, W, 3) of its untouched gel."""
         profile = self.profile
@@ -157,20 +134,16 @@ class CalibratedSensor:
         made = with_flats(profile.sensor, profile.method, flats=rectified)
         assert made.referenced is not None
         fresh = CalibratedSensor(
-            replace(profile, method=made.referenced, untouched=rectified[0]),
-            indenter=self.indenter,
-            shadows=self.shadows,
+            replace(profile, method=made.referenced, untouched=rectified[0]), indenter=self.indenter
         )
         made.warnings = (*_as_then(profile), *made.warnings)
         made.frame_size_px = profile.frame_size_px
         fresh.reconstructor = made
-        fresh._undo_shadows()
         return fresh
 
     def held(self, height: HeightMap, face: Footprint | None) -> HeightMap:
         """The map (H, W), mm, with a flat face as deep as the profile's law of certified faces has it."""
-        law = self.profile.undone_face_law if self.shadows else self.profile.face_law
-        indenter = self.indenter
+        law, indenter = self.profile.face_law, self.indenter
         if law is None or indenter is None or indenter.shape != "flat_cylinder":
             return height
         from tactilevision.press.certified_faces import with_face  # takes a while to load
@@ -222,25 +195,14 @@ class CalibratedSensor:
             "calibrate this sensor",
         )
 
-    def _undo_shadows(self) -> None:
-        if self.shadows and self.profile.lamps is not None:
-            from tactilevision.heightmap.shadows_seen import undo_by
-
-            undo_by(self.reconstructor, self.profile.lamps)
-        if (told := self.profile.told_lamps) is not None and told.doubtful:
-            from tactilevision.heightmap.shadows_seen import doubt
-
-            doubt(self.reconstructor)
-        self.reconstructor.keeps_shadows = self.profile.lamps is not None and not self.shadows
-
 
 def _as_then(profile: Profile) -> tuple[str, ...]:
     """What was doubtful when the profile was made: nothing that an option of today could mend."""
     return tuple(f"when {profile.path.name} was made: {one}" for one in profile.warnings)
 
 
-def _again(profile: Profile, indenter: Indenter | None, shadows: bool) -> CalibratedSensor:
-    return CalibratedSensor(profile, indenter=indenter, shadows=shadows)
+def _again(profile: Profile, indenter: Indenter | None) -> CalibratedSensor:
+    return CalibratedSensor(profile, indenter=indenter)
 
 
 def _chosen(profile: Profile, indenter: Indenter | str | None) -> Indenter | None:
@@ -291,21 +253,17 @@ def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = 
     return found
 
 
-def sensor_for(recording: Recording, profile: Profile, *, shadows: bool = False) -> CalibratedSensor:
+def sensor_for(recording: Recording, profile: Profile) -> CalibratedSensor:
     """The calibrated sensor, against the recording's own pictures of the untouched gel where it has any.
 
-    With `shadows`, those that lamps cast are undone where the profile knows its lamps; where only its balls told
-    them, if the recording's frames show shadows.
     Some frames have been looked at: its reconstructor's warnings say where they are another unit's.
     """
-    sensor = CalibratedSensor(profile, shadows=shadows)
+    sensor = CalibratedSensor(profile)
     flats = read_flats(recording)
     if flats:
         with faults_of_flats(recording):
             sensor = sensor.with_reference(flats)
     sensor.look(spread_frames(recording))
-    if shadows:
-        sensor.look_for_shadows(recording)
     return sensor
 
 

@@ -33,22 +33,19 @@ from tactilevision.records.rig import Gel, Indenter, Sensor
 from tactilevision.sensors import SENSORS
 
 if TYPE_CHECKING:
-    from tactilevision.photometric.illumination.lamps import Lamp, Lamps
     from tactilevision.press.certified_faces import DepthScale
 
 
 # The names of the files in a profile, its format, and its hash. Said here and nowhere else.
 
 SUFFIX = ".tvs"
-FORMAT = 1  # version of a profile; newer ones are refused
+FORMAT = 2  # version of a profile; newer ones are refused
 ABOUT = "profile.json"
 METHOD, CARD, NETWORK = "method.npz", "method.json", "method.onnx"
 MAPS = "rectification.npz"
 UNTOUCHED = "untouched.png"
 CALIBRATION = "calibration.json"
 FACE_LAW = "face_law.json"
-LAMPS = "lamps.json"
-UNDONE_FACE_LAW = "face_law_undone.json"
 COMPLIANCE = "compliance.npz"
 NEEDED = (ABOUT, METHOD, CARD, UNTOUCHED)
 HASH = "sha256"  # key of profile.json: of all its other keys
@@ -70,7 +67,6 @@ def hash_of_bytes(content: bytes) -> str:
 MAX_SIDE = 100_000  # px of a picture's side; no camera has as many
 _MAKE = "Make one with `tactilevision calibrate-sensor PATH --out my_sensor.tvs`."
 _AGAIN = "Make it again with `tactilevision calibrate-sensor`."
-_CHANNELS = 3  # red, green and blue of a lamp
 _WORDS = ("name", "shape", "bevel")  # of gels and indenters: all else are numbers
 T = TypeVar("T")
 
@@ -185,8 +181,6 @@ def _profile(about: Mapping[str, Any], files: Mapping[str, bytes], path: Path) -
         calibration,
         _compliance(files, sensor, calibration, path),
         _face_law(files, FACE_LAW, path),
-        _lamps(files, path),
-        _face_law(files, UNDONE_FACE_LAW, path),
         {str(name): _indenter(one, path) for name, one in dict(about.get("indenters", {})).items()},
         {str(name): str(one) for name, one in dict(about.get("versions", {})).items()},
         tuple(str(one) for one in about.get("warnings", ())),
@@ -228,36 +222,6 @@ def _compliance(
     grid = lay_grid(view, sensor.mm_per_px, spacing_mm=ForceSettings().spacing_mm)
     arrays = unpack_arrays(files[COMPLIANCE], where=where)
     return of_arrays(arrays, sensor.gel, grid=grid, poisson_ratio=material.poisson_ratio, where=where)
-
-
-def _lamps(files: Mapping[str, bytes], path: Path) -> Lamps | None:
-    content = _json(files, LAMPS, path)
-    return None if content is None else _lamps_of(content, path)
-
-
-def _lamps_of(content: Mapping[str, Any], path: Path) -> Lamps:
-    from tactilevision.photometric.illumination.lamps import MAX_LAMPS, Lamp, Lamps
-
-    found = tuple(_lamp(Lamp, one, path) for one in content["lamps"])
-    if not 3 <= len(found) <= MAX_LAMPS:
-        raise InputError(f"a sensor has three to {MAX_LAMPS} lamps", where=path, value=len(found))
-    power, misfit = (_number(content[key], key, path) for key in ("power", "misfit"))
-    if not power > 0:
-        raise InputError("a camera's power lies above 0", where=path, value=power)
-    refined = content.get("refined")
-    if refined is not None:
-        if not isinstance(refined, Mapping):
-            raise InputError("refined lamps are an object, or null", where=path, value=refined)
-        refined = _lamps_of({**refined, "refined": None}, path)
-    unexplained = _number(content.get("unexplained", 0.0), "unexplained", path)
-    return Lamps(found, power, misfit, refined, unexplained)
-
-
-def _lamp(kind: type[Lamp], content: Mapping[str, Any], path: Path) -> Lamp:
-    found = _record(kind, content, path)
-    if len(found.colour) != _CHANNELS or min(found.distance_mm, found.height_mm, found.length_mm) <= 0:
-        raise InputError("a lamp has three colours, and stands beside and above the gel", where=path, value=found)
-    return found
 
 
 def _face_law(files: Mapping[str, bytes], name: str, path: Path) -> DepthScale | None:
@@ -378,10 +342,6 @@ def _files(profile: Profile) -> dict[str, bytes]:
         files[CALIBRATION] = as_json(profile.calibration).encode()
     if profile.face_law is not None:
         files[FACE_LAW] = as_json(asdict(profile.face_law)).encode()
-    if profile.lamps is not None:
-        files[LAMPS] = as_json(asdict(profile.lamps)).encode()
-    if profile.undone_face_law is not None:
-        files[UNDONE_FACE_LAW] = as_json(asdict(profile.undone_face_law)).encode()
     if profile.compliance is not None:
         files[COMPLIANCE] = pack_arrays(as_arrays(profile.compliance), small=False)
     return files

@@ -158,11 +158,3 @@ class TaughtWalls:
     def excess(self, depth_mm: float) -> float:
         """The face's depth over the usual, less 1, held within the depths that taught."""
         return float(np.clip(depth_mm, *self.limits_mm)) / USUAL_MM - 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class WallLessons:
-    """Of pictures whose cast shadows are `left`, and of those where they are `undone`; None: nothing taught."""
-
-    left: TaughtWalls | None = None
-    undone: TaughtWalls | None = None

@@ -225,9 +225,7 @@ UNFIT = "unfit"
 ASSUMED_SCALE = "assumed_scale"
 INCONSISTENT = "inconsistent_light"
 SHADOW = "shadow"
-UNKNOWN_LAMPS = "unknown_lamps"
 STEEP = "steep"
-CONTRARY = "contrary_depths"
 MEANING = {
     UNFIT: "the light's calibration fails balls that it never saw: neither direction nor depth of what is pressed "
     "can be trusted",
@@ -245,16 +243,10 @@ MEANING = {
     "that has moved, or contact over much of it",
     INCONSISTENT: "in places no slope has the colours that are seen, or gel rises further than theory allows: a "
     "shadow, a lamp that changed there, or a light that the method does not know; depth there is uncertain",
-    SHADOW: "the sensor's lamps cast shadows beside so deep a contact, and this map keeps them: gel falls too "
-    "steeply there. `depth` and `force` undo them, `live --shadows` and load_sensor(path, shadows=True) too",
-    UNKNOWN_LAMPS: "the lamps that balls tell do not explain the untouched picture: there are others, or the gel "
-    "is unevenly bright. Cast shadows stay, so that a flat face may be read a tenth too shallow or a third too "
-    "deep, and gel beside it too steep. Clean the gel and take the reference anew, press balls all over the "
-    "picture, or hold faces to a certificate (--calibration)",
+    SHADOW: "gel within 5 depths of a steep wall may lie in the shadow of a lamp and then falls too steeply, as "
+    "its deviation says; a deep flat face may be read up to half too deep, unless certified faces taught its wall",
     STEEP: "slopes are steeper than any ball that told the light, and belong to no round flat face: what stands "
     "behind them is read too shallow; smaller balls, or deeper presses of them, would tell",
-    CONTRARY: "the shadow of a flat face tells another depth of it than its wall's slopes do, by more than both "
-    "state: the face's deviation holds both",
     BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",
 }
 

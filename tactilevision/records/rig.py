@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import radians, tan
 from typing import Any, Literal
 
 import numpy as np
@@ -105,3 +106,24 @@ class Press:
     time_of_day_s: float = float("nan")
     lubricated: float = float("nan")
     extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class ShadowZone:
+    """Gel nearer to a steep wall than K of its depths, which a lamp at elevation e may not reach: K = 1/tan(e).
+
+    `lowest_deg` is the elevation of the lowest lamp's lower edge, seen from gel beyond the wall. Lamps of such
+    sensors stand 15 to 35 degrees above the middle of the gel; from behind a punch their lower edges are seen some
+    degrees lower. `reach_std` is the standard deviation of K.
+    """
+
+    lowest_deg: float = 11.3
+    reach_std: float = 1.0
+
+    @property
+    def reach(self) -> float:
+        """K, depths beyond the wall."""
+        return 1 / tan(radians(self.lowest_deg))
+
+
+SHADOW_ZONE = ShadowZone()

@@ -33,7 +33,7 @@ from calibration.tasks.compare import Comparison, compare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.writing import write_json
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.press.certification import certify
 from tactilevision.recording.read import read_recording
 from tactilevision.records.measured import Floats
@@ -182,7 +182,7 @@ def test_the_rig_with_wrong_balls_is_found_out_by_its_pictures_and_a_sound_one_i
     """The balls of hidden_rig are stated a quarter too large, so that depths read a fifth too small."""
     for name, verdict, keys in (("hidden_rig", "IDENTIFIED", ["photometric_gain"]), ("gelslim3", "ADEQUATE", [])):
         recording = read_recording(Path(__file__).parents[2] / "sample_frames" / name)
-        points = certify(recording, calibrate_light(recording, "polynomial")).points
+        points = certify(recording, build_reconstructor(recording, "polynomial")).points
         found = diagnose(observe_points(Measured(recording, points)), np.random.default_rng(0))
         assert found.verdict == verdict, name
         assert [effect.key for effect in found.effects] == keys

@@ -10,7 +10,7 @@ import pytest
 from calibration.inputs.gather import observe_points
 from calibration.inputs.observations import Measured
 from calibration.tasks.diagnose import diagnose
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.press.certification import certify
 from tactilevision.recording.read import read_recording
 from tactilevision.synthetic.camera import CameraOptions
@@ -53,7 +53,7 @@ def test_what_the_light_lost_is_named_from_whole_frames(
     key: str, slope_response: SlopeResponse, amount: float, tmp_path: Path
 ) -> None:
     recording = read_recording(simulate(tmp_path / "worn", seed=11, options=options(slope_response)))
-    points = certify(recording, calibrate_light(recording, "polynomial")).points
+    points = certify(recording, build_reconstructor(recording, "polynomial")).points
     found = diagnose(observe_points(Measured(recording, points)), np.random.default_rng(0))
     assert [effect.key for effect in found.effects] == [key] * bool(key)
     assert found.verdict == ("IDENTIFIED" if key else "ADEQUATE")

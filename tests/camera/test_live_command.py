@@ -7,7 +7,6 @@ import json
 import sys
 import time
 import urllib.request
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from test_sources import FakeCapture
 from tactilevision.cli import main
 from tactilevision.errors import InputError, OutputError
 from tactilevision.profile.sensor import load_sensor
-from tactilevision.profile.storage import write_profile
 from tactilevision.recording.write import write_image
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
@@ -28,7 +26,7 @@ from tactilevision.robots.live import Counts, Stream, Told
 from tactilevision.robots.preview import Foxglove, Preview, draw, words
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
-from lamp_sensor import LAMPS, SHAPE, free, pressed, profile as made_profile, saved
+from lamp_sensor import SHAPE, free, pressed, saved
 
 
 def run(*words: object) -> int:
@@ -306,26 +304,3 @@ def test_no_frame_counts_as_dropped_where_every_one_is_read(profile: Path, tmp_p
         == 0
     )
     assert (json.loads(told.read_text())["frames"], json.loads(told.read_text())["dropped"]) == (3, 0)
-
-
-def test_shadows_that_stay_are_told_and_flagged_and_undone_where_asked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    there = write_profile(replace(made_profile(), lamps=LAMPS), tmp_path / "lamps.tvs")
-    words = (
-        "live",
-        "--camera",
-        folder(tmp_path / "frames"),
-        "--sensor",
-        there,
-        "--every",
-        "--out",
-        tmp_path / "out",
-    )
-    assert run(*words) == 0
-    assert "lamps cast shadows" in capsys.readouterr().err
-    flagged = ["shadow" in row["flags"].split() for row in rows(tmp_path / "out" / "live.csv")]
-    assert flagged == [False] * 6 + [True] * 3 + [False]
-    assert run(*words, "--shadows") == 0
-    assert "lamps cast shadows" not in capsys.readouterr().err
-    assert not any("shadow" in row["flags"].split() for row in rows(tmp_path / "out" / "live.csv"))

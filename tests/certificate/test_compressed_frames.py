@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tactilevision import read_recording
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.press.certification import certify
 from tactilevision.press.track import compression_warnings, late_std_mm, note_blocks
 from tactilevision.recording.model import BadFrame
@@ -71,7 +71,7 @@ def test_forces_of_a_compressed_video_are_right(tmp_path: Path) -> None:
     times = "".join(f"{k},{row['time_s']}\n" for k, row in enumerate(rows))
     (folder / "frames.csv").write_text("frame,time_s\n" + times)
     recording = read_recording(folder)
-    certificate = certify(recording, calibrate_light(recording, "polynomial"))
+    certificate = certify(recording, build_reconstructor(recording, "polynomial"))
     truth = tomllib.loads((RIG / "truth.toml").read_text())["press"]
     true_N = {press["press"]: press["force_N"] for press in truth}
     sure = [point for point in certificate.points if point.accepted]

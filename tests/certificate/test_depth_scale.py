@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from shared_scenes import sample_reconstructor
 
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.press.certificate import Certificate
 from tactilevision.press.certification import certify
 from tactilevision.press.certified_faces import scale_warning
@@ -51,7 +51,7 @@ def certified(factor: float) -> Certificate:
     sample = read_recording(SAMPLE)
     balls = [dataclasses.replace(ball, ball_radius_mm=factor * ball.ball_radius_mm) for ball in sample.balls]
     stated = dataclasses.replace(sample, balls=tuple(balls), presses=sample.presses[::2])
-    return certify(stated, sample_reconstructor() if factor == 1.0 else calibrate_light(stated))
+    return certify(stated, sample_reconstructor() if factor == 1.0 else build_reconstructor(stated))
 
 
 @pytest.mark.parametrize(("factor", "off"), [pytest.param(1.0, 0, marks=pytest.mark.slow), (1.1, -10)])

@@ -13,9 +13,10 @@ from press_scenes import MM_PER_PX, SIZE, Made, line_up, recording
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.mechanics.poisson_from_surface import SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile, seen_profile
+from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.press.certificate import Certificate, Evidence
 from tactilevision.press.pile_up import PileUp
-from tactilevision.press.poisson_from_rise import surfaces_beside_punch, with_nu, with_pile_up
+from tactilevision.press.poisson_from_rise import press_slopes, with_nu, with_pile_up
 from tactilevision.recording.model import Recording
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.maps import Footprint, Frame, SlopeMap
@@ -82,9 +83,13 @@ def certified(made: list[Made], record: Recording) -> Certificate:
             nothing,
         )
     known = Estimate(0.0, 0.0, (0.0, 0.0), "s")
-    rise = PileUp(0.1, 0.02, None, (0.1, 0.02))
+    rise = PileUp(0.1, 0.02)
     rises = {point.press: rise for point in points}
     return Certificate(tuple(points), tuple(curves), known, evidence, rises, 5.0)
+
+
+def views_of_presses(record: Recording, reader: Reconstructor, certificate: Certificate) -> list[SurfaceView]:
+    return [press.view(0.0) for press in press_slopes(record, reader, certificate=certificate)]
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +100,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Made], Recordi
 
 def test_walls_that_cannot_be_read_do_not_reach_nu(scene: tuple[list[Made], Recording]) -> None:
     made, record = scene
-    views = surfaces_beside_punch(record, cast(Reconstructor, Slopes(made)), certificate=certified(made, record))
+    views = views_of_presses(record, cast(Reconstructor, Slopes(made)), certified(made, record))
     assert [view.name for view in views] == ["1", "2", "3"]
     settings = SurfaceFitSettings(guard_mm=1.2, gain_std=0.01, bowl_std_per_mm=3e-4)
     fit = fit_poisson_ratio(views, thickness_mm=3.0, model=EXACT, settings=settings)
@@ -104,9 +109,7 @@ def test_walls_that_cannot_be_read_do_not_reach_nu(scene: tuple[list[Made], Reco
 
 def test_bevel_and_wall_are_left_out(scene: tuple[list[Made], Recording]) -> None:
     made, record = scene
-    (view, *_) = surfaces_beside_punch(
-        record, cast(Reconstructor, Slopes(made)), certificate=certified(made, record)
-    )
+    (view, *_) = views_of_presses(record, cast(Reconstructor, Slopes(made)), certified(made, record))
     rows, columns = view.valid.shape
     x = (np.arange(columns) - (columns - 1) / 2) * view.mm_per_px[0] - CENTRE[0]
     y = (np.arange(rows) - (rows - 1) / 2) * view.mm_per_px[1] - CENTRE[1]
@@ -120,9 +123,7 @@ def test_rejected_presses_are_not_looked_at(scene: tuple[list[Made], Recording])
     made, record = scene
     certificate = certified(made, record)
     spoiled = tuple(replace(p, accepted=p.press == "2", reason="tilt") for p in certificate.points)
-    views = surfaces_beside_punch(
-        record, cast(Reconstructor, Slopes(made)), certificate=replace(certificate, points=spoiled)
-    )
+    views = views_of_presses(record, cast(Reconstructor, Slopes(made)), replace(certificate, points=spoiled))
     assert [view.name for view in views] == ["2"]
 
 

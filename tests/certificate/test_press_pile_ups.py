@@ -68,7 +68,7 @@ def test_depths_keep_their_ratio_though_the_rise_grows_with_the_depth(nu: float)
     rises = np.array(HEIGHTS_MM) / truth - 1
     assert rises[-1] / rises[0] > 1.05
     events = {str(h): pressed(h, float(rises.mean())) for h in HEIGHTS_MM}
-    found = press_pile_ups(events, Gel(thickness_mm=THICKNESS_MM))
+    found = press_pile_ups(events, Gel(thickness_mm=THICKNESS_MM, poisson_ratio=nu))
     depth = np.array(HEIGHTS_MM) / (1 + np.array([found[str(h)].ratio for h in HEIGHTS_MM]))
     assert np.ptp(depth / truth) < 0.002, "one rise for all depths leaves .004 to .009"
 

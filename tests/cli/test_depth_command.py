@@ -112,7 +112,7 @@ def test_a_method_that_was_trained_anew_is_another_way_to_read(tmp_path: Path) -
     card.write_text('{"sha256": "1"}')
     before = chosen.way
     assert chosen.way == before
-    assert replace(chosen, shadows=False).way != before
+    assert replace(chosen, mm_per_px=0.05).way != before
     card.write_text('{"sha256": "2"}')
     assert chosen.way != before
     assert Choice(method="lookup").way != Choice(method="polynomial").way

@@ -19,7 +19,7 @@ from tactilevision.photometric.storage import load_method
 from tactilevision.press import certified_faces as wall_lessons
 from tactilevision.press.certified_faces import Certified
 from tactilevision.recording.read import read_recording
-from tactilevision.records.certified import TaughtWalls, WallLessons
+from tactilevision.records.certified import TaughtWalls
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -74,10 +74,10 @@ def test_an_unknown_method_is_named_with_the_known_ones(
 def test_the_card_says_that_its_steps_were_read_before_walls_were_taught(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    walls = WallLessons(left=TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03))
+    walls = TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
 
     def plant(reader: Reconstructor, _: object) -> bool:
-        reader.walls = walls
+        reader.taught = walls
         return True
 
     steps = {"flat_steps": "planted"}, (Certified("1", 1.0, 0.3),)

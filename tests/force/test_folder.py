@@ -20,7 +20,7 @@ from tactilevision.force.comparison import Readings
 from tactilevision.force.folder import force_folder, force_job
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.model import Recording
-from tactilevision.records.certified import TaughtWalls, WallLessons
+from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import BEYOND_BALLS, MEANING, Frame, HeightMap
 from tactilevision.records.measured import ForceSeries, Material
 from tactilevision.records.rig import Gel, Press, Sensor
@@ -31,8 +31,8 @@ ROWS, COLUMNS = VIEW.shape
 class Known:
     """Stands for a reconstructor: the frame's brightness says how deep the one known contact is."""
 
-    def __init__(self, sensor: Sensor, *, walls: WallLessons | None = None, error: Any = None) -> None:
-        self.sensor, self.walls, self.error = sensor, walls or WallLessons(), error
+    def __init__(self, sensor: Sensor, *, taught: TaughtWalls | None = None, error: Any = None) -> None:
+        self.sensor, self.taught, self.error = sensor, taught, error
         self.unit = measured(hertz(2.0, (0.0, 0.0), (0.0, 0.0, 0.5)), std_mm=0.001)[0].depth_mm
 
     def height_map(self, frame: Frame) -> HeightMap:
@@ -151,10 +151,10 @@ def test_another_material_starts_anew(tmp_path: Path) -> None:
 
 def test_other_lessons_of_walls_start_anew(tmp_path: Path) -> None:
     recording, told = recorded(tmp_path), list[int]()
-    lesson = WallLessons(left=TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03))
+    lesson = TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
 
-    def solve(walls: WallLessons, progress: Callable[[int, int], None]) -> None:
-        known = cast(Reconstructor, Known(recording.sensor, walls=walls))
+    def solve(walls: TaughtWalls | None, progress: Callable[[int, int], None]) -> None:
+        known = cast(Reconstructor, Known(recording.sensor, taught=walls))
         job = force_job(recording, known, material=Material(0.2, 0.48), out=tmp_path / "out")
         force_folder(recording, job, workers=1, progress=progress)
 
@@ -163,7 +163,7 @@ def test_other_lessons_of_walls_start_anew(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        solve(WallLessons(), stop)
+        solve(None, stop)
     solve(lesson, lambda done, whole: told.append(done))
     assert told[0] == 0
 

@@ -100,32 +100,6 @@ def test_the_hidden_step_is_found(w: float, nu: float, friction: float, blur_px:
     assert abs(found - true) < 0.35 * abs(plain - true)
 
 
-@pytest.mark.parametrize("w", [0.13, 0.16, 0.19])
-def test_a_wall_so_narrow_that_its_blurred_slope_can_be_read_hides_depth_too(w: float) -> None:
-    depth = punch(w)
-    slopes = photographed(depth, 1.0)
-    assert np.hypot(slopes.dz_dx, slopes.dz_dy).max() < LIMIT
-    true, plain = true_over_gel(depth), face_over_gel(slopes)
-    walls = find_punch_edges(slopes, (STEP, STEP), law=WallLaw(LIMIT, strict=False))
-    restore(slopes, walls, mm_per_px=(STEP, STEP))
-    assert len(walls) == 1
-    assert find_punch_edges(photographed(depth, 1.0), (STEP, STEP), law=WallLaw(LIMIT)) == [], "a shadow, maybe"
-    assert plain < 0.97 * true
-    assert face_over_gel(slopes) == pytest.approx(true, rel=0.03)
-
-
-def test_a_gentle_face_on_a_half_space_is_found() -> None:
-    """Boussinesq's surface, where linear theory holds."""
-    r = np.hypot(*places(FINER))
-    unit = (2 / np.pi) * np.arcsin(np.minimum(1.0, 2.0 / np.maximum(r, 1e-9)))
-    depth = np.asarray(0.25 * cv2.GaussianBlur(unit, (0, 0), 0.03 * FINER / STEP))
-    slopes = photographed(depth)
-    walls = find_punch_edges(slopes, (STEP, STEP), law=WallLaw(LIMIT, strict=False))
-    restore(slopes, walls, mm_per_px=(STEP, STEP))
-    assert len(walls) == 1
-    assert face_over_gel(slopes) == pytest.approx(true_over_gel(depth), rel=0.03)
-
-
 @pytest.mark.parametrize("share", [-0.3, 0.4])
 def test_a_taught_wall_carries_the_depth_that_it_was_taught(share: float) -> None:
     walls = TaughtWalls(share, 0.0, (0.0, 0.0, 0.0), (0.2, 0.9), 0.01)
@@ -242,15 +216,14 @@ def test_a_wall_beside_a_cast_shadow_is_left_as_it_is() -> None:
     """A shadow looks like a slope of .42 that ends at once, where gel falls away by less and less."""
     read = shaded(2.3, 2.9, slope=-0.42, w=0.3)
     assert find_punch_edges(read, (STEP, STEP), law=WallLaw(LIMIT)) == []
-    assert len(find_punch_edges(read, (STEP, STEP), law=WallLaw(LIMIT, strict=False))) == 1
 
 
 @pytest.mark.parametrize("false_slope", [-1.2, 0.4, 0.8])
 def test_a_wall_takes_no_depth_away(false_slope: float) -> None:
-    """Beside a shadow half undone, or undone too much: gel read too steep makes a law of too small a fall."""
+    """Near a shadow gel read too steep makes a law of too small a fall."""
     read = shaded(2.05, 2.4, slope=false_slope)
     plain = face_over_gel(read)
-    walls = find_punch_edges(read, (STEP, STEP), law=WallLaw(LIMIT, strict=False))
+    walls = find_punch_edges(read, (STEP, STEP), law=WallLaw(LIMIT))
     assert all(wall.missing_mm == 0.0 for wall in walls)
     restore(read, walls, mm_per_px=(STEP, STEP))
     assert face_over_gel(read) == pytest.approx(plain, rel=0.02)

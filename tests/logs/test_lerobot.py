@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -24,14 +23,13 @@ import pytest
 from tactilevision.cli import main
 from tactilevision.errors import InputError, OutputError
 from tactilevision.profile.sensor import CalibratedSensor
-from tactilevision.profile.storage import write_profile
 from tactilevision.records.maps import HeightMap
 from tactilevision.robots import lerobot as statistics
 from tactilevision.robots.lerobot import STEP_MM, Annotated, annotate, base_of, read_frame, shrunk
 from tactilevision.robots.lerobot_dataset import pictures, read_dataset, rows
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
-from lamp_sensor import LAMPS, free, pressed, profile, saved
+from lamp_sensor import free, pressed, profile, saved
 
 FIXTURE = Path(__file__).parents[1] / "data" / "lerobot_v3"  # lerobot_fixture.py says how LeRobot wrote it
 TACTILE, WRIST = "observation.images.tactile", "observation.images.wrist"
@@ -284,21 +282,6 @@ def test_the_command_writes_once_and_says_what(
         annotate(read_dataset(out, TACTILE), CalibratedSensor(profile()), tmp_path / "again")
     with pytest.raises(OutputError):
         annotate(read_dataset(root, TACTILE), CalibratedSensor(profile()), out)
-
-
-@pytest.mark.parametrize("words", [(), ("--shadows",)])
-def test_shadows_stay_with_a_word_or_are_undone(
-    root: Path, tmp_path: Path, words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    sensor = write_profile(replace(profile(), lamps=LAMPS), tmp_path / "shadows.tvs")
-    out = tmp_path / "out"
-    with pytest.MonkeyPatch.context() as patch:
-        command = ["tactilevision", "lerobot", root, "--camera", TACTILE, "--sensor", sensor, "--out", out, *words]
-        patch.setattr(sys, "argv", list(map(str, command)))
-        assert main() == 0
-    assert ("--shadows undoes them" in capsys.readouterr().err) is not bool(words)
-    flags = pq.read_table(out / TABLE).column(f"{base_of(TACTILE)}.flags").to_pylist()
-    assert any("shadow" in one for one in flags) is not bool(words)
 
 
 @pytest.mark.slow

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.profile.make import stated_material, with_compliance
 from tactilevision.profile.model import Profile
@@ -23,7 +22,6 @@ from lamp_room import BALL_MM, SENSOR, SHAPE, ball, flat, picture, presses, room
 
 __all__ = [
     "GEL",
-    "LAMPS",
     "PUNCH",
     "SHAPE",
     "TOML",
@@ -40,15 +38,6 @@ __all__ = [
 
 GEL = Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.01, youngs_modulus_MPa=0.2, youngs_modulus_std_MPa=0.004)
 PUNCH = Indenter("A1", radius_mm=2.5)
-LAMPS = Lamps(
-    (
-        Lamp(0.1, 24.0, 11.0, 12.0, 4.0, (1.0, 0.2, 0.1)),
-        Lamp(2.2, 24.0, 11.0, 12.0, 4.0, (0.1, 1.0, 0.2)),
-        Lamp(4.3, 24.0, 11.0, 12.0, 4.0, (0.2, 0.1, 1.0)),
-    ),
-    2.2,
-    1.0,
-)
 TOML = """\
 [sensor]
 kind = "custom"

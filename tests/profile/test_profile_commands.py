@@ -18,6 +18,7 @@ from lamp_sensor import TOML, free, pressed, saved, write_ball_folder, write_fra
 from tactilevision.cli import main, train as command
 from tactilevision.files.tiff import read_tiff
 from tactilevision.photometric.storage import save_method
+from tactilevision.press import certified_faces
 from tactilevision.profile.model import Seen
 from tactilevision.profile.sensor import load_sensor
 from tactilevision.profile.storage import read_profile
@@ -61,11 +62,13 @@ def test_a_folder_of_balls_and_flats_becomes_a_sensor(made: Path) -> None:
 def test_what_the_certificate_warned_of_is_not_said_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(command, "_face_law", lambda *given: (None, "faces read 25 % less"))
-    reader: Any = SimpleNamespace(shadows=None)
+    found = SimpleNamespace(depth_scale=None, doubt="faces read 25 % less")
+    monkeypatch.setattr(certified_faces, "read_faces", lambda *_, **__: [])
+    monkeypatch.setattr(certified_faces, "face_depth_correction", lambda *_, **__: found)
+    reader: Any = SimpleNamespace(taught=None)
     recording: Any = None
     for said, times in (("another",), 1), (("faces read 25 % less",), 0):
-        assert command._taught(recording, reader, [], said=said) == {False: None}
+        assert command._taught(recording, reader, [], said=said) is None
         assert capsys.readouterr().err.count("faces read") == times
 
 

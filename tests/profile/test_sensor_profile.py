@@ -12,19 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lamp_sensor import GEL, LAMPS, PUNCH, SHAPE, flat, free, method, picture, pressed, profile, saved
+from lamp_sensor import GEL, PUNCH, SHAPE, flat, free, method, picture, pressed, profile, saved
 
 from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.shadows_seen import undo_by
-from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.press.certified_faces import DepthScale, with_walls
 from tactilevision.profile.make import stated_material
 from tactilevision.profile.model import Seen, SeenBatch
 from tactilevision.profile.sensor import CalibratedSensor, load_sensor
 from tactilevision.profile.storage import read_profile, write_profile
-from tactilevision.records.certified import TaughtWalls, WallLessons
+from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
 from tactilevision.records.rig import Gel, Indenter
@@ -170,60 +168,21 @@ def test_a_face_law_is_kept(tmp_path: Path) -> None:
     assert read_profile(there).face_law == law
 
 
-def test_what_faces_taught_of_walls_is_kept_and_used_as_shadows_are_left_or_undone(tmp_path: Path) -> None:
-    left, undone = (TaughtWalls(share, 0.1, (0.01, 0.02, 0.001), (0.2, 0.5), 0.03) for share in (0.5, -0.5))
-    taught = replace(method(), walls=WallLessons(left, undone))
-    there = write_profile(replace(profile(), method=taught, lamps=LAMPS), tmp_path / "a.tvs")
+def test_what_faces_taught_of_walls_is_kept_and_used(tmp_path: Path) -> None:
+    taught = replace(method(), walls=TaughtWalls(0.5, 0.1, (0.01, 0.02, 0.001), (0.2, 0.5), 0.03))
+    there = write_profile(replace(profile(), method=taught), tmp_path / "a.tvs")
     assert getattr(read_profile(there).method, "walls", None) == taught.walls
-    for shadows, lesson in ((False, left), (True, undone)):
-        assert load_sensor(there, shadows=shadows).reconstructor.taught == lesson
+    assert load_sensor(there).reconstructor.taught == taught.walls
     assert load_sensor(saved(tmp_path)).reconstructor.taught is None
 
 
 def test_a_method_keeps_what_its_reader_knows_of_walls() -> None:
-    known = WallLessons(left=TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03))
+    known = TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
     bare, taught = method(), replace(method(), walls=known)
-    assert with_walls(bare, WallLessons()) is bare
+    assert with_walls(bare, None) is bare
     assert with_walls(taught, known) is taught
     assert getattr(with_walls(bare, known), "walls", None) == known
-    assert getattr(with_walls(taught, WallLessons()), "walls", None) == WallLessons()
-
-
-def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -> None:
-    laws = {False: DepthScale((1.2,), (0.05, 0.5), 0.01), True: DepthScale((1.0,), (0.05, 0.5), 0.01)}
-    four = (*LAMPS.lamps, replace(LAMPS.lamps[0], azimuth_rad=-1.2))
-    lamps = replace(LAMPS, lamps=four, refined=replace(LAMPS, power=1.8))
-    held = replace(profile(), face_law=laws[False], lamps=lamps, undone_face_law=laws[True])
-    there = write_profile(held, tmp_path / "a.tvs")
-    assert read_profile(there).lamps == lamps
-    left, undone = load_sensor(there, indenter="A1"), load_sensor(there, indenter="A1", shadows=True)
-    assert left.reconstructor.shadows is None, "by default frames are read fast"
-    assert "shadow" in read_one(left, pressed(4, 2.0)).flags
-    assert "shadow" not in (*read_one(undone, pressed(4, 2.0)).flags, *read_one(left, free(3)).flags)
-    by_hand = Reconstructor(profile().sensor, profile().method)
-    undo_by(by_hand, lamps)
-    rgb = pressed(4, 2.0)
-    np.testing.assert_array_equal(
-        read_one(undone, rgb).height.depth_mm, by_hand.rectified_map(by_hand.rectified(Frame(rgb))).depth_mm
-    )
-    plain, deeper = load_sensor(saved(tmp_path), indenter="A1"), read_one(left, rgb).height.depth_mm.max()
-    assert deeper > 1.15 * read_one(plain, rgb).height.depth_mm.max(), "the law of faces read with their shadows"
-    again: CalibratedSensor = pickle.loads(pickle.dumps(undone))  # noqa: S301 - made here
-    fresh = again.with_reference([flat(np.random.default_rng(3))])
-    for one in (again, fresh):
-        assert one.reconstructor.shadows is not None
-        assert one.reconstructor.lean == by_hand.lean
-
-
-def test_lamps_that_do_not_explain_the_light_undo_nothing_and_flag_deep_maps(tmp_path: Path) -> None:
-    kept = profile().method
-    assert isinstance(kept, CalibratedMethod)
-    method = replace(kept, lamps=replace(LAMPS, unexplained=0.2))
-    sensor = load_sensor(write_profile(replace(profile(), method=method), tmp_path / "a.tvs"), shadows=True)
-    assert sensor.reconstructor.shadows is None
-    assert sum("unknown_lamps" in one for one in sensor.reconstructor.warnings) == 1
-    assert "unknown_lamps" in read_one(sensor, pressed(4, 2.0)).flags
-    assert "unknown_lamps" not in read_one(sensor, free(3)).flags
+    assert getattr(with_walls(taught, None), "walls", known) is None
 
 
 def test_without_e_and_nu_there_is_depth_and_no_force(tmp_path: Path) -> None:

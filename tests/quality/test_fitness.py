@@ -88,12 +88,12 @@ def test_a_stream_and_the_command_line_refuse_it_unless_told_so(
     def built(recording: Recording, method: object = None) -> Reconstructor:
         return reader
 
-    monkeypatch.setattr("tactilevision.heightmap.build.calibrate_light", built)
+    monkeypatch.setattr("tactilevision.heightmap.build.build_reconstructor", built)
     recording = read_recording(SAMPLE)
     with pytest.raises(InputError, match=r"^reference/ball: .*--even-so"):
-        source.Choice(shadows=False, even_so=False).light(recording)
+        source.Choice(even_so=False).light(recording)
     assert capsys.readouterr().err.count("warning: two lamps?") == 1, "why it fails is told with it"
     (tmp_path / "old.npz").touch()
     with pytest.raises(InputError, match=f"^{tmp_path}/old.npz: .*--even-so"):  # what was named, not this folder
-        source.Choice(method=f"{tmp_path}/old.npz", shadows=False, even_so=False).light(recording)
-    assert source.Choice(shadows=False).light(recording) is reader
+        source.Choice(method=f"{tmp_path}/old.npz", even_so=False).light(recording)
+    assert source.Choice().light(recording) is reader

@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from each import each
-from rendered_light import rendered_reconstructor
+from shared_scenes import rendered_reconstructor
 
 from tactilevision.errors import InputError
-from tactilevision.heightmap.build import calibrate_light, with_flats
+from tactilevision.heightmap.build import build_reconstructor, with_flats
 from tactilevision.heightmap.reference_match import some_frames
 from tactilevision.heightmap.scene_faults import able_to_renew, check_order, scene_faults
 from tactilevision.heightmap.untouched_frames import free_frames, press_starts
@@ -118,7 +118,7 @@ def test_a_calibration_refuses_a_mirrored_reference(tmp_path: Path) -> None:
     for path in (tmp_path / "copy" / "reference" / "flat").iterdir():
         write_image(path, np.ascontiguousarray(read_image(path)[:, ::-1]))
     with pytest.raises(InputError, match="ball pictures are mirrored left to right against the untouched gel's"):
-        calibrate_light(read_recording(tmp_path / "copy"))
+        build_reconstructor(read_recording(tmp_path / "copy"))
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="real frames are not here")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from shared_scenes import SAMPLE
 
-from tactilevision.heightmap.build import calibrate_light, curl_share, order_warnings
+from tactilevision.heightmap.build import build_reconstructor, curl_share, order_warnings
 from tactilevision.photometric.methods.network import find_model
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.pictures import read_flats, read_frame, read_reference
@@ -54,7 +54,7 @@ def test_who_reads_such_a_folder_is_warned_and_its_maps_are_flagged(tmp_path: Pa
     shot = rectify(recording.sensor, read_frame(recording, 60).rgb)
     for name, rgb in (("ref", sample()[0][0]), ("0", shot)):
         write_image(tmp_path / f"{name}.png", np.ascontiguousarray(rgb[..., ::-1] if swapped else rgb))
-    found = calibrate_light(read_folder(tmp_path, "gelslim3", guess=True))
+    found = build_reconstructor(read_folder(tmp_path, "gelslim3", guess=True))
     assert any("the frames show no surface" in one for one in found.warnings) == swapped
     assert ("light" in found.rectified_map(shot[..., ::-1].copy() if swapped else shot).flags) == swapped
 

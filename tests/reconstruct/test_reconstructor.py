@@ -309,13 +309,3 @@ def test_a_map_is_the_same_to_the_last_bit_wherever_in_memory_it_is_made() -> No
         kept.append((np.empty(rng.integers(1, 5_000), np.uint8), bytearray(int(rng.integers(1, 300_000)))))
         seen.add(reader.height_map(frame).depth_mm.tobytes())
     assert len(seen) == 1
-
-
-def test_shadows_that_were_tried_and_left_are_no_part_of_later_deviations() -> None:
-    reader = Reconstructor(SENSOR, calibrated().method, calibration=calibrated())
-    reader.given_back = np.ones(SHAPE)  # of a map made while shadows were undone on trial
-    rng = np.random.default_rng(3)
-    _, p, q = ball((0.0, 0.0), 1.2, 4.0)
-    terms = reader.depth_terms(reader.height_map(Frame(picture(p, q, rng), 0.0, "a.png")))
-    assert terms
-    assert "cast shadow" not in terms

@@ -15,7 +15,7 @@ from PIL import Image
 from small_recording import picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
-from tactilevision.heightmap.build import calibrate_light
+from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.model import BadFrame
 from tactilevision.recording.pictures import iter_frames
@@ -154,7 +154,7 @@ def test_every_reference_has_the_size_of_the_frames(tmp_path: Path, name: str) -
     (folder / "reference/ball.csv").write_text("frame,ball_radius_mm\nb1.png,3.0\nb2.png,3.0\n")
     write_image(folder / "reference" / name, picture(3, 16, 12))
     with pytest.raises(RecordingError, match=rf"{name}: the picture is 16 x 12, the others 32 x 24"):
-        calibrate_light(read_recording(folder))
+        build_reconstructor(read_recording(folder))
 
 
 @pytest.mark.parametrize("name", ["flat/untouched.png", "ball/b1.png"])

@@ -23,24 +23,19 @@ class Stated:
     frame_names: tuple[str, ...] = ()
 
 
-@pytest.mark.parametrize("plain", [False, True])
-def test_a_ball_left_out_is_read_with_its_shadow_undone(
-    plain: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_ball_held_out_calibrates_nothing_that_it_is_read_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "truth.toml").write_text(tomli_w.dumps({"ball": [{}] * BALLS, "step": []}))
-    seen: dict[int, tuple[bool, bool]] = {}
-
-    def with_shadows(recording: Stated, reader: SimpleNamespace, *, frames: object) -> SimpleNamespace:
-        return SimpleNamespace(kept=reader.kept, undoes=recording.balls == reader.kept)
+    seen: dict[int, bool] = {}
 
     def ball(folder: Path, recording: Stated, reader: SimpleNamespace, number: int, truth: object) -> float:
-        seen[number] = number in reader.kept, reader.undoes
+        seen[number] = number in reader.kept
         return 1.0
 
     monkeypatch.setattr(judge_module, "read_recording", lambda folder: Stated())
-    monkeypatch.setattr(judge_module, "calibrate_light", lambda one: SimpleNamespace(kept=one.balls, undoes=False))
-    monkeypatch.setattr(judge_module, "with_shadows", with_shadows)
+    monkeypatch.setattr(judge_module, "build_reconstructor", lambda one: SimpleNamespace(kept=one.balls))
     monkeypatch.setattr(judge_module, "_ball", ball)
-    ratios, steps = judge(tmp_path, plain=plain)
+    ratios, steps = judge(tmp_path)
     assert (len(ratios), steps) == (BALLS, [])
-    assert seen == dict.fromkeys(range(BALLS), (False, not plain))
+    assert seen == dict.fromkeys(range(BALLS), False)

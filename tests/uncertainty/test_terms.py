@@ -14,6 +14,7 @@ import pytest
 from tactilevision.heightmap.deviation import TERMS, contributions_mm
 from tactilevision.heightmap.deviation_terms import (
     add_edge_variance,
+    add_shadow_variance,
     add_steep_variance,
     free_variance,
     hidden_step_mm,
@@ -21,6 +22,7 @@ from tactilevision.heightmap.deviation_terms import (
     missing_colour_variance,
     noise_variance,
     scale_variance,
+    shades,
     untouched_std_mm,
     zero_variance,
 )
@@ -28,6 +30,7 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.walls import PunchEdge
 from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane
 from tactilevision.records.maps import HeightMap, SlopeMap
+from tactilevision.records.rig import SHADOW_ZONE
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import SENSOR, SHAPE, ball, picture, room_calibration
@@ -106,6 +109,24 @@ def test_an_edge_counts_within_its_radius_alone() -> None:
     y, x = np.indices(total.shape)
     inside = np.hypot(0.05 * x - 2.0, 0.05 * y - 1.5) < 1.0
     np.testing.assert_allclose(total, np.where(inside, 4e-4, 0.0), rtol=1e-6)
+
+
+def test_gel_that_a_wall_may_shade_is_uncertain_and_no_gel_beyond() -> None:
+    places = np.linspace(0.0, 3.0, 200)
+    edge = PunchEdge((2.0, 1.5), 1.0, 0.2, places, 0.1 * np.sqrt(places), 0.2, 0.1, 0.02)
+    total = np.zeros((60, 80), np.float32)
+    add_shadow_variance(total, [edge], mm_per_point=PX)
+    y, x = np.indices(total.shape) * PX[0]
+    beyond = np.hypot(x - 2.0, y - 1.5) - 1.0
+    assert shades(edge)
+    assert not total[beyond > SHADOW_ZONE.reach * 0.2 + 0.05].any()
+    assert np.ptp(total[beyond < 0.2]) == pytest.approx(0.0, abs=1e-12)
+    fall = 0.1 * (np.sqrt(SHADOW_ZONE.reach * 0.2) - np.sqrt(0.2))
+    assert np.sqrt(total.max()) == pytest.approx(0.3 * fall, rel=0.01)
+    gentle = replace(edge, depth_mm=0.03)
+    assert not shades(gentle)
+    add_shadow_variance(none := np.zeros_like(total), [gentle], mm_per_point=PX)
+    assert not none.any()
 
 
 def test_slopes_that_balls_showed_hide_nothing_and_steeper_ones_do() -> None:

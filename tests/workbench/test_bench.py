@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -276,15 +275,6 @@ def test_a_change_that_takes_too_long_is_stopped_and_said(made: Bench, monkeypat
     shown = do(made, "add", "thickness")
     assert "was stopped after" in shown.notice
     assert not shown.history.steps
-
-
-def test_a_card_says_that_its_effect_reads_the_frames_anew(made: Bench) -> None:
-    points: Any = SimpleNamespace(points=range(10))
-    frames: Any = SimpleNamespace()
-    opened = replace(made.opened, measured=(points,), frames=(frames,))
-    assert changes.seconds_anew("cast_shadow", opened) == 10 * changes.PRESS_S
-    assert "read anew" in changes.in_words("add", "cast_shadow", opened)
-    assert changes.seconds_allowed("add", "cast_shadow", opened) > changes.seconds_allowed("add", "tilt", opened)
 
 
 def test_where_nothing_is_sure_what_may_be_it_is_offered_to_try(made: Bench) -> None:

@@ -204,7 +204,6 @@ function cardOf(card) {
       onclick: () => { act("add", card.key); toTop(); } }, "Add")),
     card.about ? h("p", {}, card.about) : "",
     h("p", { class: card.stands_out ? "" : "soft" }, card.evidence, card.kind === "effect" ? "" : ` · ${card.kind}`, card.of === "the force" ? "" : ` · acts on ${card.of}`, " ", badge(card)),
-    card.slow_s ? h("p", { class: "soft" }, `Add reads the frames anew: about ${card.slow_s < 90 ? `${card.slow_s.toFixed(0)} s` : `${(card.slow_s / 60).toFixed(0)} minutes`}. Stop ends it.`) : "",
     card.why ? h("p", { class: "bad" }, card.why) : "",
     card.overlay ? [h("div", { class: "chart small", "data-overlay": card.key, role: "img", "aria-label": `What ${card.title} would leave` }),
       h("p", { class: "soft" }, h("span", { class: "dot", style: "background: var(--first)" }), "left now; ", h("span", { class: "dot", style: "background: var(--ink)" }),

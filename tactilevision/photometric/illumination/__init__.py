@@ -1,1 +1,0 @@
-"""The light: drift since the reference, colour change, camera response."""
