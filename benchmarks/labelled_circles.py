@@ -38,7 +38,7 @@ SAME_PLACE = (0, 7)  # a gentle and the deepest press, which lie a pixel apart
 CLIPPED = 250.0  # grey level from which a colour may be overexposed
 
 
-def main(clones: str = "", most: int | None = None) -> None:
+def main(clones: str = "", *, most: int | None = None) -> None:
     if REAL.is_dir():
         clicked_circles(most)
     else:
