@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 from made_presses import indenter, observations
 from test_diagnose import noisy
 from test_effects import BASE, RICH
@@ -176,8 +177,8 @@ def unstated_points(rng: np.random.Generator, jump_mm: float) -> Observations:
     return data.with_force(MODEL.predict(np.array([0.2, 0.48, 0.85, 0.95, 1.1]), data.shifted(off)))
 
 
-@pytest.mark.parametrize(("jump_mm", "odd"), [(0.0, ()), (0.06, ("p3",))])
-@pytest.mark.parametrize("seed", range(4))
+@each("jump_mm, odd", [(0.0, ()), (0.06, ("p3",))])
+@each("seed", range(4))
 def test_scatter_in_mm_accuses_no_press_of_the_stiffest_punch(
     seed: int, jump_mm: float, odd: tuple[str, ...]
 ) -> None:

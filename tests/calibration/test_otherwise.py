@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 from test_diagnose import noisy
 from test_effects import BASE, RICH
 
@@ -92,7 +93,7 @@ def test_a_plain_error_without_a_reason_displaces_nothing() -> None:
     assert alternative_explanation(named(force, (), standing=chance)) is None
 
 
-@pytest.mark.parametrize("error", INSTRUMENT_ERRORS, ids=lambda error: error.key)
+@each("error", INSTRUMENT_ERRORS)
 def test_a_plain_error_is_nothing_at_its_defaults_and_starts_inside_its_bounds(error: InstrumentError) -> None:
     off = np.array([p.default for p in error.parameters_on(RICH)])
     np.testing.assert_array_equal(planted(error, off), LAW.predict(BASE, RICH))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 from made_presses import indenter, observations
 from test_effects import RICH
 
@@ -137,7 +138,7 @@ def test_without_a_picture_there_is_nothing_to_compare() -> None:
     assert sight_of(few) is None
 
 
-@pytest.mark.parametrize("effect", in_picture(), ids=lambda e: e.key)
+@each("effect", in_picture())
 def test_switched_off_the_picture_is_the_depth(effect: InPicture) -> None:
     off = np.array([p.default for p in effect.parameters])
     np.testing.assert_array_equal(effect.seen(GAUGE.depth_mm, off, GAUGE), GAUGE.depth_mm)

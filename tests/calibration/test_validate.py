@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from test_effect_physics import wide_presses_and_a_weak_one
 
 from calibration.inputs.depth_path import in_phase
@@ -125,9 +126,7 @@ def test_few_depths_cannot_tell_a_trend(depth: Floats) -> None:
     assert "cannot be told" in trend.why
 
 
-@pytest.mark.parametrize(
-    ("modulus", "nu"), [(-0.2, 0.48), (0.0, 0.48), (math.nan, 0.48), (0.2, 0.5), (0.2, -0.1), (0.2, math.nan)]
-)
+@each("modulus, nu", [(-0.2, 0.48), (0.0, 0.48), (math.nan, 0.48), (0.2, 0.5), (0.2, -0.1), (0.2, math.nan)])
 def test_impossible_materials_are_refused(modulus: float, nu: float) -> None:
     with pytest.raises(InputError):
         validate(papers_points(), Material(modulus, nu), frictions=(0.3,))
@@ -142,8 +141,8 @@ def recording_of(folder: Path, points: str, *, gel: str = "thickness_mm = 3.0\nr
     return folder
 
 
-@pytest.mark.parametrize(
-    ("points", "gel", "said"),
+@each(
+    "points, gel, said",
     [
         ("0.2,1.2 0.4,0.9 0.5,0.4", "thickness_mm = 3.0\nradius_mm = 15.0", "force falls as the depth grows"),
         ("0.2,0.7 0.4,1.5", "thickness_mm = 3.0\nradius_mm = 2.4", "as wide as the gel pad"),
