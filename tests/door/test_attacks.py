@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from shared_scenes import sample_reconstructor
 
 from calibration.tasks.session import History, Step, load_history
@@ -71,7 +72,7 @@ def test_a_rectification_outside_the_recording_is_refused(recording: Path) -> No
         read_recording(recording)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".npy", ".tiff"])
+@each("suffix", [".png", ".jpg", ".npy", ".tiff"])
 def test_a_pipe_in_place_of_a_picture_is_no_picture(suffix: str, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / f"a{suffix}")
     with pytest.raises(InputError, match="is a pipe"):
@@ -123,8 +124,8 @@ def test_a_covariance_that_is_none_is_refused_where_it_stands(
 SOUND = {"youngs_modulus_MPa": {"value": 0.2, "std": 0.01, "interval95": [0.1, 0.4], "unit": "MPa"}}
 
 
-@pytest.mark.parametrize(
-    ("spoilt", "why"),
+@each(
+    "spoilt, why",
     [
         ({"youngs_modulus_MPa": {"value": "0.2", "interval95": [0.1, 0.4]}}, "youngs_modulus_MPa is no number"),
         ({"youngs_modulus_MPa": {"value": 200.0, "unit": "kPa"}}, "has another unit .got 'kPa'"),

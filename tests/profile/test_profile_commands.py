@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from lamp_sensor import TOML, free, pressed, saved, write_ball_folder, write_frames
 
 from tactilevision.cli import main, train as command
@@ -141,7 +142,7 @@ SAID = {
 }
 
 
-@pytest.mark.parametrize("said", SAID)
+@each("said", SAID)
 def test_what_is_wrong_is_said_with_the_option_that_would_help(
     said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from small_recording import edit, write_small
 
 from tactilevision.errors import RecordingError
@@ -83,8 +84,9 @@ def message(root: Path) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(("old", "new", "said"), FAULTS)
-def test_a_fault_is_named_with_its_key(folder: Path, old: str, new: str, said: str) -> None:
+@each("old, new, said", FAULTS)
+def test_a_fault_is_named_with_its_key(tmp_path: Path, old: str, new: str, said: str) -> None:
+    folder = write_small(tmp_path / "small")
     edit(folder / "recording.toml", old, new)
     text = message(folder)
     assert said in text
@@ -102,8 +104,8 @@ def test_text_in_another_encoding_is_named(folder: Path) -> None:
     assert "recording.toml: is not UTF-8 text" in message(folder)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
+@each(
+    "old, new, said",
     [
         (
             "radius_mm = 2.5",
@@ -123,7 +125,8 @@ def test_text_in_another_encoding_is_named(folder: Path) -> None:
         ("[clock]", "[robot]\nkind = 3\n[clock]", "robot has no meaning here and is ignored"),
     ],
 )
-def test_what_is_unlikely_or_unknown_is_a_warning(folder: Path, old: str, new: str, said: str) -> None:
+def test_what_is_unlikely_or_unknown_is_a_warning(tmp_path: Path, old: str, new: str, said: str) -> None:
+    folder = write_small(tmp_path / "small")
     edit(folder / "recording.toml", old, new)
     assert any(said in warning for warning in read_recording(folder).warnings)
 
@@ -133,8 +136,8 @@ def test_unknown_settings_are_kept(folder: Path) -> None:
     assert read_recording(folder).settings["robot"] == {"kind": 3}
 
 
-@pytest.mark.parametrize(
-    ("arrays", "said"),
+@each(
+    "arrays, said",
     [
         ({"map_x": np.zeros((4, 5))}, "map_y is missing; there are map_x"),
         (
@@ -145,7 +148,8 @@ def test_unknown_settings_are_kept(folder: Path) -> None:
         ({"map_x": np.array([None]), "map_y": np.array([None])}, "the rectification cannot be read"),
     ],
 )
-def test_damaged_maps_are_named(folder: Path, arrays: dict[str, Any], said: str) -> None:
+def test_damaged_maps_are_named(tmp_path: Path, arrays: dict[str, Any], said: str) -> None:
+    folder = write_small(tmp_path / "small")
     edit(folder / "recording.toml", "width_px", 'rectification = "maps.npz"\nwidth_px')
     np.savez(folder / "maps.npz", **arrays)
     assert said in message(folder)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from each import each
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
@@ -140,20 +141,23 @@ def message(root: Path) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(("name", "old", "new", "said"), EDITS)
-def test_a_spoilt_cell_is_named(folder: Path, name: str, old: str, new: str, said: str) -> None:
+@each("name, old, new, said", EDITS)
+def test_a_spoilt_cell_is_named(tmp_path: Path, name: str, old: str, new: str, said: str) -> None:
+    folder = write_small(tmp_path / "small")
     edit(folder / name, old, new)
     assert said in message(folder)
 
 
-@pytest.mark.parametrize(("name", "content", "said"), CONTENTS)
-def test_a_spoilt_file_is_named(folder: Path, name: str, content: bytes, said: str) -> None:
+@each("name, content, said", CONTENTS)
+def test_a_spoilt_file_is_named(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+    folder = write_small(tmp_path / "small")
     (folder / name).write_bytes(content)
     assert said in message(folder)
 
 
-@pytest.mark.parametrize("name", ["frames.csv", "forces.csv", "presses.csv", "stage.csv"])
-def test_a_table_that_is_a_pipe_is_not_taken_for_absent(folder: Path, name: str) -> None:
+@each("name", ["frames.csv", "forces.csv", "presses.csv", "stage.csv"])
+def test_a_table_that_is_a_pipe_is_not_taken_for_absent(tmp_path: Path, name: str) -> None:
+    folder = write_small(tmp_path / "small")
     (folder / name).unlink(missing_ok=True)
     os.mkfifo(folder / name)
     with pytest.raises(InputError, match=f"{name}: is a pipe, not a file"):
@@ -178,8 +182,8 @@ def _without(*names: str) -> Callable[[Path], None]:
     return spoil
 
 
-@pytest.mark.parametrize(
-    ("spoil", "said"),
+@each(
+    "spoil, said",
     [
         (_without("frames"), "frames: frames are listed, but there are no pictures"),
         (
@@ -198,7 +202,8 @@ def _without(*names: str) -> Callable[[Path], None]:
         (_without("recording.toml"), "is not a recording: recording.toml is missing"),
     ],
 )
-def test_a_missing_part_is_named(folder: Path, spoil: Callable[[Path], None], said: str) -> None:
+def test_a_missing_part_is_named(tmp_path: Path, spoil: Callable[[Path], None], said: str) -> None:
+    folder = write_small(tmp_path / "small")
     spoil(folder)
     assert said in message(folder)
 
@@ -293,8 +298,8 @@ CURVES = "press,time_s,depth_mm,fx_N,fy_N,fz_N\n1,0.1,0,0,0,0\n1,0.4,0.1,0,0,1\n
 CURVES_MS = re.sub(r"0\.([1459]),(0[.1]*,0,0)", r"\g<1>00,\2", CURVES)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
+@each(
+    "old, new, said",
     [
         ("1,0.4,0.1,0,0,1\n", "1,0.4,0.1,0,0,1\n" * 3, "2 rows repeat the row before them, in press 1: "),
         ("2,0.5,0,0,0,0\n2,0.9,0.1,0,0,1\n", "", "no rows of press 2, which presses.csv lists"),
@@ -302,7 +307,8 @@ CURVES_MS = re.sub(r"0\.([1459]),(0[.1]*,0,0)", r"\g<1>00,\2", CURVES)
         (CURVES, CURVES_MS, "2 of 2 presses last longer than in presses.csv, press 1 300 s and not 0.3 s"),
     ],
 )
-def test_curves_that_are_unlikely_are_named(folder: Path, old: str, new: str, said: str) -> None:
+def test_curves_that_are_unlikely_are_named(tmp_path: Path, old: str, new: str, said: str) -> None:
+    folder = write_small(tmp_path / "small")
     (folder / "curves.csv").write_text(CURVES)
     assert read_recording(folder).warnings == ()
     edit(folder / "curves.csv", old, new)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
@@ -222,8 +223,8 @@ def test_frames_and_a_reference_are_enough_for_depth(folder: Path) -> None:
     assert any("frames.csv is missing" in warning for warning in recording.warnings)
 
 
-@pytest.mark.parametrize(
-    ("needs", "said"),
+@each(
+    "needs, said",
     [
         (("frames", "forces"), "forces.csv: certify needs force readings. Add the table: columns time_s, fx_N"),
         (("presses",), "presses.csv: certify needs the protocol of presses"),
@@ -233,7 +234,8 @@ def test_frames_and_a_reference_are_enough_for_depth(folder: Path) -> None:
         (("curves",), "curves.csv: certify needs curves of depth and force"),
     ],
 )
-def test_what_a_step_lacks_is_named_with_its_file(folder: Path, needs: tuple[str, ...], said: str) -> None:
+def test_what_a_step_lacks_is_named_with_its_file(tmp_path: Path, needs: tuple[str, ...], said: str) -> None:
+    folder = write_small(tmp_path / "small")
     for name in ("forces.csv", "presses.csv", "frames.csv"):
         (folder / name).unlink()
     recording = read_recording(folder)

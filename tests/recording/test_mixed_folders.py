@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from each import each
 from PIL import Image
 from small_recording import picture, write_small
 
@@ -105,8 +106,8 @@ def test_a_folder_or_a_pipe_with_a_picture_s_name_is_a_lost_picture_only(tmp_pat
     assert lost == ["is a folder, not a file", "is a pipe, not a file"]
 
 
-@pytest.mark.parametrize("place", ["00", "9"])
-@pytest.mark.parametrize("kind", ["stack.tiff", "bomb.png", "bomb.npy"])
+@each("place", ["00", "9"])
+@each("kind", ["stack.tiff", "bomb.png", "bomb.npy"])
 def test_a_stack_or_a_bomb_is_a_lost_picture_only_first_or_last(
     kind: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

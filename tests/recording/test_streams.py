@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from each import each
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
@@ -59,9 +60,10 @@ def cut_to(path: Path, share: float) -> None:
     path.write_bytes(data[: int(len(data) * share)])
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff", ".bmp", ".npy"])
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.98])
-def test_a_torn_picture_is_flagged_and_the_rest_goes_on(folder: Path, suffix: str, share: float) -> None:
+@each("suffix", [".png", ".jpg", ".tiff", ".bmp", ".npy"])
+@each("share", [0.0, 0.02, 0.5, 0.98])
+def test_a_torn_picture_is_flagged_and_the_rest_goes_on(tmp_path: Path, suffix: str, share: float) -> None:
+    folder = write_small(tmp_path / "small")
     write_image(folder / f"frames/torn{suffix}", picture(4))
     cut_to(folder / f"frames/torn{suffix}", share)
     edit(folder / "frames.csv", "f4.png", f"torn{suffix}")
@@ -157,8 +159,9 @@ def make_video_recording(folder: Path, name: str, code: str, count: int = 10) ->
 VIDEOS = [("frames.avi", "FFV1"), ("frames.mkv", "FFV1"), ("frames.avi", "MJPG"), ("frames.mp4", "mp4v")]
 
 
-@pytest.mark.parametrize(("name", "code"), VIDEOS)
-def test_frames_of_a_video_are_found_by_their_number(folder: Path, name: str, code: str) -> None:
+@each("name, code", VIDEOS)
+def test_frames_of_a_video_are_found_by_their_number(tmp_path: Path, name: str, code: str) -> None:
+    folder = write_small(tmp_path / "small")
     recording = read_recording(make_video_recording(folder, name, code))
     assert recording.frame_names == tuple(str(i) for i in range(10))
     windows = [(0.0, 0.3), (0.35, 0.6), (0.75, 2.0), (0.1, 0.2)]  # on from where one stopped, then back
