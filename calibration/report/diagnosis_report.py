@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from calibration.diagnosis.diagnosis import Added, Diagnosis
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
-from calibration.diagnosis.score_test import FAILED
+from calibration.diagnosis.score_test import Failure
 from calibration.effects import PLAIN, get_effect
 from calibration.model.stages import EffectBase
 from calibration.report import page, wording
@@ -59,19 +59,23 @@ def summary(found: Diagnosis) -> list[str]:
     ]
     lines += [
         f"  {w.key}: {w.parameter} would have to be {_size(w)} (R^2 {w.r_squared:.4f})"
-        for w in found.would_have_to_be
+        for w in found.remainder.would_have_to_be
     ]
-    if found.change_point is not None:
-        lines.append(f"  since press {found.change_point}")
-    before, after = found.before.youngs_modulus, found.after.youngs_modulus
+    if found.remainder.change_point is not None:
+        lines.append(f"  since press {found.remainder.change_point}")
+    before, after = found.material.before.youngs_modulus, found.material.after.youngs_modulus
     if found.effects:
         lines += [f"E before: {wording.estimate(before)}", f"E after:  {wording.estimate(after)}"]
     else:
         lines.append(f"E: {wording.estimate(after)}")
     lines += allowed_for(found)
-    if found.not_testable:
-        lines.append("not testable with these data: " + ", ".join(in_words(key) for key in found.not_testable))
-    lines += [f"  {in_words(key)}: {why}" for key, why in found.not_testable.items() if why.startswith(FAILED)]
+    if found.limits.not_testable:
+        lines.append(
+            "not testable with these data: " + ", ".join(in_words(key) for key in found.limits.not_testable)
+        )
+    lines += [
+        f"  {in_words(key)}: {why}" for key, why in found.limits.not_testable.items() if isinstance(why, Failure)
+    ]
     return [*lines, *([next_sentence(found)] if found.measure_next else [])]
 
 
@@ -107,8 +111,8 @@ def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: S
 
     `commands`: commands to try.
     """
-    standing = [one for one in shown.cards if one.card.key not in found.tried]
-    failed = [one for one in shown.cards if one.card.key in found.tried]
+    standing = [one for one in shown.cards if one.card.key not in found.search.tried]
+    failed = [one for one in shown.cards if one.card.key in found.search.tried]
     plain = [] if shown.plain is None else [_plain(shown.plain)]
     return page.page(
         title,
@@ -138,10 +142,10 @@ def _misfit(found: Diagnosis, shown: Evidence) -> list[str]:
     """Return the misfit of the force, or of the reconstructed depth where only that fails; the other is folded."""
     force = [*page.figures(shown.misfit), page.folded("Every press", *page.figures(shown.every_press))]
     depth = page.figures(shown.picture)
-    if found.effects and not any(effect.key in found.fitted.model.keys for effect in found.effects):
+    if found.effects and not any(effect.key in found.fits.fitted.model.keys for effect in found.effects):
         quiet = page.folded("The forces, which the model explains within their repeatability", *force)
         return [page.section("Where the reconstructed depth fails", *depth, quiet)]
-    fails = min((one.p_adjusted for one in found.covariates_before), default=1.0) < MISFIT
+    fails = min((one.p_adjusted for one in found.search.covariates_before), default=1.0) < MISFIT
     return [
         page.section("Where the model fails" if fails else "Measured and modelled force", *force),
         page.folded("The reconstructed depth compared with the certified one", *depth),
@@ -179,7 +183,7 @@ def _head(found: Diagnosis) -> str:
     lines = [page.paragraph(f"{found.verdict}. {verdict_sentence(found)}", kind="lead")]
     lines += [page.paragraph(text) for text in (*stopped_sentence(found), *reading_sentence(found))]
     lines += [page.paragraph(_effect_sentence(effect)) for effect in found.effects]
-    lines += [page.paragraph(_needed(w)) for w in found.would_have_to_be]
+    lines += [page.paragraph(_needed(w)) for w in found.remainder.would_have_to_be]
     lines += [page.paragraph(text) for text in (*_material_moves(found), *allowed_for(found))]
     if found.verdict == "UNKNOWN":
         lines.append(page.paragraph(OWN_IDEA))
@@ -189,10 +193,10 @@ def _head(found: Diagnosis) -> str:
 
 def _material_moves(found: Diagnosis) -> list[str]:
     """Return a sentence on E with and without the named effects."""
-    before, after = found.before.youngs_modulus, found.after.youngs_modulus
+    before, after = found.material.before.youngs_modulus, found.material.after.youngs_modulus
     if not found.effects or before.value is None or after.value is None:
         return []
-    if found.fitted is found.base:
+    if found.fits.fitted is found.fits.base:
         return [f"Young's modulus rests on the certified depths and stays {wording.estimate(after)}."]
     return [f"With it, Young's modulus is {wording.estimate(after)}; without it, {wording.estimate(before)}."]
 
@@ -270,10 +274,10 @@ def _card(drawn: Drawn, found: Diagnosis) -> str:
 
 def _fall_of(found: Diagnosis, key: str) -> list[tuple[str, str]]:
     """Return the change of the held-out error by adding an effect of the force."""
-    keys = [effect.key for effect in found.effects if effect.key in found.fitted.model.keys]
-    if key not in keys or len(found.held_out) <= len(keys):
+    keys = [effect.key for effect in found.effects if effect.key in found.fits.fitted.model.keys]
+    if key not in keys or len(found.errors.held_out_N) <= len(keys):
         return []
-    before, after = (KILO * found.held_out[keys.index(key) + k] for k in (0, 1))
+    before, after = (KILO * found.errors.held_out_N[keys.index(key) + k] for k in (0, 1))
     return [("error on held-out presses", f"from {before:.1f} to {after:.1f} mN")]
 
 
@@ -285,7 +289,10 @@ def after_words(found: Diagnosis) -> str:
 
 def _material(found: Diagnosis) -> str:
     rows = [
-        (title, *(wording.estimate(getattr(result, name)) for result in (found.before, found.after)))
+        (
+            title,
+            *(wording.estimate(getattr(result, name)) for result in (found.material.before, found.material.after)),
+        )
         for name, title in wording.MATERIAL.items()
     ]
     return page.table(("", BASE, after_words(found)), rows)
@@ -294,7 +301,7 @@ def _material(found: Diagnosis) -> str:
 def _outside(found: Diagnosis) -> str:
     rows = [
         (in_words(w.key), f"{w.parameter} = {_size(w)}", f"{w.r_squared:.4f}", f"{KILO * w.rms_error_N:.1f}")
-        for w in found.would_have_to_be
+        for w in found.remainder.would_have_to_be
     ]
     return page.table(("candidate", "size needed", "R² of P/w", "rms error (mN)"), rows, numbers=(2, 3))
 
@@ -314,13 +321,19 @@ def _next(found: Diagnosis) -> str:
 
 
 def _untestable(found: Diagnosis) -> str:
-    rows = [(in_words(key), why, _bias(found.possible_bias.get(key))) for key, why in found.not_testable.items()]
+    rows = [
+        (in_words(key), why, _bias(found.limits.possible_bias.get(key)))
+        for key, why in found.limits.not_testable.items()
+    ]
     return page.table(("effect", "why", "E could be off by"), rows, numbers=(2,))
 
 
 def _from_here_on(found: Diagnosis) -> str:
     """Return the least size of each effect that would be significant, and the change of E by smaller ones."""
-    rows = [(in_words(key), shown_size(found, key), _bias(share)) for key, share in found.below_visibility.items()]
+    rows = [
+        (in_words(key), shown_size(found, key), _bias(share))
+        for key, share in found.limits.below_visibility.items()
+    ]
     return page.table(("effect", "significant from", "below that, E could be off by up to"), rows, numbers=(2,))
 
 

@@ -107,32 +107,39 @@ def _box(fitted: Fit) -> Box:
 
 def own_offsets(found: Diagnosis) -> Offsets | None:
     """Return each press's offset where presses are outlying or drift; None otherwise."""
-    fitted = found.whole or found.fitted
-    if not (found.odd or found.odd.scattered or found.change_point):
+    fitted = found.fits.whole or found.fits.fitted
+    if not (found.presses.odd or found.presses.odd.scattered or found.remainder.change_point):
         return None
     order = np.argsort(fitted.data.presses.order, kind="stable")
     own, labels = own_zero_mm(fitted), fitted.data.presses.label
     named = tuple(labels[k] for k in order)
-    since = named.index(found.change_point) if found.change_point in named else None
+    since = named.index(found.remainder.change_point) if found.remainder.change_point in named else None
     return Offsets(
-        named, KILO * (own - np.median(own))[order], tuple(n in found.odd.presses for n in named), since
+        named, KILO * (own - np.median(own))[order], tuple(n in found.presses.odd.presses for n in named), since
     )
 
 
 def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] | None:
     """Return the separation (k, k), in std, of added and best-scoring effects; None for fewer than two."""
-    keys = dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.score_test)])
+    keys = dict.fromkeys(
+        [*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.search.score_test)]
+    )
     fits = []
-    for key in [key for key in keys if key in EFFECTS and key in found.visible and key not in found.not_testable]:
+    for key in [
+        key
+        for key in keys
+        if key in EFFECTS and key in found.limits.visible and key not in found.limits.not_testable
+    ]:
         with suppress(*CANNOT_FIT):
-            fits.append(refit_with(found.base, get_effect(key)))
+            fits.append(refit_with(found.fits.base, get_effect(key)))
         if len(fits) == most:
             break
-    fits = [one for one in fits if _shows(found.base, one)]
+    fits = [one for one in fits if _shows(found.fits.base, one)]
     if len(fits) < 2:
         return None
     table = [
-        [0.0 if one is other else _separation(found.base, one, other.effect) for other in fits] for one in fits
+        [0.0 if one is other else _separation(found.fits.base, one, other.effect) for other in fits]
+        for one in fits
     ]
     return [one.effect.key for one in fits], np.array(table)
 
@@ -155,9 +162,9 @@ def _separation(base: Fit, one: Candidate, other: Effect) -> float:
 
 def sighting(found: Diagnosis) -> Sighting | None:
     """Return the reconstructed over the certified depth of samples, as read and corrected; None without both."""
-    if found.sight is None:
+    if found.search.sight is None:
         return None
-    base, last = found.sight.base, found.sight.current
+    base, last = found.search.sight.base, found.search.sight.current
     data = base.data
     against = [("certified depth (mm)", data.depth_mm)]
     if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
@@ -170,13 +177,13 @@ def sighting(found: Diagnosis) -> Sighting | None:
             ("azimuth about the face (°, 90 is down)", data.slopes.azimuth_deg),
         ]
     face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
-    corrected = data.normal_N / read_alone(last) if found.sight.steps else None
+    corrected = data.normal_N / read_alone(last) if found.search.sight.steps else None
     return Sighting(depth_ratio(base), corrected, face, tuple(against))
 
 
 def picture_lacks(found: Diagnosis) -> str:
     """Return what the reconstructed depth cannot be plotted against, and why."""
-    return "" if found.sight is None else unseen_beside(found.sight.base.data)
+    return "" if found.search.sight is None else unseen_beside(found.search.sight.base.data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,14 +197,14 @@ class Card:
 
 def card_keys(found: Diagnosis) -> list[str]:
     """Return the effects with a card: those added, those not distinguishable from them, those tried."""
-    return list(dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *found.tried]))
+    return list(dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *found.search.tried]))
 
 
 def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
     """Return one card a candidate, fitted alone on top of the base model."""
     known = {**EFFECTS, **{effect.key: effect for effect in private}}
-    by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
-    elsewhere = {w.key for w in found.would_have_to_be} - {e.key for e in found.effects}
+    by_sight = set() if found.search.sight is None else {s.key for s in found.search.sight.first.effects}
+    elsewhere = {w.key for w in found.remainder.would_have_to_be} - {e.key for e in found.effects}
     made = []
     for key in card_keys(found):
         if key in elsewhere:  # in the table of sizes needed
@@ -205,15 +212,15 @@ def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
         if key in by_sight:
             made.append(Card(key, (), None))  # shown with the reconstructed depth
         elif key in known:
-            made.append(_card(found.base, known[key]))
+            made.append(_card(found.fits.base, known[key]))
     return made
 
 
 def plain_card(found: Diagnosis) -> Card | None:
     """Return the card of the instrument error nearest to what no effect explains; None without one."""
-    if found.plain is None:
+    if found.remainder.plain is None:
         return None
-    card = _fitted_card(found.fitted, found.plain)
+    card = _fitted_card(found.fits.fitted, found.remainder.plain)
     return replace(card, overlay=None if card.overlay is None else replace(card.overlay, key=PLAIN_ERROR))
 
 

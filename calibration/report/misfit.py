@@ -188,10 +188,10 @@ def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
 
 def error_fall_of_sight(found: Diagnosis) -> tuple[ErrorFall, ...]:
     """Return the error of the reconstructed depth, where effects on it were named."""
-    if found.sight is None or not any(e.key not in found.fitted.model.keys for e in found.effects):
+    if found.search.sight is None or not any(e.key not in found.fits.fitted.model.keys for e in found.effects):
         return ()
-    fits = [found.sight.base, *(step.fitted for step in found.sight.steps)]
-    keys = [step.best.effect.key for step in found.sight.steps]
+    fits = [found.search.sight.base, *(step.fitted for step in found.search.sight.steps)]
+    keys = [step.best.effect.key for step in found.search.sight.steps]
     effects = [keys[: k + 1] for k in range(len(keys))]
     return _picture_fall(fits, effects, [reading_error_mm(one) for one in fits])
 
@@ -208,16 +208,16 @@ def _picture_fall(
 
 def error_fall_of_diagnosis(found: Diagnosis) -> ErrorFall:
     """Return the error of the base model and with each effect of the force that was named."""
-    keys = [effect.key for effect in found.effects if effect.key in found.fitted.model.keys]
-    steps = [tuple(keys[:k]) for k in range(len(keys) + 1)][: max(len(found.held_out), 1)]
-    held_out = bool(found.held_out) and all(math.isfinite(one) for one in found.held_out)
+    keys = [effect.key for effect in found.effects if effect.key in found.fits.fitted.model.keys]
+    steps = [tuple(keys[:k]) for k in range(len(keys) + 1)][: max(len(found.errors.held_out_N), 1)]
+    held_out = bool(found.errors.held_out_N) and all(math.isfinite(one) for one in found.errors.held_out_N)
     fitted = (found.errors.before, found.errors.after)[: len(steps)]
-    errors = found.held_out if held_out else (fitted[0], *[math.nan] * (len(steps) - 2), *fitted[1:])
+    errors = found.errors.held_out_N if held_out else (fitted[0], *[math.nan] * (len(steps) - 2), *fitted[1:])
     return ErrorFall(
         model_names(steps),
         tuple(errors),
         found.errors.floor,
-        repeatability_band(found.fitted, found.errors.floor),
+        repeatability_band(found.fits.fitted, found.errors.floor),
         held_out,
     )
 

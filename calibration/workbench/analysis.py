@@ -319,6 +319,6 @@ def diagnosed(question: Question, report: Callable[[str], None]) -> Verdict:
         measure_next=tuple(steps),
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
-        odd=found.odd.presses,
-        nearest="" if found.plain is None else found.plain.effect.key,
+        odd=found.presses.odd.presses,
+        nearest="" if found.remainder.plain is None else found.remainder.plain.effect.key,
     )

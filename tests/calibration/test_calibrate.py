@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from made_presses import indenter, observations
 from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
 
@@ -204,8 +205,8 @@ DEPTHS = np.array(HEIGHTS_MM)
 FORCES = 3.5 * DEPTHS * (1 + DEPTHS / 3)
 
 
-@pytest.mark.parametrize(
-    ("measured", "message"),
+@each(
+    "measured, message",
     [
         (points_of(-DEPTHS, FORCES), "above 0 mm"),
         (points_of(DEPTHS, -FORCES), "above 0 N"),

@@ -168,6 +168,7 @@ def test_a_method_made_from_balls_comes_with_its_card(tmp_path: Path, monkeypatc
     assert len(card["sha256"]) == 64
 
 
+@pytest.mark.slow
 def test_the_shadows_of_a_path_tracer_are_named_from_its_pictures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

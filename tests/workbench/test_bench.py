@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from made_bench import PRESSES, bench, do, presses
 
 from calibration.effects.private import load_effect, new_effect
@@ -150,8 +151,8 @@ def test_a_slider_moves_the_force_with_all_else_held(made: Bench) -> None:
             tried_view(shown, name, wrong)
 
 
-@pytest.mark.parametrize(
-    ("action", "value"),
+@each(
+    "action, value",
     [
         ("add", "magic"),
         ("add", "ageing"),  # needs several days
