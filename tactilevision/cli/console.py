@@ -152,7 +152,7 @@ def say_first(lines: Sequence[str], rest: Path) -> None:
         say(f"  ... and {len(lines) - _FIRST} more, all in {rest}")
 
 
-def warn(lines: tuple[str, ...] | list[str]) -> None:
+def warn(lines: Sequence[str]) -> None:
     """Print warnings to standard error, each on its own line."""
     for line in lines:
         _complain(f"warning: {line}")

@@ -14,7 +14,7 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
-from tactilevision.records.maps import told
+from tactilevision.records.maps import flag_messages
 
 if TYPE_CHECKING:
     from tactilevision.batch.folder import FrameResult
@@ -140,7 +140,7 @@ def _say(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
     console.say_first([f"  {row.frame}: {row.status}" for row in bad], out / "depth.csv")
     best = max((row for row in rows if row.status == "ok"), key=lambda row: row.peak_mm, default=None)
     flagged = Counter(flag for row in rows for flag in row.flags)
-    console.warn(told(flagged, len(rows)))
+    console.warn(flag_messages(flagged, len(rows)))
     if best is not None:
         console.say(f"  deepest: {best.frame}, {best.peak_mm:.3f} mm over {best.contact_area_mm2:.1f} mm²")
 

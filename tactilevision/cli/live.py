@@ -245,7 +245,7 @@ def _faults(reader: Reconstructor, shot: Shot) -> list[str]:
 
 
 def _say_end(counts: Counts, came: int, dropped: int) -> None:
-    from tactilevision.records.maps import told
+    from tactilevision.records.maps import flag_messages
 
     if counts.read:
         console.say(
@@ -253,6 +253,6 @@ def _say_end(counts: Counts, came: int, dropped: int) -> None:
             f"95 % had a result within {counts.age95_ms:.1f} ms of arrival",
             *counts.lines(),
         )
-        console.warn(told(counts.flags, counts.read))
+        console.warn(flag_messages(counts.flags, counts.read))
     if counts.refused:
         console.warn([f"{counts.refused} frames were refused, the last because {counts.why}"])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibration.report.report import Picture
+from calibration.report.page import Picture
 from tactilevision.cli.console import Progress
 from tactilevision.files.writing import plain_name
 from tactilevision.plots import calibration as indentation, misfit, style
@@ -137,7 +137,7 @@ def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder)
     """Draw the presses with the largest differences in time and depth, and all of them as force over depth."""
     kept = []
     if curves.whole:
-        shown = curves.telling(SHOWN)
+        shown = curves.most_changed(SHOWN)
         chosen = "that change most" if len(curves.models) > 1 else "with the largest residuals"
         words = (
             f"The {len(shown)} presses {chosen}. Black dots: measured. {coloured(curves.models)} "
@@ -154,7 +154,7 @@ def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progre
     """Draw sheets of all presses, or of those with the largest differences where they are very many."""
     if not curves.whole:
         return []
-    shown = curves.telling(SHEET * SHEETS)
+    shown = curves.most_changed(SHEET * SHEETS)
     sheets = [shown[k : k + SHEET] for k in range(0, len(shown), SHEET)]
     kept = []
     for number, sheet in enumerate(sheets, start=1):

@@ -229,16 +229,15 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         return _Known(content, _taught(recording, reconstructor, read_certified(calibration)))
     if not (recording.presses and recording.forces is not None and recording.sensor.gel is not None):
         return _Known()
-    from tactilevision.cli.calibrate import LawName, calibrate_one
-    from tactilevision.cli.measure import take
+    from tactilevision.pipeline import calibrate_each
 
-    outcome = calibrate_one(take([recording.path])[0], LawName.DEFAULT)
+    outcome = calibrate_each([recording.path], listener=console)[0]
     if outcome.result is None:
         console.warn([f"E and nu are omitted: {outcome.fault}"])
         return _Known()
-    points = outcome.taken.points
+    points = outcome.certified.points
     certified = [Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted]
-    return _Known(outcome.content, _taught(recording, reconstructor, certified, said=outcome.taken.warnings))
+    return _Known(outcome.content, _taught(recording, reconstructor, certified, said=outcome.certified.warnings))
 
 
 def _taught(

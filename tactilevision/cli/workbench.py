@@ -11,21 +11,18 @@ import typer
 
 from tactilevision.cli import console
 from tactilevision.cli.analysis import (
-    ANSWERED,
     Private,
     Seed,
     named_effects,
     next_commands,
-    observed,
-    with_nu,
     write_history,
 )
-from tactilevision.cli.measure import Taken, take
 
 if TYPE_CHECKING:
     from calibration.tasks.session import History
     from calibration.workbench.bench import Shown
     from calibration.workbench.opened import Frames, Opened
+    from tactilevision.pipeline import CertifiedRecording
 
 Opening = Annotated[
     list[Path] | None, typer.Argument(metavar="RECORDING...", help="Recordings of one sensor; none with --state.")
@@ -86,16 +83,17 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
     """Return the recordings as `compare` uses them."""
     from calibration.laws.flat_punch import elastomer_bound
     from calibration.workbench.opened import Opened, file_marks
+    from tactilevision.pipeline import certify_recordings, observed, sharpest_poisson_ratio
 
     paths = tuple(Path(name) for name in history.recordings)
     marks = file_marks(paths)
-    taken, bulge = with_nu(take(paths, answered=ANSWERED))
+    taken = certify_recordings(paths, scale_doubt=False, listener=console)
     own, files = named_effects(private)
     return Opened(
         paths=paths,
         measured=tuple(one.measured for one in taken),
         data=observed(taken),
-        bulge=bulge,
+        bulge=sharpest_poisson_ratio(taken),
         bound=elastomer_bound(history.prior),
         private=tuple(own),
         files=files,
@@ -105,7 +103,7 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
     )
 
 
-def _frames(taken: Taken) -> Frames | None:
+def _frames(taken: CertifiedRecording) -> Frames | None:
     from calibration.workbench.opened import Frames
 
     if taken.reconstructor is None or not taken.recording.frame_names:

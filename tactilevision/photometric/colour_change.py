@@ -17,16 +17,14 @@ from tactilevision.photometric.reference import SATURATED, Reference, darkest_gr
 from tactilevision.photometric.windows import Window, common, inside, means, window_of
 from tactilevision.records.measured import Bools, Bytes, Floats
 
-# Colours that a frame does not tell: they are overexposed in it, or in the picture of the untouched gel.
-#
-# Mostly few pixels lack one, close together: all that is asked of them is asked in the window that holds them.
+# Colours that are overexposed in a frame or in the reference, in the window that holds all of them.
 
 
 @dataclass(frozen=True, slots=True)
 class MissingColours:
-    """In a `window` of a picture: which colours are `missing` (3, h, w), and the `count` (h, w) of them.
+    """The colours `missing` (3, h, w) in a `window` of a picture, and their `count` (h, w).
 
-    `partly` (h, w): two are left, and light enough to tell slopes; `blind` (h, w): fewer do.
+    `partly` (h, w): two colours with enough light remain; `blind` (h, w): fewer do.
     """
 
     window: Window
@@ -36,7 +34,7 @@ class MissingColours:
     blind: Bools
 
     def tiles(self, px: int, size: tuple[int, int]) -> Bytes:
-        """Tiles of `px` by `px` pixels, `size` (w, h) of them, of which some lack a colour: 255 there."""
+        """Return `size` (w, h) tiles of `px` by `px` pixels: 255 where a colour is missing, else 0."""
         tiles = np.zeros(size[::-1], np.uint8)
         if (both := common(self.window, (slice(0, px * size[1]), slice(0, px * size[0])))) is not None:
             lacking = self.count[inside(both, self.window)]
@@ -49,7 +47,7 @@ class MissingColours:
 
 
 class MissingColoursFinder:
-    """Finds them in frames against one reference, whose own are known."""
+    """Find missing colours of frames against one reference."""
 
     def __init__(self, reference: Reference) -> None:
         self.overexposed, self.lit_by_two = reference.overexposed, reference.lit_by_two
@@ -57,7 +55,7 @@ class MissingColoursFinder:
         self.window = None if over is None else window_of(np.asarray(over.any(axis=0)))
 
     def find(self, rgb: Bytes) -> MissingColours | None:
-        """The colours that a frame (H, W, 3) or its reference lacks; None: it tells all of them."""
+        """Return the colours missing in a frame (H, W, 3) or its reference; None for none."""
         windows = [window for window in (_overexposed_window(rgb), self.window) if window is not None]
         if not windows:
             return None
@@ -83,29 +81,27 @@ def _overexposed_window(rgb: Bytes) -> Window | None:
     return down, slice(int(columns[0]), int(columns[-1]) + 1)
 
 
-# Colour change against the untouched gel: the quantity that slope is read from.
+# Colour change against the untouched gel, from which slope follows:
 #
 #     u_c = (I_c / (1 + drift_c) - I0_c) / (I0_c + s)
 #
-# Where lamps have faded apart or stray light stands out, their part is undone first, in light (`drift.py`).
-# Dividing by the local brightness makes u nearly the same function of slope all over the picture; the softening s
-# keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
-# leans over the picture is small, and applied to first order. Marks on the gel are filled from around, in I0 once
-# and in u frame by frame. A colour that is overexposed, in the frame or in I0, says nothing at its pixel
-# (`missing_colours.py`). One that is dark all over the untouched gel says nothing anywhere, and counts as
-# unchanged: u_c = 0.
+# Stray light and separately fading lamps are corrected first, in light (`drift.py`). Division by the local
+# brightness makes u nearly the same function of slope all over the picture; the softening s limits the noise of
+# dark places. The mean drift divides, its gradient is applied to first order. Marks on the gel are filled in I0
+# and in each u. Colours that are overexposed in the frame or in I0 are missing at a pixel. One that is dark all
+# over the untouched gel counts as unchanged: u_c = 0.
 
-SHADOW_PX = 4  # pixels apart that shadows are looked for
-STRIP_PX = 25000  # pixels worked on at once, so that all that is made of them stays in the cache
+SHADOW_PX = 4  # step of the search for shadows
+STRIP_PX = 25000  # pixels processed at once, so that intermediate arrays stay in the cache
 
 Planes = npt.NDArray[np.float32]
 
 
 class ChangeMaps:
-    """What makes colour changes of brightness: an untouched picture `mean` (3, h, w), at places x (w,), y (h,)."""
+    """Colour changes against an untouched picture `mean` (3, h, w), at places x (w,), y (h,)."""
 
     def __init__(self, mean: Planes, x: Planes, y: Planes, *, dark: int | None) -> None:
-        """`dark`: the colour that counts as unchanged, None where none does."""
+        """`dark`: number of the colour that counts as unchanged, or None."""
         self.mean, self.x, self.y, self.dark = mean, x, y, dark
         self.scale: Planes = np.empty_like(mean)
         self.update_scale()
@@ -113,22 +109,22 @@ class ChangeMaps:
         self.down, self.across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
 
     def update_scale(self) -> None:
-        """To be called when `mean` has changed."""
+        """Update the scale after a change of `mean`."""
         np.add(self.mean, np.float32(SOFTENING_GREY), out=self.scale)
         np.reciprocal(self.scale, out=self.scale)
         if self.dark is not None:
             self.scale[self.dark] = 1.0 / SOFTENING_GREY
 
     def light(self, gains: Floats) -> None:
-        """Count from here on with the `gains` (3, 3) of a drift."""
+        """Set the `gains` (3, 3) of the drift."""
         share = 1.0 / (1.0 + gains[:, 0, None])
         self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
         self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
         if self.dark is not None:
-            self.down[self.dark] = 0.0  # of its grey nothing counts: (0 + s) / s - 1 = 0
+            self.down[self.dark] = 0.0  # (0 + s) / s - 1 = 0
 
     def changes(self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, *, out: Planes) -> Planes:
-        """Changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w), into `out` alike."""
+        """Write changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w) to `out`, and return it."""
         rows, columns = window
         np.matmul(self.down[:, rows], self.across[..., columns], out=out)
         for grey, plane in zip(greys, out, strict=True):
@@ -140,7 +136,7 @@ class ChangeMaps:
 
 
 class ColourChange:
-    """Turns rectified frames into colour changes (3, H, W) float32, in buffers made once."""
+    """Compute colour changes (3, H, W) float32 of rectified frames, in reused buffers."""
 
     def __init__(self, reference: Reference, response: Response | None = None) -> None:
         self.reference = reference
@@ -155,14 +151,11 @@ class ColourChange:
         self.rgb: Bytes = np.empty((0, 0, 3), np.uint8)
         self.undo: Floats | None = None
         self.find_missing = MissingColoursFinder(reference).find
-        self.missing: MissingColours | None = None  # of the frame taken in; None: it tells all colours
+        self.missing: MissingColours | None = None  # of the current frame
         self._whole: Planes = np.empty_like(mean)
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
-        """Changes (3, H, W), drift, and validity (H, W) of a frame.
-
-        The changes are overwritten by the next call.
-        """
+        """Return changes (3, H, W), overwritten by the next call, drift, and validity (H, W) of a frame."""
         drift, valid = self.take(rgb)
         for window in strips((slice(0, rgb.shape[0]), slice(0, rgb.shape[1]))):
             self.maps.changes(self.greys(window), window, out=self._whole[:, window[0]])
@@ -172,11 +165,11 @@ class ColourChange:
 
     @property
     def measured(self) -> Planes:
-        """The changes (3, H, W) of the frame that `measure` was last called with."""
+        """Changes (3, H, W) of the last frame of `measure`."""
         return self._whole
 
     def measure_known(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
-        """As `measure`, changes that are not known NaN, and valid (H, W) where two colours are known."""
+        """Return as `measure`, with NaN for unknown changes, and valid (H, W) where two colours are known."""
         changes, drift, valid = self.measure(rgb)
         if self.missing is not None:
             window, valid = self.missing.window, valid.copy()
@@ -185,9 +178,9 @@ class ColourChange:
         return changes, drift, valid
 
     def take(self, rgb: Bytes) -> tuple[Drift, Bools]:
-        """Take a frame in: its drift, and where (H, W) it tells all colours, to be left so.
+        """Set the current frame and return its drift and the read-only mask (H, W) where all colours are known.
 
-        `within` then tells its changes, `missing` which colours it does not tell.
+        `within` then gives its changes, `missing` the missing colours.
         """
         self._check(rgb)
         drift = self.tracker.measure(rgb)
@@ -202,37 +195,31 @@ class ColourChange:
         return drift, valid
 
     def _in_shadow(self, rgb: Bytes) -> bool:
-        """Whether shadows are to be looked for in all of a frame: few of its pixels tell, unless it is bright."""
+        """Return whether shadows may lie in a frame, judged by few of its pixels unless all are bright."""
         line = rgb.ravel()
-        if np.maximum(line[1:], line[:-1]).min() > self.darkest:  # no two colours beside each other are dark
+        if np.maximum(line[1:], line[:-1]).min() > self.darkest:  # no two adjacent colours are dark
             return False
         return self.missing is not None or bool(_brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() <= self.darkest)
 
     def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
-        """The changes (3, h, w) of the frame taken in, strip by strip of a window.
-
-        Not where marks have to be filled: `measure` sees the whole picture.
-        """
+        """Yield the changes (3, h, w) of the current frame strip by strip of a window, without filling marks."""
         for window in strips(whole):
             size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
             out: Planes = np.empty((3, *size), np.float32)
             yield window, self.maps.changes(self.greys(window), window, out=out)
 
     def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
-        """Channels (3, h, w) of a window of the frame taken in."""
+        """Return the channels (3, h, w) of a window of the current frame."""
         greys = cv2.split(self.rgb[window])
         return greys if self.undo is None else list(undo_drift(greys, self.undo, power=self.tracker.power))
 
     def means(self, px: int) -> Planes:
-        """Channels (3, H // px, W // px) of the frame taken in, in means of `px` by `px` pixels.
-
-        Light is mixed in them as in pixels: what that misses goes with the noise squared, by the little mixed.
-        """
+        """Return the channels (3, H // px, W // px) of the current frame in means of `px` by `px` pixels."""
         planes = self.tracker.means if px == self.tracker.px else means(self.rgb, px)
         return planes if self.undo is None else undo_drift(planes, self.undo, power=self.tracker.power)
 
     def follow(self, rgb: Bytes, share: float) -> None:
-        """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""
+        """Move the reference towards `rgb` by `share` of the difference, in place."""
         marks = self.reference.marks
         gel = None if marks is None else np.asarray(1 - marked(rgb, marks), np.uint8)
         for mean, grey in zip(self.maps.mean, cv2.split(rgb), strict=True):
@@ -242,12 +229,12 @@ class ColourChange:
 
     @property
     def level(self) -> Planes:
-        """The untouched picture (3, H, W) that changes are counted from, without its marks."""
+        """The untouched picture (3, H, W), marks filled, that changes refer to."""
         return self.maps.mean
 
     @property
     def scale(self) -> Planes:
-        """Change (3, H, W) of one grey level; 0 of a colour that counts as unchanged."""
+        """Change (3, H, W) per grey level; 0 for a colour that counts as unchanged."""
         scale = self.maps.scale
         if self.maps.dark is not None:
             scale = scale.copy()
@@ -265,13 +252,13 @@ class ColourChange:
 
 
 def _brightest(rgb: Bytes) -> Bytes:
-    """Of the three channels of a picture (H, W, 3), pixel by pixel."""
+    """Return the maximum (H, W) over the channels of a picture (H, W, 3)."""
     red, green, blue = cv2.split(rgb)
     return np.asarray(cv2.max(cv2.max(red, green), blue))
 
 
 def strips(window: Window) -> Iterator[Window]:
-    """The window cut into strips of whole rows, STRIP_PX at most (but one row at least)."""
+    """Yield the window in strips of whole rows, of STRIP_PX at most (but one row at least)."""
     rows, columns = window
     step = max(1, STRIP_PX // (columns.stop - columns.start))
     for top in range(rows.start, rows.stop, step):

@@ -1,4 +1,4 @@
-"""Calibrated photometric methods: a rectified frame in, slopes out."""
+"""Calibrated photometric methods: slopes of a rectified frame."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Array = npt.NDArray[np.floating[Any]]
 
 @runtime_checkable
 class ReferencedMethod(PhotometricMethod, PixelMethod, Protocol):
-    """A method that compares a frame with a reference, follows its light, and knows its own error.
+    """A method that compares a frame with a reference, follows its light, and has a known error.
 
     `trusted_blocks` (h, w): blocks of the picture where the law holds, for the zero plane.
     """
@@ -63,19 +63,18 @@ class ReferencedMethod(PhotometricMethod, PixelMethod, Protocol):
 
 
 def as_referenced(method: object) -> ReferencedMethod | None:
-    """The method as one with a reference; None for one that gives slopes alone."""
+    """Return the method if it has a reference, else None."""
     return method if isinstance(method, ReferencedMethod) else None
 
 
 @dataclass
 class CalibratedMethod:
-    """A colour law with the reference it is used against.
+    """A colour law with its reference.
 
-    `relative_error` is the law's own held-out error as a part of the slope. `card` says what it was made from.
-    `two_colours` read the pixels of which a colour is overexposed; None: nothing does, and they are not valid.
-    `light_law` says which colours slopes should have; None where no ball told it. `walls` are what certified
-    faces taught; None where there were none.
-    Not thread-safe: buffers are reused; make one for each thread.
+    `relative_error`: held-out error relative to the slope. `card`: provenance and errors. `two_colours`: laws for
+    pixels with an overexposed colour, which are not valid without. `light_law`: the shading law, None without
+    balls. `walls`: corrections learned from certified faces, None without. Not thread-safe: buffers are reused;
+    make one for each thread.
     """
 
     law: ColourLaw
@@ -108,22 +107,19 @@ class CalibratedMethod:
 
     @property
     def current_background(self) -> SlopeBackground:
-        """What is known of untouched gel, as blocks, also where no ball picture told it."""
+        """Bias and noise on untouched gel, by blocks, also without ball pictures."""
         if self.background is not None:
             return self.background
         return BackgroundSums(self.reference.shape).result(self.evaluate.noise(self.change.noise))
 
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
-        """Slopes (H, W) of a rectified frame (H, W, 3) uint8.
-
-        Raises InputError for a frame that cannot be read.
-        """
+        """Return slopes (H, W) of a rectified frame (H, W, 3) uint8. Raises InputError if it cannot be read."""
         reading = self.read(rgb_rectified)
         slopes = reading.slopes
         return replace(slopes, std=self._std(slopes.dz_dx, slopes.dz_dy, reading.lost_share))
 
     def read(self, rgb_rectified: Bytes) -> Reading:
-        """The slopes, without their deviation, and what was found on the way."""
+        """Return the slopes without their deviation, the drift, and the missing colours."""
         height, width = self.reference.shape
         whole = slice(0, height), slice(0, width)
         if self.reference.marks is None:
@@ -138,24 +134,24 @@ class CalibratedMethod:
         return Reading(SlopeMap(slopes[0], slopes[1], self.valid(valid)), drift, steepest, self.lost_share())
 
     def at(self, change: Floats, place: Floats) -> Floats:
-        """Slopes (N, 2) of changes (N, 3) at places (N, 2), by two colours where a change is not known (NaN)."""
+        """Return slopes (N, 2) of changes (N, 3) at places (N, 2), by two colours where a change is NaN."""
         if self.two_colours is None or np.isfinite(change).all():
             return self.law.at(change, place)
         return self.two_colours.at(change, place, otherwise=self.law)
 
     def evaluate_tiled(self, rgb_rectified: Bytes) -> Reading:
-        """As `read`, gentle gel in means of pixels: for surfaces, in which single pixels do not matter."""
+        """Return as `read`, gentle gel in means of pixels, for surfaces without detail of single pixels."""
         reader = self.tiled_evaluator
         return reader.read(rgb_rectified) if reader else self.read(rgb_rectified)
 
     @cached_property
     def tiled_evaluator(self) -> TiledEvaluator | None:
-        """What reads gentle gel in means; None where the method was not settled so (card)."""
+        """Evaluator of gentle gel in means; None where the method was not calibrated for it (card)."""
         px = self.card.tile_px or 1
         return TiledEvaluator(self, px) if 1 < px <= tile_px_for(self) else None
 
     def read_window(self, window: Window) -> tuple[Planes, float]:
-        """Slopes (2, h, w) of a window of the frame that `change` has taken in, and the greatest |slope|."""
+        """Return slopes (2, h, w) of a window of the current frame of `change`, and the greatest |slope|."""
         rows, columns = window
         slopes: Planes = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
         steepest = self._read_into(slopes, self.change.within(window), top=rows.start)
@@ -164,24 +160,24 @@ class CalibratedMethod:
 
     @cached_property
     def two_colour_reader(self) -> TwoColourReader | None:
-        """What reads the pixels of the frame taken in of which a colour is missing."""
+        """Reader of pixels with a missing colour."""
         return None if self.two_colours is None else TwoColourReader(self.two_colours, self.change.noise)
 
     def valid(self, complete: Bools) -> Bools:
-        """Where (H, W) slopes of the frame taken in are told: `complete`, by all colours, or by two of them."""
+        """Return the mask (H, W) of known slopes: `complete` where all colours are known, or by two colours."""
         valid = complete & self.readable
         if self.change.missing is not None and self.two_colour_reader is not None:
             self.two_colour_reader.add_readable(valid, self.change.missing)
         return valid
 
     def lost_share(self) -> Patch | None:
-        """Relative error of slopes of the frame taken in, by missing colours; None where none is."""
+        """Return the relative error of slopes of the current frame by missing colours; None without any."""
         if self.change.missing is None or self.two_colour_reader is None:
             return None
         return self.two_colour_reader.lost_share(self.change.missing)
 
     def _read_into(self, slopes: Planes, parts: Iterable[tuple[Window, Planes]], top: int = 0) -> float:
-        """Set `slopes`, from the picture's row `top` on, by strips of changes (3, h, w); their greatest length."""
+        """Set `slopes`, from row `top` on, from strips of changes (3, h, w), and return the greatest |slope|."""
         steepest = 0.0
         for window, change in parts:
             part = slopes[:, window[0].start - top : window[0].stop - top]
@@ -194,7 +190,7 @@ class CalibratedMethod:
         return steepest
 
     def _fill_blind(self, slopes: Planes, window: Window) -> None:
-        """Fill the slopes (2, h, w) of a window from around where fewer than two colours tell them."""
+        """Fill the slopes (2, h, w) of a window from around where fewer than two colours are known."""
         missing = self.change.missing
         if missing is None or self.two_colours is None or (both := common(window, missing.window)) is None:
             return
@@ -205,15 +201,13 @@ class CalibratedMethod:
             fill(slopes, mask)
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
-        """Move the reference towards a picture of the untouched gel by `share` of their difference."""
+        """Move the reference towards a picture of the untouched gel by `share` of the difference."""
         self.change.follow(rgb_rectified, share)
         if self.tiled_evaluator:
             self.tiled_evaluator.follow(rgb_rectified, share)
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
-        """The same law against another picture of the untouched gel; that of two colours where the third is dark
-        there and was not before.
-        """
+        """Return the method with another reference; by two colours if the third is dark only there."""
         dark, two = reference.dark_colour, self.two_colours
         if dark is None or dark == self.reference.dark_colour or two is None:
             return replace(self, reference=reference)
@@ -221,7 +215,7 @@ class CalibratedMethod:
         return replace(self, reference=reference, law=two.laws[dark], relative_error=error, light_law=None)
 
     def with_card(self, card: MethodCard) -> CalibratedMethod:
-        """The same method with another card."""
+        """Return the method with another card."""
         return replace(self, card=card)
 
     def _std(self, dz_dx: Array, dz_dy: Array, lost: Patch | None) -> Array:

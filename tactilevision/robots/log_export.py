@@ -15,7 +15,7 @@ import numpy as np
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files.opening import inside
 from tactilevision.files.tiff import read_tiff
-from tactilevision.files.writing import replacing, told_as_output, unfinished
+from tactilevision.files.writing import output_errors, replacing, unfinished
 from tactilevision.recording.layout import Columns
 from tactilevision.recording.model import Recording
 from tactilevision.recording.tables import read_table
@@ -79,13 +79,13 @@ def _folder(path: Path) -> Iterator[Put]:
     if path.exists():
         raise OutputError("exists already", where=path, remedy="Choose another name for the ROS 2 bag.")
     bags = library("rosbags.rosbag2")
-    with told_as_output(path):
+    with output_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=unfinished(), dir=path.parent))
     try:
         with bags.Writer(scratch / path.name, version=8, storage_plugin=bags.StoragePlugin.SQLITE3) as bag:
             yield _putter(bag, "cdr")
-        with told_as_output(path):
+        with output_errors(path):
             (scratch / path.name).rename(path)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)

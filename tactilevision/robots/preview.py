@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError, OutputError
-from tactilevision.files.writing import told_as_output, unfinished
+from tactilevision.files.writing import output_errors, unfinished
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.records.constants import MILLI
 from tactilevision.records.measured import Bytes, Floats, Pair
@@ -219,7 +219,7 @@ class Foxglove:
         self._scratch = None if mcap is None else mcap.with_name(f"{unfinished()}{mcap.name}")
         self._writer, self._server = None, None
         if self._scratch is not None:
-            with told_as_output(self._scratch):
+            with output_errors(self._scratch):
                 self._scratch.parent.mkdir(parents=True, exist_ok=True)
                 self._writer = foxglove.open_mcap(self._scratch, allow_overwrite=True, context=self._context)
         if serve:
@@ -235,7 +235,7 @@ class Foxglove:
             self._server.stop()
         if self._writer is not None and self._scratch is not None and self.mcap is not None:
             try:
-                with told_as_output(self.mcap):
+                with output_errors(self.mcap):
                     self._writer.close()
                     self._scratch.replace(self.mcap)
             except (RuntimeError, OutputError) as refused:  # its own kind of error, also for a full disk

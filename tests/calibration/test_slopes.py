@@ -209,6 +209,6 @@ def test_a_ceiling_of_slopes_has_no_unit_and_moves_no_certified_depth() -> None:
     pressed = data.with_force(0.9 * data.depth_mm * (1 + 0.8 * data.depth_mm / 3) + 1e-3 * np.resize([1, -1], 8))
     found = diagnose(pressed, np.random.default_rng(0))
     assert found.as_json()["smallest_visible_unit"]["slope_saturation"] == "1"
-    assert 0 < found.visible["slope_saturation"] < 8
+    assert 0 < found.limits.visible["slope_saturation"] < 8
     assert not shown_size(found, "slope_saturation").endswith("mm")
-    assert found.below_visibility["slope_saturation"] == 0
+    assert found.limits.below_visibility["slope_saturation"] == 0

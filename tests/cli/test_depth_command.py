@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.batch.selection import strongest_frames
 from tactilevision.cli import main
@@ -83,7 +84,7 @@ def test_a_bad_reference_is_named_with_the_option_for_another(
     assert f"{tmp_path / '0.png'}: the picture is 320 x 240, the others " in told
 
 
-@pytest.mark.parametrize("scale", ["1e9", "1e-9", "nan", "inf", "-1", "0"])
+@each("scale", ["1e9", "1e-9", "nan", "inf", "-1", "0"])
 def test_a_scale_out_of_all_reason_is_refused(
     scale: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -21,7 +21,7 @@ from tactilevision.force.frame import FrameForce
 from tactilevision.recording.read import read_recording
 
 RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
-FRAMES = 45  # of 162: a few presses
+FRAMES = 30  # of 162: a few presses
 CALIBRATION: dict[str, Any] = {
     "youngs_modulus_MPa": {"value": 0.2, "std": 0.006, "interval95": [0.188, 0.212], "unit": "MPa"},
     "poisson_ratio": {"value": 0.48, "std": 0.005, "interval95": [0.47, 0.49], "unit": "1"},

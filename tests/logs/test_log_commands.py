@@ -153,6 +153,6 @@ def test_what_a_recording_leaves_out_of_its_sensor_a_profile_or_an_option_says(d
     assert open_with_profile(rec, mini).sensor.mm_per_px == profile.sensor.mm_per_px
     settings = rec / "recording.toml"
     settings.write_text(settings.read_text() + '[sensor]\nkind = "gelsight_mini"\n')
-    with pytest.raises(RecordingError, match="or --mm-per-px where the command takes it"):
+    with pytest.raises(RecordingError, match="or --mm-per-px if the command has it"):
         read_recording(rec)
     assert read_folder(rec, mm_per_px=0.5).sensor.mm_per_px == (0.5, 0.5)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from each import each
 from lamp_sensor import saved
 
 from tactilevision.errors import InputError
@@ -52,9 +53,7 @@ def stated(**changes: Any) -> Callable[[dict[str, bytes]], None]:
     return change
 
 
-@pytest.mark.parametrize(
-    "name", ["method.npz", "method.json", "untouched.png", "calibration.json", "compliance.npz"]
-)
+@each("name", ["method.npz", "method.json", "untouched.png", "calibration.json", "compliance.npz"])
 def test_a_file_that_was_changed_is_named(path: Path, tmp_path: Path, name: str) -> None:
     def change(files: dict[str, bytes]) -> None:
         files[name] = files[name][:-1] + bytes([files[name][-1] ^ 1])
@@ -109,14 +108,14 @@ def in_json(files: dict[str, bytes], name: str, key: str, value: Any) -> None:
     files[name] = json.dumps(json.loads(files[name]) | {key: value}).encode()
 
 
-@pytest.mark.parametrize("said", FALSE)
+@each("said", FALSE)
 def test_a_forged_profile_whose_hashes_fit_is_still_refused(path: Path, tmp_path: Path, said: str) -> None:
     with pytest.raises(InputError, match=said):
         load_sensor(repacked(path, tmp_path / "a.tvs", FALSE[said], hashed=True))
 
 
-@pytest.mark.parametrize(
-    ("version", "said"),
+@each(
+    "version, said",
     [
         (
             3,
@@ -147,7 +146,7 @@ def test_what_is_no_profile_is_told(path: Path, tmp_path: Path) -> None:
         load_sensor(there)
     with zipfile.ZipFile(there, "w", zipfile.ZIP_DEFLATED) as packed:
         packed.writestr("profile.json", "{}" * 100)
-    with pytest.raises(InputError, match="what is not stored as it is"):
+    with pytest.raises(InputError, match="compressed"):
         load_sensor(there)
     with zipfile.ZipFile(there, "w") as packed:
         packed.writestr("profile.json", "{}")

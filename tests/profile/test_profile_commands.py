@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from lamp_sensor import TOML, free, pressed, saved, write_ball_folder, write_frames
 
 from tactilevision.cli import main, train as command
@@ -136,12 +137,12 @@ SAID = {
     ),
     "State it with --mm-per-px": ("depth", "{frames}", "--sensor", "digit"),
     "the folder holds no pictures": ("depth", "{empty}", "--sensor", "digit"),
-    "Say it with --ball-radius-mm": ("calibrate-sensor", "{untold}", "--sensor", "{toml}"),
+    "State it with --ball-radius-mm": ("calibrate-sensor", "{untold}", "--sensor", "{toml}"),
     "Name it with --reference": ("calibrate-sensor", "{frames}", "--sensor", "{toml}", "--ball-radius-mm", 4),
 }
 
 
-@pytest.mark.parametrize("said", SAID)
+@each("said", SAID)
 def test_what_is_wrong_is_said_with_the_option_that_would_help(
     said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
