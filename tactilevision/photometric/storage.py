@@ -41,7 +41,7 @@ def wall_numbers(walls: TaughtWalls) -> Floats:
 
 
 def taught_walls(numbers: npt.NDArray[Any], *, where: Path) -> TaughtWalls:
-    """Return the wall corrections of numbers (8,). Raises InputError for impossible ones."""
+    """Return the wall corrections of numbers (8,), depths in mm. Raises InputError for impossible ones."""
     share, growth, of_share, of_growth, between, low, high, scatter = (float(one) for one in numbers)
     known = max(abs(share), abs(growth)) <= MAX_WALL_CHANGE and 0 < low <= high and scatter >= 0
     if not known or min(of_share, of_growth) < 0 or between**2 > of_share * of_growth:
