@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, in_px, picture, presses
+from shared_scenes import shared
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball_pictures import BallPicture
@@ -31,6 +32,7 @@ def pictures(count: int, seed: int = 1) -> list[BallPicture]:
 
 
 @lru_cache
+@shared
 def calibrated(name: str) -> Calibration:
     rng = np.random.default_rng(0)
     reference = make_reference([flat(rng) for _ in range(3)])

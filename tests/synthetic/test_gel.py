@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.mechanics.kappa import kappa
 from tactilevision.synthetic import ball as truth
@@ -40,7 +41,7 @@ def test_shift_on_a_half_space_is_inwards_for_a_compressible_gel() -> None:
     assert shift[0] == pytest.approx(-(1 - 2 * nu) / (1 - nu) * a / (np.pi * r), rel=0.05)
 
 
-@pytest.mark.parametrize(("place_mm", "rise"), [(4, 0.088), (5, 0.102), (6, 0.072), (8, 0.028), (10, 0.012)])
+@each("place_mm, rise", [(4, 0.088), (5, 0.102), (6, 0.072), (8, 0.028), (10, 0.012)])
 def test_rise_that_the_camera_sees_is_that_of_other_elements(place_mm: float, rise: float) -> None:
     seen = -punch_profile(0.48, 2.5, 3.0).depth_at(place_mm, 0.4) / 0.4
     assert seen == pytest.approx(rise, abs=0.003)
@@ -97,7 +98,7 @@ def test_flat_face_and_bevel_lie_where_the_rigid_body_is() -> None:
     assert (depth[everywhere] > plane[everywhere] - 1e-4).all()
 
 
-@pytest.mark.parametrize("side", ["right", "left", "top", "bottom"])
+@each("side", ["right", "left", "top", "bottom"])
 def test_bevel_touches_where_depth_and_rise_make_up_its_height(side: str) -> None:
     profile = punch_profile(0.48, 2.5, 3.0)
     bevel = Bevel(side, 5.0, 0.4, 10.0, 2.5)
