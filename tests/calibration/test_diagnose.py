@@ -291,7 +291,7 @@ def test_a_radius_pressed_to_one_depth_is_left_out_by_name() -> None:
     kinds = [indenter("A", 2.5)] * 6 + [indenter("B", 1.5)] * 2
     found, said = analysed(observations(depths, kinds))
     assert "radius 1.5 mm are excluded" in said
-    assert found.base.data.count == 6
+    assert found.fits.base.data.count == 6
     with pytest.raises(InputError, match="one depth"):
         diagnose(
             observations([np.array([0.4])] * 3, [indenter()] * 3).with_force(np.ones(3)), np.random.default_rng(0)

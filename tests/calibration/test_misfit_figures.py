@@ -144,7 +144,7 @@ def test_without_repeats_there_is_no_band(fits: dict[str, Fit]) -> None:
 def test_fits_of_other_presses_are_refused(fits: dict[str, Fit]) -> None:
     one = fits["law"]
     fewer = replace(one, data=one.data.take([0, 1]))
-    with pytest.raises(InputError, match="other presses"):
+    with pytest.raises(InputError, match="different presses"):
         force_curves({"a": one, "b": fewer})
     with pytest.raises(InputError, match="no model"):
         force_curves({})

@@ -84,7 +84,8 @@ def test_one_session_is_sorted_by_its_order_alone() -> None:
 def test_what_only_the_picture_shows_is_not_laid_to_the_forces() -> None:
     """UNKNOWN of the depth that the picture reads, beside forces that nothing ails."""
     found = diagnosed(points(3))
-    unseen = Searched(found.base, found.base, (), (), ScoreTest((), (), {}, {}))
-    said = verdict_sentence(replace(found, verdict="UNKNOWN", sight=unseen))
+    base = found.fits.base
+    unseen = Searched(base, base, (), (), ScoreTest((), (), {}, {}))
+    said = verdict_sentence(replace(found, verdict="UNKNOWN", search=replace(found.search, sight=unseen)))
     assert said.startswith("The reconstructed depth has an error")
     assert "The forces themselves are explained within their repeatability." in said
