@@ -14,7 +14,7 @@ from benchmarks.rendered.camera import RenderedCamera
 from benchmarks.rendered.families import Rig, field_mm, stream
 from tactilevision.files.writing import replacing
 from tactilevision.recording import layout
-from tactilevision.recording.model import Recording
+from tactilevision.recording.model import BallPress as BallRecord, Recording
 from tactilevision.recording.write import write_recording
 from tactilevision.records.rig import Gel, Sensor
 from tactilevision.synthetic import simulation as writing
@@ -59,7 +59,8 @@ def write_set(
     rig, gel = camera.rig, draw_gel(camera.rig)
     rng = stream(rig.family, rig.seed, 2)
     presses = plan_balls(balls, _BALL_RADII_MM, half_mm=field_mm(rig), gel=gel, rng=rng)
-    records = writing.ball_records(folder, presses, grid=camera.grid, stated=False)
+    places = (folder / layout.BALLS / f"{i:02d}.png" for i in range(len(presses)))
+    records = tuple(BallRecord(path, ball.radius_mm) for path, ball in zip(places, presses, strict=True))
     noise = stream(rig.family, rig.seed, 3)
     stills: list[tuple[Path, Surface]] = [(folder / layout.FLATS / f"{i:02d}.png", Flat()) for i in range(flats)]
     stills += zip((record.path for record in records), presses, strict=True)
