@@ -13,7 +13,7 @@ from importlinter.cli import lint_imports
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(p for name in ("tactilevision", "calibration") for p in (ROOT / name).rglob("*.py"))
-HEAVY = {"torch", "kornia", "matplotlib", "skimage", "numba"}
+HEAVY = {"torch", "kornia", "matplotlib", "skimage"}
 
 
 def imported(path: Path) -> set[str]:

@@ -15,7 +15,6 @@ from benchmarks.digest.cases import calibration
 from benchmarks.digest.compare import differences
 from benchmarks.digest.record import read_record
 from tactilevision.cli import main
-from tactilevision.compiled import SWITCH, compiled
 from tactilevision.recording.read import read_recording
 
 ROOT = Path(__file__).parents[1]
@@ -31,11 +30,8 @@ def calibrated() -> Path:
 def calibrated_sample() -> Path:
     out = scenes() / "sample"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(SWITCH, "0")  # the record is numpy's
-        compiled.cache_clear()
         patch.setattr(sys, "argv", ["tactilevision", "calibrate", str(SAMPLE), "--out", str(out)])
         assert main() == 0
-    compiled.cache_clear()
     return out
 
 

@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tactilevision.compiled import SWITCH
-
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_frames"
 
@@ -94,7 +92,6 @@ class Workspace:
     @staticmethod
     def _python(module: str, arguments: Sequence[str]) -> None:
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)}
-        environment[SWITCH] = "0"  # the record is numpy's; compiled kernels round otherwise
         ended = subprocess.run([sys.executable, "-m", module, *arguments], cwd=ROOT, env=environment, check=False,
                                capture_output=True, text=True)  # fmt: skip
         if ended.returncode:

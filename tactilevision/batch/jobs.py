@@ -20,7 +20,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from tactilevision.cluster.pool import ClusterPool, EndsWorkers, cluster_pool
-from tactilevision.compiled import compile_all
 from tactilevision.errors import InputError
 from tactilevision.files.documents import read_text
 from tactilevision.files.runs import join_lock, worker_pool
@@ -227,7 +226,6 @@ def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], work
         for number, frame in zip(left, _frames(recording, left), strict=True):
             yield _do(number, frame, *what)
         return
-    compile_all()
     with worker_pool(min(workers, -(-len(left) // MIN_CHUNK)), _start_worker, recording, *what) as pool:
         pending: set[Future[list[Row]]] = set()
         for future in _tasks(pool, recording, left, chunk=_chunk(len(left), workers)):

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.compiled import compiled
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair
 from tactilevision.robust import frame_mad_std, geman_mcclure_weight, mad_std, median, tukey_weight
@@ -133,10 +132,6 @@ def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float,
 
     Source: Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8.
     """
-    if compiled():
-        from tactilevision.heightmap.edge_kernels import quick_circle as quickly
-
-        return quickly(x, y, weight)
     terms, squares = np.stack([x, y, np.ones_like(x)]), x * x + y * y
     keep = weight
     for _ in range(2):
@@ -297,16 +292,6 @@ def _profiles(
     across, down = _directions(sectors * ACROSS)
     places = np.arange(bounds_mm[0] + 0.5 * BIN_PX * px, bounds_mm[1], BIN_PX * px)
     r = places.astype(np.float32)
-    if compiled():
-        from tactilevision.heightmap.edge_kernels import inward as inward_of, rays
-
-        x, y = np.empty((2, len(across), len(r)), np.float32)
-        along_x, along_y = (r / np.float32(mm) for mm in mm_per_px)
-        left, top = (at / mm for at, mm in zip(circle, mm_per_px, strict=False))
-        rays(across[:, 0], down[:, 0], along_x, along_y, left, top, x, y)
-        p, q = _sampled(slopes.dz_dx, x, y), _sampled(slopes.dz_dy, x, y)
-        known = np.ones(x.shape, np.uint8) if slopes.valid is None else _known(slopes.valid, x, y)
-        return places, inward_of(p, q, known, across[:, 0], down[:, 0], ACROSS)
     x, y = across * (r / np.float32(mm_per_px[0])), down * (r / np.float32(mm_per_px[1]))
     x += np.float32(circle[0] / mm_per_px[0])
     y += np.float32(circle[1] / mm_per_px[1])
@@ -359,10 +344,6 @@ def window_of(
 
 def _quantiles(values: Floats, *shares: float) -> Floats:
     """The values (shares, J) that a share of the known ones in each column of (K, J) do not exceed, or NaN."""
-    if compiled():
-        from tactilevision.heightmap.edge_kernels import quantiles
-
-        return quantiles(values, np.array(shares))
     last = np.maximum(np.count_nonzero(np.isfinite(values), axis=0) - 1, 0)
     ordered = np.sort(values, axis=0)  # NaN last
     return np.asarray(ordered[np.multiply.outer(shares, last).astype(np.intp), np.arange(len(last))])
@@ -370,10 +351,6 @@ def _quantiles(values: Floats, *shares: float) -> Floats:
 
 def _flanks(places: Floats, profiles: Floats, part: Floats | float) -> Floats:
     """Places (K,) where profiles (K, J), inwards from their peak, fall to a part of it (one, or (K,)); or NaN."""
-    if compiled():
-        from tactilevision.heightmap.edge_kernels import flanks
-
-        return flanks(places, profiles, np.broadcast_to(part, len(profiles)).astype(np.float64))
     filled = np.where(np.isnan(profiles), -np.inf, profiles)
     top, each = np.argmax(filled, axis=1), np.arange(len(filled))
     level = part * filled[each, top]
@@ -393,10 +370,6 @@ def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, flo
     Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
     """
     terms, places = _waves(len(places))[:, good], places[good]
-    if compiled():
-        from tactilevision.heightmap.edge_kernels import harmonics
-
-        return harmonics(places, np.ascontiguousarray(terms), CONVERGENCE_TOL, ROUNDS)
     off = places - median(places)
     solution, scale = np.zeros(3), residual_std(off)
     for _ in range(ROUNDS):

@@ -35,7 +35,6 @@ from itertools import accumulate
 import cv2
 import numpy as np
 
-from tactilevision.compiled import compiled
 from tactilevision.heightmap.two_grid_poisson import integrate_small
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture
@@ -66,7 +65,6 @@ TINY = np.float32(1e-9)  # keeps ratios of nothing to nothing at 0
 MIN_AREA_MM2 = 3.0  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
 RISE_SHARE = 0.25  # of the depth; tests/photometric/test_inconsistent_light.py
 RISE_MM = 0.1  # mm beside that: 235 pictures of samples and a path tracer have .05 beside .3 of the depth
-POWERS = np.array(SLOPE_POWERS)
 MIN_DEPTH_MM = 0.05  # mm of depth that rest on inconsistent places: less makes no map doubtful
 
 
@@ -163,13 +161,6 @@ class LightCheck:
     def _colours(self, change: Planes, slopes: Planes, light: LightLaw) -> tuple[Picture, Picture]:
         """t over its limit, and the share of the change of colour that is not explained, (h, w) each."""
         off, size = self.residual(change, slopes), self._size(change)
-        if compiled():
-            from tactilevision.heightmap.frame_kernels import against_law
-
-            score, share = np.empty_like(size), np.empty_like(size)
-            noise = np.asarray(self.noise_square, np.float32)
-            against_law(off, size, noise, light.share, light.limit, float(TINY), score, share)
-            return score, share
         return self._deviations(off, size, light.share) / np.float32(light.limit), _length(off) / (size + TINY)
 
     def _deviations(self, off: Planes, size: Picture, share: float) -> Picture:
@@ -186,13 +177,6 @@ class LightCheck:
 
     def residual(self, change: Planes, slopes: Planes) -> Planes:
         """What changes (3, h, w) of cells are off the law of light at slopes (2, h, w), means over REACH_MM."""
-        if compiled():
-            from tactilevision.heightmap.frame_kernels import off_law
-
-            off_law(change, slopes, self.answers, POWERS, off := np.empty_like(change))
-            for plane in off:
-                plane[:] = self._mean(plane)
-            return off
         p, q = (
             np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
         )

@@ -5,11 +5,10 @@ surface z is carried over to the single pixels, linear in between. What is then 
 
     L e = div (p, q) - L z      e = 0 on the window's rim; nothing flows over the picture's border
 
-(L: 5-point Laplacian) is solved by products with L's eigenvectors along either axis, or, compiled, along y alone
-and by elimination along x: at the size of a window as quick as transforms, and at any size. Between like ends they
-are even and odd by turns, so that half of each will do. Means of a gradient are the gradient of means, so that a
-step comes out as high coarsely as finely, and e is small and local: the depth of contacts is within .1 um that of
-one solution.
+(L: 5-point Laplacian) is solved by products with L's eigenvectors along either axis: at the size of a window as
+quick as transforms. Between like ends they are even and odd by turns, so that half of each will do. Means of a
+gradient are the gradient of means, so that a step comes out as high coarsely as finely, and e is small and local:
+the depth of contacts is within .1 um that of one solution.
 Assumes gentle slopes at the rims of windows, as `multiresolution.py` cuts them.
 """
 
@@ -22,7 +21,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.compiled import compiled
 from tactilevision.heightmap.poisson import edge_divergence, integrate, transform_solver
 from tactilevision.photometric.colour_change import Planes
 from tactilevision.photometric.windows import Window
@@ -104,16 +102,8 @@ def integrate_small(slopes: Planes, step_mm: Pair) -> Picture:
 def _solved(right: Picture, step_mm: Pair, free: tuple[Ends, Ends]) -> Picture:
     """The surface (h, w) whose 5-point Laplacian is `right`, with ends along y and x as `free`; else mean 0."""
     down, _ = _waves(right.shape[0], free[0])
-    modes = _to_modes(right, down)
-    if compiled():
-        from tactilevision.heightmap.frame_kernels import sweep
-
-        sweep(modes, _pivots(right.shape, step_mm, free), step_mm[0] ** 2)
-        if all(free[0]) and all(free[1]):
-            modes[:, 0] -= modes[:, 0].mean()
-    else:
-        across, _ = _waves(right.shape[1], free[1])
-        modes = _of_modes(_to_modes(modes, across) * _inverse(right.shape, step_mm, free), across)
+    across, _ = _waves(right.shape[1], free[1])
+    modes = _of_modes(_to_modes(_to_modes(right, down), across) * _inverse(right.shape, step_mm, free), across)
     return _of_modes(modes, down)
 
 
@@ -150,15 +140,6 @@ def _inverse(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> 
     bend_y, bend_x = (_waves(count, ends)[1] for count, ends in zip(shape, free, strict=True))
     bend = (bend_y / step_mm[1] ** 2)[:, None] + (bend_x / step_mm[0] ** 2)[None, :]
     return np.asarray(-1.0 / np.where(bend > 0.0, bend, np.inf), np.float32)
-
-
-@lru_cache(maxsize=32)
-def _pivots(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> Floats:
-    """1 over the pivots (w, h) of each wave along y, in steps along x."""
-    from tactilevision.heightmap.frame_kernels import pivots
-
-    bend = _waves(shape[0], free[0])[1] * (step_mm[0] / step_mm[1]) ** 2
-    return pivots(bend, shape[1], *map(float, free[1]))
 
 
 def _extrapolate(lines: Picture, known: int, clamped: int) -> None:

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from tactilevision.compiled import compiled
 from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges, solved, window_of
 from tactilevision.photometric.colour_change import Planes
 from tactilevision.photometric.windows import Window
@@ -145,11 +142,6 @@ class WallLight:
     seen: Floats
     seen_rate: Floats
 
-    @cached_property
-    def lines(self) -> Floats:
-        """S, C, their rates, h and its rate, (6, n), as kernels take them."""
-        return np.stack([self.sine, self.cosine, self.sine_rate, self.cosine_rate, self.seen, self.seen_rate])
-
 
 @lru_cache
 def wall_light(lean: float) -> WallLight:
@@ -193,13 +185,6 @@ class Law:
                           float(rate @ slopes / (rate @ rate)), 0.0, 0.0])  # fmt: skip
         bend = 3 * start[3] / self.radius_mm
         prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * start[3], bend, bend / self.radius_mm]) ** -2
-        if compiled():
-            from tactilevision.heightmap.edge_kernels import fitted
-
-            law = self.places[0], self.step, self.rates, STEEPEST / (TABLED - 1), self.light.lines, MIN_RATE
-            limits = DAMPING, CONVERGENCE_TOL, MAX_ITERATIONS
-            unknown, normal, off = fitted(start, prior, self.s, slopes, std, *law, *limits)
-            return unknown, np.asarray(cv2.invert(normal)[1]), off
 
         def misfit(unknown: Floats) -> tuple[float, Floats, Floats, Floats]:
             """Squares that are left, half their gradient (6,), normal equations (6, 6), and deviations (n,)."""
@@ -345,12 +330,6 @@ def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> Non
         outer, inner = edge.radius_mm + edge.reach_mm, edge.radius_mm + edge.places_mm[0]
         window, x, y = window_of(slopes.dz_dx.shape, edge.centre_mm, mm_per_px=mm_per_px, outer_mm=outer)
         step, lines = edge.places_mm[1] - edge.places_mm[0], _lines(edge, half)
-        if compiled() and _writable(slopes.dz_dx) and _writable(slopes.dz_dy):
-            from tactilevision.heightmap.edge_kernels import put
-
-            at = window[0].start, window[1].start, x[0], y[:, 0], max(inner - 2 * half, 0.0), inner, outer
-            put(slopes.dz_dx, slopes.dz_dy, *at, MIN_FACE, step, edge.depth_mm, *lines)
-            continue
         square = (x * x).astype(np.float32) + (y * y).astype(np.float32)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
         face = (square < max(inner - 2 * half, 0.0) ** 2).view(np.uint8)
@@ -378,11 +357,6 @@ def _interpolated(lines: tuple[Floats, Floats], at: Floats) -> tuple[Floats, Flo
     np.minimum(i, len(lines[0]) - 2, out=i)
     steep, remaining = (line.take(i) + at * np.diff(line).take(i) for line in lines)
     return steep, remaining
-
-
-def _writable(plane: npt.NDArray[Any]) -> bool:
-    """Whether kernels may write to a plane (H, W) as it lies."""
-    return plane.dtype == np.float32 and plane.flags.c_contiguous and plane.flags.writeable
 
 
 def restore_windows(

@@ -24,7 +24,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.compiled import compiled
 from tactilevision.photometric.windows import distance_px
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.records.maps import SlopeMap
@@ -213,13 +212,6 @@ def _reweighted_fit(
     """
     count, touched = np.count_nonzero(untouched), ~untouched
     correlated, prior_weight = min(CORRELATED, float(count)), FIRST_WEIGHT * count if rises else 0.0
-    if compiled():
-        from tactilevision.heightmap.frame_kernels import reweighted
-
-        limits = correlated, prior_weight, STIFFENING[0, 0] - 1.0, MIN_RISE, MAX_ITERATIONS, CONVERGENCE_TOL
-        found, scale, normal, weights = reweighted(terms, depth, untouched, rises, decay_std, *limits)
-        inverse = cv2.invert(normal)[1]
-        return found, scale * np.sqrt(correlated * inverse.diagonal()), np.asarray(inverse @ (terms * weights))
     rows, weighted = np.concatenate([terms, depth[None]]), terms * untouched
     solution: Floats = np.zeros(len(terms))
     for _ in range(MAX_ITERATIONS):

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.compiled import compiled
 from tactilevision.errors import InputError
 from tactilevision.photometric.drift import SOFTENING_GREY, Drift, DriftTracker, Response, undo_drift
 from tactilevision.photometric.markers import fill_marks, marked
@@ -139,14 +138,6 @@ class ChangeMaps:
         out -= np.float32(1.0)
         return out
 
-    def changes_of(self, rgb: Bytes, window: Window, *, out: Planes) -> Planes:
-        """As `changes`, of a window of a picture (H, W, 3), compiled."""
-        from tactilevision.photometric.frame_kernels import changes
-
-        top, left = (side.start for side in window)
-        changes(np.ascontiguousarray(rgb), self.down, self.across, self.scale, top, left, SOFTENING_GREY, out)
-        return out
-
 
 class ColourChange:
     """Turns rectified frames into colour changes (3, H, W) float32, in buffers made once."""
@@ -225,10 +216,7 @@ class ColourChange:
         for window in strips(whole):
             size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
             out: Planes = np.empty((3, *size), np.float32)
-            if self.undo is None and compiled():
-                yield window, self.maps.changes_of(self.rgb, window, out=out)
-            else:
-                yield window, self.maps.changes(self.greys(window), window, out=out)
+            yield window, self.maps.changes(self.greys(window), window, out=out)
 
     def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
         """Channels (3, h, w) of a window of the frame taken in."""

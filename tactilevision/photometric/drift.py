@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.compiled import compiled
 from tactilevision.errors import InputError
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.windows import Planes, distance_px, means, shares, tile_px_of
@@ -303,12 +302,6 @@ class DriftTracker:
 
     def _reweighted(self, change: Floats, gains: Floats) -> tuple[Floats, Floats, Bools, float]:
         """Gains (3, 3) fitted from a start; the blocks' weights, and which are touched (blocks,); their limit."""
-        if compiled():
-            from tactilevision.photometric.frame_kernels import reweighted
-
-            tables = self._shown, self._terms, self.basis, self._normal, self.usable, self.size[0]
-            limits = MEDIAN_LENGTH**2, colour_limit(1.0), PLANE_SHARE, MIN_PLANE, CORRELATED
-            return reweighted(change, gains, *tables, *limits, MIN_BLOCKS, MAX_ITERATIONS, CONVERGENCE_TOL)
         weighted = change * self._shown
         for _ in range(MAX_ITERATIONS):
             squares = self._squares(change, gains)

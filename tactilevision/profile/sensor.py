@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
-from tactilevision.compiled import compile_all
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
@@ -57,7 +56,6 @@ class CalibratedSensor:
     """
 
     def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None) -> None:
-        compile_all()  # no frame is to wait for it
         self.profile = profile
         self.reconstructor = Reconstructor(profile.sensor, profile.method)
         self.reconstructor.warnings = _as_then(profile)

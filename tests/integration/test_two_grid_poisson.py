@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
 from tactilevision.heightmap.poisson import integrate
-from tactilevision.heightmap.two_grid_poisson import TwoGridPoisson
+from tactilevision.heightmap.two_grid_poisson import TwoGridPoisson, _solved
 from tactilevision.photometric.colour_change import Planes
 from tactilevision.photometric.windows import Window
 from tactilevision.records.maps import SlopeMap
@@ -86,3 +88,17 @@ def test_without_windows_the_surface_is_carried_on_to_the_border() -> None:
     grids = TwoGridPoisson(SHAPE, 4, STEP)
     off = grids.whole(grids.coarse(seen(slopes, 4), [], fine=[]), [], fine=[]) - depth
     assert np.ptp(off) < 2e-4
+
+
+@pytest.mark.parametrize("shape", [(40, 53), (130, 121)])
+def test_the_laplacian_of_a_solution_is_the_right_side_for_all_ends(shape: tuple[int, int]) -> None:
+    random = np.random.default_rng(8).normal(0, 1, shape).astype(np.float32)
+    for top, bottom, left, right in product((False, True), repeat=4):
+        side = random - random.mean() * (top and bottom and left and right)
+        z = np.pad(_solved(side, STEP, ((top, bottom), (left, right))), 1, mode="edge").astype(np.float64)
+        z[0] *= top
+        z[-1] *= bottom
+        z[:, 0] *= left
+        z[:, -1] *= right
+        along_x, along_y = (np.diff(z, 2, axis=axis) / step**2 for axis, step in zip((1, 0), STEP, strict=True))
+        np.testing.assert_allclose(along_x[1:-1] + along_y[:, 1:-1], side, atol=1e-2)

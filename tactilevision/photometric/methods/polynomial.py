@@ -34,7 +34,6 @@ from itertools import combinations_with_replacement
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.compiled import compiled
 from tactilevision.photometric.ball_samples import KEPT, TYPICAL, Samples
 from tactilevision.photometric.colour_change import strips
 from tactilevision.photometric.windows import Window
@@ -197,9 +196,6 @@ class PolynomialEvaluator:
         for m, (i, j) in enumerate(POWERS):
             per_row[:, i] += y[:, j, None, None] * polynomial.coefficients[:, : self.products, m]
         self.per_row: Picture = per_row.reshape(shape[0], -1, self.products).astype(np.float32)
-        by_slope = self.per_row.reshape(shape[0], -1, 2, self.products).transpose(2, 0, 1, 3)
-        self._by_slope = by_slope[..., :CUBIC].reshape(2, shape[0], -1)
-        self._fourth = by_slope[:, :, : PLACE_ORDER[4] + 1, CUBIC:].reshape(2, shape[0], -1)
         # high powers of X belong to single colours alone
         self._low = np.ascontiguousarray(self.per_row[:, :LOW])
         self._high = np.ascontiguousarray(self.per_row[:, LOW:, :3])
@@ -215,9 +211,6 @@ class PolynomialEvaluator:
 
     def strip(self, change: Picture, window: Window, out: Picture) -> None:
         """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
-        if compiled() and out[0].flags.c_contiguous and change[0].flags.c_contiguous:
-            self._compiled(change, window, out)
-            return
         size = change.shape[1:]
         # made anew for each strip: so it lies where the last one's was, which is still in the cache
         products = np.empty((self.products, *size), np.float32)
@@ -234,16 +227,6 @@ class PolynomialEvaluator:
             slopes *= x
             slopes += sums[i]
         np.clip(slopes, -self.bound, self.bound, out=out)
-
-    def _compiled(self, change: Picture, window: Window, out: Picture) -> None:
-        from tactilevision.photometric.frame_kernels import add_fourth, slopes
-
-        rows, x, (red, green, blue) = window[0], self.x[window[1]], change
-        fourth = self.products > CUBIC
-        for coefficients, more, side in zip(self._by_slope, self._fourth, out, strict=True):
-            slopes(red, green, blue, coefficients[rows], x, np.inf if fourth else float(self.bound), side)
-            if fourth:
-                add_fourth(red, green, blue, more[rows], x, float(self.bound), side)
 
     def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
