@@ -220,8 +220,11 @@ def is_tree(path: Path) -> bool:
 
 def open_face_correction(
     recording: Recording, reconstructor: Reconstructor, *, calibration: Path | None
-) -> FaceDepthCorrection:
-    """What holds the faces of presses that `calibration` certified; a warning where it knows too few."""
+) -> tuple[Reconstructor, FaceDepthCorrection]:
+    """Return what reads walls as faces certified by `calibration` teach, and what holds the faces of presses.
+
+    A warning where it knows too few.
+    """
     from tactilevision.press.certified_faces import (
         NO_CORRECTION,
         face_depth_correction,
@@ -231,18 +234,18 @@ def open_face_correction(
     )
 
     if calibration is None:
-        return NO_CORRECTION
+        return reconstructor, NO_CORRECTION
     faces = read_faces(recording, reconstructor, certified=read_certified(calibration))
     taught = teach_walls(reconstructor, faces)
-    anchor = face_depth_correction(recording, faces, walls=reconstructor.taught)
+    anchor = face_depth_correction(recording, faces, walls=taught.taught)
     if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
-        own = "the picture's own" + (", with walls as these faces teach them" if taught else "")
+        own = "the picture's own" + ("" if taught is reconstructor else ", with walls as these faces teach them")
         console.warn([f"{points} certifies too few faces of this recording: depths are {own}"])
     else:
         console.warn([anchor.doubt] if anchor.doubt else [])
         console.say("faces are as deep as the certificate beside the calibration has them")
-    return anchor
+    return taught, anchor
 
 
 # Which of many frames are worth a picture.

@@ -148,7 +148,7 @@ def _with_walls(
     if not certified:
         return method
     with console.progress_bar("learning walls"):
-        teach_walls(made, read_faces(source, made, certified=certified))
+        made = teach_walls(made, read_faces(source, made, certified=certified))
     return with_walls(method, made.taught)
 
 
@@ -203,7 +203,8 @@ def calibrate_sensor(
     console.warn([*recording.warnings, *reconstructor.warnings])
     known = _Known() if light_only else _known(recording, reconstructor, calibration)
     with console.progress_bar("solving the gel"):
-        made = make_profile(recording, reconstructor, calibration=known.content, face_law=known.face_law)
+        reader = known.reader or reconstructor
+        made = make_profile(recording, reader, calibration=known.content, face_law=known.face_law)
         write_profile(made, out)
     found = read_profile(out)
     console.say(f"wrote {out}: {found.name}, {found.date}, {out.stat().st_size / 1e6:.1f} MB", *_told(found))
@@ -219,9 +220,10 @@ _SHEAR = {
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """Content of calibration.json, and how deep certified faces are over how deep they are read."""
+    """Content of calibration.json; what reads faces as certified ones teach, and how deep these are over that."""
 
     content: dict[str, Any] | None = None
+    reader: Reconstructor | None = None
     face_law: DepthScale | None = None
 
 
@@ -240,7 +242,7 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         material_of(content, where=calibration)
         if recording.sensor.gel is not None:
             check_gel(calibration, recording.sensor.gel)
-        return _Known(content, _taught(recording, reconstructor, read_certified(calibration)))
+        return _Known(content, *_taught(recording, reconstructor, read_certified(calibration)))
     if not (recording.presses and recording.forces is not None and recording.sensor.gel is not None):
         return _Known()
     from tactilevision.cli.calibrate import LawName, calibrate_one
@@ -252,13 +254,13 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         return _Known()
     points = outcome.taken.points
     certified = [Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted]
-    return _Known(outcome.content, _taught(recording, reconstructor, certified, said=outcome.taken.warnings))
+    return _Known(outcome.content, *_taught(recording, reconstructor, certified, said=outcome.taken.warnings))
 
 
 def _taught(
     recording: Recording, reader: Reconstructor, certified: Any, *, said: Sequence[str] = ()
-) -> DepthScale | None:
-    """Let certified faces teach the walls; then return how deep these faces are over how deep they are read.
+) -> tuple[Reconstructor, DepthScale | None]:
+    """Return the reader with walls as certified faces teach them, and how deep these are over how it reads them.
 
     `said`: warnings that were given already.
     """
@@ -266,10 +268,11 @@ def _taught(
 
     faces = read_faces(recording, reader, certified=certified)
     taught = teach_walls(reader, faces)
-    found = face_depth_correction(recording, faces, walls=reader.taught)
+    found = face_depth_correction(recording, faces, walls=taught.taught)
     console.warn([found.doubt] if found.doubt and found.doubt not in said else [])
-    same = reader.taught if taught else None
-    return found.depth_scale if same is None else with_scatter(found.depth_scale, same)
+    if taught is reader or taught.taught is None:
+        return taught, found.depth_scale
+    return taught, with_scatter(found.depth_scale, taught.taught)
 
 
 def _told(profile: Profile) -> list[str]:

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from matplotlib.figure import Figure
 
-    from tactilevision.heightmap.reconstructor import Reconstructor
+    from tactilevision.heightmap.reconstructor import Reading, Reconstructor
     from tactilevision.plots.viewer import Window
     from tactilevision.recording.model import Recording
-    from tactilevision.records.maps import HeightMap
+    from tactilevision.records.maps import Frame, HeightMap
     from tactilevision.records.measured import Bytes
 
 
@@ -237,7 +237,7 @@ def _terms(height: HeightMap, opened: _Opened | Maps | None) -> dict[str, npt.ND
     from tactilevision.errors import InputError
     from tactilevision.heightmap.deviation import contributions_mm
 
-    found = opened.reconstructor.depth_terms(height) if isinstance(opened, _Opened) else {}
+    found = opened.read(height.name).terms_mm() if isinstance(opened, _Opened) else {}
     if not found:
         raise InputError(
             "nothing is known of what the depth's deviation is made of",
@@ -270,11 +270,16 @@ class _Opened:
         return made
 
     def named(self, name: str) -> tuple[HeightMap, Bytes]:
+        frame = self._frame(name)
+        return self.reconstructor.height_map(frame), self.reconstructor.rectified(frame)
+
+    def read(self, name: str) -> Reading:
+        return self.reconstructor.read(self._frame(name))
+
+    def _frame(self, name: str) -> Frame:
         from tactilevision.recording.pictures import read_frame
 
-        number = self.number(name)
-        frame = read_frame(self.recording, number)
-        return self.reconstructor.height_map(frame), self.reconstructor.rectified(frame)
+        return read_frame(self.recording, self.number(name))
 
     def number(self, name: str) -> int:
         from tactilevision.errors import InputError

@@ -229,7 +229,7 @@ class Drift:
     `untouched` (h, w): blocks that follow it; `normalised_residual` (h, w) in noise. `covariance` (18, 18): of
     constant, x, y, stray light, and parts of the other two channels, channel by channel; None where nothing has
     drifted. `misfit`: median residual, of what is touched, too. `left` (3, blocks): what the drift leaves of each
-    channel, in noise.
+    channel, in noise. `means` (3, h, w): the frame in means of the tracker's `px`.
     """
 
     gains: Floats
@@ -239,6 +239,7 @@ class Drift:
     covariance: Floats | None = None
     misfit: float = 0.0
     left: Floats | None = None
+    means: Planes | None = None
 
 
 class DriftTracker:
@@ -259,10 +260,10 @@ class DriftTracker:
         x, y = np.meshgrid(_centres(self.size[0], width), _centres(self.size[1], height))
         self.basis = np.stack([np.ones_like(x), x, y], axis=-1).reshape(-1, 3)
         self.squares = (self.basis[:, :, None] * self.basis[:, None, :]).reshape(-1, 9)
-        self.means = means(reference.rgb, self.px)  # of the last frame that was measured
-        self.down = shares(self.means.shape[1], self.size[1])
-        self.across = np.ascontiguousarray(shares(self.means.shape[2], self.size[0]).T)
-        self.level = self._blocks(self.means)
+        tiles = means(reference.rgb, self.px)
+        self.down = shares(tiles.shape[1], self.size[1])
+        self.across = np.ascontiguousarray(shares(tiles.shape[2], self.size[0]).T)
+        self.level = self._blocks(tiles)
         self.all_usable = bool(self.usable.all())
         self._bright, self._shown, self._bend = np.empty((3, *self.level.shape))
         answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
@@ -278,7 +279,8 @@ class DriftTracker:
 
     def measure(self, rgb: Bytes) -> Drift:
         """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
-        blocks = self._blocks(means(rgb, self.px, out=self.means))
+        tiles = means(rgb, self.px)
+        blocks = self._blocks(tiles)
         if self.dark is not None:
             blocks[self.dark] = self.level[self.dark]
         change = blocks - self.level
@@ -298,7 +300,7 @@ class DriftTracker:
         shape = (self.size[1], self.size[0])
         untouched = (self.usable & (squares < limit)).reshape(shape)
         misfit = float(median(self._among_usable(squares))) ** 0.5
-        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit, left)
+        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit, left, tiles)
 
     def _reweighted(self, change: Floats, gains: Floats) -> tuple[Floats, Floats, Bools, float]:
         """Gains (3, 3) fitted from a start; the blocks' weights, and which are touched (blocks,); their limit."""

@@ -372,7 +372,7 @@ PALE = 0.4  # opacity of the bars that stand for all places but the contact
 def draw_terms(height: HeightMap, terms: Terms, *, title: str = "") -> Figure:
     """The term (h, w) mm that dominates at each place, beside the rms of each term in the contact and elsewhere.
 
-    `terms` are deviations in mm by name, on a grid over the map's picture (Reconstructor.depth_terms).
+    `terms` are deviations in mm by name, on a grid over the map's picture (Reading.terms_mm).
     """
     figure, (above, bars) = style.new_figure(style.WIDTH_IN, 7.6, rows=2)
     entries = _draw_largest(above, height, terms)
