@@ -31,8 +31,9 @@ check: lint types test
 slow: .venv/.ok
 	$(BIN)/python -m pytest -m slow
 
+# Every benchmark; `make bench QUICK=1` runs the smallest case of each, in minutes.
 bench: .venv/.ok
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks $(if $(QUICK),--quick)
 
 blind: .venv/.ok
 	$(BIN)/python -m benchmarks.blind

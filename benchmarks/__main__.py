@@ -1,23 +1,34 @@
-"""Runs every benchmark of this folder that has a main: python -m benchmarks."""
+"""Runs the benchmarks of this folder, or the smallest case of each: python -m benchmarks [--quick] [name ...]."""
 
 from __future__ import annotations
 
 import importlib
 import inspect
 import pkgutil
-from pathlib import Path
+import sys
+import time
+from collections.abc import Sequence
+
+import benchmarks
 
 
-def main() -> None:
-    """One after the other, by name; the blind test is run by itself (python -m benchmarks.blind)."""
-    for found in pkgutil.iter_modules([str(Path(__file__).parent)]):
-        if found.ispkg or found.name.startswith("__"):
+def main(arguments: Sequence[str] = ()) -> None:
+    """Run them by name; packages are imported, and run by themselves (python -m benchmarks.blind)."""
+    names, quick = [one for one in arguments if one != "--quick"], "--quick" in arguments
+    found = [one.name for one in pkgutil.walk_packages(benchmarks.__path__, "benchmarks.")]
+    for path in (one for one in found if not one.endswith("__main__")):
+        module, name = importlib.import_module(path), path.partition(".")[2]
+        if "." in name or not hasattr(module, "main") or (names and name not in names):
             continue
-        run = getattr(importlib.import_module(f"benchmarks.{found.name}"), "main", None)
-        if run is not None:
-            print(f"\n{found.name}\n{'=' * len(found.name)}")
-            run(*([] for asked in inspect.signature(run).parameters.values() if asked.default is asked.empty))
+        print(f"\n{name}\n{'=' * len(name)}", flush=True)
+        began = time.perf_counter()
+        if quick:
+            module.quick()
+        else:
+            asked = inspect.signature(module.main).parameters.values()
+            module.main(*([] for one in asked if one.default is one.empty))
+        print(f"({time.perf_counter() - began:.0f} s)", flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

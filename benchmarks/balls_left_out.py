@@ -96,5 +96,9 @@ def told(rows: Sequence[tuple[float, float, float, float]]) -> str:
     )
 
 
+def quick() -> None:
+    main(1, ["D"])
+
+
 if __name__ == "__main__":
     main(*map(int, sys.argv[1:2]), sys.argv[2:])

@@ -44,18 +44,23 @@ KINDS: dict[str, SimulationOptions] = {
 def main(arguments: Sequence[str] = ()) -> None:
     seeds = int(arguments[0]) if arguments else 1
     for name, options in KINDS.items():
-        rows: list[dict[str, float]] = []
-        told: Counter[tuple[str, str]] = Counter()
-        clocks, seconds = [], []
-        for seed in range(seeds):
-            with tempfile.TemporaryDirectory() as folder:
-                truth, certificate, took = _run(Path(folder) / "made", 100 + seed, options)
-            rows += _errors(truth, certificate)
-            told.update(_reasons(truth, certificate))
-            offset = certificate.clock_offset.value
-            clocks.append(float("nan") if offset is None else 1e3 * (offset - truth["clock_offset_s"]))
-            seconds.append(took)
-        _print(name, rows, told, clocks, seconds)
+        judge(name, options, seeds)
+
+
+def judge(name: str, options: SimulationOptions, seeds: int) -> None:
+    """Certify recordings of a kind and print their errors."""
+    rows: list[dict[str, float]] = []
+    told: Counter[tuple[str, str]] = Counter()
+    clocks, seconds = [], []
+    for seed in range(seeds):
+        with tempfile.TemporaryDirectory() as folder:
+            truth, certificate, took = _run(Path(folder) / "made", 100 + seed, options)
+        rows += _errors(truth, certificate)
+        told.update(_reasons(truth, certificate))
+        offset = certificate.clock_offset.value
+        clocks.append(float("nan") if offset is None else 1e3 * (offset - truth["clock_offset_s"]))
+        seconds.append(took)
+    _print(name, rows, told, clocks, seconds)
 
 
 def _run(folder: Path, seed: int, options: SimulationOptions) -> tuple[dict[str, Any], Certificate, float]:
@@ -110,6 +115,12 @@ def _print(
     for (true, got), count in sorted(told.items()):
         if true != got:
             print(f"  {count} x {true} taken for {got}")
+
+
+def quick() -> None:
+    rig, camera = RigOptions(frames_per_press=24), CameraOptions(213, 160, (0.127, 0.127))
+    small = SimulationOptions(camera=camera, rig=rig, presses=1, faults=("tilt",))
+    judge("half the picture", small, 1)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ frames as they were. The reference of the untouched gel stays unpacked, as in a 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -87,10 +87,10 @@ def even(rgb: Bytes) -> Bytes:
     return np.pad(rgb, [(0, rgb.shape[0] % 2), (0, rgb.shape[1] % 2), (0, 0)], mode="edge")
 
 
-def packings(frames: list[Bytes]) -> Iterator[tuple[str, int, list[Bytes]]]:
+def packings(frames: list[Bytes], ways: Iterable[str]) -> Iterator[tuple[str, int, list[Bytes]]]:
     """Each way of packing: its name, all bytes, and the pictures (H, W, 3) that come back."""
     rows, columns = frames[0].shape[:2]
-    for way in WAYS:
+    for way in ways:
         data = packed([even(rgb) for rgb in frames], way)
         yield way, len(data), [rgb[:rows, :columns] for rgb in unpacked(data)[0]]
     for quality in QUALITIES:
@@ -122,22 +122,22 @@ def cost(raw: list[tuple[HeightMap, Bools]], again: list[tuple[HeightMap, Bools]
     )
 
 
-def print_costs() -> None:
+def print_costs(count: int = COUNT, ways: Iterable[str] = WAYS) -> None:
     """One line a way of packing."""
     recording = read_recording(SAMPLE)
     reconstructor = build_reconstructor(recording)
-    frames = [one.rgb for one in iter_frames(recording) if isinstance(one, Frame)][FIRST : FIRST + COUNT]
+    frames = [one.rgb for one in iter_frames(recording) if isinstance(one, Frame)][FIRST : FIRST + count]
     raw = seen(reconstructor, frames)
     touched = sum(bool(contact.any()) for _, contact in raw)
     deepest = max(float(one.depth_mm[one.valid].max()) for one, _ in raw)
     print(
-        f"{COUNT} frames of {frames[0].shape[1]}x{frames[0].shape[0]}, {touched} in contact, to {deepest:.3f} mm"
+        f"{count} frames of {frames[0].shape[1]}x{frames[0].shape[0]}, {touched} in contact, to {deepest:.3f} mm"
     )
     print("way | bits a pixel | grey rms | free um rms | contact um rms | peak um: median, worst | made up, lost")
-    for way, size, again in packings(frames):
+    for way, size, again in packings(frames, ways):
         grey = np.sqrt(np.mean([(a.astype(float) - b) ** 2 for a, b in zip(again, frames, strict=True)]))
         found = cost(raw, seen(reconstructor, again), grey=float(grey))
-        bits = 8 * size / frames[0][..., 0].size / COUNT
+        bits = 8 * size / frames[0][..., 0].size / count
         peaks = f"{np.median(found.peaks_um):.1f}, {found.peaks_um.max():.1f}"
         depths = f"{found.free_um:.1f} | {found.contact_um:.1f} | {peaks}"
         print(f"{way} | {bits:.2f} | {grey:.2f} | {depths} | {found.made_up}, {found.lost}", flush=True)
@@ -158,6 +158,11 @@ def print_clocks() -> None:
 def main() -> None:
     """Print both tables."""
     print_costs()
+    print_clocks()
+
+
+def quick() -> None:
+    print_costs(10, [*WAYS][:2])
     print_clocks()
 
 

@@ -304,5 +304,9 @@ def main(arguments: Sequence[str] = ()) -> None:
             print(f"\n{name}\n" + "\n".join(lines))
 
 
+def quick() -> None:
+    main()
+
+
 if __name__ == "__main__":
     main(sys.argv[1:])

@@ -84,7 +84,7 @@ def _against_parts(recording: Recording, reconstructor: Reconstructor, place: Pa
         reconstruct_folder(recording, reconstructor, place / f"{form} warm", workers=1, form=form)
         for part, (owner, name) in PARTS.items():
             watched.enter_context(_watched(owner, name, part, spent=spent))
-        for name in ("find_contact", "peak_and_area", "std_at", "at_border"):
+        for name in ("find_contact", "peak_and_area", "std_at", "contact_flags"):
             watched.enter_context(_watched(batch, name, "figures", spent=spent))
         start = time.process_time()
         for turn in range(TURNS):
@@ -174,6 +174,10 @@ def _timed(act: Callable[[], object]) -> Spent:
     act()
     after = os.times()
     return time.perf_counter() - start, sum(after[:4]) - sum(before[:4])
+
+
+def quick() -> None:
+    main(["20", "60"])
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ balls (a punch that is all edge), narrower and wider punches, other Poisson's ra
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -117,6 +117,10 @@ def main() -> None:
     """Print the tables."""
     report("seen", SEEN)
     report("held out", HELD_OUT)
+
+
+def quick() -> None:
+    report("one press", [replace(SEEN[1], depths_mm=(0.06,))])
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from scipy.stats import spearmanr
 
 from benchmarks.peers import calibrated, clicked
 from benchmarks.public_frames import i_digit
-from benchmarks.real_frames import circles, real_balls
+from benchmarks.real_frames import REAL, circles, real_balls
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
 from tactilevision.photometric.ball_pictures import locate
 from tactilevision.photometric.calibrate import direction_error_deg
@@ -38,8 +38,11 @@ SAME_PLACE = (0, 7)  # a gentle and the deepest press, which lie a pixel apart
 CLIPPED = 250.0  # grey level from which a colour may be overexposed
 
 
-def main(clones: str = "") -> None:
-    clicked_circles()
+def main(clones: str = "", *, most: int | None = None) -> None:
+    if REAL.is_dir():
+        clicked_circles(most)
+    else:
+        print("the real frames are not at hand")
     if clones:
         staged_circles(Path(clones))
 
@@ -68,8 +71,10 @@ def stage_line(travel_mm: Floats, balls: Sequence[Ball | None]) -> str:
     return f"{len(used)} balls, {np.hypot(*line[1]):.1f} px in a mm, {off:.2f} px off a line (rms)"
 
 
-def clicked_circles() -> None:
+def clicked_circles(most: int | None = None) -> None:
+    """Judge the circles of the first `most` pictures of set E."""
     reference, pictures, mm_per_px = real_balls("E")
+    pictures = pictures[:most]
     changes = [change(reference, one.rgb) for one in pictures]
     found = [ball for ball in calibrated(reference, pictures, mm_per_px).balls if ball is not None]
     labelled = [ball for ball in clicked(pictures)[1] if ball is not None]
@@ -139,6 +144,10 @@ def radial(u: Floats, at: Pair) -> list[Floats]:
         )
         for r in AT_PX
     ]
+
+
+def quick() -> None:
+    main(most=8)
 
 
 if __name__ == "__main__":

@@ -227,5 +227,12 @@ def _least_turn(camera: Camera, press: BallPress | PunchPress, true: Sequence[An
     return float(np.median(np.degrees(np.abs(turn))))
 
 
+def quick() -> None:
+    rng, told = np.random.default_rng(FIRST_SEED), Observability()
+    camera = _camera(FIRST_SEED, rng)
+    _one_light(FIRST_SEED, camera, _calibrated(camera, rng), rng=rng, told=told)
+    told.show("one light")
+
+
 if __name__ == "__main__":
     main(sys.argv[1:])

@@ -50,7 +50,12 @@ def options_of(seed: int, dwell_s: float = 0.0) -> SimulationOptions:
 
 
 def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
-    """Simulate, calibrate, hold against the truth."""
+    """The figures of a seed's own rig."""
+    return judge(seed, options_of(seed, dwell_s))
+
+
+def judge(seed: int, options: SimulationOptions) -> dict[str, Any]:
+    """Simulate, calibrate, compare with the truth."""
     from calibration.inputs.observations import Measured
     from calibration.tasks.calibrate import calibrate
     from tactilevision.heightmap.build import build_reconstructor
@@ -59,7 +64,7 @@ def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     from tactilevision.recording.read import read_recording
 
     with tempfile.TemporaryDirectory() as folder:
-        place = simulate(Path(folder) / "made", seed=seed, options=options_of(seed, dwell_s))
+        place = simulate(Path(folder) / "made", seed=seed, options=options)
         truth = tomllib.loads((place / "truth.toml").read_text())
         recording = read_recording(place)
         reconstructor = build_reconstructor(recording)
@@ -123,6 +128,14 @@ def _totals(rows: Sequence[dict[str, Any]]) -> None:
     bad = sum(n for (a, _), n in pairs.items() if a)
     right = sum(n for (a, b), n in pairs.items() if a and a == b)
     print(f"bad presses rejected for their true reason: {right} of {bad}; good ones rejected: {lost} of {good}")
+
+
+def quick() -> None:
+    """One recording of small pictures, each height pressed once."""
+    plain = options_of(FIRST_SEED)
+    camera = replace(plain.camera, width_px=213, height_px=160, mm_per_px=(0.127, 0.127))
+    small = replace(plain, camera=camera, presses=1, faults=("tilt",), rig=replace(plain.rig, frames_per_press=24))
+    _totals([judge(FIRST_SEED, small)])
 
 
 if __name__ == "__main__":

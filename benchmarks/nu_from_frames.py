@@ -41,11 +41,14 @@ def options_of(seed: int, nu: float, friction: float, edge_mm: float) -> Simulat
     return replace(plain, gel=gel, indenters=kit, camera=camera, rig=replace(plain.rig, frames_per_press=40))
 
 
-def run(seed: int) -> tuple[float, float, Estimate, Estimate, str]:
+def run(seed: int, *, small: bool = False) -> tuple[float, float, Estimate, Estimate, str]:
     """Truth, friction, nu by the picture, nu by the published route, and the source that calibrate names."""
     rng = np.random.default_rng(seed)
     nu, friction = float(rng.uniform(0.45, 0.495)), float(rng.choice([0.1, 0.2, 0.4, 0.7]))
     options = options_of(seed, nu, friction, float(rng.uniform(0.02, 0.08)))
+    if small:
+        camera = replace(options.camera, width_px=213, height_px=160, mm_per_px=(0.127, 0.127))
+        options = replace(options, camera=camera, presses=1, rig=replace(options.rig, frames_per_press=24))
     with tempfile.TemporaryDirectory() as folder:
         place = simulate(Path(folder) / "made", seed=seed, options=options)
         recording = read_recording(place)
@@ -81,6 +84,11 @@ def main(arguments: list[str] | None = None) -> None:
         f"within .01: {within} of {len(errors)}; intervals cover {sum(covered)} of {len(errors)}; "
         f"rms {np.sqrt(np.mean(np.square(errors))):.4f}"
     )
+
+
+def quick() -> None:
+    nu, _, found, paper, source = run(FIRST_SEED, small=True)
+    print(f"nu {nu:.4f}, found {found.value} within {found.interval95}; source {source}; paper {paper.value}")
 
 
 if __name__ == "__main__":

@@ -112,5 +112,9 @@ def paper(truth: PunchSolution) -> float:
     return float(0.0813 * np.log(slope / offset) + 0.4464) if slope > 0 < offset else float("nan")
 
 
+def quick() -> None:
+    main(["1"])
+
+
 if __name__ == "__main__":
     main(sys.argv[1:])

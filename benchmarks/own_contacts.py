@@ -140,5 +140,12 @@ def told(slopes: Sequence[np.ndarray], samples: Sequence[Samples]) -> str:
     return f"{np.median(off):.1f} degrees, scale {np.median(gains):.2f} +- {np.std(gains):.2f}"
 
 
+def quick() -> None:
+    if REAL.is_dir():
+        judge("D", *real_balls("D"), seed=0)
+    else:
+        print("the real frames are not at hand")
+
+
 if __name__ == "__main__":
     main(int(sys.argv[1]) if len(sys.argv) > 1 else 0, *sys.argv[2:3])

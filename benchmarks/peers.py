@@ -271,5 +271,9 @@ def timed(works: dict[str, Any]) -> dict[str, float]:
     return {name: min(turn[name] for turn in turns) for name in works}
 
 
+def quick() -> None:
+    main(["D"])
+
+
 if __name__ == "__main__":
     main(sys.argv[1:])

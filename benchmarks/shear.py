@@ -128,6 +128,10 @@ def main(arguments: Sequence[str]) -> None:
             )
 
 
+def quick() -> None:
+    main(["1"])
+
+
 if __name__ == "__main__":
     cv2.setNumThreads(1)
     main(sys.argv[1:])

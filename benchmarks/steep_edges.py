@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import islice, product
 from unittest import mock
 
 import numpy as np
@@ -145,6 +145,10 @@ def main() -> None:
     print("without what finite strain adds at the edge")
     with mock.patch.object(steep_edges, "EDGE_FALL", 0.0):
         table(read(every))
+
+
+def quick() -> None:
+    table(read([*islice(walls(), 12, 15)]))
 
 
 if __name__ == "__main__":

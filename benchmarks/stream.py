@@ -56,5 +56,9 @@ def resident_kB() -> int:
     return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS:"))
 
 
+def quick() -> None:
+    main(300, 160)
+
+
 if __name__ == "__main__":
     main(*(int(argument) for argument in sys.argv[1:]))

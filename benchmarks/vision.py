@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import cv2
@@ -131,11 +131,11 @@ def honesty(light: int | None) -> None:
     )
 
 
-def speed(size: tuple[int, int]) -> None:
+def speed(size: tuple[int, int], methods: Iterable[str] = PHOTOMETRIC) -> None:
     """Whole frames to height maps with their deviations: free gel, a press without and with a wall to restore."""
     usual, floor = milliseconds(straightforward(size), 9), milliseconds(least(size), 40)
     profile, rng = punch_profile(0.48, 2.5, 3.0), np.random.default_rng(2)
-    for method in PHOTOMETRIC:
+    for method in methods:
         camera, reconstructor = calibrated(size, 2, method)
         spent = []
         surfaces: list[Flat | PunchPress] = [Flat()]
@@ -200,6 +200,11 @@ def main() -> None:
         honesty(light)
     for size in SIZES:
         speed(size)
+
+
+def quick() -> None:
+    accuracy(None)
+    speed(SIZES[0], ["polynomial"])
 
 
 if __name__ == "__main__":

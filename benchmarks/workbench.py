@@ -99,5 +99,11 @@ def timed(what: str, job: Callable[[], object], times: int = 1) -> None:
     print(f"{what:64s} {(time.process_time() - began) / times:8.3f} s", flush=True)
 
 
+def quick() -> None:
+    sample = opened()
+    timed("plain law fitted: the first waterfall", lambda: Models(sample).fitted((), ()))
+    scrubbed()
+
+
 if __name__ == "__main__":
     main()

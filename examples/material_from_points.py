@@ -11,8 +11,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from calibration import Measured, calibrate
-from tactilevision import CertifiedPoint, read_recording
+from tactilevision import CertifiedPoint, calibrate_recording, read_recording
 
 POINTS = Path(__file__).parents[1] / "sample_frames" / "paper_points"
 
@@ -33,12 +32,11 @@ def draw(points: Sequence[CertifiedPoint], nu_E: Sequence[tuple[float, float]]) 
 
 def main() -> None:
     recording = read_recording(POINTS)
-    measured = Measured(recording, recording.points, ())
 
-    paper = calibrate(measured, law="paper")
+    paper = calibrate_recording(recording, law="paper")
     print(f"as published: E = {paper.youngs_modulus.value:.4f} MPa, nu = {paper.poisson_ratio.value:.4f}")
 
-    ours = calibrate(measured)
+    ours = calibrate_recording(recording)
     low, high = ours.youngs_modulus.interval95 or (float("nan"), float("nan"))
     print(f"what the points fix: c = {ours.c.value:.4f} N/mm, beta = {ours.beta.value:.3f}")
     print(f"E lies between {low:.3f} and {high:.3f} MPa")

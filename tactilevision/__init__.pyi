@@ -17,6 +17,7 @@ from .mechanics.flat_contact import FlatContact as FlatContact
 from .mechanics.kappa import kappa as kappa
 from .mechanics.material import write_material as write_material
 from .mechanics.punch_curve import punch_curve as punch_curve
+from .pipeline import calibrate_recording as calibrate_recording, diagnose_recording as diagnose_recording
 from .press.certification import certify as certify
 from .profile.model import Seen as Seen, SeenBatch as SeenBatch
 from .profile.sensor import CalibratedSensor as CalibratedSensor, load_sensor as load_sensor

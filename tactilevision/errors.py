@@ -1,12 +1,12 @@
-"""Everything that can go wrong, grouped by what the reader would do about it.
+"""Exceptions, grouped by what the reader would do about them.
 
     TactilevisionError
     ├── InputError          mend the file, the option or the argument      exit code 2
     │   ├── RecordingError  ... a file of a recording folder (FORMAT: docs/format.md)
-    │   ├── OutputError     ... the place that results should go to (full disk, no permission)
-    │   └── ClusterError    ... the cluster that should do the work
+    │   ├── OutputError     ... the place of the results (full disk, no permission)
+    │   └── ClusterError    ... the cluster
     ├── NothingCertified    measure again: no press of the recording can be trusted   exit code 3
-    └── ConvergenceError    a solver stopped before its tolerance; its result is not handed out
+    └── ConvergenceError    a solver stopped before its tolerance; it returns nothing
 
 Each message says what is wrong, where, the value found, and the remedy.
 """
@@ -18,7 +18,7 @@ from typing import Any
 
 
 class Terminated(BaseException):
-    """The process was asked to end (SIGTERM). No guard against Exception or SystemExit holds it up."""
+    """The process was asked to end (SIGTERM); handlers of Exception or SystemExit do not catch it."""
 
 
 class TactilevisionError(Exception):
@@ -28,9 +28,9 @@ class TactilevisionError(Exception):
 
 
 class InputError(TactilevisionError, ValueError):
-    """Something handed in cannot be used as it is.
+    """An argument or a file cannot be used.
 
-    The message is put together as ``where: what (got value). remedy``; parts left empty are left out.
+    The message is ``where: what (got value). remedy``; empty parts are omitted.
     """
 
     exit_code = 2
@@ -42,12 +42,12 @@ class InputError(TactilevisionError, ValueError):
         super().__init__(f"{place}{what}{got}." + (f" {remedy}" if remedy else ""))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # pickled by what it is made of, not by its message: workers send theirs to the process that asked
+        # pickled by its parts, not by its message: workers send theirs to the process that started them
         return partial(type(self), where=self.where, value=self.value, remedy=self.remedy), (self.what,)
 
 
 class RecordingError(InputError):
-    """A file of a recording is missing, damaged, or says something impossible."""
+    """A file of a recording is missing, damaged, or holds something impossible."""
 
 
 class OutputError(InputError):
@@ -55,7 +55,7 @@ class OutputError(InputError):
 
 
 class ClusterError(InputError):
-    """A cluster cannot be reached, has no workers, or theirs are of another version."""
+    """A cluster cannot be reached, has no workers, or has workers of another version."""
 
 
 class NothingCertified(TactilevisionError):
@@ -65,4 +65,4 @@ class NothingCertified(TactilevisionError):
 
 
 class ConvergenceError(TactilevisionError):
-    """A numerical solution did not reach its tolerance; says how far it got."""
+    """A numerical solution did not reach its tolerance; the message states how far it got."""

@@ -1,8 +1,8 @@
-"""A page served on 127.0.0.1 alone, to who knows the token in its address, and to no other page.
+"""A page served on 127.0.0.1 only, to those who know the token in its address.
 
-A request is answered where its Host is this server's own, its path begins with the token, and a browser says
-that it comes from this page (Origin, Sec-Fetch-Site). The page may load and ask nothing elsewhere
-(Content-Security-Policy). No path that a request names is opened: what is served has one fixed name each.
+A request is answered if its Host is this server's, its path begins with the token, and its Origin and
+Sec-Fetch-Site are this page's. Content-Security-Policy keeps the page from loading anything elsewhere. No path of
+a request is opened: what is served has a fixed name.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from tactilevision.files.writing import as_json
 
 LOCALHOST = "127.0.0.1"
 MAX_BODY = 65536  # bytes of a request; an action has less than a thousand
-TIMEOUT_S = 60.0  # s that a browser may take to say what it wants
-POLL_S = 0.05  # s between two looks at whether the page is to close
+TIMEOUT_S = 60  # s that a browser may take to send a request
+POLL_S = 0.05  # s between two checks whether the page is to close
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -43,7 +43,7 @@ HEADERS = {
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Bytes of a kind, with headers of their own."""
+    """Bytes of a content type, with further headers."""
 
     kind: str
     content: bytes
@@ -51,10 +51,10 @@ class Answer:
 
 
 class LocalPage(ABC):
-    """A page while it is open. Who makes one says what `get` and `post` answer.
+    """An open page; subclasses define `get` and `post`.
 
-    Each gives an answer, a dictionary that is sent as JSON, or None where there is nothing of that name. What they
-    raise is told: an InputError in its sentence, a KeyError, ValueError or TypeError as a request not understood.
+    Each returns an Answer, a dictionary that is sent as JSON, or None for an unknown name. An InputError is
+    reported by its message, a KeyError, ValueError or TypeError as a request that is not understood.
     """
 
     def __init__(self, *, port: int = 0, headers: Mapping[str, str] | None = None) -> None:
@@ -74,15 +74,15 @@ class LocalPage(ABC):
 
     @abstractmethod
     def get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
-        """Answer for what stands below the token; `asked` holds the parameters after "?"."""
+        """Answer a request for `name`, the path below the token; `asked` holds the parameters after "?"."""
 
     @abstractmethod
     def post(self, name: str, content: dict[str, Any]) -> Answer | dict[str, Any] | None:
-        """Answer for what stands below the token and the JSON sent to it."""
+        """Answer a request for `name`, the path below the token, with the JSON `content`."""
 
     @property
     def address(self) -> str:
-        """Where a browser finds it; who has it may act."""
+        """URL of the page with its token."""
         return f"http://{self.hosts[0]}/{self.token}/"
 
     def __enter__(self) -> Self:
@@ -97,7 +97,7 @@ class LocalPage(ABC):
 
 
 class _Listener(ThreadingHTTPServer):
-    """Whoever asks has a thread of their own."""
+    """Server with one thread for each request."""
 
     daemon_threads = True
 
@@ -106,13 +106,13 @@ class _Listener(ThreadingHTTPServer):
         super().__init__(place, _Handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that goes in the middle of a question is no fault; all else is told as ever."""
+        """Ignore a browser that disconnects during a request; report all other errors as usual."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """One request."""
+    """Handler of one request."""
 
     protocol_version = "HTTP/1.1"
     timeout = TIMEOUT_S
@@ -140,14 +140,14 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(lambda: self.server.page.post(name, parse_json(body, where="the page")))
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 -- the base class names it so
-        """The terminal is for what the user should see."""
+        """Log nothing: the terminal is for what the user should see."""
 
     def _let_in(self, path: str, *, post: bool) -> str | None:
-        """What is asked for under the token; None where the request is turned away."""
+        """Return the name asked for under the token; None if the request is refused."""
         page = self.server.page
         _, token, *rest = [*path.split("/", 2), "", ""]
         if not _comes_from_page(self.headers, page.hosts, post=post):
-            self._refuse(403, "this page answers its own requests alone")
+            self._refuse(403, "this page answers its own requests only")
         elif not hmac.compare_digest(token.encode("utf-8", "replace"), page.token.encode()):
             self._refuse(404, "the address has no token, or another's: open the one that was printed")
         else:
@@ -155,7 +155,7 @@ class _Handler(BaseHTTPRequestHandler):
         return None
 
     def _answer(self, make: Callable[[], Answer | dict[str, Any] | None]) -> None:
-        """What was asked for, or what was wrong with the question in one sentence."""
+        """Send what was asked for, or one sentence on what is wrong with the request."""
         try:
             made = make()
         except TactilevisionError as fault:
@@ -189,9 +189,9 @@ def _json(content: dict[str, Any]) -> Answer:
 
 
 def _comes_from_page(headers: Any, hosts: tuple[str, ...], *, post: bool) -> bool:
-    """Whether a request is this page's own, or of a person who opens its address.
+    """Return whether a request is this page's own, or of a person who opens its address.
 
-    Another site's page is known by its Origin, or by Sec-Fetch-Site; a name that was made to lead here, by Host.
+    Origin or Sec-Fetch-Site shows another site's page, Host a foreign name that resolves to this machine.
     """
     if headers.get("Host") not in hosts:
         return False

@@ -1,11 +1,11 @@
-"""Robust statistics, once: medians, standard deviations out of them, and weights that wild values cannot bend.
+"""Robust statistics: medians, standard deviations from them, and weights that bound the influence of outliers.
 
-A standard deviation is read off the median absolute deviation, which up to half of the values may spoil,
+The standard deviation follows from the median absolute deviation, whose breakdown point is one half,
 
-    s = 1.4826 median |x - m|        exact on the mean for normal numbers
+    s = 1.4826 median |x - m|        consistent for normal numbers
 
 (Huber, Robust Statistics, 1981, 5.1). `median` is for the many small arrays of a frame, where np.median's own
-checks would take most of the time; it assumes that there is no NaN. The others hand a NaN on, as np.median does.
+checks would take most of the time; it assumes that there is no NaN. The others propagate NaN, as np.median does.
 """
 
 from __future__ import annotations
@@ -23,46 +23,48 @@ Floats = npt.NDArray[np.float64]
 
 
 def median(values: Array) -> Any:
-    """Medians (...,) along the last axis of (..., n), in their unit, as np.median gives them.
+    """Return the medians (...,) along the last axis of (..., n), in their unit, as np.median gives them.
 
     Assumes at least one value along that axis, and no NaN.
     """
     count = values.shape[-1]
     upper = count // 2
-    ordered = np.sort(values, axis=-1)  # numpy sorts faster than it parts
+    ordered = np.sort(values, axis=-1)  # faster than np.partition
     return ordered[..., upper] if count % 2 else 0.5 * (ordered[..., upper - 1] + ordered[..., upper])
 
 
 def mad_std(values: Array, *, centre: float | None = None) -> float:
-    """Standard deviation of all `values` (..., n), in their unit, about their median or a known `centre`."""
+    """Return the standard deviation of all `values` (..., n), in their unit, about their median or a known
+    `centre`.
+    """
     off = values if centre == 0.0 else values - (np.median(values) if centre is None else centre)
     return MAD_TO_STD * float(np.median(np.abs(off)))
 
 
 def frame_mad_std(values: Array, *, centre: float | None = None) -> float:
-    """As `mad_std` of values (n,) in any unit, by the quick `median`: for what every frame asks."""
+    """Return `mad_std` of values (n,) in any unit by the quick `median`, for every frame."""
     off = values if centre == 0.0 else values - (median(values) if centre is None else centre)
     return MAD_TO_STD * float(median(np.abs(off)))
 
 
 def second_difference_std(readings: Array) -> float:
-    """Noise of one of equally spaced `readings` (n,), in their unit, from their second differences.
+    """Estimate the noise of one of equally spaced `readings` (n,), in their unit, from their second differences.
 
         s = 1.4826 median |x_(i-1) - 2 x_i + x_(i+1)| / sqrt(6)
 
-    A ramp does not count, nor do its few corners. Assumes noise that is independent from reading to reading.
+    A ramp and its few corners have no effect. Assumes noise that is independent from reading to reading.
     """
-    return MAD_TO_STD * float(np.median(np.abs(np.diff(readings, 2)))) / float(np.sqrt(6.0))
+    return MAD_TO_STD * float(np.median(np.abs(np.diff(readings, 2)))) / float(np.sqrt(6))
 
 
 def tukey_weight(residual: Floats, std: float) -> Floats:
-    """Tukey's biweight (n,) of residuals (n,) in the unit of `std`; 0 from TUKEY_WIDTH deviations on."""
+    """Return Tukey's biweight (n,) of residuals (n,) in the unit of `std`; 0 from TUKEY_WIDTH deviations on."""
     relative = residual / (TUKEY_WIDTH * std)
     return np.where(np.abs(relative) < 1, (1 - relative**2) ** 2, 0.0)
 
 
 def geman_mcclure_weight(residual: Floats, width: float) -> Floats:
-    """Weight 1 / (1 + (r / width)^2)^2 (n,) of residuals r (n,), in the unit of `width`.
+    """Return the weight 1 / (1 + (r / width)^2)^2 (n,) of residuals r (n,), in the unit of `width`.
 
     Source: Geman & McClure, Bull. Int. Statist. Inst. 52 (1987) 5: it falls to a quarter at `width`.
     """
@@ -71,7 +73,7 @@ def geman_mcclure_weight(residual: Floats, width: float) -> Floats:
 
 
 def geman_mcclure_inverse(squares: Floats, width_square: float) -> None:
-    """Put (1 + r^2 / width^2)^2 in place of squared residuals r^2 (...), in the unit of `width_square`."""
+    """Replace squared residuals r^2 (...) by (1 + r^2 / width^2)^2 in place, in the unit of `width_square`."""
     squares *= 1.0 / width_square
     squares += 1.0
     squares *= squares

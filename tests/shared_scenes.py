@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import pickle
+import sys
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
+import pytest
 from filelock import FileLock
 
+from tactilevision.cli import main
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.method import as_referenced
@@ -18,6 +21,7 @@ from tactilevision.photometric.storage import save_method
 from tactilevision.recording.read import read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
+PAPER = SAMPLE.parent / "paper_points"
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -45,9 +49,25 @@ def shared(make: Callable[P, T]) -> Callable[P, T]:
 
 
 @shared
+def calibrated_points() -> Path:
+    """The results of `calibrate` on the sample paper_points, for tests that only read them."""
+    out = scenes() / "calibrated_points"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["tactilevision", "calibrate", str(PAPER), "--out", str(out)])
+        assert main() == 0
+    return out
+
+
+@shared
 def sample_reconstructor() -> Reconstructor:
     """The light of the sample gelslim3, calibrated on its own balls."""
     return build_reconstructor(read_recording(SAMPLE), "polynomial")
+
+
+@shared
+def rendered_reconstructor() -> Reconstructor:
+    """The light of the sample that a path tracer rendered."""
+    return build_reconstructor(read_recording(SAMPLE.parent / "rendered_shadows"), "polynomial")
 
 
 @shared

@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from each import each
 from importlinter.cli import lint_imports
 
 ROOT = Path(__file__).parents[1]
@@ -46,7 +47,7 @@ def test_every_package_and_file_has_its_place_in_the_order() -> None:
     assert placed - {"calibration"} == there - {"tactilevision.__init__"}
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+@each("path", SOURCES)
 def test_a_file_imports_what_its_package_may(path: Path) -> None:
     package, names = path.relative_to(ROOT).parts, imported(path)
     used = {name.split(".")[1] for name in names if name.startswith("tactilevision.")}

@@ -8,13 +8,13 @@ import inspect
 import json
 import re
 import runpy
-import sys
 from pathlib import Path
 
 import pytest
 import typer
+from each import each
+from shared_scenes import calibrated_points
 
-from tactilevision.cli import main
 from tactilevision.cli.app import app
 
 ROOT = Path(__file__).parents[1]
@@ -38,12 +38,12 @@ def top_level() -> list[str]:
     return sorted(files + [f"{path.relative_to(ROOT)}/" for path in paths if (path / "__init__.py").is_file()])
 
 
-@pytest.mark.parametrize("place", top_level())
+@each("place", top_level())
 def test_the_architecture_shows_every_package(place: str) -> None:
     assert f"`{place}`" in ARCHITECTURE
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)
+@each("page", [ROOT / "README.md", *PAGES])
 def test_every_file_that_a_page_names_exists(page: Path) -> None:
     tops = "tactilevision|calibration|benchmarks|tests|models|sample_frames|examples"
     named = set(re.findall(rf"`((?:{tops})/[\w/.]*)`", page.read_text(encoding="utf-8"))) - {
@@ -67,7 +67,7 @@ def sentences(text: str) -> list[str]:
     return [sentence for part in parts for sentence in part if sentence]
 
 
-@pytest.mark.parametrize("page", MANUAL, ids=name_of)
+@each("page", MANUAL)
 def test_sentences_of_the_manual_are_short(page: Path) -> None:
     found = sentences(page.read_text(encoding="utf-8"))
     assert [said for said in found if len(re.findall(r"\w[\w'.,/-]*", said)) > MAX_WORDS] == []
@@ -81,7 +81,7 @@ def anchors(page: Path) -> set[str]:
     return slugs | set(re.findall(r"^\((.+)\)=$", text, flags=re.MULTILINE))
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)
+@each("page", [ROOT / "README.md", *PAGES])
 def test_links_lead_somewhere(page: Path) -> None:
     text = re.sub(r"```[\s\S]*?```", "", page.read_text(encoding="utf-8"))
     dead = []
@@ -139,12 +139,14 @@ def called(text: str) -> list[tuple[str, list[str]]]:
     return [(command, re.findall(r"--[a-z-]+", rest)) for command, rest in lines]
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)
+COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+
+
+@each("page", [ROOT / "README.md", *PAGES])
 def test_commands_and_options_of_the_pages_exist(page: Path) -> None:
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     for command, options in called(page.read_text(encoding="utf-8")):
-        assert command in commands, command
-        known = {name for option in commands[command].params for name in option.opts}
+        assert command in COMMANDS, command
+        known = {name for option in COMMANDS[command].params for name in option.opts}
         assert set(options) <= {*known, "--help"}, command
 
 
@@ -159,7 +161,7 @@ def calls(block: str) -> list[tuple[str, ast.Call]]:
     return [(f"{known[name]}:{name}", call) for name, call in plain]
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)
+@each("page", [ROOT / "README.md", *PAGES])
 def test_calls_on_the_pages_fit_what_they_call(page: Path) -> None:
     for block in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S):
         for place, call in calls(block):
@@ -169,10 +171,8 @@ def test_calls_on_the_pages_fit_what_they_call(page: Path) -> None:
             inspect.signature(called_object).bind(*[None] * len(call.args), **keywords)
 
 
-def test_the_format_names_every_key_of_a_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sample = ROOT / "sample_frames" / "paper_points"
-    monkeypatch.setattr(sys, "argv", ["tactilevision", "calibrate", str(sample), "--out", str(tmp_path)])
-    assert main() == 0
+def test_the_format_names_every_key_of_a_calibration() -> None:
     told = (ROOT / "docs" / "format.md").read_text(encoding="utf-8").split("## calibration.json")[1]
-    missing = [key for key in json.loads((tmp_path / "calibration.json").read_text()) if f"`{key}`" not in told]
+    content = json.loads((calibrated_points() / "calibration.json").read_text())
+    missing = [key for key in content if f"`{key}`" not in told]
     assert missing == []

@@ -30,7 +30,7 @@ def test_no_file_takes_the_place_of_a_pipe_a_device_or_a_stream(tmp_path: Path) 
     (tmp_path / "link").symlink_to("/dev/null")
     for path in (pipe, tmp_path / "link", Path("/dev/stdout"), Path("/dev/fd/1"), tmp_path):
         before = path.lstat()
-        with pytest.raises(OutputError, match="no file that could be replaced"):
+        with pytest.raises(OutputError, match="can be replaced"):
             write_text(path, "x")
         assert os.path.samestat(path.lstat(), before)
 

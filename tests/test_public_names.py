@@ -11,6 +11,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from each import each
 
 import calibration
 import tactilevision
@@ -37,7 +38,7 @@ for package in (calibration, tactilevision):
 """
 
 
-@pytest.mark.parametrize(("package", "name"), PUBLIC, ids=[f"{p.__name__}.{n}" for p, n in PUBLIC])
+@each("package, name", PUBLIC)
 def test_a_public_name_is_there_and_says_what_it_is(package: ModuleType, name: str) -> None:
     found = getattr(package, name)
     assert not isinstance(found, ModuleType)
@@ -74,7 +75,7 @@ def test_public_names_are_no_modules_whatever_was_imported_first(order: str) -> 
 PAGES = [ROOT / "README.md", *(p for p in (ROOT / "docs").rglob("*.md") if "evidence" not in p.parts)]
 
 
-@pytest.mark.parametrize("path", sorted([*PAGES, *(ROOT / "examples").glob("*.py")]), ids=lambda p: p.stem)
+@each("path", sorted([*PAGES, *(ROOT / "examples").glob("*.py")]))
 def test_examples_and_pages_use_the_public_names_alone(path: Path) -> None:
     assert re.findall(r"from (?:tactilevision|calibration)\.\S+ import .*", path.read_text()) == []
     for package, names in re.findall(

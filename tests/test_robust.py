@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.robust import (
     TUKEY_WIDTH,
@@ -17,7 +18,7 @@ from tactilevision.robust import (
 )
 
 
-@pytest.mark.parametrize("count", [1, 2, 7, 10])
+@each("count", [1, 2, 7, 10])
 def test_the_quick_median_is_numpys(count: int) -> None:
     values = np.random.default_rng(count).standard_normal((3, count))
     np.testing.assert_array_equal(median(values), np.median(values, axis=-1))

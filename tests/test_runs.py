@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from each import each
 
 from tactilevision.cli import main
 from tactilevision.errors import OutputError, Terminated
@@ -144,7 +145,7 @@ def test_two_files_of_one_folder_are_written_at_a_time(tmp_path: Path) -> None:
         assert (tmp_path / f".one.npz{LOCK}").exists()
 
 
-@pytest.mark.parametrize(
+@each(
     "words",
     [
         ["depth", "{gelslim3}", "--out", "{out}"],
@@ -160,7 +161,6 @@ def test_two_files_of_one_folder_are_written_at_a_time(tmp_path: Path) -> None:
         ["simulate", "{out}"],
         ["train", "{gelslim3}", "--out", "{out}/method.npz"],
     ],
-    ids=lambda words: " ".join(words[:1] + words[2:4]),
 )
 def test_every_command_that_writes_refuses_a_folder_that_is_being_written(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from each import each
 from shared_scenes import scenes, shared
 
 from benchmarks.digest.cases import calibration
@@ -46,7 +47,7 @@ def result(calibrated: Path) -> dict[str, Any]:
     return content
 
 
-@pytest.mark.parametrize("key", ["c_N_per_mm", "youngs_modulus_MPa", "poisson_ratio", "beta", "clock_offset_s"])
+@each("key", ["c_N_per_mm", "youngs_modulus_MPa", "poisson_ratio", "beta", "clock_offset_s"])
 def test_the_truth_lies_in_the_interval(key: str, result: dict[str, Any], truth: dict[str, Any]) -> None:
     low, high = result[key]["interval95"]
     assert low <= truth[key] <= high

@@ -60,7 +60,8 @@ def size(path: Path, node: Function) -> int:
 
 
 def test_functions_are_short() -> None:
-    sizes = [(size(path, node), f"{where(path, node)} {node.name}") for path, node in functions()]
+    spans = [one for one in functions() if (one[1].end_lineno or 0) - one[1].lineno >= LONGEST_FUNCTION]
+    sizes = [(size(path, node), f"{where(path, node)} {node.name}") for path, node in spans]
     long = [one for one in sizes if one[0] > LONGEST_FUNCTION]
     assert long == []
 

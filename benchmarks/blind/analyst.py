@@ -58,7 +58,7 @@ def diagnosing(folder: Path) -> Finding:
     start = time.perf_counter()
     found = diagnose(data, np.random.default_rng(SEED))
     seconds = time.perf_counter() - start
-    modulus = found.after.youngs_modulus
+    modulus = found.material.after.youngs_modulus
     return Finding(
         found.verdict,
         tuple(e.key for e in found.effects),
@@ -68,7 +68,7 @@ def diagnosing(folder: Path) -> Finding:
         found.errors.held_out_after,
         found.errors.floor,
         seconds,
-        lack_of_fit_p=found.lack_of_fit_p,
+        lack_of_fit_p=found.search.lack_of_fit_p,
         std_MPa=modulus.std or float("nan"),
     )
 

@@ -49,8 +49,8 @@ def _diagnosed(data: Observations, made: Made) -> Row:
     from calibration.tasks.diagnose import diagnose
 
     found = diagnose(data, np.random.default_rng(SEED))
-    modulus, before = found.after.youngs_modulus, found.before.youngs_modulus
-    plain = found.alternative_explanation
+    modulus, before = found.material.after.youngs_modulus, found.material.before.youngs_modulus
+    plain = found.remainder.alternative_explanation
     return {
         "verdict": found.verdict,
         "named": [effect.key for effect in found.effects],
@@ -58,11 +58,11 @@ def _diagnosed(data: Observations, made: Made) -> Row:
         "E_MPa": modulus.value,
         "interval_MPa": modulus.interval95,
         "interval_before_MPa": before.interval95,
-        "readings_held": _held(made, found.base.noise.parts(found.base.about.base_N)),
-        "left": [[c.key, c.p_adjusted] for c in found.covariates[:3]],
-        "screen_p": [[s.key, s.p_adjusted] for s in found.score_test[:3]],
-        "odd": list(found.odd.presses),
-        "wanders": [list(one) for one in found.odd.wanders],
+        "readings_held": _held(made, found.fits.base.noise.parts(found.fits.base.about.base_N)),
+        "left": [[c.key, c.p_adjusted] for c in found.search.covariates[:3]],
+        "screen_p": [[s.key, s.p_adjusted] for s in found.search.score_test[:3]],
+        "odd": list(found.presses.odd.presses),
+        "wanders": [list(one) for one in found.presses.odd.wanders],
         "plain": None if plain is None else plain.key,
         "flags": list(found.flags),
         "held_out_over_floor": found.errors.held_out_after / max(found.errors.floor, 1e-12),

@@ -13,35 +13,31 @@ from calibration.inputs.conditions import Covariate, bins, covariates, repeat_gr
 from calibration.model.stages import Stage
 from tactilevision.records.measured import Floats
 
-# Step functions of all that is recorded, as directions of the force; what an effect may be off by in them.
+# Step functions of all recorded covariates, as directions of the force, and the allowance for an effect's form.
 
-DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
-FORM = (
-    0.1  # std, of what a gel's effect adds: how far its form is off in each step of each covariate (others_curves)
-)
+DEPTH_BINS = 16  # steps of the depth
+FORM = 0.1  # std of a gel effect's form in each step of each covariate, over what the effect adds (others_curves)
 HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
-SAME = 1e-6  # of the largest column: what is less is made of the others
+SAME = 1e-6  # of the largest singular value: less is linearly dependent
 
 
 def covariate_steps(steady: Fit) -> dict[str, Floats]:
-    """Step functions (N, k) of everything recorded, and of effects' sizes that have to be one, by name."""
+    """Return step functions (N, k) of all covariates, and of effects' sizes that have to be constant, by name."""
     seen = seen_covariates(steady)
     return {c.name: _steps(steady, c) for c in seen} | _of_one_size(steady, seen)
 
 
 def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
-    """The covariates of a steadied fit, force as fitted: bins of what was read would sort residuals by their own
-    noise.
-    """
+    """Return the covariates with the fitted force; bins of the measured one would sort residuals by noise."""
     return covariates(steady.data.with_force(steady.force_N))
 
 
 def form_errors(steady: Fit) -> Floats:
-    """What the form of the gel's effects in the fit may be off by (N, m), N, one std a column: a random share of
-    what each adds, in each step of how a press goes and of what the effect says it is seen in. What it has nothing
-    to do with, such as another effect's temperature, its form does not follow. Errors of depth and of force are
-    definitions: no form can be off.
+    """Return the errors that the form of the gel's effects in the fit may have (N, m), N, one std a column.
+
+    Each is a random share of what the effect adds, in each step of how a press goes and of the covariates that the
+    effect states. Errors of depth and of force have an exact form.
     Source: Kennedy, O'Hagan, J. R. Stat. Soc. B 63 (2001) 425 (a discrepancy as a random function).
     """
     model, seen = steady.model, seen_covariates(steady)
@@ -55,26 +51,26 @@ def form_errors(steady: Fit) -> Floats:
 
 
 def _independent(columns: Floats) -> Floats:
-    """As many columns as are independent (N, r), of the same covariance: bins of alike covariates repeat."""
+    """Return independent columns (N, r) of the same covariance: bins of similar covariates repeat."""
     _, sizes, axes = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(columns @ axes[sizes > SAME * sizes.max(initial=0.0)].T)
 
 
 def _steps(fitted: Fit, covariate: Covariate) -> Floats:
-    """Step functions (N, k) of a covariate: of the stiffness for a press's, of the depth for a sample's."""
+    """Return step functions (N, k) of a covariate: of the stiffness for a press's, of the depth for a sample's."""
     carried = fitted.about.force_N if covariate.of_press else fitted.about.slope_N_per_mm
     hot = _hot(covariate, DEPTH_BINS if covariate.name == "w" else OTHER_BINS)
     return np.asarray(hot * (np.abs(carried) + fitted.about.base_N * fitted.noise.scale)[:, None])
 
 
 def _hot(covariate: Covariate, most: int) -> Floats:
-    """Which bin each sample is in (N, k), 1 or 0."""
+    """Return 1 for the bin of each sample (N, k), else 0."""
     number = bins(covariate, most)
     return np.asarray(np.eye(int(number.max()) + 1)[number])
 
 
 def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
-    """Step functions (N, k) of the sizes of effects in the fit that have to have one throughout."""
+    """Return step functions (N, k) of the sizes of effects in the fit that have to be constant."""
     found = {}
     for effect in fitted.model.effects:
         name = f"{effect.key}.{effect.parameters[0].name}" if effect.parameters else ""
@@ -84,23 +80,23 @@ def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
     return found
 
 
-# Whether what a model leaves of the presses rises or falls along what was recorded.
+# Trends of presses' residuals along the covariates.
 #
-# A press's residual is the mean of its samples' over the std that the noise gives it, its covariate the mean
-# there. Spearman's rank correlation of the two over the presses is held against presses in random order; p is
-# Bonferroni's, times the covariates looked at. It sees a slow drift of few presses, which free steps of a
-# covariate do not. Source: Hollander, Wolfe, Chicken, Nonparametric Statistical Methods, 3rd ed. (2014), ch. 8.
+# A press's residual is the mean of its samples' over the std of its noise, its covariate the mean there.
+# Spearman's rank correlation of the two over the presses is compared with presses in random order; p is
+# Bonferroni's. It detects a slow drift of few presses, which free steps of a covariate do not. Source: Hollander,
+# Wolfe, Chicken, Nonparametric Statistical Methods, 3rd ed. (2014), ch. 8.
 
-LEVEL = 0.05  # p below which a trend is told
+LEVEL = 0.05  # p below which a trend or a jump is significant
 TREND_SHUFFLES = 9999  # of the presses: p to 1e-4
-MOST_VALUES = 4e6  # shuffled at once: fewer shuffles of more than 400 presses
+MOST_VALUES = 4e6  # values shuffled at once: fewer shuffles of more than 400 presses
 NO_QUANTITY = ("load/unload", "indenter", "azimuth", "azimuth beside the face")  # names, and directions around
 
 
 def press_trends(fitted: Fit) -> dict[str, float]:
-    """p of each covariate's trend over the presses, for all that are looked at, by its name.
+    """Return p of each covariate's trend over the presses, by its name.
 
-    Names, directions around the axis, and what is the same in all presses are not looked at.
+    Names, directions around the axis, and what is the same in all presses are not tested.
     """
     fitted = at_denoised_depth(fitted)
     data, seen = fitted.data, seen_covariates(fitted)
@@ -126,23 +122,22 @@ def press_trends(fitted: Fit) -> dict[str, float]:
 
 
 def _ranks(values: Floats) -> Floats:
-    """Ranks about their mean (M,), equal values with one rank."""
+    """Return ranks about their mean (M,), equal values with one rank."""
     ranks = np.unique(np.round(values, 9), return_inverse=True)[1].astype(float)
     return np.asarray(ranks - ranks.mean())
 
 
-# Since which press something is different: a jump in the mean residual of presses, held against chance.
+# Change point: a jump in the mean residual of presses.
 #
-# The presses' means are taken in the order of time, each press one number, and the largest cumulative sum over its
-# own spread is compared with that of the same numbers in other orders: like presses change places with like (same
-# indenter and rate), so that a protocol that runs from small to large punches is no jump.
+# The largest cumulative sum of the presses' means in order of time is compared with that of other orders, in which
+# like presses (same indenter and rate) change places, so that a protocol from small to large punches is no jump.
 
-CHANGE_SHUFFLES = 999  # orders that chance is read from: p to .001
-MIN_COUNT = 8  # presses; with fewer a jump and its place cannot be told from scatter
+CHANGE_SHUFFLES = 999  # p to .001
+MIN_COUNT = 8  # presses
 
 
 def change_point(fitted: Fit, rng: np.random.Generator) -> str | None:
-    """The first press after the jump; None where none is beyond chance or there are fewer than eight presses."""
+    """Return the first press after the jump; None where none is significant or presses are fewer than eight."""
     data = fitted.data
     if data.count < MIN_COUNT:
         return None
@@ -167,7 +162,7 @@ def _largest(values: Floats) -> tuple[int, float]:
 def _shuffled(
     values: Floats, groups: np.ndarray[tuple[int], np.dtype[np.int64]], rng: np.random.Generator
 ) -> Floats:
-    """The values of each group in another order."""
+    """Return the values of each group in another order."""
     mixed = values.copy()
     for group in np.unique(groups):
         mine = np.flatnonzero(groups == group)

@@ -1,43 +1,31 @@
-"""The outcome of a diagnosis, and its form on disk."""
+"""The outcome of a diagnosis as records that a page prints one after another, and its form on disk."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from calibration.diagnosis.experiment_design import NextMeasurement
-from calibration.diagnosis.forward_selection import MAX_EFFECTS, Searched, Step
+from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
 from calibration.diagnosis.model_averaging import UndetectedEffect
 from calibration.diagnosis.refit import Candidate
-from calibration.diagnosis.score_test import LEVEL, Scored
-from calibration.diagnosis.unexplained import (
-    AlternativeExplanation,
-    Remainder,
-    Unexplained,
-    alternative_explanation,
-    plain_errors,
-    remainder,
-)
+from calibration.diagnosis.score_test import Scored
+from calibration.diagnosis.unexplained import AlternativeExplanation, Remainder, Unexplained
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit
-from calibration.fit.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
-from calibration.inputs.deadline import Watch
+from calibration.fit.outlying_presses import OutlyingPresses
 from calibration.model.stages import Parameter
 from calibration.result.result import CalibrationResult
 from tactilevision.records.measured import Estimate, Pair
 
-# The outcome of a diagnosis, and its form on disk.
-
-NOTHING_ODD = OutlyingPresses()
-
 
 @dataclass(frozen=True, slots=True)
 class Added:
-    """An effect that was added: its parameters, p adjusted for all looks, and its skill on presses left out."""
+    """An effect in the model: its parameters, p adjusted for all tests, and its skill on presses held out."""
 
     key: str
     parameters: tuple[tuple[str, Estimate], ...]
@@ -45,7 +33,7 @@ class Added:
     transfer_skill: float
 
     def as_json(self) -> dict[str, Any]:
-        """One entry of effects."""
+        """Return one entry of `effects`."""
         return {
             "key": self.key,
             "parameters": {name: estimate.as_json() for name, estimate in self.parameters},
@@ -56,214 +44,211 @@ class Added:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Rms errors in N: of the base model and the last one, in and out of sample, and the repeats' own."""
+    """Rms errors in N of the base model and the last one, on fitted presses and on presses held out.
+
+    `floor` is the repeatability of like presses; `held_out_N` the held-out error of the base model and after each
+    effect of the force.
+    """
 
     before: float
     after: float
     held_out_before: float
     held_out_after: float
     floor: float
+    held_out_N: tuple[float, ...] = ()
 
-    def as_json(self) -> dict[str, float]:
-        """rms_error_N."""
-        return asdict(self)
+    def as_json(self) -> dict[str, Any]:
+        """Return the entries `rms_error_N` and `held_out_N`."""
+        names = ("before", "after", "held_out_before", "held_out_after", "floor")
+        return {"rms_error_N": {name: getattr(self, name) for name in names}, "held_out_N": list(self.held_out_N)}
+
+
+@dataclass(frozen=True, slots=True)
+class MaterialChange:
+    """The material by the base model and by the last one.
+
+    `unseen` are effects that E's interval allows for although nothing shows them; `alone_MPa` is that interval if
+    none of them is there.
+    """
+
+    before: CalibrationResult
+    after: CalibrationResult
+    unseen: tuple[UndetectedEffect, ...] = ()
+    alone_MPa: Pair | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entries `material` and `unseen`."""
+        return {
+            "material": {"before": self.before.as_json(), "after": self.after.as_json()},
+            "unseen": {
+                "interval95_of_E_without": None if self.alone_MPa is None else list(self.alone_MPa),
+                "effects": [{"key": u.key, "chance": u.chance, "rms_bias_of_E": u.off} for u in self.unseen],
+            },
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class SearchRecord:
+    """What was tested.
+
+    `score_test` has every testable effect's score on the base model; `covariates_before` and `covariates` what the
+    residual of the base model and of the last one depends on; `lack_of_fit_p` the smallest p of the last model;
+    `tried` what fitted best where the verdict is UNKNOWN; `sight` the search on the picture's depth against the
+    certified one, where there are both.
+    """
+
+    score_test: tuple[Scored, ...]
+    covariates_before: tuple[Scored, ...]
+    covariates: tuple[Scored, ...]
+    lack_of_fit_p: float
+    tried: tuple[str, ...]
+    sight: Searched | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entries of the tests, and `reconstructed_depth`."""
+        return {
+            "screen": _screen(self.score_test),
+            "covariates": [c.as_json() for c in self.covariates],
+            "lack_of_fit_p": self.lack_of_fit_p,
+            "tried": list(self.tried),
+            "reconstructed_depth": None if self.sight is None else _sight(self.sight),
+        }
+
+
+def _screen(scores: tuple[Scored, ...]) -> list[dict[str, Any]]:
+    return [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in scores]
+
+
+def _sight(sight: Searched) -> dict[str, Any]:
+    """Return the picture's depth against the certified one, in numbers."""
+    ratio = depth_ratio(sight.base)
+    return {
+        "ratio_median": float(np.median(ratio)),
+        "samples": ratio.size,
+        "lack_of_fit_p": sight.last.lack_of_fit,
+        "covariates": [c.as_json() for c in sight.first.covariates],
+        "slope_and_azimuth": unseen_beside(sight.base.data) or "looked at",
+        "screen": _screen(sight.first.effects),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Fits:
+    """The fits of the base model and of the last one; `whole` is the last fit before presses were set aside."""
+
+    base: Fit
+    fitted: Fit
+    whole: Fit | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class UnexplainedMisfit:
+    """What no effect explains, and what could stand behind it.
+
+    `left` describes the residual where the verdict is UNKNOWN, `left_over` what is significant of it whether it
+    matters or not; `nearest` the effect that explains most of it, and its share; `plain` the nearest instrument
+    error; `alternative_explanation` the one that explains as much as the effects named; `change_point` the press
+    from which on it is there; `would_have_to_be` what could cause a beta that theory does not allow.
+    """
+
+    left: Unexplained | None = None
+    left_over: Remainder | None = None
+    nearest: tuple[str, float] | None = None
+    plain: Candidate | None = None
+    alternative_explanation: AlternativeExplanation | None = None
+    change_point: str | None = None
+    would_have_to_be: tuple[InadmissibleBeta, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return its entries."""
+        other = self.alternative_explanation
+        return {
+            "left": None if self.left is None else self.left.as_json(),
+            "left_over": None if self.left_over is None else self.left_over.as_json(),
+            "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
+            "nearest_plain_error": None if self.plain is None else self.plain.effect.key,
+            "otherwise": None if other is None else other.as_json(),
+            "change_point": self.change_point,
+            "would_have_to_be": [w.as_json() for w in self.would_have_to_be],
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class OddPresses:
+    """Presses unlike the others; those `set_aside`, and the verdict `without` them."""
+
+    odd: OutlyingPresses = field(default_factory=OutlyingPresses)
+    set_aside: tuple[str, ...] = ()
+    without: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return its entries."""
+        return {
+            "odd_presses": list(self.odd.presses),
+            "set_aside": {"presses": list(self.set_aside), "verdict_without": self.without or None},
+            "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in self.odd.wanders],
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What these data cannot show.
+
+    `not_testable` has effects that cannot be tested, and why; `possible_bias` the relative error of E that each of
+    them would bring; `visible` the minimum detectable size of the others at 80 % power, of the parameter in
+    `sizes`; `below_visibility` the relative error of E that each would bring at that size.
+    """
+
+    not_testable: Mapping[str, str]
+    possible_bias: Mapping[str, float]
+    visible: Mapping[str, float]
+    sizes: Mapping[str, Parameter]
+    below_visibility: Mapping[str, float]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return its entries."""
+        return {
+            "not_testable": [{"key": key, "why": why} for key, why in self.not_testable.items()],
+            "possible_bias_of_E": dict(self.possible_bias),
+            "smallest_visible": dict(self.visible),
+            "smallest_visible_unit": {key: self.sizes[key].unit for key in self.visible if key in self.sizes},
+            "bias_of_E_at_smallest_visible": dict(self.below_visibility),
+        }
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """What a diagnosis found.
 
-    `candidates` the keys that these data cannot tell apart (one where the effect is identified); `screen` every
-    testable effect's score on the base model; `visible` the amplitude of each that would have been seen, a size of
-    the parameter in `sizes`;
-    `covariates` what the last model's residual depends on; `would_have_to_be` what could stand for a beta that
-    theory does not allow; `possible_bias` the relative error of E that each effect that cannot be tested would
-    bring at a typical size, or at the end of its range where it shows only beyond; `below_visibility` the same of
-    the others at the smallest size that would have shown; `tried` what fitted best where the verdict is UNKNOWN;
-    `base` and `fitted` the fits before and after; `sight` the search on the
-    picture's depth against the certified one, where there are both; `left` describes what nothing
-    explains, where the verdict is UNKNOWN; `odd` what is odd among the presses themselves; `nearest` the effect
-    that came nearest to it, and the share that it explains; `otherwise` the plain error outside the catalogue that
-    does as well as what was named, or better than what was tried; `held_out` the held-out
-    error in N of the base model and after each effect; `covariates_before` what the base model's residual depends
-    on; `unseen` what E's interval allows for besides, and `alone_MPa` that interval if none of it is there;
-    `set_aside` the odd presses without which all of this holds, `without` the verdict on the others, `whole` the
-    fit of all; `plain` the plain error nearest to what no effect explains; `stopped` that the time was over before
-    the search was; `left_over` what stands out of the last fit, whether it matters or not.
+    `verdict` is that of `decision.decide`; `effects` are in the model, `candidates` those that these data cannot
+    tell apart (one where the effect is identified); `stopped`: the time was over before the search was. The other
+    records are what a page prints, in this order.
     """
 
     verdict: str
     effects: tuple[Added, ...]
     candidates: tuple[str, ...]
-    not_testable: Mapping[str, str]
-    visible: Mapping[str, float]
-    errors: Errors
-    before: CalibrationResult
-    after: CalibrationResult
-    covariates: tuple[Scored, ...]
-    score_test: tuple[Scored, ...]
-    measure_next: tuple[NextMeasurement, ...]
-    change_point: str | None
     flags: tuple[str, ...]
-    would_have_to_be: tuple[InadmissibleBeta, ...]
-    lack_of_fit_p: float
-    tried: tuple[str, ...]
-    possible_bias: Mapping[str, float]
-    base: Fit
-    fitted: Fit
-    sight: Searched | None = None
-    left: Unexplained | None = None
-    odd: OutlyingPresses = NOTHING_ODD
-    nearest: tuple[str, float] | None = None
-    held_out: tuple[float, ...] = ()
-    covariates_before: tuple[Scored, ...] = ()
-    below_visibility: Mapping[str, float] = field(default_factory=dict)
-    unseen: tuple[UndetectedEffect, ...] = ()
-    alone_MPa: Pair | None = None
-    set_aside: tuple[str, ...] = ()
-    without: str = ""
-    whole: Fit | None = None
-    sizes: Mapping[str, Parameter] = field(default_factory=dict)
-    alternative_explanation: AlternativeExplanation | None = None
-    left_over: Remainder | None = None
-    plain: Candidate | None = None
-    stopped: bool = False
+    stopped: bool
+    errors: Errors
+    material: MaterialChange
+    search: SearchRecord
+    remainder: UnexplainedMisfit
+    presses: OddPresses
+    limits: Limits
+    measure_next: tuple[NextMeasurement, ...]
+    fits: Fits
 
     def as_json(self) -> dict[str, Any]:
-        """The content of diagnosis.json."""
+        """Return the content of diagnosis.json."""
+        parts = (self.errors, self.material, self.search, self.remainder, self.presses, self.limits)
         return {
             "verdict": self.verdict,
             "effects": [effect.as_json() for effect in self.effects],
             "candidates": list(self.candidates),
-            "not_testable": [{"key": key, "why": why} for key, why in self.not_testable.items()],
-            "rms_error_N": self.errors.as_json(),
-            "material": {"before": self.before.as_json(), "after": self.after.as_json()},
-            "covariates": [{"name": c.key, "p_adjusted": c.p_adjusted} for c in self.covariates],
-            "measure_next": [action.as_json() for action in self.measure_next],
-            "change_point": self.change_point,
             "flags": list(self.flags),
             "stopped": self.stopped,
-            "nearest_plain_error": None if self.plain is None else self.plain.effect.key,
-            "odd_presses": list(self.odd.presses),
-            "set_aside": {"presses": list(self.set_aside), "verdict_without": self.without or None},
-            "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in self.odd.wanders],
-            "lack_of_fit_p": self.lack_of_fit_p,
-            "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
-            "tried": list(self.tried),
-            "otherwise": None if self.alternative_explanation is None else self.alternative_explanation.as_json(),
-            "left_over": None if self.left_over is None else self.left_over.as_json(),
-            "left": None if self.left is None else self.left.as_json(),
-            "possible_bias_of_E": dict(self.possible_bias),
-            "unseen": self._unseen(),
-            "bias_of_E_at_smallest_visible": dict(self.below_visibility),
-            "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.score_test],
-            "smallest_visible": dict(self.visible),
-            "smallest_visible_unit": {key: self.sizes[key].unit for key in self.visible if key in self.sizes},
-            "would_have_to_be": [w.as_json() for w in self.would_have_to_be],
-            "held_out_N": list(self.held_out),
-            "reconstructed_depth": self._sight(),
-            "noise": self.fitted.noise.parts(self.fitted.about.base_N),
+            **{key: value for part in parts for key, value in part.as_json().items()},
+            "measure_next": [action.as_json() for action in self.measure_next],
+            "noise": self.fits.fitted.noise.parts(self.fits.fitted.about.base_N),
         }
-
-    def _unseen(self) -> dict[str, Any]:
-        """What may be there without showing, and E's interval without it."""
-        return {
-            "interval95_of_E_without": None if self.alone_MPa is None else list(self.alone_MPa),
-            "effects": [{"key": u.key, "chance": u.chance, "rms_bias_of_E": u.off} for u in self.unseen],
-        }
-
-    def _sight(self) -> dict[str, Any] | None:
-        """The picture's depth against the certified one, in numbers."""
-        if self.sight is None:
-            return None
-        ratio = depth_ratio(self.sight.base)
-        return {
-            "ratio_median": float(np.median(ratio)),
-            "samples": ratio.size,
-            "lack_of_fit_p": self.sight.last.lack_of_fit,
-            "covariates": [{"name": c.key, "p_adjusted": c.p_adjusted} for c in self.sight.first.covariates],
-            "slope_and_azimuth": unseen_beside(self.sight.base.data) or "looked at",
-            "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.sight.first.effects],
-        }
-
-
-# What one search for effects ends in: what stands, what is left, and what plain error would do as well.
-
-MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
-CURED = 0.5  # the same where frames are then read anew: the form need only name the cause, and is looked at again
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What one search ends in: the steps that stand, what was tried where something is left or `otherwise` does as
-    well, p of what is left, what it is, and the plain error nearest to it.
-    """
-
-    searched: Searched
-    steps: tuple[Step, ...]
-    tried: tuple[str, ...]
-    left: float
-    unknown: bool
-    flags: tuple[str, ...]
-    odd: OutlyingPresses = NOTHING_ODD
-    remainder: Remainder | None = None
-    alternative_explanation: AlternativeExplanation | None = None
-    plain: Candidate | None = None
-
-    @property
-    def sets(self) -> list[tuple[Candidate, ...]]:
-        """The candidates of each step that stands."""
-        return [step.equals for step in self.steps]
-
-    @property
-    def fitted(self) -> Fit:
-        """The last fit that stands."""
-        return self.steps[-1].fitted if self.steps else self.searched.start
-
-
-def odd_presses(searched: Searched, level: float) -> OutlyingPresses:
-    """What is odd among the presses, as far as the test says so."""
-    told = {s.key: s.p_adjusted for s in searched.last.others if s.p_adjusted <= level}
-    wanders = [(key.removeprefix(WANDERS), p) for key, p in told.items() if key.startswith(WANDERS)]
-    odd = outlying_presses(searched.current, wanders=wanders)
-    return odd if STANDS_OUT in told else replace(odd, presses=(), foreign=False)
-
-
-def outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD) -> Outcome:
-    """Whether the steps stand: not where they leave what matters and explain but a part, or are all used up."""
-    left, steps = searched.last.lack_of_fit, searched.steps
-    over = remainder(searched.current, searched.last, level=level) if left <= level else None
-    flags = ["bend_within_theory"] if getattr(searched.current.model.law, "bent", False) else []
-    flags += ["press_stands_out"] if odd.presses else []
-    flags += ["presses_wander"] if odd.wanders else []
-    flags += ["presses_scatter"] if odd.scattered else []
-    if searched.stopped:
-        so_far = tuple(c.effect.key for c in searched.rounds[-1].candidates)
-        return Outcome(searched, steps, () if steps else so_far, left, not steps, tuple(flags), odd)
-    flags += ["small_remainder"] if over else []
-    enough = CURED if searched.to_be_cured else MOSTLY
-    # its form is not exact
-    mostly = 0 < len(steps) < MAX_EFFECTS and searched.explained > enough and not odd.wanders
-    matters = over is not None and over.matters and not mostly
-    if not (matters or odd.presses or (odd.scattered and not steps)):
-        return Outcome(searched, steps, (), left, False, tuple(flags), replace(odd, wanders=()), over)
-    tried = [s.best.effect.key for s in steps] or [s.key for s in searched.first.effects if s.p_adjusted < LEVEL]
-    return Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd, over)
-
-
-def against_instrument_errors(force: Outcome, watch: Watch, *, level: float) -> Outcome:
-    """With the plain error that does as well as what was named, which then stands no more, or better than what was
-    tried.
-    """
-    if watch.over or not (force.steps or (force.unknown and not force.odd.presses)):
-        return force
-    watch.tell("holding plain errors of an instrument against it")
-    plain = plain_errors(force.searched, watch.each)
-    found = alternative_explanation(force.searched, plain, level=level)
-    nothing = np.inf if force.searched.steps else force.searched.start.chi2
-    helps = (one for one in plain if one.cost < nothing)
-    nearest_of_all = next(helps, None) if found is not None or force.unknown else None
-    if found is None:
-        return replace(force, plain=nearest_of_all)
-    tried = force.tried or found.instead_of
-    return replace(force, steps=(), tried=tried, unknown=True, alternative_explanation=found, plain=nearest_of_all)

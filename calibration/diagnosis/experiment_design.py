@@ -21,31 +21,31 @@ from calibration.noise.model import Whitener
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Indenter
 
-# What to measure next: which action would tell two candidates apart, and in how many minutes.
+# Presses that would distinguish two candidates, and how many minutes they take.
 #
-# Each action is a handful of presses that could be made. The candidates' forces are worked out for them, at what
-# was fitted, and the separation d of the presses so far and these together says what they would bring:
+# The candidates' forces are computed for the presses of each action at the fitted values; the benefit is the
+# separation d of the presses so far and these together:
 #     d = min over the rival's and the law's parameters of |L^-1 (f_i - f_j)|,    linear about the fit.
 
-SAMPLES = 17  # of a forecast ramp: the shape of every effect's curve is met; more change no order
+SAMPLES = 17  # of a forecast ramp
 
 
 @dataclass(frozen=True, slots=True)
 class NextMeasurement:
-    """An action, how long it takes, and the separation in std that it should bring."""
+    """An action, its duration in minutes, and the expected separation in std."""
 
     action: str
     minutes: float
     separation_sigma: float
 
     def as_json(self) -> dict[str, Any]:
-        """One entry of measure_next."""
+        """Return one entry of measure_next."""
         return {"action": self.action, "minutes": self.minutes, "expected_separation_sigma": self.separation_sigma}
 
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """Presses that could be made: `change` turns like presses of what there is into them."""
+    """Presses that could be made; `change` derives them from the data."""
 
     name: str
     minutes: float
@@ -53,20 +53,20 @@ class Action:
 
 
 def measure_next(base: Fit, one: Candidate, *, rivals: Sequence[Candidate]) -> tuple[NextMeasurement, ...]:
-    """Actions, best separation a minute first; the separation is from the rival that stays nearest."""
+    """Return the actions, best separation a minute first; the separation is from the nearest rival."""
     found = []
     for action in actions(base.data):
         try:
             extra = action.change(base.data)
             least = min((_separation(base, one, rival, extra) for rival in rivals), default=0.0)
-        except CANNOT_FIT:  # this action cannot be worked out for these effects
+        except CANNOT_FIT:  # this action cannot be computed for these effects
             continue
         found.append(NextMeasurement(action.name, action.minutes, least))
     return tuple(sorted(found, key=lambda n: -n.separation_sigma / n.minutes))
 
 
 def actions(data: Observations) -> tuple[Action, ...]:
-    """What could be done with this rig."""
+    """Return the actions that this rig allows."""
     radius = float(np.median(data.presses.radius_mm))
     speed = float(np.nanmedian(data.presses.speed_mm_s)) if np.isfinite(data.presses.speed_mm_s).any() else 0.2
     return (
@@ -97,7 +97,7 @@ def _presses(
     air: bool = False,
     later_days: float = 0.0,
 ) -> Observations:
-    """Three presses after the last one, to its largest depth."""
+    """Return three presses after the last one, to its largest depth."""
     rate = speed or 0.2
     top = float(np.max(data.depth_mm))
     depth = np.linspace(-0.1 if air else 0.05 * top, top, SAMPLES)
@@ -154,7 +154,7 @@ def _observations(
 
 
 def _separation(base: Fit, one: Candidate, rival: Candidate, extra: Observations) -> float:
-    """Separation with the presses so far and these, both candidates' laws about their own fits."""
+    """Return the separation by the presses so far and these, each candidate linearised about its own fit."""
     data = join(base.data, extra)
     f_one, _ = _force(one.model, one.values, base.data, data)
     model = rival.model
@@ -173,7 +173,7 @@ def _separation(base: Fit, one: Candidate, rival: Candidate, extra: Observations
 
 
 def _force(model: Model, values: Floats, old: Observations, data: Observations) -> tuple[Floats, Floats]:
-    """Force on more presses than were fitted; a new radius takes the beta and the bend of the one next to it."""
+    """Return the force on more presses than were fitted; a new radius has beta and bend of the nearest one."""
     had, has = np.unique(old.presses.radius_mm), np.unique(data.presses.radius_mm)
     nearest = [int(np.argmin(np.abs(had - radius))) for radius in has]
     end = len(model.law.parameters(old))
@@ -183,14 +183,14 @@ def _force(model: Model, values: Floats, old: Observations, data: Observations) 
     return model.predict(longer, data), longer
 
 
-# What a person can do about an effect without many presses: a direct look at it, and how sharp that look is.
+# Manual checks: direct measurements of one effect without many presses.
 #
-# A check settles one effect by itself: an amplitude `a` that it measures to `std` is told from none by a/std. For
-# effects that these data cannot show, the check that takes most off E's possible bias in a minute comes first.
-# What no effect explains is followed by way of what it depends on.
+# A check that measures an amplitude a to `std` distinguishes it from none by a/std. For effects that these data
+# cannot show, the check that removes most of E's possible bias in a minute comes first. An unexplained residual is
+# followed by the covariates that it depends on.
 
 NAN = float("nan")
-MIN_BIAS = 0.002  # of E: less is not worth a look
+MIN_BIAS = 0.002  # of E: below it no check is proposed
 _OTHER_PUNCH = ManualCheck(
     "press the same depths with a punch of another radius: does it follow depth or force?", 10.0
 )
@@ -214,12 +214,12 @@ FOLLOW: Mapping[str, ManualCheck] = {
 
 
 def check_of(effect: Effect) -> ManualCheck | None:
-    """What a person can do about it, as the effect states it."""
+    """Return the manual check that the effect states."""
     return getattr(effect, "check", None)
 
 
 def of_candidates(group: Sequence[Candidate]) -> list[NextMeasurement]:
-    """Checks of the candidates of a set, each with how far it would tell the amplitude found from none."""
+    """Return checks of the candidates of a set, each with the separation of the fitted amplitude from none."""
     found = []
     for one in group:
         check = check_of(one.effect)
@@ -230,23 +230,23 @@ def of_candidates(group: Sequence[Candidate]) -> list[NextMeasurement]:
 
 
 def of_left(covariates: Iterable[str]) -> list[NextMeasurement]:
-    """What to do about something that depends on these covariates, the most telling first."""
+    """Return checks for a residual that depends on these covariates, the most significant first."""
     checks = dict.fromkeys(FOLLOW[name] for name in covariates if name in FOLLOW)
     return [NextMeasurement(check.action, check.minutes, NAN) for check in checks]
 
 
 def of_hidden(bias: Mapping[str, float]) -> list[NextMeasurement]:
-    """Checks of effects that these data cannot show, what takes most off E's possible bias in a minute first."""
+    """Return checks of effects that these data cannot show, most bias of E removed in a minute first."""
     checks = {key: check_of(EFFECTS[key]) for key in bias if key in EFFECTS}
     worth = {check: abs(bias[key]) for key, check in checks.items() if check and abs(bias[key]) > MIN_BIAS}
     ranked = sorted(worth, key=lambda check: -worth[check] / check.minutes)
     return [NextMeasurement(check.action, check.minutes, NAN) for check in ranked]
 
 
-# What to measure next: presses that tell candidates apart, or follow what is left.
+# The plan: presses that distinguish candidates, and checks of the residual.
 
-WORTH = 0.5  # std: an action that brings less is not worth its minutes
-MAX_SIGMA = 10.0  # std: one that brings more is no better for it
+WORTH = 0.5  # std: least separation of an action that is proposed
+MAX_SIGMA = 10  # std: a larger separation counts as this one
 
 
 def plan_next(
@@ -258,7 +258,7 @@ def plan_next(
     instead: Sequence[Candidate],
     bias: Mapping[str, float],
 ) -> tuple[NextMeasurement, ...]:
-    """Odd presses first, then what tells candidates apart or follows what is left, then what nothing shows.
+    """Return what to do: odd presses, then checks of the residual, candidates, then effects not detectable.
 
     `sets`: for each search, the candidates of each step; `instead`: those of a beta out of theory.
     """
@@ -278,7 +278,7 @@ def plan_next(
 
 
 def press_again(odd: OutlyingPresses) -> tuple[NextMeasurement, ...]:
-    """Presses that do not repeat the others are pressed again before anything else is asked of them."""
+    """Return the repetition of presses that are unlike the others."""
     if odd.presses:
         names = ", ".join(odd.presses)
         action, minutes = f"press {names} again: the same indenter at the same place", 2.0 * len(odd.presses)

@@ -2,12 +2,10 @@
 
     screen -> refit -> does theory's own freedom do as well? -> confirm -> again, at most three times
 
-An effect is named only where the screen's bootstrap says that so good a score is beyond chance for having looked
-at all of them, where its amplitude lies inside its range, and where it helps on presses left out, whitened and in
-N. What a law may do besides (the bend that finite elements give) is no effect: where it explains a misfit as well,
-it is let go and the search looks again, at half the level, for this is its second look for a first effect. Nor is
-another term of a relaxation that is there already. A second effect is tested at .5 %, beside what the form of the
-first may be off by (`form_errors` of covariate_steps.py).
+`decision.decide` states the rule. The freedom that theory leaves the law (the bend that finite elements give) and
+another term of a relaxation in the model are no effects: where they explain a misfit as well, they are used, and
+the search tests again at half the level, since this is its second test for a first effect. A second effect is
+tested at .5 %, with an allowance for the form of the first (`covariates.form_errors`).
 """
 
 from __future__ import annotations
@@ -45,7 +43,7 @@ from calibration.model.stages import Effect, EffectBase
 from calibration.noise.model import Whitener
 from tactilevision.records.measured import Floats
 
-REFITTED = 8  # candidates of a round that are fitted, the best by score; the others are far behind
+REFITTED = 8  # candidates of a round that are fitted, the best by score
 MAX_EFFECTS = 3  # effects in one model: the data of one recording bear no more
 SECOND = 0.005  # family-wise level of a second and a third effect: a false one is confidently wrong
 BEYOND_DOUBT = 0.001  # family-wise p below which presses left out may be predicted worse, by chance
@@ -54,7 +52,7 @@ FEW = 49  # draws where the statistic alone is asked for
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """One turn of the search: the screen, and the candidates refitted on its best, beside the fit `about`."""
+    """One round of the search: the score test, and its best candidates refitted on the fit `about`."""
 
     score_test: ScoreTest
     candidates: tuple[Candidate, ...]
@@ -64,9 +62,9 @@ class Round:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A candidate that was confirmed: its score, its skill on presses left out, the fit with it, and its equals.
+    """A confirmed candidate: its score, its skill on presses held out, and the fit with it.
 
-    `equals` are the candidates that these data cannot tell from it, itself first.
+    `equals` are the candidates that these data cannot distinguish from it, itself first.
     """
 
     best: Candidate
@@ -78,13 +76,11 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """From the base model's fit over each step to what is left at the end (`last`).
+    """The rounds and steps of a search, from the base model to the score test of the last fit (`last`).
 
-    `bend_or` are the effects, not named, that explain as well what was taken for theory's own bend: E with each,
-    over E with the bend.
-
-    `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
-    `stopped`: the time was over before the search was.
+    `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law;
+    `bend_or` the effects that explain theory's bend as well: E with each, over E with the bend; `stopped`: the
+    time was over before the search was.
     """
 
     base: Fit
@@ -97,22 +93,22 @@ class Searched:
 
     @property
     def current(self) -> Fit:
-        """The fit with all that was added."""
+        """The fit with all effects that were added."""
         return self.steps[-1].fitted if self.steps else self.start
 
     @property
     def first(self) -> ScoreTest:
-        """The screen of the fit that the search began on."""
+        """The score test of the fit that the search began on."""
         return self.rounds[0].score_test
 
     @property
-    def to_be_cured(self) -> bool:
-        """Whether frames are to be read anew for what was named last."""
-        return bool(self.steps) and cured_anew(self.steps[-1])
+    def to_be_treated(self) -> bool:
+        """Whether the last effect has a treatment."""
+        return bool(self.steps) and has_treatment(self.steps[-1])
 
     @property
     def explained(self) -> float:
-        """Of what the start leaves, the share that the steps explain."""
+        """The share of the misfit at the start that the steps explain."""
         return explained_share(self.start, self.current, left=self.last)
 
 
@@ -125,10 +121,9 @@ def forward_selection(
     of_rig: bool = False,
     watch: Watch = UNWATCHED,
 ) -> Searched:
-    """Search on top of `base`; with `of_rig` the rig's plain errors and odd presses are looked at as well.
+    """Add effects to `base` one after another; with `of_rig` instrument errors and odd presses are tested as well.
 
-    A candidate that cannot be fitted is passed over. Where the time of `watch` is over, the search ends with what
-    it has, `stopped`.
+    A candidate that cannot be fitted is passed over. Once the time of `watch` is over the search ends, `stopped`.
     """
     start = current = looked_at = base
     rounds, steps, bend_or = list[Round](), list[Step](), dict[str, float]()
@@ -148,13 +143,13 @@ def forward_selection(
             else:
                 start = room
             continue
-        watch.tell("weighing the best against the others")
+        watch.tell("comparing the best candidates")
         step = _confirmed(turn, now, watch.each)
         if step is None:
             break
         steps.append(step)
         current = step.fitted
-        if cured_anew(step):  # what else is left is looked for once the frames are read anew
+        if has_treatment(step):  # the rest is tested once the measurements are treated
             break
     last = rounds[-1].score_test
     if looked_at is not current:
@@ -163,14 +158,14 @@ def forward_selection(
     return Searched(base, start, tuple(rounds), tuple(steps), last, other, watch.over)
 
 
-def cured_anew(step: Step) -> bool:
-    """Whether the effect of a step is cured by reading the frames anew."""
+def has_treatment(step: Step) -> bool:
+    """Return whether the effect of a step has a treatment of the measurements."""
     return bool(getattr(step.best.effect, "treatment", ""))
 
 
 def _roomier(turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ...]]:
-    """The fit with what its parts may do besides, where something stands out and no effect explains it better: the
-    bend that theory allows, another term of a relaxation; and the effects that explain it as well.
+    """Return the fit with the freedom that theory leaves its parts, where that explains a significant misfit as
+    well as any effect: the bend of the law, another term of a relaxation; and the effects that do as well.
     """
     if turn.score_test.family_p > level:
         return None, ()
@@ -198,7 +193,7 @@ def _roomier(turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ..
 
 
 def _lawful(found: Fit) -> bool:
-    """Whether each radius's slope is one that theory allows; a bend beside another slope is none of theory's."""
+    """Return whether each radius's slope is one that theory allows, without which the bend is not either."""
     if not isinstance(found.model.law, FlatPunch):
         return True
     nu, h = found.estimate("poisson_ratio"), found.data.gel.thickness_mm
@@ -209,7 +204,7 @@ def _lawful(found: Fit) -> bool:
 
 
 def _room(current: Fit) -> Iterator[tuple[Model, Floats]]:
-    """What the model's parts may be besides, and where to begin."""
+    """Yield the models with more freedom, and the starts of each."""
     law, effects, places = current.model.law, current.model.effects, current.model.slices(current.data)
     if isinstance(law, FlatPunch) and not law.bent:
         model = Model(replace(law, bent=True), effects)
@@ -237,20 +232,20 @@ def _fitted(current: Fit, model: Model, starts: Floats) -> Fit | None:
 
 
 def _cost(found: Fit, current: Fit) -> float:
-    """chi^2 and twice the parameters that came in."""
+    """Return chi^2 + 2 q of the q parameters added."""
     return found.chi2 + 2 * (found.values.size - current.values.size)
 
 
 def _with_own(step: Step, fitted: Fit) -> Step:
-    """The step with its effect as it is in a later fit."""
+    """Return the step with its effect as in a later fit."""
     effect = next(e for e in fitted.model.effects if e.key == step.best.effect.key)
     best = Candidate(effect, fitted.model, fitted.values, fitted.chi2, fitted.force_N)
     return replace(step, best=best)
 
 
 def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bool:
-    """Whether the room takes away what stands out, and not something else: an effect it has been held against; off
-    a covariate it has to take what its parameters cost.
+    """Return whether the freer fit explains what is significant: an effect that it was compared with, or at least
+    what its parameters cost of the most significant covariate's statistic.
     """
     best = min((s.p_adjusted for s in turn.scored.values()), default=1.0)
     if not turn.score_test.covariates or best <= turn.score_test.lack_of_fit:
@@ -269,8 +264,8 @@ def _look(
     of_rig: bool,
     watch: Watch,
 ) -> Round:
-    """Screen, then refit the best eight and every effect that acts as a threshold."""
-    watch.tell("looking for what stands out")
+    """Run the score test, then refit the best eight and every effect that acts as a threshold."""
+    watch.tell("testing the residual")
     seen = score_test(current, catalogue, rng=rng, of_rig=of_rig, each=watch.each)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
@@ -290,8 +285,9 @@ def _look(
 
 
 def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: float) -> Fit:
-    """The fit under the noise that is left with the best effect in it, where there are few presses: what changes
-    from one to the next has passed for their scatter, under which no two effects are told apart.
+    """Return the fit under the noise that the best effect leaves, where presses are few.
+
+    Otherwise what changes from press to press counts as their scatter, and no two effects are distinguished.
     """
     if not scatter_unknown(current.data) or best.p_adjusted > level:
         return current
@@ -306,10 +302,10 @@ def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: fl
 
 
 def _confirmed(turn: Round, level: float, each: Each) -> Step | None:
-    """The best candidate, if its improvement is beyond chance for having looked at all, and carries over.
+    """Return the best candidate that is significant, lowers chi^2 + 2 q by 6 also without any one reading, and
+    predicts held-out presses better.
 
-    Without any one reading it has to be better than nothing as well. One that is beyond doubt may be predicted
-    worse by as much as so many presses leave to chance.
+    One with p below BEYOND_DOUBT may predict them worse by as much as so many presses leave to chance.
     """
     current = turn.about
     may = [
@@ -334,9 +330,8 @@ def _confirmed(turn: Round, level: float, each: Each) -> Step | None:
 
 
 def explained_share(base: Fit, current: Fit, *, left: ScoreTest) -> float:
-    """How much of a misfit the added effects explain: what they took off chi^2, over it and what the most telling
-    covariate still stands above chance by; all white under the last model's noise, priors included: what a law
-    with much room takes up against its priors is misfit, too.
+    """Return the share of a misfit that the added effects explain: what they took off chi^2, over this and the
+    excess of the most significant covariate; whitened by the last model's noise, the cost of priors included.
     """
     before, after = (_under(current, one) for one in (base, current))
     still = max((c.statistic - c.usual for c in left.covariates[:1]), default=0.0)
@@ -345,6 +340,6 @@ def explained_share(base: Fit, current: Fit, *, left: ScoreTest) -> float:
 
 
 def _under(current: Fit, one: Fit) -> float:
-    """chi^2 of a fit under the noise of another of the same samples; what its priors cost stays."""
+    """Return chi^2 of a fit under another fit's noise, the cost of its priors unchanged."""
     whitener = Whitener(current.data, current.noise, current.about)
     return float(np.sum(whitener.apply(one.residual_N) ** 2) + one.chi2 - np.sum(one.white**2))

@@ -1,8 +1,7 @@
-"""A beta that theory does not allow: what else would have to be true, and how straight it would leave the line.
+"""What could cause a beta that theory does not allow, and how straight it leaves the line of P/w over w/h.
 
-beta is held at what theory gives, and each candidate's own parameter is fitted in its place. Finite elements give
-.85 at a/h = .833 (neo-Hookean, sticking) and a line through P/w as steep as 1.5 of 3 mm for a gel of 2.25 mm:
-beta in units of the true thickness grows like a/h.
+beta is fixed at theory's value and each candidate's own parameter is fitted instead. Finite elements give .85 at
+a/h = .833 (neo-Hookean, sticking); beta in units of the true thickness is proportional to a/h.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ from tactilevision.records.measured import Floats
 
 THEORY_BETA = 0.85  # beta of finite elements, neo-Hookean and sticking, at AT_RATIO
 AT_RATIO = 2.5 / 3  # a/h at which THEORY_BETA was computed
-MAX_ITERATIONS = 25  # most rounds between a thickness and the beta that theory gives for it
+MAX_ITERATIONS = 25  # rounds between a thickness and its beta
 
 
 @dataclass(frozen=True, slots=True)
 class InadmissibleBeta:
-    """One candidate: its first parameter, what it would have to be, R^2 of P/w over w/h that it leaves, and E."""
+    """One candidate: the value that its first parameter would have to have, R^2 of P/w over w/h with it, and E."""
 
     key: str
     parameter: str
@@ -46,13 +45,13 @@ class InadmissibleBeta:
 
 
 def instead_of_beta() -> tuple[Effect, ...]:
-    """The effects that may be what looks like a beta which theory does not allow, by their own rank."""
+    """Return the effects that may look like an inadmissible beta, by their own rank."""
     ranked = {rank: effect for effect in EFFECTS.values() if (rank := getattr(effect, "instead_of_beta", 0))}
     return tuple(ranked[rank] for rank in sorted(ranked))
 
 
 def would_have_to_be(fitted: Fit, suspects: Sequence[Effect]) -> tuple[InadmissibleBeta, ...]:
-    """Every suspect that fits at all, the one that leaves the least error first."""
+    """Return every suspect that can be fitted, the smallest error first."""
     found = []
     for effect in suspects:
         if effect.key not in fitted.model.keys:
@@ -62,7 +61,7 @@ def would_have_to_be(fitted: Fit, suspects: Sequence[Effect]) -> tuple[Inadmissi
 
 
 def theory_beta(radius_mm: float, thickness_mm: float) -> float:
-    """What finite elements let expect for a sharp punch, w measured against this thickness."""
+    """Return beta of a sharp punch by finite elements, for this thickness."""
     return THEORY_BETA * (radius_mm / thickness_mm) / AT_RATIO
 
 
@@ -77,7 +76,7 @@ def _candidate(fitted: Fit, effect: Effect) -> InadmissibleBeta:
         values = _with_theory(fitted, model, key, starts, thickness)
         if rescaled:
             fitted_mm = data.gel.thickness_mm * (1 + float(values[place]))
-            thickness = float(np.sqrt(thickness * fitted_mm))  # halfway in the logarithm, or it swings for ever
+            thickness = float(np.sqrt(thickness * fitted_mm))  # the geometric mean converges
             starts = values[None]
     force = model.predict(values, data)
     first, rms = effect.parameters[0], float(np.sqrt(np.mean((data.normal_N - force) ** 2)))
@@ -86,7 +85,7 @@ def _candidate(fitted: Fit, effect: Effect) -> InadmissibleBeta:
 
 
 def _with_theory(fitted: Fit, model: Model, key: str, starts: Floats, thickness_mm: float) -> Floats:
-    """All values with each radius's beta held at theory's, by plain least squares: no prior holds the effect."""
+    """Return all values with each radius's beta at theory's, by least squares without a prior of the effect."""
     data = fitted.data
     radii = iter(np.unique(data.presses.radius_mm))
     table = []
@@ -104,7 +103,7 @@ def _with_theory(fitted: Fit, model: Model, key: str, starts: Floats, thickness_
 
 
 def straightness(data: Observations, force_N: Floats) -> float:
-    """R^2 (dimensionless) of the line through P/w against w/h, for forces (N,) in N, over samples in the gel."""
+    """Return R^2 of the line through P/w against w/h, for forces (N,) in N, over samples in the gel."""
     inside = data.depth_mm > 0.05 * np.max(data.depth_mm)
     strain = data.depth_mm[inside] / data.gel.thickness_mm
     per_depth = force_N[inside] / data.depth_mm[inside]

@@ -1,15 +1,13 @@
-"""How far E may be off by what nothing shows: its interval averaged over the effects that may be there.
+"""Bayesian model averaging of E's interval over effects that may be there without being detected.
 
-An effect of first parameter s that is left out of the model moves E by b s, and shows by z in its own std sigma:
+An effect of first parameter s outside the model moves E by b s, and has the score z in its own std sigma:
 
     p(s | data) ~ pi N(s; 0, tau^2) exp(z s/sigma - s^2/(2 sigma^2)),    E(s) = E exp(-b s)
 
-linear about the fit. One effect at a time, beside none of them, on a gel that slides and on one that sticks, each
-weighed by exp(-chi^2/2); tau is half of the effect's range, so that its end is two std (what is stated of a
-parameter goes before). Beforehand one of the effects is there on every second rig, each as likely as any other;
-beside none of them stands what any rig has some of (an edge that is not stated), tau its typical size. An effect
-that the data exclude weighs next to nothing, one that they cannot show weighs pi, one that they hint at weighs
-more. The interval is never narrower than that of the fit alone.
+linear about the fit. At most one effect is there at a time, on a gel that slides or on one that sticks, each
+weighted by exp(-chi^2/2); tau is half of the effect's range, or its stated prior. The prior chance that one of the
+effects is there is one half, each as likely as any other; without any of them, what every rig has some of (an edge
+that is not stated) has its typical size as tau. The interval is never narrower than that of the fit alone.
 Source: Hoeting et al., Statistical Science 14 (1999) 382, eq. 1 to 3, with one parameter a model.
 """
 
@@ -36,13 +34,13 @@ from calibration.fit.least_squares import Fit
 from calibration.model.stages import STICKING, Effect
 from tactilevision.records.measured import Estimate, Floats
 
-ANY = 0.5  # chance that a rig has an effect that nobody knows of
-NODES = 41  # sizes of an effect that are averaged over, of equal weight
+ANY = 0.5  # prior chance that a rig has an unknown effect
+NODES = 41  # sizes of an effect, of equal weight
 
 
 @dataclass(frozen=True, slots=True)
 class UndetectedEffect:
-    """One effect that may be there: its chance given the data, and the rms of what it then does to E, relative."""
+    """An effect that may be there: its chance given the data, and the rms of its relative bias of E."""
 
     key: str
     chance: float
@@ -51,8 +49,9 @@ class UndetectedEffect:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """What E would be with an effect ("" for none) of several sizes: log of the weights (k,), what the effect adds
-    to log E (k,), log E without it, and the relative std of each.
+    """E with an effect ("" for none) of several sizes.
+
+    `log_weight` (k,), `added` (k,) the shifts of log E, `without` log E without the effect, `std` relative.
     """
 
     key: str
@@ -70,9 +69,9 @@ class _Part:
 def average_models(
     modulus: Estimate, fitted: Fit, *, effects: Sequence[Effect]
 ) -> tuple[Estimate, tuple[UndetectedEffect, ...]]:
-    """E with its interval averaged over `effects`, and the effects by what they add to its variance.
+    """Return E with its interval averaged over `effects`, and the effects ranked by the variance that they add.
 
-    As it is where E has no value.
+    E without a value stays unchanged.
     """
     if modulus.value is None or modulus.interval95 is None:
         return modulus, ()
@@ -93,7 +92,7 @@ def average_models(
 
 
 def _laws(fitted: Fit, modulus: Estimate) -> list[tuple[Fit, Estimate]]:
-    """The fit, and the same on a gel that sticks where that can be fitted, each with its E."""
+    """Return the fit, and the same on a gel that sticks where that can be fitted, each with its E."""
     try:
         other = stuck(fitted)
     except CANNOT_FIT:
@@ -102,7 +101,7 @@ def _laws(fitted: Fit, modulus: Estimate) -> list[tuple[Fit, Estimate]]:
 
 
 def _parts(fitted: Fit, found: Estimate, effects: Sequence[Effect], about_MPa: float) -> list[_Part]:
-    """No effect, then each start of each; none where E has no value in this fit."""
+    """Return a part for no effect and for each start of each; nothing where E has no value in this fit."""
     if found.value is None or not found.std:
         return []
     space, chance = _Space(at_denoised_depth(fitted)), ANY / max(len(effects), 1)
@@ -116,7 +115,7 @@ def _parts(fitted: Fit, found: Estimate, effects: Sequence[Effect], about_MPa: f
 
 
 class _Space:
-    """What the fit absorbs, white, with its priors; and what its residual says about a change of the force."""
+    """Linearisation of a fit, whitened, with its priors, and the score of a change of the force."""
 
     def __init__(self, fitted: Fit) -> None:
         self._fitted, self._modulus = fitted, fitted.index("youngs_modulus_MPa")
@@ -127,7 +126,7 @@ class _Space:
         self._residual = np.concatenate([self._absorbed.white(fitted.residual_N), pull])
 
     def rivals(self, effect: Effect, chance: float) -> list[_Part]:
-        """One for each start of the effect that does anything; they share its chance."""
+        """Return a part for each start of the effect that changes the force; they share its chance."""
         changes = [
             (own, change)
             for own in _starts(effect, self._fitted)
@@ -155,7 +154,7 @@ def _starts(effect: Effect, fitted: Fit) -> Floats:
 
 
 def _sizes(effect: Effect, own: Floats, fitted: Fit) -> Floats:
-    """Nodes (NODES,) of equal weight of what is expected of the size, in units of this start."""
+    """Return nodes (NODES,) of equal weight of the size's prior, in units of this start."""
     from scipy.special import ndtri
 
     stated = getattr(effect, "parameters_on", None)
@@ -170,7 +169,7 @@ def _sizes(effect: Effect, own: Floats, fitted: Fit) -> Floats:
 
 
 def _quantile(share: float, weight: Floats, shift: Floats, std: Floats) -> float:
-    """Of a mixture of normals."""
+    """Return a quantile of a mixture of normals."""
     from scipy.optimize import brentq
     from scipy.special import ndtr
 
@@ -179,7 +178,7 @@ def _quantile(share: float, weight: Floats, shift: Floats, std: Floats) -> float
 
 
 def _ranked(parts: Sequence[_Part], total: float) -> tuple[UndetectedEffect, ...]:
-    """Effects by what they add to the variance of E; `total` the log of all weights."""
+    """Return the effects by the variance of E that they add; `total` is the log of all weights."""
     found = []
     for key in dict.fromkeys(part.key for part in parts if part.key):
         mine = [part for part in parts if part.key == key]

@@ -19,14 +19,14 @@ from calibration.noise.reml import Weighing
 from tactilevision.errors import ConvergenceError
 from tactilevision.records.measured import Bools, Floats
 
-# Candidates refitted in full, held out, and held against each other, all under one and the same error model.
+# Candidates refitted in full, held out and compared, all under one error model.
 
-FLAT = 3.84  # of chi^2: a size that costs no more beside the best one is inside its 95 % interval
+FLAT = 3.84  # of chi^2: a size that costs no more than the best one is inside its 95 % interval
 SAME = 0.1  # of chi^2: what differs by less is the same
 HALVINGS = 6  # of a size at the end of its range, to the smallest that is as good
-STARTS = 2  # that promise most by their score; the others are not fitted
+STARTS = 2  # starts that are fitted, the best by their score
 FOLDS = 5  # of presses: each fifth is predicted from the other four
-UNTOLD = 1e-3  # of what a law's parameter does to the force: other presses that hold less of it do not tell it
+UNDETERMINED = 1e-3  # share of a parameter's information: other presses that hold less do not determine it
 CANNOT_FIT = (ConvergenceError, ValueError, ArithmeticError, RuntimeError)  # of one model: the others go on
 
 
@@ -52,7 +52,7 @@ class Candidate:
 
 
 def refit_with(base: Fit, effect: Effect, *, target_N: Floats | None = None, most: int = STARTS) -> Candidate:
-    """The effect fitted to the measurement, or to `target_N` (N,), from the starts that promise most."""
+    """Return the effect fitted to the measurement, or to `target_N` (N,), from its best starts."""
     data = base.data if target_N is None else base.data.with_force(target_N)
     model = base.model + effect
     whitener = Whitener(data, base.noise, base.about)
@@ -64,8 +64,9 @@ def refit_with(base: Fit, effect: Effect, *, target_N: Floats | None = None, mos
 
 
 def _smallest_as_good(problem: Problem, values: Floats, effect: Effect) -> Floats:
-    """The values (p,), the effect's size halved from the end of its range as long as that costs nothing: what is
-    known to be no smaller is not at its end. A threshold beyond which nothing changes is halved from anywhere.
+    """Return the values (p,), the effect's size halved from the end of its range as long as that costs nothing.
+
+    A threshold beyond which nothing changes is halved from anywhere.
     """
     if not effect.parameters:
         return values
@@ -92,7 +93,7 @@ def _held(parameter: Parameter, value: float) -> Parameter:
 
 
 def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floats:
-    """Starts with the rest as it was, in the order of what each explains when everything is let go linearly."""
+    """Return the starts with all other values unchanged, ordered by what each explains to first order."""
     place = problem.model.slices(problem.data)[effect.key]
     rows = np.array([np.insert(base.values, place.start, start) for start in effect.starts(problem.data)])
     if len(rows) <= most:
@@ -111,9 +112,9 @@ def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floa
 
 
 def separation(base: Fit, one: Candidate, other: Effect) -> float:
-    """d: how many std part `one` at its fitted values from the best that `other` can do instead.
+    """Return the distance, in std, of `one` at its fitted values from the best that `other` can do instead.
 
-    What is taken to be known of the other's own size does not part them: that is a judgement, not a look.
+    The prior of the other's own size is not used: it is a judgement, not a measurement.
     """
     mimic = refit_with(base, freed(other), target_N=one.force_N, most=2)
     prior = _prior_cost(base, one)
@@ -121,7 +122,7 @@ def separation(base: Fit, one: Candidate, other: Effect) -> float:
 
 
 def freed(effect: Effect) -> Effect:
-    """The effect without what is stated or judged of its size beforehand."""
+    """Return the effect without the prior of its size."""
     return effect.freed() if isinstance(effect, EffectBase) else effect
 
 
@@ -133,10 +134,9 @@ def _prior_cost(base: Fit, one: Candidate) -> float:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Errors of presses that the fit did not see, by fold (k,): sums of squares in N^2 and whitened.
+    """Errors of presses held out of the fit, by fold (k,): sums of squares in N^2 and whitened.
 
-    What a fit strains its parameters' priors by counts as well, each fold its share: a model that fits only by
-    leaving what is known of it has not understood the rest.
+    The cost of the parameters' priors counts as well, each fold its share.
     """
 
     of_force: Floats
@@ -155,7 +155,7 @@ class HeldOut:
 
     @classmethod
     def of_each_best(cls, tried: Sequence[HeldOut]) -> HeldOut:
-        """Each fold by the one that predicts the other folds best: so none is chosen by its own presses."""
+        """Return for each fold the errors of the model that predicts the other folds best."""
         white = np.array([one.white for one in tried])
         best = np.argmin(white.sum(axis=1, keepdims=True) - white, axis=0)
         of_force, own = (
@@ -168,10 +168,10 @@ class HeldOut:
 def hold_out(
     model: Model, about: Fit, *, start: Floats, folds: Ints, kept: Sequence[int] = (), read: bool = False
 ) -> HeldOut:
-    """The force in N of each fold of presses (M,), predicted from the others and, unless `read`, not from its own
-    normal readings; the history of all stays known, and so do tangential readings.
+    """Return the errors of each fold of presses (M,), predicted from the others.
 
-    The parameters `kept` are those of the start, and so are those of the law that only the fold's presses tell:
+    Unless `read`, a prediction does not use the fold's own normal readings; history and tangential readings stay
+    known. The parameters `kept` stay at `start`, as do those of the law that only the fold's presses determine:
     the slope of a radius that is pressed once.
     """
     data = about.data
@@ -180,12 +180,13 @@ def hold_out(
     for at in kept:
         table[at] = _held(table[at], float(start[at]))
     whole = Problem(model, data, tuple(table), whitener)
-    told, law = whole.jacobian(start) ** 2, model.slices(data)["law"]
+    information, law = whole.jacobian(start) ** 2, model.slices(data)["law"]
     of_force, white = list[float](), list[float]()
     for fold in np.unique(folds):
         out = (folds == fold)[data.press]
-        untold = np.flatnonzero(np.sum(told[~out, law], axis=0) < UNTOLD**2 * np.sum(told[:, law], axis=0))
-        own = {int(k): _held(table[k], float(start[k])) for k in law.start + untold}
+        rest, of_all = (np.sum(rows[:, law], axis=0) for rows in (information[~out], information))
+        lost = np.flatnonzero(rest < UNDETERMINED**2 * of_all)
+        own = {int(k): _held(table[k], float(start[k])) for k in law.start + lost}
         problem = replace(whole, parameters=tuple(own.get(k, p) for k, p in enumerate(table)))
         found = fit_without(problem, start, out)
         seen = data if read else data.with_force(np.where(out, NOT_READ, data.normal_N))
@@ -197,7 +198,7 @@ def hold_out(
 
 
 def held_out_rms(fitted: Fit) -> float:
-    """A fit's error in N on presses left out; NaN where there are too few of them or a fold finds no minimum."""
+    """Return a fit's rms error in N on presses held out; NaN where they are too few or a fold finds no minimum."""
     if fitted.data.count <= 2:
         return float("nan")
     try:
@@ -207,10 +208,9 @@ def held_out_rms(fitted: Fit) -> float:
 
 
 def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
-    """The minimum from `start` (p,) over the samples (N,) that are not `out`, forces in N.
+    """Return the minimum from `start` (p,) over the samples (N,) that are not `out`, forces in N.
 
-    Where quick steps come to no end, as they may at a kink, slopes are taken from both sides; where these come to
-    none either, they end where they are: a prediction needs no last digit.
+    Where quick steps do not converge, as at a kink, central differences are used, and their last step counts.
     """
     size = problem.data.size
 
@@ -226,7 +226,7 @@ def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
 
 
 def press_folds(data: Observations, count: int = FOLDS) -> Ints:
-    """Fold of each press (M,), 0, 1 ...: interleaved over like presses, so that each holds all conditions."""
+    """Return the fold of each press (M,), interleaved over like presses, so that each holds all conditions."""
     from calibration.inputs.conditions import repeat_groups
 
     order = np.argsort(repeat_groups(data), kind="stable")
@@ -236,10 +236,10 @@ def press_folds(data: Observations, count: int = FOLDS) -> Ints:
 
 
 def adopt(base: Fit, candidate: Candidate) -> Fit:
-    """The candidate as a fit of its own, with the noise estimated anew from what it leaves.
+    """Return the candidate as a fit of its own, with the noise estimated anew from its residual.
 
-    A threshold moves the noise, too: which samples a press's zero moves. What is best under another noise may be a
-    wrong minimum, so it is looked for from all its starts; the likelihood of each one's own noise decides.
+    A threshold changes the noise, too, so that the best under another noise may be a wrong minimum: it is fitted
+    from all its starts, and the likelihood of each with its own noise decides.
     """
     places = [candidate.values]
     if getattr(candidate.effect, "threshold", False):
@@ -256,7 +256,7 @@ def adopt(base: Fit, candidate: Candidate) -> Fit:
 
 
 def log_volume(fitted: Fit) -> float:
-    """ln det V of a fit's own noise: with chi^2, -2 ln of its likelihood."""
+    """Return ln det V of a fit's own noise; with chi^2 it is -2 ln of the likelihood."""
     of_presses = Weighing(fitted.data, fitted.about, fitted.noise).log_volume(fitted.noise)
     return of_presses + 2 * float(np.sum(np.log(fitted.about.base_N)))
 
@@ -269,8 +269,9 @@ def _settled(base: Fit, model: Model, values: Floats) -> Fit:
 
 
 def _by_own_slopes(fitted: Fit) -> Fit:
-    """The minimum under the fit's own linearisation, under which all that is added to it is weighed: about a
-    threshold, where slopes jump, chi^2 under the one before may be less by hundreds.
+    """Return the minimum under the fit's own linearisation, with which all that is added to it is compared.
+
+    About a threshold, where slopes jump, chi^2 under the linearisation before may be less by hundreds.
     """
     if not any(getattr(effect, "threshold", False) for effect in fitted.model.effects):
         return fitted
@@ -290,20 +291,19 @@ def _with(values: Floats, own: slice, start: Floats) -> Floats:
     return placed
 
 
-# Which candidate stands: weighed by the likelihood of its own fit, held out, and beside those as good as it.
-#
-# Candidates are told apart by chi^2 + 2 q (AS_GOOD) and by the separation of their forces in standard deviations.
+# Which candidate stands, and which cannot be distinguished from it (point 3 of `decision.decide`).
 
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
-TOLD_APART = 3.0  # std between two candidates: nearer ones stay in the set together
-NEAR = 0.1  # of what the best takes off: a rival this near is weighed again
+TOLD_APART = 3.0  # std between two candidates: nearer ones stay in the set
+NEAR = 0.1  # share of the best one's gain: a rival this near is compared by likelihood
 
 
 def weighed_again(
     current: Fit, first: Candidate, candidates: Sequence[Candidate], each: Each = in_turn
 ) -> Sequence[Candidate]:
-    """The candidates, best first; those near the first one by the likelihood of their own fits: a model that lacks
-    the effect takes it for noise, and its first touch for another.
+    """Return the candidates, best first; those near the first are ordered by the likelihood of their own fits.
+
+    A model that lacks the effect takes it for noise.
     """
     room = max(AS_GOOD, NEAR * (current.chi2 - first.cost))
     near = [c for c in candidates if c.cost - first.cost < room]
@@ -321,7 +321,7 @@ def weighed_again(
 
 
 def inside(candidate: Candidate) -> bool:
-    """The amplitude is not at the end of its range."""
+    """Return whether the amplitude is not at an end of its range."""
     value, first = candidate.own_values[0], candidate.effect.parameters[0]
     low, high = first.bounds
     return bool(
@@ -331,10 +331,9 @@ def inside(candidate: Candidate) -> bool:
 
 
 def by_one_reading(current: Fit, candidate: Candidate) -> float:
-    """What a candidate takes off chi^2 less where one sample of a curve is left out: the one by which it is most.
+    """Return the most of a candidate's gain in chi^2 that is lost by excluding one sample of a curve.
 
-    Of chi^2 = r' P r a sample holds (P r)_i^2 / P_ii. One stray reading is no effect. A point is a press, and odd
-    presses are looked for by themselves: 0 there.
+    A sample holds (P r)_i^2 / P_ii of chi^2 = r' P r. 0 for points, since odd presses are tested by themselves.
     """
     data = current.data
     if not data.is_curves:
@@ -354,23 +353,22 @@ def by_one_reading(current: Fit, candidate: Candidate) -> float:
 
 
 def rests_on_one_reading(current: Fit, candidate: Candidate) -> bool:
-    """Whether a candidate is better than nothing by one reading alone."""
+    """Return whether a candidate is better than nothing by one reading alone."""
     return candidate.cost < current.chi2 <= candidate.cost + by_one_reading(current, candidate)
 
 
 def chance(presses: int) -> float:
-    """Relative std of an rms over so many presses."""
+    """Return the relative std of an rms over so many presses."""
     return float(1 / np.sqrt(2 * presses))
 
 
 def skill(current: Fit, fitted: Fit, effect: Effect) -> float:
-    """1 - held-out error with over without the effect, both squared and whitened; below 0 where it rises in N.
+    """Return 1 - held-out error with over without the effect, squared and whitened; below 0 where it rises in N.
 
-    Both are weighed by the noise of `fitted`, the fit with the effect, about its own line: what a missing effect
-    does to all presses alike passes for their scatter, and its slopes put a depth's noise where the gel has none.
-    The effect's size is found anew from each fold's others, not its form: a time that four fifths of the presses
-    leave open may run off, and says nothing of the effect. One that asks readings may not ask those of the fold;
-    of its sizes, which readings leave open, each fold is predicted by the one that predicts the others best.
+    Both are whitened by the noise of `fitted`, the fit with the effect. The effect's size is fitted anew for each
+    fold, its form (parameters of other units) is kept, since four fifths of the presses may leave it open. An
+    effect that uses readings does not use those of the fold; of its sizes, each fold is predicted by the one that
+    predicts the other folds best.
     """
     folds, begin = press_folds(current.data), fitted.model.slices(current.data)[effect.key].start
     table = effect.parameters
@@ -390,7 +388,7 @@ def skill(current: Fit, fitted: Fit, effect: Effect) -> float:
 
 
 def equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """The best and all that these data cannot tell from it: as good a fit, or a separation below three std."""
+    """Return the best and its equals: as good a fit, or less than three std from it."""
     kept = [best]
     for other in candidates:
         if other.effect.key == best.effect.key or not inside(other):
@@ -401,7 +399,7 @@ def equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tu
 
 
 def _apart(current: Fit, best: Candidate, other: Effect) -> float:
-    """The separation in std; inf where the other finds no way at all to look like the best."""
+    """Return the separation in std; inf where the other cannot be fitted to the best."""
     try:
         return separation(current, best, other)
     except CANNOT_FIT:

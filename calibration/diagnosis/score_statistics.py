@@ -14,21 +14,19 @@ from calibration.noise.model import Noise, Whitener
 from calibration.noise.reml import Product, Weighing, log_sizes, prior_cost
 from tactilevision.records.measured import Floats
 
-# p-values of a statistic from draws of it, carried on beyond the farthest draw.
+# p-values of a statistic from null samples, extrapolated beyond the largest.
 #
-# Up to the largest tenth of the draws p is their own share; beyond it the slower of two tails: an exponential of
-# that tenth's mean excess, and the scaled chi-squared with the mean and variance of all draws. A chi-squared of
-# few degrees of freedom falls off more and more slowly, so that an exponential read at its tenth understates p far
-# out; where the noise is hardly known draws fall off more slowly than a chi-squared. One wild draw makes both
-# tails too slow: p is never more than the share of all, the measured one among them, that lie as far out. Sources:
-# Pickands, Ann. Stat. 3 (1975) 119, shape 0; Barnard, J. R. Stat. Soc. B 25 (1963) 294.
+# Up to the largest tenth p is the samples' own share; beyond it the slower of two tails: an exponential of that
+# tenth's mean excess, and the scaled chi-squared with the mean and variance of all samples. One outlier makes both
+# too slow: p is never more than the share of all, the measured one included, that lie as far out.
+# Sources: Pickands, Ann. Stat. 3 (1975) 119, shape 0; Barnard, J. R. Stat. Soc. B 25 (1963) 294.
 
-LEAST = 1e-300  # p of what lies farther out than a number can say: its logarithm is finite
-TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
+LEAST = 1e-300  # least p: its logarithm is finite
+TAIL = 0.1  # share of the samples from which p is extrapolated
 
 
 class Tail:
-    """p of what is measured, and of each draw by the others."""
+    """p of a measured statistic, and of each null sample among the others."""
 
     def __init__(self, draws: Floats) -> None:
         self._draws, self._from = draws, float(np.quantile(draws, 1 - TAIL))
@@ -36,7 +34,7 @@ class Tail:
         self._excess = (draws - self._from)[self._beyond]
 
     def __call__(self, statistic: float) -> float:
-        """Of a statistic that is none of the draws."""
+        """Return p of a statistic that is not one of the samples."""
         if statistic <= self._from:
             return max(float(np.mean(self._draws > statistic)), TAIL)
         means = [np.mean(one) if one.size else 0.0 for one in (self._draws, self._draws**2, self._excess)]
@@ -44,11 +42,7 @@ class Tail:
         return min(float(self._far(np.array(statistic), *(np.array(mean) for mean in means))), float(counted))
 
     def of_each(self) -> Floats:
-        """Of each draw (n,) by the others.
-
-        A draw that takes part in its own tail makes that longer, and lies less far out than a measurement would:
-        the smallest p of many statistics would be held against too large ones.
-        """
+        """Return p of each sample (n,) among the others: one in its own tail would make that longer."""
         own, rest = self._draws[self._beyond], self._draws.size - 1
         rank = np.argsort(np.argsort(self._draws))
         p = np.maximum((rest - rank) / rest, TAIL)
@@ -60,7 +54,7 @@ class Tail:
         return np.asarray(p)
 
     def _far(self, statistic: Floats, mean: Floats, square: Floats, excess: Floats) -> Floats:
-        """Beyond the tail's begin, from the draws' mean, mean square and mean excess."""
+        """Return p beyond the tail's begin, from the samples' mean, mean square and mean excess."""
         from scipy.special import chdtrc
 
         known = mean > 0
@@ -72,19 +66,19 @@ class Tail:
         return np.asarray(np.maximum(p, LEAST))
 
 
-# Draws of a fit's error model for a bootstrap, with the tails that its samples and its presses have.
+# Bootstrap samples of a fit's error model, with the tails of its samples and presses.
 #
-# Samples and presses' gains and zeros are Student's t of unit variance, of the likeliest degrees of freedom;
-# normal where these bring no more than they cost (Schwarz, Ann. Stat. 6 (1978) 461).
+# Samples and presses' gains and zeros are Student's t of unit variance, of the likeliest degrees of freedom, or
+# normal by the Bayesian information criterion (Schwarz, Ann. Stat. 6 (1978) 461).
 
-NORMAL_DOF = 100.0  # degrees of freedom from which a t is drawn as a normal
+NORMAL_DOF = 100  # degrees of freedom from which a t is sampled as a normal
 MIN_DOF = 2.5  # degrees of freedom: with 2 a t has no variance
 
 
 def draw_errors(fitted: Fit, rng: np.random.Generator, draws: int, *, noises: Sequence[Noise] = ()) -> Floats:
-    """Errors (N, draws), N, of the fit's error model, with the tails that its samples and presses have.
+    """Return errors (N, draws), N, of the fit's error model, with the tails of its samples and presses.
 
-    `noises`: the sizes of each draw, where they are not the fit's own.
+    `noises`: the sizes of each sample, where they are not the fit's own.
     """
     noise, about, press = fitted.noise, fitted.about, fitted.data.press
     own = replace(noise, gain=0.0, zero_mm=0.0)
@@ -99,7 +93,7 @@ def draw_errors(fitted: Fit, rng: np.random.Generator, draws: int, *, noises: Se
 
 
 def student(rng: np.random.Generator, dof: float, shape: tuple[int, ...]) -> Floats:
-    """Student's t of this shape, unit variance; normal from 100 degrees of freedom on."""
+    """Return Student's t of this shape, unit variance; normal from NORMAL_DOF degrees of freedom on."""
     if dof > NORMAL_DOF:
         return rng.standard_normal(shape)
     dof = max(dof, MIN_DOF)
@@ -107,7 +101,7 @@ def student(rng: np.random.Generator, dof: float, shape: tuple[int, ...]) -> Flo
 
 
 def sample_dof(fitted: Fit) -> float:
-    """The likeliest degrees of freedom of white residuals, of unit variance; normal unless it brings its cost."""
+    """Return the likeliest degrees of freedom of whitened residuals, normal unless t improves the criterion."""
     white = Whitener(fitted.data, fitted.noise, fitted.about).apply(fitted.residual_N)
     white = white / max(float(np.std(white)), 1e-300)
 
@@ -120,15 +114,15 @@ def sample_dof(fitted: Fit) -> float:
     return best if likelihood(best) - likelihood(tails[-1]) > np.log(white.size) else tails[-1]
 
 
-# Directions and residuals freed of what a fit can absorb, and their scores under any size of the noise.
+# Directions and residuals orthogonal to what a fit can absorb, and their scores under any size of the noise.
 
-SEEN = 0.02  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
-LARGER = np.geomspace(1.0, 64.0, 13)  # over the presses' gain, that stand for what changes from press to press
+SEEN = 0.02  # a direction with a smaller share orthogonal to the fit is the fit's own
+LARGER = np.geomspace(1, 64, 13)  # factors of the presses' gain, for what changes from press to press
 
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """Residuals (N, b) as the fit and as the directions see them, their squares, and priors (k, b)."""
+    """Products of residuals (N, b) with the fit and with the directions, their squares, and priors (k, b)."""
 
     own: Product
     looked: Product
@@ -142,7 +136,7 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True)
 class _Weighed:
-    """Of n noises scores and squared lengths (n, D), and products of the fit's columns, also with the residual."""
+    """Scores and squared lengths (n, D) under n noises; products of the fit's columns, also with the residual."""
 
     scores: Floats
     lengths: Floats
@@ -151,14 +145,13 @@ class _Weighed:
 
 
 class Cast:
-    """Directions against residuals under one model: freed of what the fit absorbs, weighed, scored.
+    """Scores of directions on residuals under one model, orthogonal to what the fit absorbs.
 
-    All is put in coordinates that are white under the fit's own noise, so that under a draw's noise, which is
-    never far from it, nothing that matters cancels.
+    Coordinates are white under the fit's own noise, so that nothing cancels under the similar noise of a sample.
     """
 
     def __init__(self, fitted: Fit, tables: Sequence[Floats], form_N: Floats) -> None:
-        """`form_N` (N, m): what the form of effects in the fit may be off by, each column one std."""
+        """Take the directions `tables`, and `form_N` (N, m), errors of the form of effects, one std a column."""
         self.fitted = fitted
         free = fitted.free & ~fitted.at_bound  # what stands at its bound cannot give way any further
         known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
@@ -182,7 +175,7 @@ class Cast:
         self._lengths = self._weighing.squares(looked)
 
     def _free_and_norm(self, jacobian: Floats, priors: Floats, directions: Floats) -> None:
-        """Fit and directions (samples and priors) as orthonormal columns under the fit's own noise."""
+        """Make fit and directions (samples and priors) orthonormal under the fit's own noise."""
         size = np.linalg.norm(jacobian, axis=0)
         scale = np.where(size > 0, size, 1.0)
         apply = Whitener(self.fitted.data, self.fitted.noise, self.fitted.about).apply
@@ -203,12 +196,11 @@ class Cast:
     def ratios(
         self, noises: Sequence[Noise], residual_N: Floats, priors: Floats, *, gains: Sequence[float]
     ) -> list[list[Floats]]:
-        """Signed roots of the likelihood ratios of each table's directions, for each column of residuals (N, b)
-        under a noise of its own; `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
+        """Return signed roots of the likelihood ratios of each table's directions, for residuals (N, b).
 
-        A direction takes t^2 off -2 ln L at any noise. With it and without it the likeliest of `gains`, over the
-        noise's own, counts: what changes from press to press has passed for their scatter, and t^2 alone could
-        never be more than there are presses.
+        Each column of residuals has a noise of its own; `priors` (k, b) are the parameters' deviations from their
+        priors, in std. A direction takes t^2 off -2 ln L at any noise; with it and without it the likeliest of
+        `gains`, over the noise's own, counts, since changes from press to press otherwise count as scatter.
         """
         seen, found = self._seen(residual_N, priors), []
         for k, noise in enumerate(noises):
@@ -220,15 +212,15 @@ class Cast:
         return found
 
     def _of_presses(self, noise: Noise, share: float) -> Noise:
-        """The noise with presses that scatter by `share` of it; one point a press tells no gain from a zero."""
+        """Return the noise with the presses' scatter times `share`; points do not distinguish gain and zero."""
         zero = noise.zero_mm if self.fitted.data.is_curves else share * noise.zero_mm
         return replace(noise, gain=share * noise.gain, zero_mm=zero)
 
     def shown(self, ratio: Floats) -> Floats:
-        """Std of each direction (D,) that it takes for such a likelihood `ratio` (D,).
+        """Return the size of each direction (D,), in std, that gives such a likelihood `ratio` (D,).
 
-        A larger gain of the presses may stand for part of x std: -2 ln L then rises by the least of
-        rise + x^2 length over the gains.
+        A larger gain of the presses may account for part of it: -2 ln L rises by the least of rise + x^2 length
+        over the gains.
         """
         seen = self._seen(self.fitted.residual_N[:, None], self.own_priors[:, None]).of(0)
         each = [self._of_presses(self.fitted.noise, share) for share in LARGER]
@@ -246,7 +238,7 @@ class Cast:
         return _Seen(own, looked, self._weighing.squares(errors), priors)
 
     def _weighed(self, seen: _Seen, noises: Sequence[Noise]) -> _Weighed:
-        """One residual under each of these noises."""
+        """Return the scores of one residual under each of these noises."""
         known, beside = self._priors, self._beside
         within = self._within.under_each(noises) + known.T @ known
         between = self._between.under_each(noises) + known.T @ beside
@@ -258,14 +250,14 @@ class Cast:
         return _Weighed(along[:, :, 0] / unit, lengths, within, own)
 
     def _costs(self, seen: _Seen, noises: Sequence[Noise], weighed: _Weighed) -> Floats:
-        """-2 ln L (n,) of each noise; a constant is left out."""
+        """Return -2 ln L (n,) of each noise, up to a constant."""
         taken = np.sum(weighed.own * np.linalg.solve(weighed.within, weighed.own), axis=(1, 2))
         left = seen.squares.under_each(noises)[:, 0] - taken
         volume = self._weighing.log_volumes(noises) + np.linalg.slogdet(weighed.within)[1]
         return np.asarray(left + volume + [prior_cost(log_sizes(noise), trust=noise.trust) for noise in noises])
 
     def white(self, noise: Noise, residual_N: Floats, *, priors: Floats) -> Floats:
-        """What the fit leaves of a residual (N,), white."""
+        """Return the whitened part of a residual (N,) that the fit does not absorb."""
         whitener = Whitener(self.fitted.data, noise, self.fitted.about)
         seen = whitener.apply(np.column_stack([self._jacobian, residual_N]))
         jacobian, white = seen[:, :-1], seen[:, -1]
@@ -274,15 +266,14 @@ class Cast:
         return np.asarray(white - jacobian @ np.linalg.solve(within, own))
 
     def left_of(self, residual_N: Floats, priors: Floats) -> Floats:
-        """What the fit leaves of residuals (N, k) with priors (q, k), in N."""
+        """Return the part in N of residuals (N, k) with priors (q, k) that the fit does not absorb."""
         own = self._weighing.product(self._own, self._weighing.take(residual_N)).under(self.fitted.noise)
         return np.asarray(residual_N - self._jacobian @ (own + self._priors.T @ priors))
 
     def null(self, rng: np.random.Generator, draws: int) -> tuple[Floats, Floats]:
-        """Draws of the model itself: errors (N, draws), priors (k, draws).
+        """Return null samples: errors (N, draws), priors (k, draws).
 
-        The noise's sizes are drawn too, as they are known: where repeats are few a press's gain may well be twice
-        what was estimated, and presses that differ by place or day are then no finding.
+        The noise's sizes are sampled too: with few repeats a press's gain may well be twice the estimated one.
         """
         errors = draw_errors(self.fitted, rng, draws, noises=drawn_noise(self.fitted, rng, draws))
         return errors, rng.standard_normal((len(self._priors), draws))

@@ -1,15 +1,14 @@
-"""One test of everything that may end in anything but ADEQUATE, at one level, on presses that are no repeats.
+"""One score test of effects, covariates, instrument errors and odd presses, at one level.
 
-A direction is the change of the force that an effect or a plain error of the rig would bring (from each of its
-starts), or a step function of a covariate. Whitened and freed of what the fit can absorb, its score is
-t = d.z/|d|. What changes from press to press passes for their scatter, and so hides itself: t^2 is therefore
-taken as a likelihood ratio, in which presses may scatter less with the direction than without it (`Cast.ratios`).
-Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is searched; of a
-covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from its like and
-how presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses are drawn
-with the tails that they have and the error model is estimated anew. What an effect in the fit leaves where a gel
-follows another form of it (`form_errors`) is in the fit, and no finding. The level is shared: effects have
-`SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
+A direction d is the change of the force that an effect or an instrument error would bring (from each of its
+starts), or a step function of a covariate. Whitened and orthogonal to what the fit can absorb, its score is t =
+d.z/|d|. Since changes from press to press otherwise count as scatter, t^2 is a likelihood ratio in which presses
+may scatter less with the direction than without it (`Cast.ratios`). Of an effect and of an instrument error the
+largest t^2 over its starts counts; of a covariate the sum over its bins. The scatter of loading, the press
+farthest from its like and the wander of presses' zeros are tested as well. All are compared with one parametric
+bootstrap, in which samples and presses are sampled with their own tails and the error model is estimated anew. An
+allowance for the form of effects in the model (`form_errors`) is part of the fit. The level is shared: effects
+have `SHARE` of it, everything else the rest, each by its smallest p; p_adjusted is adjusted for all tests.
 """
 
 from __future__ import annotations
@@ -34,33 +33,36 @@ from calibration.noise.model import Noise, Scatter
 from tactilevision.errors import InputError
 from tactilevision.records.measured import Floats
 
-DRAWS = 399  # of the bootstrap: p to .0025, finer by the tail's fit
+DRAWS = 399  # samples of the bootstrap: p to .0025, finer by the tail's fit
 FIRST_DRAWS = 99  # after which it ends where all is decided
-MANY_DRAWS = 1999  # where p lies near a level: heavy presses moved p of 399 300 times, of these 3 (others_curves)
-NEAR_LEVELS = (1e-5, 0.2)  # p between which more draws may decide otherwise: 6.5e-5 of 399 was .002 to .005
-PORTION = 300  # draws made at once
-PORTION_VALUES = 4.5e6  # forces made at once, 36 MB: fewer draws from 15,000 samples on
-BATCH = 50  # draws of one step, which any process may do: .2 s for 1600 samples
-FAR_FROM = (
-    4.0  # times the level: of 99 draws a fifth or more are below p, and with p at the level 1e-7 of the time
-)
-LEVEL = 0.05  # of all that may end in anything but ADEQUATE
-SHARE = 0.6  # of the level that effects have: they are more, and what they name can be put right
+MANY_DRAWS = 1999  # where p lies near a level: with heavy tails p of 399 varied 300 times, of these 3
+NEAR_LEVELS = (1e-5, 0.2)  # p between which more samples may decide otherwise
+PORTION = 300  # samples made at once
+PORTION_VALUES = 4.5e6  # forces made at once, 36 MB
+BATCH = 50  # samples of one step, which any process may do: .2 s for 1600 forces
+FAR_FROM = 4  # times the level: p of 99 samples above it means p above the level but for 1 in 1e7
+LEVEL = 0.05  # family-wise
+SHARE = 0.6  # share of the level that effects have
 SCATTER = "scatter while loading"
-FAILED = "it failed"
 ONE_WAY = 0.9999  # cosine from which two directions are one
 
-LESS = (1.0, 0.125, 0.25, 0.5)  # over the presses' estimated gain, that are tried: 4 % may be .5 %
-MORE = (2.0, 4.0)  # as well, where presses are too few to tell it: 1 % may be 4 %
-FEW_PRESSES = 12  # fewer hardly tell how they scatter: six or seven gains beside the law
-FEW_POINTS = 24  # of one reading a press, which is all that tells how presses scatter
+LESS = (1, 0.125, 0.25, 0.5)  # factors of the presses' estimated gain that are tried
+MORE = (2, 4)  # as well, where presses are too few to determine it
+FEW_PRESSES = 12  # curves; fewer hardly determine the scatter of presses
+FEW_POINTS = 24  # points; one reading a press
 
 _Rows = tuple[Floats, Floats, Floats]  # scores (b, k), scatter while loading (b, M'), what presses say (b, q)
 
 
+class Failure(str):
+    """The reason that an effect cannot be tested: it raised an error."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """One effect or covariate: its statistic, its own p, and p adjusted for having looked at all.
+    """One effect or covariate: its statistic, its own p, and p adjusted for all tests.
 
     `usual` is the statistic's mean where nothing is there.
     """
@@ -78,11 +80,10 @@ class Scored:
 
 @dataclass(frozen=True, slots=True)
 class ScoreTest:
-    """The scores of effects and of covariates, the most telling first, and why others were not looked at.
+    """The scores of effects and of covariates, the most significant first, and why others were not tested.
 
-    `others` are plain errors of the rig and what is odd among presses.
-    `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data; inf
-    where the base model absorbs it.
+    `others` are instrument errors and what is odd among presses; `visible` is the minimum detectable amplitude of
+    each effect's first parameter at 80 % power, inf where the base model absorbs it.
     """
 
     effects: tuple[Scored, ...]
@@ -93,12 +94,12 @@ class ScoreTest:
 
     @property
     def lack_of_fit(self) -> float:
-        """Adjusted p of the most telling of all but effects; 1 where there is none."""
+        """The smallest adjusted p of all but effects; 1 where there is none."""
         return min((c.p_adjusted for c in (*self.covariates, *self.others)), default=1.0)
 
     @property
     def family_p(self) -> float:
-        """p of all that was looked at: what anything but ADEQUATE begins with."""
+        """The smallest adjusted p of all tests."""
         return min([self.lack_of_fit, *(s.p_adjusted for s in self.effects)])
 
 
@@ -111,8 +112,9 @@ def score_test(
     of_rig: bool = False,
     each: Each = in_turn,
 ) -> ScoreTest:
-    """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own; with
-    `of_rig` plain errors of the rig and presses that are odd as well.
+    """Score `effects` and every covariate on the residual of `fitted`, whose noise is taken as its own.
+
+    With `of_rig` instrument errors and odd presses are scored as well.
     """
     fitted = at_denoised_depth(fitted)
     tables, missing = effect_directions(fitted, effects)
@@ -122,7 +124,7 @@ def score_test(
     cast = Cast(fitted, [*tables.values(), *plain.values(), *steps.values()], form_errors(fitted))
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
         if not table.any():
-            missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
+            missing[key] = "the base model absorbs it: these data cannot distinguish it from E, nu or beta"
     looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
     few = scatter_unknown(fitted.data)
     keys = [*tables, *plain, *steps, *looks.names]
@@ -149,19 +151,19 @@ def score_test(
 
 
 def few_presses(data: Observations) -> bool:
-    """Whether these are curves of so few presses that what changes from one to the next passes for scatter."""
+    """Return whether these are curves of so few presses that changes between them count as scatter."""
     return data.is_curves and data.count < FEW_PRESSES
 
 
 def scatter_unknown(data: Observations) -> bool:
-    """Whether presses are too few to tell how they scatter."""
+    """Return whether presses are too few to determine how they scatter."""
     return few_presses(data) or (not data.is_curves and data.count < FEW_POINTS)
 
 
 def _family(
     keys: Sequence[str], table: Floats, effects: int, missing: Mapping[str, str]
 ) -> tuple[tuple[Scored, ...], tuple[Scored, ...]]:
-    """The effects, the first so many of the statistics, and the rest; without effects the level is the rest's."""
+    """Return the scores of the effects, the first so many statistics, and of the rest, by their level's shares."""
     share = SHARE if effects else 0.0
     parts = ((slice(0, effects), share), (slice(effects, None), 1 - share))
     named, rest = (_ranked(keys[part], table[:, part], skip=missing, share=own) for part, own in parts)
@@ -169,8 +171,8 @@ def _family(
 
 
 class _Looks:
-    """All statistics of one fit: of an effect and a plain error the largest score squared, of a covariate the sum,
-    the scatter of loading, and with `of_rig` the presses; `names` of the last two.
+    """All statistics of one fit: largest squared score of an effect or instrument error, sum of a covariate's,
+    scatter of loading, and with `of_rig` the presses; `names` of the last two.
     """
 
     def __init__(self, cast: Cast, fitted: Fit, *, searched: int, of_rig: bool) -> None:
@@ -181,11 +183,11 @@ class _Looks:
         self.names = [*([SCATTER] if self._scatter.seen else []), *(self._presses.names if self._presses else [])]
 
     def own(self) -> _Rows:
-        """What the residual itself says."""
+        """Return the statistics of the residual itself."""
         return self._part(self._fitted.residual_N[:, None], self._cast.own_priors[:, None], [self._fitted.noise])
 
     def drawn(self, rng: np.random.Generator, draws: int, each: Each) -> list[_Rows]:
-        """The same of so many draws, made in portions; a batch of draws is one step."""
+        """Return those of so many bootstrap samples, made in portions; a batch is one step."""
         most, rows = max(1, min(PORTION, int(PORTION_VALUES / self._fitted.data.size))), []
         for begin in range(0, draws, most):
             errors, priors = self._cast.null(rng, min(most, draws - begin))
@@ -195,7 +197,7 @@ class _Looks:
         return rows
 
     def table(self, rows: Sequence[_Rows]) -> Floats:
-        """Statistics (1 + draws, n) of the residual, first of `rows`, and of draws, which say what is usual."""
+        """Return statistics (1 + draws, n) of the residual, first of `rows`, and of the bootstrap samples."""
         scores, loading, presses = (np.concatenate(part) for part in zip(*rows, strict=True))
         if not self._scatter.seen:
             return np.hstack([scores, presses])
@@ -204,11 +206,11 @@ class _Looks:
         return np.column_stack([scores, scattered, presses])
 
     def _drawn(self, given: tuple[Floats, Floats]) -> _Rows:
-        """`_part` of drawn errors (N, b) and priors (k, b), each under the noise estimated anew from it."""
+        """Return `_part` of sampled errors (N, b) and priors (k, b), each under the noise estimated anew."""
         return self._part(*given, renewed_noise(self._fitted, given[0]))
 
     def _part(self, errors: Floats, priors: Floats, noises: Sequence[Noise]) -> _Rows:
-        """Scores (b, k), how much more each press scatters while loading (b, M'), and what presses say (b, q)."""
+        """Return scores (b, k), excess scatter of presses while loading (b, M'), statistics of presses (b, q)."""
         count, most = len(noises), self._searched
         scores = np.array(
             [
@@ -226,14 +228,14 @@ class _Looks:
 
 
 def _either_way(table: Floats) -> Floats:
-    """Directions (N, s) without those that are another's opposite, or the same."""
+    """Return directions (N, s) without those parallel to another."""
     unit = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     alike = np.triu(np.abs(unit.T @ unit) > ONE_WAY, k=1).any(axis=0)
     return np.asarray(table[:, ~alike])
 
 
 def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str, Floats], dict[str, str]]:
-    """Change of the force (N, s) for each start of each effect that can be tested, and why others cannot."""
+    """Return the change of the force (N, s) for each start of each testable effect, and why others are not."""
     tables: dict[str, Floats] = {}
     missing: dict[str, str] = {}
     data, base = fitted.data, fitted.force_N
@@ -245,7 +247,7 @@ def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str,
             if not why:
                 tables[effect.key] = _directions(fitted, effect, base)
         except (Exception, SystemExit) as fault:  # of a private effect, anything; the rest of the analysis goes on
-            why = f"{FAILED}: {type(fault).__name__}: {fault}"
+            why = Failure(f"it failed: {type(fault).__name__}: {fault}")
         if why:
             missing[effect.key] = why
     return tables, missing
@@ -272,8 +274,9 @@ def _directions(fitted: Fit, effect: Effect, base: Floats) -> Floats:
 
 
 def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], share: float) -> tuple[Scored, ...]:
-    """p of each statistic, real in the first row of `table` and drawn in the others, and adjusted for the smallest
-    of all by the same draws and for the `share` of the level that they have.
+    """Return p of each statistic, and p adjusted for the smallest of all and for the `share` of the level.
+
+    The first row of `table` holds the real statistics, the others bootstrap samples.
     """
     kept = [k for k, key in enumerate(keys) if key not in skip]
     if not kept:

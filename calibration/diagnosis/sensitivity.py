@@ -16,26 +16,24 @@ from calibration.model.stages import Effect, EffectBase
 from calibration.noise.model import Whitener
 from tactilevision.records.measured import Bools, Floats
 
-# The least size of each effect that four of five such data would show.
+# The minimum detectable effect at 80 % power.
 #
-# Where many presses tell the noise, that is 3.6 std. Few hardly do: the limit is then the one that draws of the
-# model put on each effect's likelihood ratio, and a larger gain of the presses may stand for part of what is
-# there.
+# Where many presses determine the noise, that is 3.6 std. With few, the limit of each effect's likelihood ratio
+# comes from bootstrap samples, and a larger gain of the presses may account for part of the effect.
 
-KNOWN = 3.6  # std that stand beyond the level in four of five such data, where presses tell the noise
-FOUR_OF_FIVE = 0.84  # std beyond a limit: a normal's four fifths
+KNOWN = 3.6  # std detected at 80 % power where presses determine the noise
+FOUR_OF_FIVE = 0.84  # std: the 80 % point of a normal distribution
 MOST = 1e6  # of a statistic
 
 
 def smallest_visible(
     cast: Cast, effects: Sequence[Effect], keys: Sequence[str], *, level: float, drawn: Floats | None
 ) -> dict[str, float]:
-    """Amplitude of the first parameter of each effect of these `keys`, whose tables are the first of `cast`; inf
-    where the model takes all of it.
+    """Return the minimum detectable amplitude of each effect of these `keys`, the first tables of `cast`.
 
-    It is that of the most visible start; of those where no other size (of the same unit) is off, if there are any.
-    `drawn` (n, k), dimensionless: their statistics where nothing is there, of few presses; None of many.
-    `level` of all of them.
+    It is that of the most visible start, if possible of those where no other parameter of the same unit differs
+    from its default; inf where the model absorbs the effect. `drawn` (n, k): null statistics, for few presses;
+    None for many. `level`: family-wise.
     """
     by_key, found = {e.key: e for e in effects}, {}
     ends, std = np.concatenate([[0], cast.ends]), np.full(cast.sizes.size, KNOWN)
@@ -55,7 +53,7 @@ def smallest_visible(
 
 
 def _limits(drawn: Floats, level: float) -> Floats:
-    """Of each statistic (k,) where it comes to the level of all, by drawn ones (n, k)."""
+    """Return the value of each statistic (k,) at the family-wise level, from null samples (n, k)."""
     tails = [Tail(column) for column in drawn.T]
     seen = [tail.of_each() for tail, column in zip(tails, drawn.T, strict=True) if column.any()]
     family = Tail(-np.log(np.min(seen, axis=0, initial=1.0)))
@@ -64,7 +62,7 @@ def _limits(drawn: Floats, level: float) -> Floats:
 
 
 def _crossing(tail: Callable[[float], float], p: float) -> float:
-    """Where p, which falls, comes down to this one."""
+    """Return the statistic at which the falling p equals this one."""
     low, high = 0.0, 1.0
     while tail(high) > p and high < MOST:
         high *= 2
@@ -74,42 +72,42 @@ def _crossing(tail: Callable[[float], float], p: float) -> float:
     return high
 
 
-# How large effects are on rigs and gels, as each states it, in the unit of its first parameter.
-#
-# A fit may go farther (its bounds); what is expected, and what an effect that cannot be seen could do, ends here.
+# Size of effects on rigs and gels, in the unit of the first parameter. A fit may go farther, to its bounds.
 
 
 def absent(effect: Effect, data: Observations) -> bool:
-    """Whether these data hold nothing of it, for their depth comes from elsewhere."""
+    """Return whether these data cannot have the effect, since their depth comes from elsewhere."""
     return isinstance(effect, EffectBase) and effect.absent(data)
 
 
 def largest(effect: Effect) -> float:
-    """The end of its range, from where it vanishes; that of its bounds where nobody judged it."""
+    """Return the end of its stated range, from where it vanishes; without one, that of its bounds."""
     first, stated = effect.parameters[0], getattr(effect, "largest", None)
     low, high = first.bounds
     return max(high - first.default, first.default - low) if stated is None else float(stated)
 
 
 def typical(effect: Effect) -> float:
-    """The size that it has where it is there and nothing shows how large."""
+    """Return the size that it typically has where it is there."""
     stated = getattr(effect, "typical", None)
     return effect.parameters[0].scale if stated is None else float(stated)
 
 
 def to_be_expected(effect: Effect, data: Observations) -> bool:
-    """Whether some of it is on any rig like the one that these data come from."""
+    """Return whether every rig like that of these data has some of it."""
     return isinstance(effect, EffectBase) and effect.to_be_expected(data)
 
 
-# What a fit absorbs of a change of the force, linear about it, beside what is known of its parameters.
+# The part of a change of the force that a fit absorbs, linear about it, with the priors of its parameters.
 #
 # d theta = (J^T V^-1 J + P)^-1 J^T V^-1 d f,    P the parameters' priors
 
 
 class Absorbed:
-    """About a fit whose parameters `free` (p,) may move: `white` makes forces (N,) in N white, `rows` are J and
-    priors, white (N + q, q), and `inverse` is (J^T V^-1 J + P)^-1.
+    """Linearisation of a fit whose parameters `free` (p,) may move.
+
+    `white` whitens forces (N,) in N, `rows` (N + q, q) are whitened J and priors, `inverse` is (J^T V^-1 J +
+    P)^-1.
     """
 
     def __init__(self, fitted: Fit, free: Bools) -> None:
@@ -121,30 +119,30 @@ class Absorbed:
         self.inverse = inverse_information(self.rows)
 
     def row_of(self, parameter: int) -> int:
-        """Where a parameter that is free stands among the free ones."""
+        """Return the place of a free parameter among the free ones."""
         return int(np.flatnonzero(np.flatnonzero(self._free) == parameter)[0])
 
     def padded(self, change_N: Floats) -> Floats:
-        """A change (N,), N, white (N + q,), beside priors that ask for none."""
+        """Return a change (N,), N, whitened and padded with zeros for the priors (N + q,)."""
         return np.concatenate([self.white(change_N), np.zeros(self.known.size)])
 
     def moved(self, padded: Floats) -> Floats:
-        """By how much the free parameters (q,), each in its unit, follow a padded change (N + q,)."""
+        """Return the change of the free parameters (q,), each in its unit, for a padded change (N + q,)."""
         return np.asarray(self.inverse @ (self.rows.T @ padded))
 
 
-# By how much an effect that these data cannot show could still put E off.
-#
-# The model is refitted, linearly (`calibration/diagnosis/sensitivity.py`), to the force that the effect would
-# bring at a given size; what of it goes into E is the bias.
+# Bias of E by an effect that these data cannot show: the linear refit of E to the force that the effect would
+# bring.
 
 NOTHING = 1e-9  # of the largest force
 
 
 @dataclass(frozen=True, slots=True)
 class Hidden:
-    """Effects that cannot be seen and `why`; the relative error of E that each would bring (`bias`), and that of
-    the others at the smallest size that would have shown (`below`).
+    """Effects that cannot be detected, and what they may do to E.
+
+    `why` has the reason of each, `bias` the relative error of E that it would bring, `below` that of each other
+    effect at its minimum detectable size.
     """
 
     why: Mapping[str, str]
@@ -155,12 +153,10 @@ class Hidden:
 def possible_bias(
     fitted: Fit, effects: Sequence[Effect], *, sizes: Mapping[str, float] = MappingProxyType({})
 ) -> Mapping[str, float]:
-    """Relative error of E for each effect at the size of its first parameter that is given, else at its typical
-    one; signs are kept.
+    """Return the relative error of E, with its sign, for each effect at the given size, else at its typical one.
 
-    0 for what these depths hold nothing of, wherever they come from. Effects that cannot be worked out on these
-    data (a place, a time or a temperature that nobody recorded), or whose lack of data leaves them nothing to act
-    on, are left out: what they do to E is unknown, not 0.
+    0 for effects that these depths cannot have. Effects that cannot be computed on these data (a place, a time or
+    a temperature was not recorded) are excluded: their bias is unknown.
     """
     found = {}
     for effect in effects:
@@ -180,8 +176,8 @@ def possible_bias(
 def hidden(
     fitted: Fit, effects: Sequence[Effect], *, missing: Mapping[str, str], visible: Mapping[str, float]
 ) -> Hidden:
-    """What of these effects cannot be seen, for want of data (`missing` says why) or because it would show only at
-    a size that no rig has, and what could be there below the size from which it is visible.
+    """Return the effects that cannot be detected, for want of data (`missing` says why) or because they would show
+    only at a size that no rig has, with the bias of E that they and smaller visible effects may bring.
     """
     small = {e.key: e for e in effects if e.key not in missing and largest(e) < visible.get(e.key, 0.0)}
     why = {**missing, **{key: _too_small(effect, visible[key]) for key, effect in small.items()}}
@@ -196,15 +192,15 @@ def hidden(
 
 def _too_small(effect: Effect, size: float) -> str:
     if not np.isfinite(size):
-        return "the model takes all of it: these data cannot tell it from what is in it"
+        return "the model absorbs it: these data cannot distinguish it from the model's own parameters"
     unit = "" if effect.parameters[0].unit == "1" else f" {effect.parameters[0].unit}"
     return f"it would show from {size:.2g}{unit} on, and is hardly ever larger than {largest(effect):.2g}{unit}"
 
 
 def change_of_force(fitted: Fit, effect: Effect, *, own: Floats) -> Floats | None:
-    """What an effect of these values adds to the fit's force (N,).
+    """Return what an effect of these values adds to the fit's force (N,).
 
-    None where it is in the model already, or cannot be worked out on these data.
+    None where it is in the model already, or cannot be computed on these data.
     """
     if effect.key in fitted.model.keys:
         return None
@@ -223,8 +219,9 @@ def change_of_force(fitted: Fit, effect: Effect, *, own: Floats) -> Floats | Non
 
 
 def as_it_holds(fitted: Fit, model: Model, values: Floats, change_N: Floats) -> Floats:
-    """A change (N,), N, of the fit's force by `model` at these values (p,), with the face let go where it is in
-    the fit: a few samples that pass a threshold would be most of a change that is small everywhere else.
+    """Return a change (N,), N, of the fit's force by `model` at these values (p,), with thresholds as in the fit.
+
+    Otherwise the few samples that pass a threshold would dominate a change that is small everywhere else.
     """
     for key in (e.key for e in fitted.model.effects if getattr(e, "asks_readings", False)):
         before = fitted.force_N - force_without(fitted.model, fitted.values, fitted.data, key=key)
@@ -235,7 +232,7 @@ def as_it_holds(fitted: Fit, model: Model, values: Floats, change_N: Floats) -> 
 
 
 def force_without(model: Model, values: Floats, data: Observations, *, key: str) -> Floats:
-    """Force (N,), N, of the model less one effect, at the same values (p,) of all others."""
+    """Return the force (N,), N, of the model without one effect, at the same values (p,) of all others."""
     return np.asarray(model.without(key).predict(np.delete(values, model.slices(data)[key]), data))
 
 

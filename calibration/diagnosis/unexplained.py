@@ -27,31 +27,33 @@ from calibration.inputs.denoised_depth import LOAD, branches, nominal_depth
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.stages import Effect, Parameter
 from calibration.noise.model import Scatter, Whitener
+from tactilevision.records.constants import Z95
 from tactilevision.records.measured import Floats, Pair
 
-# What is left over, and whether it matters: what it may do to E, and to a force or a depth that is read.
+# Whether a significant residual matters: its effect on E, and on a force or a depth that is read.
 #
-# What stands out of the residual is taken for a random function of what it follows,
+# The residual is a random function of the covariate that it depends on,
 #
 #     y = f + J a + D b + noise,    b ~ N(0, s^2),
 #
-# D its steps, s the likeliest on a grid; a plain error is fitted instead. E may be off by the shift that it brings
-# and by the std that it adds; forces by D b beside what J takes of it. It matters where a 95 % interval then holds
-# in less than 90 %: where E is off by more than MATTERS std of its own, or, at one sample in ten, a force by more
-# than MATTERS std of one press's reading (its gain, its zero and its sample). It is described, never repaired.
+# D its steps, s the likeliest on a grid; an instrument error is fitted instead. E may be off by the shift that it
+# brings and by the std that it adds; forces by D b less the part that J absorbs. It matters where E is off by more
+# than MATTERS std of its own, or, at one sample in ten, a force by more than MATTERS std of one press's reading
+# (its gain, its zero and its sample). It is described, never corrected.
 # Source: Kennedy, O'Hagan, J. R. Stat. Soc. B 63 (2001) 425 (a discrepancy as a random function).
 
-MATTERS = 0.65  # std: a 95 % interval that is off by it, or wider noise by its root, holds in 90 %
-WORST = 0.9  # quantile over the samples that a force's error is taken at
-SIZES = np.geomspace(0.03, 30.0, 40)  # of s, over what one std of each step would show
+MATTERS = 0.65  # std: a 95 % interval off by so much covers 90 %
+WORST = 0.9  # quantile over the samples of a force's error
+SIZES = np.geomspace(0.03, 30, 40)  # of s, over what one std of each step would show
 MODULUS = "youngs_modulus_MPa"
 WANDER_BINS = 6  # steps of what presses' zeros wander with
 
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """What follows `key` and is left: its rms in N and mm of depth, its size over a reading's std, and by how much
-    E may be off, relative, and over E's std.
+    """A significant residual over the covariate `key`: its rms in N and in mm of depth, and over a reading's std.
+
+    `E_off` is the relative error of E that it may bring, `over_E` this over E's std.
     """
 
     key: str
@@ -63,16 +65,16 @@ class Remainder:
 
     @property
     def matters(self) -> bool:
-        """Whether E, force or depth may be off by more than their intervals say."""
+        """Whether E, force or depth may be off by more than their intervals."""
         return max(self.over_reading, self.over_E) > MATTERS
 
     @property
     def sentence(self) -> str:
-        """In words."""
+        """A warning in words."""
         size, off = 1e3 * self.rms_mm, 100 * abs(self.E_off)
         plain = next((error.words for error in INSTRUMENT_ERRORS if error.key == self.key), "")
         on = f"as of {plain}" if plain else f"over {self.key}"
-        return f"what is left is worth {size:.2g} µm of depth ({on}); E moves by {off:.1g} %"
+        return f"the residual amounts to {size:.2g} µm of depth ({on}); E moves by {off:.1g} %"
 
     def as_json(self) -> dict[str, Any]:
         """Its entry `left_over` in diagnosis.json."""
@@ -88,7 +90,7 @@ class Remainder:
 
 
 def remainder(fitted: Fit, left: ScoreTest, *, level: float) -> Remainder | None:
-    """The largest of what stands out of a fit at this level, over what a reading and E are known to; else None."""
+    """Return the largest residual, over E's or a reading's std, that is significant at this level; else None."""
     keys = [s.key for s in (*left.covariates, *left.others) if s.p_adjusted <= level and s.key != STANDS_OUT]
     found = _all(at_denoised_depth(fitted), keys, _std_of_E(fitted)) if keys else []
     return max(found, key=lambda one: max(one.over_reading, one.over_E), default=None)
@@ -113,23 +115,23 @@ def _all(fitted: Fit, keys: Sequence[str], std_E: float) -> list[Remainder]:
 
 
 def _modulus(fitted: Fit) -> int | None:
-    """Where E stands; None in a model of lengths."""
+    """Return the index of E; None in a model of lengths."""
     return next((k for k, p in enumerate(fitted.parameters) if p.name == MODULUS), None)
 
 
 def _std_of_E(fitted: Fit) -> float:
-    """Relative, a quarter of the 95 % interval as it is stated; inf where there is no E."""
+    """Return the relative std by the stated 95 % interval; inf where there is no E."""
     if _modulus(fitted) is None:
         return float("inf")
     flat = isinstance(fitted.model.law, FlatPunch)
     E = identify(fitted).youngs_modulus if flat else fitted.estimate(MODULUS)
     if E.value is None or E.interval95 is None:
         return float("inf")
-    return (E.interval95[1] - E.interval95[0]) / 3.92 / E.value
+    return (E.interval95[1] - E.interval95[0]) / (2 * Z95) / E.value
 
 
 def _off(fitted: Fit, values: Floats) -> float:
-    """E of other values over that of the fit, less 1; an effect's parameters stand behind the law's."""
+    """Return E of other values over that of the fit, less 1; the law's parameters come first."""
     at = _modulus(fitted)
     return 0.0 if at is None else float(values[at] / fitted.values[at] - 1)
 
@@ -144,14 +146,14 @@ def _sized(fitted: Fit, key: str, left_N: Floats, E_off: float, std_E: float) ->
 
 
 def _reading_std(fitted: Fit) -> Floats:
-    """Std (N,) of one sample of one press, N."""
+    """Return the std (N,) of one sample of one press, N."""
     noise, about = fitted.noise, fitted.about
     parts = (noise.gain * about.force_N, noise.zero_mm * about.slope_N_per_mm, noise.scale * about.base_N)
     return np.asarray(np.sqrt(sum(part**2 for part in parts)))
 
 
 def _zeros(fitted: Fit, key: str) -> Floats:
-    """Steps (N, k) of presses' zeros over what they wander with."""
+    """Return steps (N, k) of presses' zeros over the covariate that they depend on."""
     name = key.removeprefix(WANDERS).removesuffix(" of the force")
     along = next(c for c in covariates(fitted.data) if c.name == name)
     number = bins(along, WANDER_BINS)
@@ -160,7 +162,7 @@ def _zeros(fitted: Fit, key: str) -> Floats:
 
 
 def _random_function(fitted: Fit, steps: Floats) -> tuple[Floats, float]:
-    """What it leaves (N,), N, beside what the fit takes of it; and by how much E may be off, relative."""
+    """Return the random function (N,), N, less the part that the fit absorbs, and the relative error of E."""
     free = fitted.free & ~fitted.at_bound
     absorbed, count = Absorbed(fitted, free), fitted.data.size
     white = absorbed.white
@@ -184,7 +186,7 @@ def _random_function(fitted: Fit, steps: Floats) -> tuple[Floats, float]:
 
 
 def _scattered(fitted: Fit) -> Remainder:
-    """Loading's own scatter beyond the rest's: it moves no mean."""
+    """Return the excess scatter of loading, which moves no mean."""
     scatter = Scatter(fitted.data)
     white = Whitener(fitted.data, fitted.noise, fitted.about).apply(fitted.residual_N)
     beyond = np.sqrt(max(float(np.mean(scatter.differences(white))), 0.0))
@@ -193,23 +195,22 @@ def _scattered(fitted: Fit) -> Remainder:
     return _sized(fitted, SCATTER, left, 0.0, float("inf"))
 
 
-# What a search has named, held against one plain error of an instrument that no effect of the catalogue has.
+# The effects of a search compared with one instrument error outside the catalogue (point 4c of `decision.decide`).
 #
-# Several effects can follow together what one function of one covariate does alone (a force sensor that creeps
-# looks like a relaxation beside an adhesion), and then leave nothing. A plain error needs a reason: it stands out
-# in the test of the fit that the search began with, its range searched in the null as in the data, and its fit
-# lies inside its range. It is then fitted under the noise that the search ended with, and costs chi^2 + 2 q and
-# what its range was searched for, 2 ln of the ways to begin. What was named is not identified where a plain error
-# costs no more than an equally good fit may (AS_GOOD), and less by as much than each of the named effects does
+# Several effects together can mimic one function of one covariate (a creeping force sensor looks like a relaxation
+# with an adhesion). An instrument error counts where it is significant on the fit that the search began with and
+# its fit lies inside its range. Under the noise that the search ended with it costs chi^2 + 2 q + 2 ln(starts).
+# The effects named do not stand where it costs at most AS_GOOD more than all of them, and AS_GOOD less than each
 # alone.
 
-EDGE = 0.02  # of a range: a fit this near its end has found no size
+EDGE = 0.02  # of a range: a fit this near its end has no determined size
 
 
 @dataclass(frozen=True, slots=True)
 class AlternativeExplanation:
-    """A plain error that does as well as effects together: its words and covariate, what it is fitted to be, the
-    keys that it stands in place of, and how much less it costs than they do, in chi^2 + 2 q.
+    """An instrument error that explains as much as effects together: its words, covariate and fitted sizes.
+
+    `instead_of` has the keys of these effects, `cheaper` by how much less chi^2 + 2 q it costs.
     """
 
     key: str
@@ -233,7 +234,7 @@ class AlternativeExplanation:
 
 
 def plain_errors(searched: Searched, each: Each = in_turn) -> tuple[Candidate, ...]:
-    """Each plain error on what a search began with, under the noise that it ended with, the nearest first."""
+    """Return each instrument error on the fit that a search began with, the nearest first."""
     begin = _begin(searched)
     return tuple(sorted(_fitted(begin, INSTRUMENT_ERRORS, each), key=lambda one: _penalised_chi2(one, begin)))
 
@@ -241,9 +242,9 @@ def plain_errors(searched: Searched, each: Each = in_turn) -> tuple[Candidate, .
 def alternative_explanation(
     searched: Searched, plain: Sequence[Candidate] | None = None, *, level: float = LEVEL
 ) -> AlternativeExplanation | None:
-    """The plain error that does as well as all that was added and better than each part of it; else None.
+    """Return the instrument error that explains as much as all effects added, and more than each alone; else None.
 
-    `plain`: the plain errors where they have been fitted already.
+    `plain`: the instrument errors where they have been fitted already.
     """
     named, start, begin = [step.best.effect for step in searched.steps], searched.start, _begin(searched)
     paid = searched.current.chi2 + 2 * (searched.current.values.size - start.values.size)
@@ -268,12 +269,12 @@ def alternative_explanation(
 
 
 def _penalised_chi2(one: Candidate, begin: Fit) -> float:
-    """chi^2 + 2 q, and what its range was searched for."""
+    """Return chi^2 + 2 q + 2 ln(starts)."""
     return one.cost + 2 * float(np.log(len(one.effect.starts(begin.data))))
 
 
 def _inside(one: Candidate, begin: Fit) -> bool:
-    """No parameter stands at an end of its range; an angle has none."""
+    """Return whether no parameter lies at an end of its range; an angle has none."""
     assert isinstance(one.effect, InstrumentError)
     return all(
         p.unit == "rad" or _clear(value, p.bounds)
@@ -282,7 +283,7 @@ def _inside(one: Candidate, begin: Fit) -> bool:
 
 
 def _clear(value: float, bounds: Pair) -> bool:
-    """Of either end, relative to it where the range is of one sign: periods and times are."""
+    """Return whether a value is clear of both ends, relative to them where the range is of one sign (times)."""
     low, high = bounds
     near_low, near_high = (EDGE * abs(end) if low > 0 else EDGE * (high - low) / 10 for end in bounds)
     return low + near_low < value < high - near_high
@@ -293,7 +294,7 @@ def _begin(searched: Searched) -> Fit:
 
 
 def suggested(fitted: Fit) -> tuple[Candidate, ...]:
-    """Plain errors that take more off a fit than they cost, the best first: what to try, not what is there."""
+    """Return instrument errors that lower chi^2 + 2 q of a fit, the best first: what to try, not what is there."""
     others = [one for one in INSTRUMENT_ERRORS if one.key not in fitted.model.keys]
     better = [one for one in _fitted(fitted, others) if one.cost < fitted.chi2 - AS_GOOD]
     return tuple(sorted(better, key=lambda one: one.cost))
@@ -305,22 +306,23 @@ def _fitted(begin: Fit, effects: Sequence[Effect], each: Each = in_turn) -> Iter
             yield refit()
 
 
-# What no effect explains, described: how large it is, over what depth it varies, on what it depends.
+# Description of an unexplained residual: its size, the depth over which it varies, the covariates it depends on.
 #
-# The mean residual in bins of depth is taken for a Gaussian process, covariance s^2 exp(-(w - w')^2/(2 l^2))
-# beside the bins' own errors times k, since presses scatter by more than their samples say; s, l and k are the
-# likeliest on a grid. It describes and never repairs E. An l at the grid's finest is not resolved: NaN. Source:
-# Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), eq. 2.30.
+# The mean residual in bins of depth is a Gaussian process, covariance s^2 exp(-(w - w')^2/(2 l^2)), plus the bins'
+# own errors times k, since presses scatter by more than their samples; s, l and k are the likeliest on a grid. An
+# l at the grid's finest is not resolved: NaN. Source: Rasmussen, Williams, Gaussian Processes for Machine Learning
+# (2006), eq. 2.30.
 
-BINS = 40  # of depth, that the mean residual is taken in
-MIN_COUNT = 6  # filled bins; with fewer no length can be stated
-WIDER = (1.0, 2.0, 4.0, 8.0)  # times k that are tried on the bins' own errors
+BINS = 40  # bins of depth
+MIN_COUNT = 6  # filled bins; fewer give no length
+WIDER = (1, 2, 4, 8)  # k
 
 
 @dataclass(frozen=True, slots=True)
 class Unexplained:
-    """Size of the residual's part that depends on depth (N, rms), the depth over which it varies (mm; NaN where
-    nothing does), the covariates it depends on, the most telling first.
+    """Rms size in N of the residual's part that depends on depth, and the depth in mm over which it varies.
+
+    `length_mm` is NaN where nothing varies; `covariates` are those it depends on, the most significant first.
     """
 
     size_N: float
@@ -333,7 +335,7 @@ class Unexplained:
 
 
 def unexplained(searched: Searched, plain: AlternativeExplanation | None) -> Unexplained:
-    """What a search leaves; where `plain` stands for its steps, what its start leaves."""
+    """Return the residual of a search; where `plain` replaces its steps, that of its start."""
     if plain is None:
         return describe(searched.current, searched.last.covariates)
     found = describe(searched.start, searched.first.covariates)
@@ -341,13 +343,13 @@ def unexplained(searched: Searched, plain: AlternativeExplanation | None) -> Une
 
 
 def describe(fitted: Fit, scored: tuple[Scored, ...], *, level: float = 0.05) -> Unexplained:
-    """What is left of a fit."""
+    """Return the description of a fit's residual."""
     size, length = _process(*_binned(fitted))
     return Unexplained(size, length, tuple(s.key for s in scored if s.p_adjusted < level))
 
 
 def nearest(searched: Searched) -> tuple[str, float] | None:
-    """The effects that came nearest to a misfit that none explains, and their share of it."""
+    """Return the effects that explain most of an unexplained misfit, and their share of it."""
     if searched.steps:
         return "+".join(step.best.effect.key for step in searched.steps), searched.explained
     start, candidates = searched.start, searched.rounds[-1].candidates
@@ -359,7 +361,7 @@ def nearest(searched: Searched) -> tuple[str, float] | None:
 
 
 def _binned(fitted: Fit) -> tuple[Floats, Floats, Floats]:
-    """Depth, mean residual and its error in bins of depth that hold three samples or more."""
+    """Return depth, mean residual and its error in bins of depth with three samples or more."""
     depth, residual = nominal_depth(fitted.data), fitted.residual_N
     edges = np.linspace(max(float(depth.min()), 0.0), float(depth.max()), BINS + 1)
     number = np.clip(np.digitize(depth, edges) - 1, 0, BINS - 1)
@@ -385,6 +387,6 @@ def _process(depth_mm: Floats, mean_N: Floats, error_N: Floats) -> tuple[float, 
 
 
 def _minus_2_log_likelihood(covariance: Floats, values: Floats) -> float:
-    """-2 log likelihood."""
+    """Return -2 log likelihood."""
     volume = float(np.linalg.slogdet(covariance)[1])
     return float(values @ np.linalg.solve(covariance, values)) + volume

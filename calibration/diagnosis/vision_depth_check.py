@@ -1,8 +1,8 @@
-"""The picture's depth against the certified one: is the height map right, and where is it not?
+"""The picture's depth compared with the certified one.
 
-Press by press the picture has a gain and a zero of its own, as a force sensor has: the same error model, screen
-and search as for forces then work on lengths, with the seen depth in the force's place. What can be found: a wrong
-gain, a drift, slopes that saturate, a certified depth that forgot how far the gel rises.
+The picture has a gain and a zero for each press, as a force sensor has, so that the error model, tests and search
+for forces apply, with the picture's depth as the force. Detectable are a wrong gain, a drift, saturating slopes,
+and a certified depth that does not allow for the gel's rise.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from calibration.model.stages import EffectBase
 from calibration.noise.model import Whitener
 from tactilevision.records.measured import Floats
 
-MIN_COUNT = 4  # samples: fewer leave nothing to hold against each other
+MIN_COUNT = 4  # samples
 
 
 def in_picture(data: Observations | None = None) -> tuple[InPicture, ...]:
-    """The effects that the picture's depth can show; of slopes beside faces where these data have them."""
+    """Return the effects that the picture's depth can show; those of slopes where these data have them."""
     shown = (effect.in_picture(data) for effect in EFFECTS.values() if isinstance(effect, EffectBase))
     return tuple(effect for effect in shown if isinstance(effect, InPicture))
 
 
 def sight_of(data: Observations) -> Observations | None:
-    """The samples in contact with both depths, the picture's in the force's place; None where they are too few."""
+    """Return the samples in contact with both depths, the picture's as the force; None where they are too few."""
     if data.reconstructed_mm is None:
         return None
     usable = np.isfinite(data.reconstructed_mm) & (data.depth_mm > 0)
@@ -50,7 +50,7 @@ def sight_of(data: Observations) -> Observations | None:
 
 
 def unseen_beside(data: Observations) -> str:
-    """Why a picture cannot be looked at by slope and azimuth; empty where it can."""
+    """Return why slope and azimuth cannot be tested; "" where they can."""
     if data.slopes is not None:
         return ""
     return (
@@ -60,23 +60,23 @@ def unseen_beside(data: Observations) -> str:
 
 
 def fit_vision_depth(data: Observations) -> Fit | None:
-    """The law with the noise of repeats; None where no picture gave a depth."""
+    """Return the fit of the picture's depth with the noise of repeats; None without such a depth."""
     both = sight_of(data)
     return None if both is None else refit_with_pure_noise(fit(Model(ReconstructedDepth()), both))
 
 
 def reading_error_mm(fitted: Fit) -> float:
-    """How far the picture reads from certified depths, corrected for the effects in the model alone; rms in mm.
+    """Return the rms error in mm of the picture's depth, corrected by the effects in the model alone.
 
-    Of presses left out of the fit, over the slopes beside the faces, which no walls hide; over the faces where
-    those were not read.
+    On presses held out of the fit, over the slopes outside the faces, which no walls hide; over the faces where
+    these were not read.
     """
     beside = beside_face(fitted.data)
     return _rms(_left_out_mm(fitted)[beside if beside.any() else ~beside])
 
 
 def face_error_mm(fitted: Fit) -> float:
-    """The same over the faces themselves, behind their walls."""
+    """Return the same error over the faces."""
     return _rms(_left_out_mm(fitted)[~beside_face(fitted.data)])
 
 
@@ -84,34 +84,34 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-@lru_cache(maxsize=16)  # a page says it in several places
+@lru_cache(maxsize=16)  # a page needs it several times
 def _left_out_mm(fitted: Fit) -> Floats:
-    """What is read less what is certified (N,), mm, each press by a fit without it."""
+    """Return the picture's depth less the certified one (N,), mm, each press by a fit without it."""
     data, law = fitted.data, fitted.model.slices(fitted.data)["law"]
     problem = Problem(fitted.model, data, fitted.parameters, Whitener(data, fitted.noise, fitted.about))
     folds, error = press_folds(data), np.empty(data.size)
     for fold in np.unique(folds):
         out = (folds == fold)[data.press]
         values = problem.full(fit_without(problem, fitted.values, out).values)
-        values[law] = 0.0  # what the height map may be off by besides
+        values[law] = 0.0  # other errors of the height map
         error[out] = (data.normal_N - fitted.model.predict(values, data))[out]
     return error
 
 
 def read_alone(fitted: Fit) -> Floats:
-    """What the picture would read (N,), mm, with the fitted effects and nothing else wrong."""
+    """Return what the picture would read (N,), mm, with the fitted effects alone."""
     values = fitted.values.copy()
     values[fitted.model.slices(fitted.data)["law"]] = 0.0
     return fitted.model.predict(values, fitted.data)
 
 
 def depth_ratio(fitted: Fit) -> Floats:
-    """Seen over certified depth (N,)."""
+    """Return the picture's over the certified depth (N,)."""
     return np.asarray(fitted.data.normal_N / fitted.data.depth_mm)
 
 
 def risen(candidate: Candidate, data: Observations) -> float:
-    """The share of the certified depths (their median) that a fitted effect takes off; 0 where none."""
+    """Return the median share of the certified depths that a fitted effect takes off; 0 for other effects."""
     if not isinstance(candidate.effect, InPicture) or not candidate.effect.of_certificate:
         return 0.0
     left = candidate.effect.seen(np.ones(data.size), candidate.own_values, data)

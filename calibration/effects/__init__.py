@@ -1,6 +1,6 @@
-"""Physical and instrument effects, one a file. EFFECTS is a catalogue, not a gate: any Effect works.
+"""Physical and instrument effects, one a file. EFFECTS is a catalogue in the order in which effects act.
 
-They stand in the order in which effects of one stage act, that of the documentation; private ones come after.
+Any object with the Effect protocol works as well; private effects act last.
 """
 
 from __future__ import annotations
@@ -75,9 +75,9 @@ PLAIN: Mapping[str, Effect] = MappingProxyType({effect.key: effect for effect in
 
 
 def get_effect(key: str) -> Effect:
-    """The effect of this key as it stands in the catalogue, or the plain error of an instrument of this key.
+    """Return the effect of the catalogue, or the instrument error, of this key.
 
-    "viscoelasticity:2" is one of two terms. Raises InputError for an unknown key.
+    "viscoelasticity:2" has two terms. Raises InputError for an unknown key.
     """
     name, _, terms = key.partition(":")
     if name == Viscoelasticity.key and terms in {str(k + 1) for k in range(MAX_TERMS)}:
@@ -89,12 +89,12 @@ def get_effect(key: str) -> Effect:
             "there is no effect of this name",
             where="effect",
             value=key,
-            remedy=f"Choose among: {', '.join(EFFECTS)}; of plain errors: {', '.join(PLAIN)}.",
+            remedy=f"Choose among: {', '.join(EFFECTS)}; of instrument errors: {', '.join(PLAIN)}.",
         )
     return EFFECTS[key]
 
 
 def written(effect: Effect) -> str:
-    """What `get_effect` makes this effect of again."""
+    """Return the text from which `get_effect` makes this effect."""
     terms = effect.terms if isinstance(effect, Viscoelasticity) else 1
     return effect.key if terms == 1 else f"{effect.key}:{terms}"

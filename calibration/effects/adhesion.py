@@ -1,15 +1,17 @@
-"""The gel clings to the face while it is drawn off: the line of unloading goes on into tension down to pull-off.
+"""Adhesion: the gel sticks to the punch while it is retracted, so the force becomes tensile before pull-off.
 
     P = K0 w for -w_c < w < 0 in unloading,    (w_c^2/2) dK0/da = 2 pi a W
 
-W work of adhesion in N/mm (1 J/m^2 = .001 N/mm): the face lets go where the energy that a shrinking contact
-releases pays for it. dK0/da is the bonded layer's, which for a/h near 1 is far above the half-space's 2 E*; there
-w_c gives Kendall's pull-off sqrt(8 pi a^3 E* W). A flat punch's contact does not shrink before, so loading shows
-nothing. The depth at which one press lets go is known to a tenth of w_c (std), no better than the zero. Over a
-wide range about w_c (OPEN) the reading itself says whether the face still held: it pulls as no air does, or, where
-no air was read, by more than half of K0 w. It had let go where it does not and K0 w would show. A share (LAW)
-keeps W in the middle of what was read. So faces that let go by another law of the radius are followed,
-too. Vanishes at W = 0.
+W is the work of adhesion in N/mm (1 J/m^2 = .001 N/mm), K0 the stiffness of the bonded layer, a the radius of the
+punch. Pull-off comes at the depth -w_c at which the energy released by a shrinking contact equals W. Near a/h = 1
+dK0/da lies far above the half-space's 2 E*; for a thick gel the pull-off force is Kendall's sqrt(8 pi a^3 E* W).
+The contact of a flat punch does not shrink before, so loading is not changed. The depth of pull-off of one press
+has a relative standard deviation of .1. Within OPEN of these about w_c the reading itself shows whether contact
+still holds: it lies below the scatter of the forces in air or, where no air was read, below K0 w / 2. A share LAW
+of the tension follows the law alone, so that W stays inside the range that was read.
+
+Range: W up to .005 N/mm; vanishes at W = 0. Confused with a force bias or a depth zero, which also act in loading;
+unloading to pull-off distinguishes them.
 Sources: Kendall, J. Phys. D 4 (1971) 1186; Johnson, Kendall, Roberts, Proc. R. Soc. A 324 (1971) 301.
 """
 
@@ -20,22 +22,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.inputs.checks import pull_level_N
-from calibration.inputs.denoised_depth import drawn_off
+from calibration.inputs.denoised_depth import after_deepest
 from calibration.inputs.observations import Observations
-from calibration.laws.theory import punch_stiffness
+from calibration.laws.theory import nominal_nu, punch_stiffness
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Floats
 
-SPREAD = 0.1  # std of the depth at which the face lets go, over w_c
-OPEN = 16.0  # of these std in ln w about w_c: from a fifth to five times it the reading says what holds
+SPREAD = 0.1  # std of the depth of pull-off over w_c
+OPEN = 16  # of these std in ln w about w_c, a fifth to five times it: there the reading decides
 LAW = 0.05  # share of the tension that follows the law alone
-LEAST_MM = 1e-6  # mm of being drawn off: no face lets go before
-STEP = 0.01  # of the radius, for the slope of the stiffness
+STEP = 0.01  # of the radius, for the derivative of the stiffness
 
 
 @dataclass(frozen=True, slots=True)
 class Adhesion(EffectBase):
-    """One work of adhesion."""
+    """Adhesion with one work of adhesion."""
 
     key = "adhesion"
     title = "the gel clings to the punch"
@@ -48,53 +50,45 @@ class Adhesion(EffectBase):
     asks_readings = True
     order = 150
     largest = 0.002
-    check = ManualCheck("unload slowly until the punch lets go", 4.0)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """W."""
-        return (Parameter("work_N_per_mm", "N/mm", 0.0, (0.0, 0.005), "work of adhesion", 0.0003),)
+    check = ManualCheck("unload slowly until the punch lets go", 4)
+    parameters = (Parameter("work_N_per_mm", "N/mm", 0.0, (0, 0.005), "work of adhesion", 3e-4),)
+    start_values = ((1e-5,), (5e-5,), (2e-4,), (1e-3,))
 
     def missing(self, data: Observations) -> str:
-        """What these data would need."""
-        if not (drawn_off(data) & (data.depth_mm < 0)).any():
+        """Return why these data cannot show adhesion; empty where they can."""
+        if not (after_deepest(data) & (data.depth_mm < 0)).any():
             return "needs unloading beyond the first touch, down to pull-off"
         return ""
 
-    def starts(self, data: Observations) -> Floats:
-        """Where to look and to begin."""
-        return np.array([[1e-5], [5e-5], [2e-4], [1e-3]])
-
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Tension before pull-off."""
+        """Return the state with the tension before pull-off."""
         if values[0] <= 0:
             return state
-        pulled = drawn_off(data) & (state.depth_mm < 0)
-        growth = np.maximum(_growth(state, data), 1e-12)  # a search may pass where the gel has no stiffness left
+        retracted = after_deepest(data) & (state.depth_mm < 0)
+        growth = np.maximum(_stiffness_growth(state, data), TINY)  # a search may pass where the stiffness is 0
         limit = np.sqrt(4 * np.pi * state.radius_mm * values[0] / growth)
         tension = state.stiffness_N_per_mm * np.minimum(state.depth_mm, 0)
-        held = _held(tension, data)
-        over = np.log(np.maximum(-state.depth_mm, LEAST_MM) / limit) / SPREAD
-        clings = (1 - LAW) * _holds(over - OPEN * held) + LAW * _holds(over)
-        return replace(state, force_N=state.force_N + pulled * clings * tension)
+        over = np.log(np.maximum(-state.depth_mm, TINY) / limit) / SPREAD
+        shift = OPEN * _contact_read(tension, data)
+        share = (1 - LAW) * _in_contact(over - shift) + LAW * _in_contact(over)
+        return replace(state, force_N=state.force_N + retracted * share * tension)
 
 
-def _held(tension_N: Floats, data: Observations) -> Floats:
-    """1 where a reading (N,) says that the face holds, -1 where it says that it has let go, else 0."""
+def _contact_read(tension_N: Floats, data: Observations) -> Floats:
+    """Return 1 where a reading (N,) shows contact, -1 where it shows release, else 0."""
     read, level = data.normal_N, pull_level_N(data)
     pulls = np.full(data.size, level) if np.isfinite(level) else tension_N / 2
-    told = [read == 0, read < pulls, tension_N <= 2 * pulls]  # 0 N sharp: nothing was read
-    return np.select(told, [0.0, 1.0, -1.0], default=0.0)
+    cases = [read == 0, read < pulls, tension_N <= 2 * pulls]  # exactly 0 N: nothing was read
+    return np.select(cases, [0.0, 1.0, -1.0], default=0.0)
 
 
-def _holds(over: Floats) -> Floats:
-    """1 where the face holds, 0 where it has let go, smooth so that a fit sees a slope."""
+def _in_contact(over: Floats) -> Floats:
+    """Return 1 in contact and 0 after release, smooth so that a fit has a gradient."""
     return np.asarray(1 / (1 + np.exp(np.clip(2 * over, -50, 50))))
 
 
-def _growth(state: State, data: Observations) -> Floats:
-    """dK0/da (N,), N/mm^2: the slope of the layer's stiffness over its radius, at this state's own stiffness."""
-    nu = 0.48 if data.gel.poisson_ratio is None else data.gel.poisson_ratio
-    a, h = state.radius_mm, state.thickness_mm
+def _stiffness_growth(state: State, data: Observations) -> Floats:
+    """Return dK0/da (N,) in N/mm^2, scaled to this state's stiffness."""
+    a, h, nu = state.radius_mm, state.thickness_mm, nominal_nu(data.gel)
     inner, outer = (punch_stiffness(1.0, nu, radius_mm=a * (1 + side), thickness_mm=h) for side in (-STEP, STEP))
     return np.asarray(state.stiffness_N_per_mm * (outer - inner) / (outer + inner) / (STEP * a))

@@ -1,8 +1,11 @@
-"""The rig and the gel's backing give: where the depth is the stage's, the gel's own is less by C P.
+"""Compliance of the rig and of the gel's backing, where the depth is the travel of the stage.
 
     w -> w - C P
 
-Vanishes at C = 0. Nothing but E changes to first order on one punch. Source: definition of a series spring.
+C is a compliance in mm/N, P the normal force in N: the gel's own depth is less than the stage's travel by C P.
+Range: C up to .1 mm/N; vanishes at C = 0. With one punch it changes E alone to first order, so it is confused with
+E and with a skin; a press on the bare backing, or the camera's depth next to the stage's, distinguishes it.
+Source: definition of springs in series.
 """
 
 from __future__ import annotations
@@ -28,22 +31,16 @@ class BackingCompliance(EffectBase):
     reads_force = True
     order = 90
     largest = 0.02
-    check = ManualCheck("press on the bare backing", 10.0, 0.001)
+    check = ManualCheck("press on the bare backing", 10, 0.001)
     depth_source = "stage"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """C."""
-        return (Parameter("compliance_mm_per_N", "mm/N", 0.0, (0.0, 0.1), "give of the rig", 0.01),)
+    parameters = (Parameter("compliance_mm_per_N", "mm/N", 0.0, (0, 0.1), "compliance of the rig", 0.01),)
 
     def missing(self, data: Observations) -> str:
-        """What these data would need."""
-        return (
-            ""
-            if data.depth_source == "stage"
-            else "the depth does not come from the stage: the rig's give is not in it"
-        )
+        """Return why these data cannot show the compliance; empty where they can."""
+        if data.depth_source != "stage":
+            return "the depth is not the stage's: the rig's compliance is not in it"
+        return ""
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Take the give off the depth."""
+        """Return the state with the depth less the rig's deflection."""
         return replace(state, depth_mm=state.depth_mm - values[0] * data.normal_N)

@@ -1,10 +1,12 @@
-"""The clocks of force and depth differ by dt = F/T clock minus camera clock: w(t) -> w(t - dt).
+"""Offset between the clocks of force and depth.
 
-What is stamped t on the F/T clock happened at t - dt of the camera's: the depth of that moment belongs to it.
-Within a press the depth goes straight through each phase, corners included, and stands still before and after.
-Seen wherever the depth moves: more in fast presses, with opposite sign in unloading, and of one size everywhere,
-which a contact that slips or a gel that relaxes is not. Vanishes at dt = 0.
-Source: definition.
+    w(t) -> w(t - dt),    dt = F/T clock minus camera clock
+
+A force stamped t on the F/T clock belongs to the depth at t - dt of the camera's clock. Within a press the depth
+is piecewise linear in time, with the corners between its phases, and constant before and after. The error grows
+with the rate and changes sign in unloading; one dt holds for all samples, which stick-slip and relaxation do not
+share. Range: |dt| up to .2 s; vanishes at dt = 0. Confused with relaxation; a hold, or fast and slow presses,
+distinguish it. Source: definition.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 from calibration.inputs.denoised_depth import denoised_depth
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
-from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 
@@ -34,24 +36,18 @@ class ClockOffset(EffectBase):
     same_over = ("load/unload", "log rate", "order")
     order = 60
     largest = 0.1
-    check = ManualCheck("tap the sensor ten times: which moves first, picture or force?", 3.0, 0.005)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """dt."""
-        return (
-            Parameter("offset_s", "s", 0.0, (-0.2, 0.2), "F/T clock minus camera clock, left in the data", 0.02),
-        )
+    check = ManualCheck("tap the sensor ten times: which moves first, picture or force?", 3, 0.005)
+    parameters = (amplitude("offset_s", "s", 0.2, "F/T clock minus camera clock, left in the data", 0.02),)
 
     def missing(self, data: Observations) -> str:
-        """What these data would need."""
+        """Return why these data cannot show the offset; empty where they can."""
         if not data.is_curves or not np.isfinite(data.time_s).all():
             return "needs depth and force over time within a press (curves)"
         return ""
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Read the depth at another time."""
+        """Return the state with the depth of another time."""
         if values[0] == 0:
             return state
-        steady = replace(data, depth_mm=denoised_depth(data))  # differences of readings are of their noise
-        return replace(state, depth_mm=state.depth_mm + depth_at(steady, -values[0]) - steady.depth_mm)
+        smooth = replace(data, depth_mm=denoised_depth(data))  # else the readings' noise enters twice
+        return replace(state, depth_mm=state.depth_mm + depth_at(smooth, -values[0]) - smooth.depth_mm)

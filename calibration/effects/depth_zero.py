@@ -1,9 +1,10 @@
-"""The depth's zero is off: what was read as w is w + w0.
+"""Offset of the depth's zero, common to all presses.
 
     w -> w + w0
 
-Any law of force against depth; w0 in mm, above 0 where the true depth is larger. On one radius it cannot be told
-from a force bias while P is linear in w. Vanishes at w0 = 0. Source: definition.
+w0 in mm is the true depth less the depth read. Range: |w0| up to .1 mm, any contact law; vanishes at w0 = 0. On
+one radius it is confused with a force bias while P is linear in w, and with a tilt or a rounded edge; other radii
+or samples in air before contact distinguish it. Source: definition.
 """
 
 from __future__ import annotations
@@ -11,13 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from calibration.inputs.observations import Observations
-from calibration.model.stages import EffectBase, Parameter, Stage, State
+from calibration.model.stages import EffectBase, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 
 @dataclass(frozen=True, slots=True)
 class DepthZero(EffectBase):
-    """One shift of the depth, common to all presses."""
+    """One shift of the depth."""
 
     key = "depth_zero"
     title = "the zero of the depth is off"
@@ -30,12 +31,8 @@ class DepthZero(EffectBase):
     order = 10
     largest = 0.05
     instead_of_beta = 3
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """w0."""
-        return (Parameter("offset_mm", "mm", 0.0, (-0.1, 0.1), "true depth less the depth read", 0.02),)
+    parameters = (amplitude("offset_mm", "mm", 0.1, "true depth less the depth read", 0.02),)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Shift the depth."""
+        """Return the state with the depth shifted."""
         return replace(state, depth_mm=state.depth_mm + values[0])

@@ -1,11 +1,12 @@
-"""The punch's edge is rounded more than stated, by rho: the law lets the contact grow with depth accordingly.
+"""Rounding of the punch's edge beyond what is stated.
 
     edge -> edge + rho
 
-The contact of a rounded edge (tactilevision.mechanics.filleted_punch) lies
-between a gel that slides (t = 0) and one that
-sticks (t = 1) to the edge. Vanishes at rho = 0.
-Sources: Sneddon, Int. J. Eng. Sci. 3 (1965) 47; Hayes et al., J. Biomech. 5 (1972) 541.
+rho in mm adds to the stated edge radius. The contact of a rounded edge (tactilevision.mechanics.filleted_punch)
+starts smaller than the punch and grows with depth; t interpolates between a gel that slides over the edge (0) and
+one that sticks to it (1). Range: rho up to .8 mm; vanishes at rho = 0. It acts mostly at small depth and is
+confused with a tilt, stiffening and the thickness; a sharp punch or other radii distinguish it. Sources: Sneddon,
+Int. J. Eng. Sci. 3 (1965) 47; Hayes et al., J. Biomech. 5 (1972) 541.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from tactilevision.records.measured import Floats
 
 @dataclass(frozen=True, slots=True)
 class EdgeFillet(EffectBase):
-    """One rounding for all indenters; acts mostly at small depth."""
+    """One additional edge radius for all indenters."""
 
     key = "edge_fillet"
     title = "the edge of the punch is rounded"
@@ -33,32 +34,27 @@ class EdgeFillet(EffectBase):
     threshold = True
     order = 80
     largest = 0.5
-    check = ManualCheck("look at the punch's edge through a magnifier", 5.0, 0.05)
+    check = ManualCheck("look at the punch's edge through a magnifier", 5, 0.05)
     condition = EDGE
     instead_of_beta = 2
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """rho, t."""
-        sticks = "how much the gel sticks to the edge (0: it slides)"
-        return (
-            Parameter("edge_radius_mm", "mm", 0.0, (0.0, 0.8), "rounding beyond what is stated", 0.1),
-            Parameter("sticking", "1", 0.0, (0.0, 1.0), sticks, 0.3),
-        )
+    parameters = (
+        Parameter("edge_radius_mm", "mm", 0.0, (0, 0.8), "rounding beyond what is stated", 0.1),
+        Parameter("sticking", "1", 0.0, (0, 1), "how much the gel sticks to the edge (0: it slides)", 0.3),
+    )
 
     def missing(self, data: Observations) -> str:
-        """Only a flat punch has an edge."""
+        """Return why these data cannot show it: only a flat punch has an edge."""
         flat = any(indenter.shape == "flat_cylinder" for indenter in data.indenters)
         return "" if flat else "only a flat punch has an edge"
 
     def to_be_expected(self, data: Observations) -> bool:
-        """Every edge is somewhat round, and of one that is not stated nobody knows by how much."""
-        return not self.missing(data) and any(one.edge_radius_mm is None for one in data.indenters)
+        """Return whether an edge radius is not stated: every edge is somewhat rounded."""
+        return not self.missing(data) and any(indenter.edge_radius_mm is None for indenter in data.indenters)
 
     def starts(self, data: Observations) -> Floats:
-        """Where to look and to begin."""
-        return np.array([[rho, sticks] for rho in (0.03, 0.1, 0.3, 0.6) for sticks in (0.0, 1.0)])
+        """Return starts over the range, sliding and sticking."""
+        return np.array([[rho, sticking] for rho in (0.03, 0.1, 0.3, 0.6) for sticking in (0.0, 1.0)])
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Round the edge further."""
+        """Return the state with a rounder edge."""
         return replace(state, edge_mm=state.edge_mm + values[0], sticking=float(values[1]))

@@ -1,7 +1,9 @@
-"""The force sensor's zero is off: what is read is P + b.
+"""Bias of the force sensor: a constant force is added to every reading.
 
-b in N, in air too. On one radius it cannot be told from a depth zero while P is linear in w; air fixes it.
-Vanishes at b = 0. Source: definition.
+    P -> P + b
+
+b in N is also read in air. Range: |b| up to .5 N; vanishes at b = 0. On one radius it is confused with a depth
+zero while P is linear in w; other radii or samples in air distinguish it. Source: definition.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from calibration.inputs.observations import Observations
-from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 
@@ -26,13 +28,9 @@ class ForceBias(EffectBase):
     source = "definition"
     order = 30
     largest = 0.05
-    check = ManualCheck("read the force sensor with the punch in air, before and after each press", 3.0, 0.004)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """b."""
-        return (Parameter("offset_N", "N", 0.0, (-0.5, 0.5), "force read in air", 0.02),)
+    check = ManualCheck("read the force sensor with the punch in air, before and after each press", 3, 0.004)
+    parameters = (amplitude("offset_N", "N", 0.5, "force read in air", 0.02),)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Add the bias."""
+        """Return the state with the bias."""
         return replace(state, force_N=state.force_N + values[0])

@@ -1,6 +1,9 @@
-"""The force sensor's scale is off: what is read is (1 + g) P.
+"""Gain of the force sensor: every reading is too large by a factor.
 
-It is E exactly: no press can show it, only a dead weight. Vanishes at g = 0. Source: definition.
+    P -> (1 + g) P
+
+g is dimensionless. Range: |g| up to .2; vanishes at g = 0. It is exactly a factor on E, so no press can show it;
+a dead weight does. Source: definition.
 """
 
 from __future__ import annotations
@@ -8,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from calibration.inputs.observations import Observations
-from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 
@@ -25,17 +28,13 @@ class ForceGain(EffectBase):
     source = "definition"
     order = 40
     largest = 0.02
-    check = ManualCheck("put a dead weight on the force sensor", 5.0, 0.003)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """g."""
-        return (Parameter("gain", "1", 0.0, (-0.2, 0.2), "relative error of the force", 0.02),)
+    check = ManualCheck("put a dead weight on the force sensor", 5, 0.003)
+    parameters = (amplitude("gain", "1", 0.2, "relative error of the force", 0.02),)
 
     def missing(self, data: Observations) -> str:
-        """What these data would need."""
+        """Return why no data can show it."""
         return "a factor on the force is E exactly; a dead weight would show it"
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Scale the force."""
+        """Return the state with the force scaled."""
         return replace(state, force_N=state.force_N * (1 + values[0]))

@@ -1,11 +1,13 @@
-"""One lamp fades while the rig runs: slopes of the sides that it lights are read ever less, the others' ever more.
+"""Fading of one lamp: slopes of the sides that it lights are read ever flatter, the others' ever steeper.
 
-    seen = w (1 + (c cos phi + s sin phi) t/T)        phi: azimuth beside the face
+    seen = w (1 + (c cos phi + s sin phi) t/T)
 
-t counts while the rig runs, T in all (photometric_drift.py, which is the part that all sides share). Lamps that
-fade alike, and a tint of the whole picture, are taken off by the light of the untouched gel. Vanishes at
-c = s = 0. E rests on certified depths and does not move; nu is read from all sides, so that it moves by the part
-that they share. Source: first order of a gain that differs by side.
+phi is the azimuth about the face, t the rig's running time and T its total; c and s are dimensionless. Fading that
+all lamps share, and a tint of the whole picture, are corrected by the light of the untouched gel; the part common
+to all sides is photometric_drift. E rests on certified depths and does not change; nu is read from all sides and
+changes by their common part. Range: |c|, |s| up to .6; vanishes at c = s = 0. Confused with photometric_drift;
+pictures of the untouched gel at the beginning and the end distinguish it.
+Source: first order of a gain that depends on the side.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import numpy as np
 from calibration.effects.in_picture import BesideFaces, InPicture, OfPicture
 from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
-from calibration.model.stages import ManualCheck, Parameter, Stage
+from calibration.model.stages import ManualCheck, Stage, amplitude
 from tactilevision.records.measured import Floats
 
 
@@ -34,22 +36,15 @@ class LampFading(OfPicture):
     source = "first order"
     order = 260
     largest = 0.3
-    check = ManualCheck("press the same gauge first and last: do opposite sides read alike?", 10.0, 0.02)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """c, s."""
-        return tuple(
-            Parameter(name, "1", 0.0, (-0.6, 0.6), f"change of what is read towards {side}, first to last", 0.05)
-            for name, side in (("along_x", "the right"), ("along_y", "the bottom"))
-        )
-
-    def starts(self, data: Observations) -> Floats:
-        """Where to look and to begin."""
-        return np.array([[0.05, 0.0], [-0.05, 0.0], [0.0, 0.05], [0.0, -0.05]])
+    check = ManualCheck("press the same gauge first and last: do opposite sides read alike?", 10, 0.02)
+    parameters = tuple(
+        amplitude(name, "1", 0.6, f"change of what is read towards {side}, first to last", 0.05)
+        for name, side in (("along_x", "the right"), ("along_y", "the bottom"))
+    )
+    start_values = ((0.05, 0), (-0.05, 0), (0, 0.05), (0, -0.05))
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
-        """What the picture makes of true depths."""
+        """Return the reconstructed depth (N,) of true depths (N,), mm."""
         slopes = data.slopes
         if slopes is None:
             return depth_mm
@@ -59,5 +54,5 @@ class LampFading(OfPicture):
         return np.asarray(depth_mm * (1 + share))
 
     def in_picture(self, data: Observations | None = None) -> InPicture:
-        """Slopes beside faces show it, where presses have times."""
+        """Return the effect in the picture: slopes next to faces show it, where presses have times."""
         return BesideFaces(self, needs_times=True)

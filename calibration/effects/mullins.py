@@ -1,10 +1,11 @@
-"""Stress softening: below the largest depth that a spot has seen, the gel is softer.
+"""Mullins effect (stress softening): below the largest depth that a place has seen, the gel is softer.
 
-    P -> P [1 - A erf((w_max^2 - w^2)/(m^2 + g w_max^2))],    w_max the largest depth so far at that spot, now too
+    P -> P [1 - A erf((w_max^2 - w^2)/(m^2 + g w_max^2))]
 
-Ogden and Roxburgh's damage function with the squared depth for the energy; m is the depth over which the
-softening sets in below the maximum, and g how much that width grows with it (Mars). Permanent: no wait heals it.
-Vanishes at A = 0.
+w_max is the largest depth so far at that place, the present one included. It is the damage function of Ogden and
+Roxburgh with the squared depth in place of the energy: m in mm is the depth over which the softening sets in below
+the maximum, g how much that width grows with it (Mars). The softening is permanent. Range: A up to 1, m .1 to 1
+mm, g up to 3; vanishes at A = 0. Confused with incomplete recovery; a fresh place or varied waits distinguish it.
 Sources: Ogden, Roxburgh, Proc. R. Soc. A 455 (1999) 2861, eq. 41; Mars, Tire Sci. Technol. 32 (2004) 120.
 """
 
@@ -18,15 +19,16 @@ import numpy as np
 from calibration.inputs.denoised_depth import nominal_depth
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, Parameter, Stage, State
+from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.measured import Floats
 
-KEPT = 8  # data sets of which a history is kept: a fit asks at every step
-SPOT_MM = 0.5  # presses nearer than this share what the gel went through
+KEPT = 8  # data sets whose history is cached: a fit asks at every step
+SPOT_MM = 0.5  # presses nearer than this share their history
 
 
 @dataclass(frozen=True, slots=True)
 class Mullins(EffectBase):
-    """An amplitude, a width and how that grows."""
+    """An amplitude, a width and its growth."""
 
     key = "mullins"
     title = "the gel is softer where it was pressed before"
@@ -37,30 +39,23 @@ class Mullins(EffectBase):
     source = "Ogden, Roxburgh, Proc. R. Soc. A 455 (1999) 2861; Mars, Tire Sci. Technol. 32 (2004) 120"
     order = 180
     largest = 0.15
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """A, m and g."""
-        return (
-            Parameter("softening", "1", 0.0, (0.0, 1.0), "how much softer far below the largest depth", 0.05),
-            Parameter("width_mm", "mm", 0.3, (0.1, 1.0), "depth over which the softening sets in", 0.1),
-            Parameter("grows", "1", 0.0, (0.0, 3.0), "how much of that grows with the largest depth", 0.5),
-        )
+    parameters = (
+        Parameter("softening", "1", 0.0, (0, 1), "how much softer far below the largest depth", 0.05),
+        Parameter("width_mm", "mm", 0.3, (0.1, 1), "depth over which the softening sets in", 0.1),
+        Parameter("grows", "1", 0.0, (0, 3), "how much of that grows with the largest depth", 0.5),
+    )
+    start_values = tuple((0.03, *shape) for shape in ((0.15, 0), (0.3, 0), (0.6, 0), (0.1, 1)))
 
     def missing(self, data: Observations) -> str:
-        """What these data would need."""
+        """Return why these data cannot show softening; empty where they can."""
         if data.count < 2 and not data.is_curves:
             return "needs presses of a spot that was pressed before"
-        if (data.depth_mm >= largest_past_depth(data) - 1e-9).all():
+        if (data.depth_mm >= largest_past_depth(data) - TINY).all():
             return "no spot was pressed deeper before"
         return ""
 
-    def starts(self, data: Observations) -> Floats:
-        """Where to look and to begin."""
-        return np.array([[0.03, 0.15, 0.0], [0.03, 0.3, 0.0], [0.03, 0.6, 0.0], [0.03, 0.1, 1.0]])
-
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Soften below the past maximum."""
+        """Return the state softened below the past maximum."""
         from scipy.special import erf
 
         below, deepest = _below(data)
@@ -70,25 +65,23 @@ class Mullins(EffectBase):
 
 @lru_cache(maxsize=KEPT)
 def _below(data: Observations) -> tuple[Floats, Floats]:
-    """How far each sample (N,) lies below the largest past depth of its spot, as a difference of squares, and that
-    depth squared; both in mm^2.
-    """
-    level = data.shifted(nominal_depth(data) - data.depth_mm)  # the largest reading is the luckiest
+    """Return w_max^2 - w^2 and w_max^2 (N,) each, mm^2, from depths without most of their readings' noise."""
+    level = data.shifted(nominal_depth(data) - data.depth_mm)
     deepest = largest_past_depth(level) ** 2
     return np.asarray(deepest - np.maximum(level.depth_mm, 0) ** 2), np.asarray(deepest)
 
 
 def spots(data: Observations) -> list[tuple[float, float]]:
-    """The place of each press on a grid of SPOT_MM; unknown places count as one spot."""
+    """Return the place of each press on a grid of SPOT_MM; unknown places count as one."""
     place = np.round(np.nan_to_num(np.column_stack([data.presses.x_mm, data.presses.y_mm])) / SPOT_MM)
     return [(float(x), float(y)) for x, y in place]
 
 
 def largest_past_depth(data: Observations) -> Floats:
-    """The largest depth (N,) that each sample's spot has seen up to it."""
+    """Return the largest depth (N,) that each sample's place has seen up to it, mm."""
     seen: dict[tuple[float, float], float] = {}
     largest = np.empty(data.size)
-    for key, start, end in zip(spots(data), data.first, [*data.first[1:], data.size], strict=True):
-        run = np.maximum.accumulate(np.maximum(data.depth_mm[start:end], seen.get(key, 1e-6)))
-        largest[start:end], seen[key] = run, float(run[-1])
+    for key, one in zip(spots(data), data.spans, strict=True):
+        run = np.maximum.accumulate(np.maximum(data.depth_mm[one], seen.get(key, MICRO)))
+        largest[one], seen[key] = run, float(run[-1])
     return largest

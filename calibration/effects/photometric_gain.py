@@ -1,7 +1,10 @@
-"""The picture's depth is too large by a factor: s_obs = (1 + g) s, so w -> w/(1 + g).
+"""Gain of the reconstructed depth: it is too large by a factor.
 
-From forces alone it is E and beta exactly; a certified depth beside the reconstructed one shows it. Vanishes at
-g = 0. Source: definition.
+    seen = (1 + g) w,    so w -> w/(1 + g)
+
+g is dimensionless. Range: |g| up to .5; vanishes at g = 0. From forces alone it is exactly confused with E and
+beta; a certified depth compared with the reconstructed one (a gauge or a ball in each recording) distinguishes it.
+Source: definition.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ import numpy as np
 
 from calibration.effects.in_picture import InPicture
 from calibration.inputs.observations import Observations
-from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 NOT_VISION = "the depth does not come from the picture"
@@ -31,28 +34,24 @@ class PhotometricGain(EffectBase):
     source = "definition"
     order = 220
     largest = 0.05
-    check = ManualCheck("press a gauge or a ball of known depth beside the camera's own reading", 10.0, 0.01)
+    check = ManualCheck("press a gauge or a ball of known depth and compare the camera's own reading", 10, 0.01)
     depth_source = "vision"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """g."""
-        return (Parameter("gain", "1", 0.0, (-0.5, 0.5), "relative error of the depth", 0.03),)
+    parameters = (amplitude("gain", "1", 0.5, "relative error of the depth", 0.03),)
 
     def missing(self, data: Observations) -> str:
-        """What these data would need."""
+        """Return why these data cannot show the gain."""
         if data.depth_source != "vision":
             return NOT_VISION
-        return "a factor on the depth is E and beta exactly; a gauge beside the picture would show it"
+        return "a factor on the depth is E and beta exactly; a gauge in the picture would show it"
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
-        """What the picture makes of true depths."""
+        """Return the reconstructed depth (N,) of true depths (N,), mm."""
         return np.asarray(depth_mm * (1 + values[0]))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Scale the depth."""
+        """Return the state with the depth scaled."""
         return replace(state, depth_mm=state.depth_mm / (1 + values[0]))
 
     def in_picture(self, data: Observations | None = None) -> InPicture:
-        """Any certified depth shows it."""
+        """Return the effect in the picture: any certified depth shows it."""
         return InPicture(self)

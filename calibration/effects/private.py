@@ -21,19 +21,15 @@ from tactilevision.errors import InputError, OutputError
 from tactilevision.files.opening import limit
 from tactilevision.files.writing import write_text
 
-# Calls of a private effect: they end in time, and what they print goes to stderr, not between the results.
-#
-# The timer is the system's own (SIGALRM): it also ends a call that sleeps. It belongs to a program's main thread;
-# in another thread, and on Windows, a call has no limit.
-
 METHODS = ("parameters_on", "missing", "starts", "apply", "absent", "supposed", "freed", "richer", "in_picture")
 
 
 @contextlib.contextmanager
 def within_time(what: str) -> Iterator[None]:
-    """Let the block run for MAX_EFFECT_SECONDS and print to stderr.
+    """Limit the time of the block to MAX_EFFECT_SECONDS, and send what it prints to stderr.
 
-    Raises InputError, which names `what`, where it takes longer.
+    The timer is the system's (SIGALRM), so it also ends a call that sleeps; in a thread other than the main one,
+    and on Windows, there is no limit. Raises InputError, which names `what`, where the block takes longer.
     """
     with contextlib.redirect_stdout(sys.stderr):
         if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
@@ -58,9 +54,9 @@ def within_time(what: str) -> Iterator[None]:
 
 
 def limited(kind: type[EffectBase]) -> type[EffectBase]:
-    """The class of a private effect, each of its own METHODS within the time."""
-    own = {name: _limited(method, kind.__name__) for name in METHODS if (method := vars(kind).get(name))}
-    return type(kind.__name__, (kind,), own)
+    """Return the class of a private effect with a time limit on each of its own METHODS."""
+    limits = {name: _limited(method, kind.__name__) for name in METHODS if (method := vars(kind).get(name))}
+    return type(kind.__name__, (kind,), limits)
 
 
 def _limited(method: Callable[..., Any], of: str) -> Callable[..., Any]:
@@ -72,17 +68,14 @@ def _limited(method: Callable[..., Any], of: str) -> Callable[..., Any]:
     return call
 
 
-# A private effect from one Python file of the user's own, and a template to begin one from.
-#
-# The file is run as any script of the user's would be: only a path that the user names is ever loaded.
-
 TEMPLATE = Path(__file__).parent / "template.txt"
 
 
 def load_effect(path: Path | str) -> Effect:
-    """The one Effect that the file defines: a subclass of EffectBase that can be made without arguments.
+    """Load the one effect that a file defines: a subclass of EffectBase that can be made without arguments.
 
-    Raises InputError where the file cannot be run, or defines none or several, or leaves a part out.
+    The file is run like any script of the user's; only a path that the user names is loaded. Raises InputError
+    where the file cannot be run, defines none or several effects, or an incomplete one.
     """
     file = Path(path)
     if not file.is_file():
@@ -96,7 +89,7 @@ def load_effect(path: Path | str) -> Effect:
             spec.loader.exec_module(module)
     except InputError:
         raise
-    except (Exception, SystemExit) as fault:  # anything may happen in somebody else's file
+    except (Exception, SystemExit) as fault:  # the file may raise anything
         raise InputError(f"the effect's file fails: {type(fault).__name__}: {fault}", where=file) from fault
     own = [
         kind
@@ -114,7 +107,7 @@ def load_effect(path: Path | str) -> Effect:
 
 
 def checked(kind: type[EffectBase], where: Path) -> Effect:
-    """An instance, once its declarations are whole."""
+    """Return an instance of the effect. Raises InputError where a declaration is missing or its key is taken."""
     try:
         with within_time(kind.__name__):
             effect = limited(kind)()
@@ -130,15 +123,15 @@ def checked(kind: type[EffectBase], where: Path) -> Effect:
             "an effect's key is a name that no effect of the catalogue has",
             where=where,
             value=effect.key,
-            remedy="Give it a name of its own, in quotes.",
+            remedy="Choose another name, in quotes.",
         )
     if not isinstance(effect, Effect):
-        raise InputError("the effect does not keep the protocol", where=where, value=kind.__name__)
+        raise InputError("the effect does not have every part of the protocol", where=where, value=kind.__name__)
     return effect
 
 
 def new_effect(path: Path | str, key: str) -> None:
-    """Write a template of a private effect.
+    """Write a template of a private effect with this key.
 
     Raises InputError for a key that is no name in Python or one of the catalogue's, OutputError where the file
     exists.

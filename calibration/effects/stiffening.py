@@ -1,9 +1,11 @@
-"""The gel stiffens at large strain beyond the law's own bracket.
+"""Stiffening at large strain beyond the bracket of the contact law.
 
     P -> P + K0 w gamma (w/h)^2
 
-The next term of the series whose first is beta: what Yeoh's or Gent's strain energy adds grows with the square of
-the strain. Vanishes at gamma = 0. Sources: Yeoh, Rubber Chem. Technol. 66 (1993) 754; Gent, ibid. 69 (1996) 59.
+The next term of the series whose first is beta: the strain energies of Yeoh and Gent add a force that grows with
+the square of the strain w/h. gamma is dimensionless. Range: gamma from -60 to 120; vanishes at gamma = 0. Confused
+with relaxation and a rounded edge; slow and fast presses, or several radii, distinguish it. Sources: Yeoh, Rubber
+Chem. Technol. 66 (1993) 754; Gent, ibid. 69 (1996) 59.
 """
 
 from __future__ import annotations
@@ -30,14 +32,10 @@ class Stiffening(EffectBase):
     source = "Yeoh, Rubber Chem. Technol. 66 (1993) 754"
     order = 190
     instead_of_beta = 4
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """gamma."""
-        return (Parameter("gamma", "1", 0.0, (-60.0, 120.0), "coefficient of (w/h)^2", 4.0),)
+    parameters = (Parameter("gamma", "1", 0.0, (-60, 120), "coefficient of (w/h)^2", 4),)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Add the next term."""
+        """Return the state with the next term."""
         strain = np.maximum(state.depth_mm, 0) / state.thickness_mm
         added = state.stiffness_N_per_mm * state.depth_mm * values[0] * strain**2
         return replace(state, force_N=state.force_N + added)

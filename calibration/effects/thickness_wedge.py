@@ -1,7 +1,11 @@
-"""The gel is a wedge: h(x, y) = h + sx x + sy y, x and y from the pad's centre.
+"""Wedge-shaped gel: the thickness varies linearly over the pad.
 
-Odd in the position, unlike a near edge. Slopes are small: each press sees a layer of its own thickness.
-Vanishes at sx = sy = 0. Source: the law's own h.
+    h(x, y) = h + sx x + sy y
+
+x and y are measured from the pad's centre, sx and sy are slopes in mm/mm. Each press sees a layer of its own
+thickness, which holds for small slopes; the thickness stays above a tenth of h. It is odd in the position, unlike
+a near edge. Range: |sx|, |sy| up to .2; vanishes at sx = sy = 0. Confused with the lateral boundary; presses at
+opposite places distinguish it. Source: the law's own h.
 """
 
 from __future__ import annotations
@@ -11,14 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.inputs.observations import Observations
-from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State, told_starts, with_told
+from calibration.model.stages import AxesEffect, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Bools, Floats
 
-APART_MM = 1.0  # mm that places lie apart along an axis which tells a slope
+MIN_RANGE_MM = 1.0  # range of places along an axis that determines a slope
 
 
 @dataclass(frozen=True, slots=True)
-class ThicknessWedge(EffectBase):
+class ThicknessWedge(AxesEffect):
     """Two slopes of the thickness."""
 
     key = "thickness_wedge"
@@ -29,40 +33,24 @@ class ThicknessWedge(EffectBase):
     separated_by = ("presses at opposite places",)
     source = "the law"
     order = 120
-    check = ManualCheck("measure the gel's thickness at four places of its rim", 8.0, 0.003)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """sx and sy."""
-        return (
-            Parameter("slope_x", "mm/mm", 0.0, (-0.2, 0.2), "thickness gained along x", 0.01),
-            Parameter("slope_y", "mm/mm", 0.0, (-0.2, 0.2), "thickness gained along y", 0.01),
-        )
-
-    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
-        """The same; across a line of places the slope is 0."""
-        return with_told(self.parameters, _along(data))
+    check = ManualCheck("measure the gel's thickness at four places of its rim", 8, 0.003)
+    parameters = (
+        amplitude("slope_x", "mm/mm", 0.2, "thickness gained along x", 0.01),
+        amplitude("slope_y", "mm/mm", 0.2, "thickness gained along y", 0.01),
+    )
+    signs = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
 
     def missing(self, data: Observations) -> str:
-        """What these data would need."""
-        if not _along(data).any():
-            return "needs presses at several places (x_mm, y_mm)"
-        return ""
+        """Return why these data cannot show a wedge; empty where they can."""
+        return "" if self.varies(data).any() else "needs presses at several places (x_mm, y_mm)"
 
-    def starts(self, data: Observations) -> Floats:
-        """Where to look and to begin."""
-        starts = np.array([[0.01, 0.0], [-0.01, 0.0], [0.0, 0.01], [0.0, -0.01], [0.01, 0.01], [0.01, -0.01],
-                           [-0.01, 0.01], [-0.01, -0.01]])  # fmt: skip
-        return told_starts(starts, _along(data))
+    def varies(self, data: Observations) -> Bools:
+        """Return along which of x and y (2,) the places differ enough."""
+        place = np.column_stack([data.presses.x_mm, data.presses.y_mm])
+        return np.asarray(np.isfinite(place).all() & (np.ptp(place, axis=0) >= MIN_RANGE_MM))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Thickness by place."""
+        """Return the state with the thickness of each press's place."""
         gain = data.presses.x_mm * values[0] + data.presses.y_mm * values[1]
         thickness = np.maximum(state.thickness_mm + gain[data.press], 0.1 * data.gel.thickness_mm)
         return replace(state, thickness_mm=thickness)
-
-
-def _along(data: Observations) -> Bools:
-    """Along which of x and y places lie apart (2,)."""
-    place = np.column_stack([data.presses.x_mm, data.presses.y_mm])
-    return np.asarray(np.isfinite(place).all() & (np.ptp(place, axis=0) >= APART_MM))

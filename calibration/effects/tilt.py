@@ -1,14 +1,17 @@
-"""The punch stands askew by theta: until its whole face touches, less of it presses.
+"""Tilt of the punch by theta: until its whole face touches, less of it presses.
 
-    w_up = a theta f(w/(a theta), a/h)    for -a theta < w < 2 a theta,    w_up = w beyond,
+    w_eff = a theta f(w/(a theta), a/h)    for -a theta < w < 2 a theta,    w_eff = w beyond,
+    w = w_read - t a theta
 
-w = w_read - t a theta the depth of the face's centre: t is 1 where the depth counts from the first touch of the
-lower edge, as a stage's does, and 0 where it counts from the gel's own base; of other depths nobody says which. f
-is the exact contact without tension of a rigid flat face on a bonded layer, from the table of
-tactilevision.mechanics.tilted_punch. The whole face lies on from w = 2 a theta: its pressure
-(w + 2 theta x)/sqrt(a^2 - r^2) is then nowhere negative. Below -a theta nothing presses, and what clings to the
-face is drawn by all of w. Vanishes at theta = 0.
-Source: Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1.
+w is the depth of the face's centre. t is 1 where the depth counts from the first touch of the lower edge, as a
+stage's does, and 0 where it counts from the undeformed surface; for other depths it is fitted. f is the exact
+contact without tension of a rigid flat face on a bonded layer, tabulated in tactilevision.mechanics.tilted_punch;
+from w = 2 a theta on the whole face is in contact, since its pressure (w + 2 theta x)/sqrt(a^2 - r^2) is nowhere
+negative. Below -a theta nothing presses, and adhesion acts on all of w.
+
+Range: theta up to .1 rad; vanishes at theta = 0. It acts only at small depth and is confused with a depth zero and
+a rounded edge; the growth of the contact area, or turning the punch by 180 degrees, distinguishes it. Source:
+Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1.
 """
 
 from __future__ import annotations
@@ -25,10 +28,10 @@ from tactilevision.records.measured import Floats
 
 @dataclass(frozen=True, slots=True)
 class Tilt(EffectBase):
-    """One angle for all presses; acts only at small depth."""
+    """One angle for all presses."""
 
     key = "tilt"
-    title = "the punch stands askew"
+    title = "the punch is tilted"
     stage = Stage.DEPTH
     seen_in = ("w", "azimuth", "Fx", "Fy")
     confused_with = ("depth_zero", "edge_fillet")
@@ -37,36 +40,31 @@ class Tilt(EffectBase):
     threshold = True
     order = 70
     largest = 0.02
-    check = ManualCheck("turn the punch by 180 degrees and press again", 5.0, 0.003)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """theta, t."""
-        counts = "0: depth of the centre; 1: since the first touch"
-        return (
-            Parameter("angle_rad", "rad", 0.0, (0.0, 0.1), "angle between the face and the gel", 0.01),
-            Parameter("from_touch", "1", 0.0, (0.0, 1.0), counts, 0.3),
-        )
+    check = ManualCheck("turn the punch by 180 degrees and press again", 5, 0.003)
+    parameters = (
+        Parameter("angle_rad", "rad", 0.0, (0, 0.1), "angle between the face and the gel", 0.01),
+        Parameter("from_touch", "1", 0.0, (0, 1), "0: depth of the centre; 1: since the first touch", 0.3),
+    )
 
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
-        """The same; a stage's depth counts from the first touch."""
+        """Return the parameters; a stage's depth counts from the first touch."""
         angle, touch = self.parameters
-        return (angle, replace(touch, default=1.0, bounds=(1.0, 1.0)) if data.depth_source == "stage" else touch)
+        return angle, replace(touch, default=1, bounds=(1, 1)) if data.depth_source == "stage" else touch
 
     def starts(self, data: Observations) -> Floats:
-        """Where to look and to begin."""
+        """Return starts over the angles."""
         counts = (1.0,) if data.depth_source == "stage" else (0.0, 1.0)
         return np.array([[angle, touch] for angle in (0.002, 0.005, 0.01, 0.02, 0.04) for touch in counts])
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Weaken the first touch."""
+        """Return the state with the depth of an upright punch of the same force."""
         if values[0] <= 0:
             return state
         reach = data.radius_mm * values[0]
-        depth = state.depth_mm - reach * (1.0 if data.depth_source == "stage" else values[1])
-        found = depth.copy()
+        centre = (state.depth_mm - reach * (1.0 if data.depth_source == "stage" else values[1])) / reach
+        effective = np.empty(data.size)
         for radius in np.unique(data.presses.radius_mm):
             mine = data.radius_mm == radius
-            x = depth[mine] / reach[mine]
-            found[mine] = reach[mine] * np.where(x < -1, x, upright(x, float(radius / data.gel.thickness_mm)))
-        return replace(state, depth_mm=found)
+            x = centre[mine]
+            effective[mine] = np.where(x < -1, x, upright(x, float(radius / data.gel.thickness_mm)))
+        return replace(state, depth_mm=reach * effective)

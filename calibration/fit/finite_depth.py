@@ -1,4 +1,13 @@
-"""Stiffness at finite depth and with a rounded edge, compared with finite elements."""
+"""Stiffness at finite depth and with a rounded edge, compared with finite elements.
+
+    F(nu) = E by the law / E of the elements,    P_elements = E_law k(w) w (1 + beta w/h)
+
+k is the law's stiffness at E = 1: Hayes' for a frictionless punch at small depth, with the stated edge. A dry
+punch has friction and an edge, and the elements' P/w is not a straight line: at h = 3 mm, a/h = .83 and depths of
+.15 to .6 mm the law's E is 3.2 % low at nu = .40, .5 % low at .48, and 1.9 % high at .4999. So E is divided by F,
+at the presses' own depths, for a neo-Hookean gel under a usual dry punch; other frictions and a sharp edge bound
+it. Range: dry presses with one radius, at nu, a/h and depths of the tables of mechanics. Source: mechanics/tables.
+"""
 
 from __future__ import annotations
 
@@ -19,22 +28,19 @@ from tactilevision.mechanics.tables.blocks import hayes_stiffness
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H, POISSON_RANGE, force_ratio
 from tactilevision.records.measured import Estimate, Floats, Material, Pair
 
-# What a rounded edge makes of the line through P/w: less at small depth, so a smaller c and a larger beta.
-#
-# The law knows the edge where it is stated, and its E and beta are the sharp punch's. c and beta are reported as
-# the line through the measurements has them; where no edge is stated, E may be higher by what the usual one takes
-# away.
-
 
 def stated_edge_mm(fitted: Fit, radius_mm: float) -> float | None:
-    """The rounding of this radius's indenters, the largest where they differ; None where one is not stated."""
+    """Return the largest stated edge radius of this radius's indenters; None where one is not stated."""
     edges = [i.edge_radius_mm for i in fitted.data.indenters if i.radius_mm == radius_mm]
     known = [edge for edge in edges if edge is not None]
     return max(known) if edges and len(known) == len(edges) else None
 
 
 def straight_line(fitted: Fit, radius_mm: float, *, edge_mm: float, poisson_ratio: float, beta: float) -> Pair:
-    """Intercept over the sharp punch's c, and slope over intercept, of the line through P/w at this radius."""
+    """Return the intercept over the sharp punch's c, and slope over intercept, of the line through P/w.
+
+    A rounded edge lowers P/w at small depth, so c becomes smaller and beta larger than the sharp punch's.
+    """
     h = fitted.data.gel.thickness_mm
     depth = fitted.data.depth_mm[(fitted.data.radius_mm == radius_mm) & (fitted.data.depth_mm > 0)]
     if edge_mm <= 0 or np.ptp(depth) <= 0:
@@ -47,14 +53,18 @@ def straight_line(fitted: Fit, radius_mm: float, *, edge_mm: float, poisson_rati
         poisson_ratio=poisson_ratio,
         sticking=float(not fitted.data.lubricated),
     )
-    share = share * _stiffness(poisson_ratio, met, h) / _stiffness(poisson_ratio, np.array([radius_mm]), h)
+    rounded, sharp = (
+        punch_stiffness(1.0, poisson_ratio, radius_mm=radii, thickness_mm=h)
+        for radii in (met, np.array([radius_mm]))
+    )
+    share = share * rounded / sharp
     ones, strain = np.ones(depth.size), depth / h
     start, slope = np.linalg.lstsq(np.column_stack([ones, strain]), share * (1 + beta * strain), rcond=None)[0]
     return float(start), float(slope / start)
 
 
 def usual_softening(fitted: Fit, radius_mm: float, *, poisson_ratio: float) -> float:
-    """By what share E may be higher because an edge that is not stated is rounded as machined ones are."""
+    """Return the share by which E may be higher because an edge that is not stated is rounded as usual."""
     if not isinstance(fitted.model.law, FlatPunch) or stated_edge_mm(fitted, radius_mm) is not None:
         return 0.0
     edge = EDGE_OVER_H * fitted.data.gel.thickness_mm
@@ -62,37 +72,19 @@ def usual_softening(fitted: Fit, radius_mm: float, *, poisson_ratio: float) -> f
     return max(1 / start - 1, 0.0)
 
 
-def _stiffness(poisson_ratio: float, radius_mm: Floats, thickness_mm: float) -> Floats:
-    return punch_stiffness(
-        1.0, poisson_ratio, radius_mm=radius_mm, thickness_mm=np.full(radius_mm.size, thickness_mm)
-    )
-
-
-# What the law makes of the stiffness of a gel that is pressed to finite depth, held against finite elements.
-#
-#     F(nu) = E by the law / E of the elements,    P_elements = E_law k(w) w (1 + beta w/h)
-#
-# k is the law's stiffness at E = 1: Hayes' for a frictionless sharp punch at small depth, with the edge where it
-# is stated. A dry punch has friction and an edge, and P/w of elements is no straight line: at h = 3 mm, a/h = .83
-# and depths of .15 to .6 mm the law's E is 3.2 % low at nu = .40, .5 % at .48, and 1.9 % high at .4999. So E is
-# taken over F, at the presses' own depths, of a gel of the neo-Hookean law under a usual dry punch. What other
-# frictions and a sharp edge would do to F is `low` and `high`.
-#
-# For dry presses with one radius, at nu, a/h and depths of the tables of mechanics. Source: mechanics/tables.
-
-SMALLEST_MM = 1e-4  # mm: depths of less are contact's first touch, and round to 0
+SMALLEST_MM = 1e-4  # mm: smaller depths round to 0
 USUAL_FRICTION = 0.3  # Coulomb's coefficient of gel on a dry face; above it hardly anything changes
-FRICTIONS = (0.1, 0.2, 0.6, np.inf)  # Coulomb's coefficients that a dry face may have besides
-DEPTHS = 12  # depths at which the elements are asked, spread as the presses' own
-MIN_DEPTHS = 4  # depths, of these, that the table must know
-NODES = (*np.arange(0.30, 0.49, 0.01).round(2).tolist(), 0.49, 0.495, POISSON_RANGE[1])  # nu of F's table
+FRICTIONS = (0.1, 0.2, 0.6, np.inf)  # other coefficients that a dry face may have
+DEPTHS = 12  # quantiles of the presses' depths at which the elements are evaluated
+MIN_DEPTHS = 4  # of these, that the table must contain
+NODES = (*(np.arange(30, 50) / 100).tolist(), 0.495, POISSON_RANGE[1])  # nu of F's table
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FiniteDepth:
-    """F over nu for a usual dry punch, and the least and the largest of other dry ones; (n,) each, no unit.
+    """F over nu for a usual dry punch, with the least and the largest for other dry ones; (n,) each.
 
-    `edge_mm` of the punch's rounding, and whether it was stated.
+    `edge_mm`: the edge radius, and whether it was stated.
     """
 
     poisson_ratio: Floats
@@ -103,11 +95,11 @@ class FiniteDepth:
     stated: bool
 
     def share(self, poisson_ratio: Floats | float) -> Floats:
-        """F at these nu, of any shape."""
+        """Return F at these nu, of any shape."""
         return np.asarray(np.interp(poisson_ratio, self.poisson_ratio, self.usual))
 
     def room(self, poisson_ratio: float) -> Pair:
-        """By what shares E may be lower and higher for another friction or a sharp edge."""
+        """Return the shares by which E may be lower and higher for another friction or a sharp edge."""
         usual, least, largest = (
             float(np.interp(poisson_ratio, self.poisson_ratio, one))
             for one in (self.usual, self.least, self.largest)
@@ -115,21 +107,21 @@ class FiniteDepth:
         return largest / usual - 1, usual / least - 1
 
     def words(self, poisson_ratio: float) -> str:
-        """What E is, as an assumption of a result."""
+        """Return the assumption behind E, as a sentence."""
         more = 100 * (1 / float(self.share(poisson_ratio)) - 1)
         lower, higher = self.room(poisson_ratio)
         return (
             f"friction is unknown: E is that of finite elements at these depths with friction {USUAL_FRICTION:g} "
-            f"and an edge of {self.edge_mm:.2g} mm, {more:+.1f} % beside kappa of small depth at nu = "
+            f"and an edge of {self.edge_mm:.2g} mm, {more:+.1f} % from kappa of small depth at nu = "
             f"{poisson_ratio:.3f}; it may be lower by up to {100 * lower:.1f} %, higher by {100 * higher:.1f} % "
-            f"for other frictions{'' if self.stated else ' or a sharp edge'}, which its interval holds"
+            f"for other frictions{'' if self.stated else ' or a sharp edge'}, which its interval includes"
         )
 
 
 def finite_depth(fitted: Fit, nu: Estimate, *, radius_mm: float) -> FiniteDepth | None:
-    """F at the depths of these presses.
+    """Return F at the depths of these presses.
 
-    None where they are lubricated, where their beta is not one that contact laws have, and off the tables.
+    None for lubricated presses, several radii, a beta outside the range of contact laws, and outside the tables.
     """
     law, data = fitted.model.law, fitted.data
     plain = isinstance(law, FlatPunch) and law.sticking == 0 and not law.one_depth and not law.bent
@@ -158,7 +150,7 @@ def _of(
     try:
         middle = over_nu(USUAL_FRICTION, usual)
         others = np.array([middle, *(over_nu(mu, edge) for mu in (USUAL_FRICTION, *FRICTIONS) for edge in edges)])
-    except InputError:  # off the tables in radius, thickness or edge
+    except InputError:  # outside the tables in radius, thickness or edge
         return None
     known = np.isfinite(middle)
     if not known.all():
@@ -168,7 +160,7 @@ def _of(
 
 
 def _one(poisson_ratio: float, contact: FlatContact, depth_mm: Floats, *, stated: float | None) -> float:
-    """F of one gel under one punch; NaN where the table knows too few of the depths."""
+    """Return F of one gel under one punch; NaN where the table contains too few of the depths."""
     ratio, known = force_ratio(depth_mm, contact, material=Material(1.0, poisson_ratio))
     depth = depth_mm[known]
     if depth.size < MIN_DEPTHS or np.ptp(depth) <= 0:
@@ -184,7 +176,7 @@ def _one(poisson_ratio: float, contact: FlatContact, depth_mm: Floats, *, stated
 
 
 def _law(poisson_ratio: float, contact: FlatContact, depth_mm: Floats, *, edge_mm: float) -> Floats:
-    """The law's P/w (n,) at E = 1 MPa, without beta."""
+    """Return the law's P/w (n,) at E = 1 MPa, without beta."""
     met, share = rounded_contact(
         depth_mm,
         contact.radius_mm,
@@ -193,5 +185,4 @@ def _law(poisson_ratio: float, contact: FlatContact, depth_mm: Floats, *, edge_m
         poisson_ratio=poisson_ratio,
         sticking=1.0,
     )
-    thickness = np.full(met.size, contact.thickness_mm)
-    return share * punch_stiffness(1.0, poisson_ratio, radius_mm=met, thickness_mm=thickness)
+    return share * punch_stiffness(1.0, poisson_ratio, radius_mm=met, thickness_mm=contact.thickness_mm)

@@ -1,4 +1,16 @@
-"""Which parameters the data determine, and which rest on a prior or an assumption."""
+"""Which of E and nu the data determine, and which rest on a prior or an assumption.
+
+One punch determines its stiffness c and the curve E(nu) = c (1 - nu^2) / (2 a kappa(nu, a/h)), not nu: E falls by
+about 4 % for .01 of nu. nu comes from a stated prior, from the bulge next to the punch, or from several radii.
+Where none of them determines it, E and nu have no value but an interval, by the range of silicones. A dry punch of
+one radius has the finite elements' E at the presses' depths (finite_depth.py) where beta lies in the range of
+contact laws; kappa's E is then inside the interval. Elsewhere unknown friction extends E's interval downwards by
+the surplus of a sticking gel.
+
+Friction and a rounded edge change the stiffness of each radius by another share, like another nu. Where neither is
+stated, nu and E must hold for each such rival model: one that fits worse by chi^2 = D may be present in part, and
+a share t of it costs t^2 D, so 95 % intervals extend a share 1.96/sqrt(D) of the way to it.
+"""
 
 from __future__ import annotations
 
@@ -9,28 +21,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.fit.finite_depth import FiniteDepth, finite_depth, stated_edge_mm, straight_line
-from calibration.fit.least_squares import Fit, fit
+from calibration.fit.least_squares import NORMAL95, Fit, fit
 from calibration.inputs.observations import Observations
-from calibration.laws.flat_punch import NU_TABLE, OPEN_NU, SILICONE_NU, FlatPunch
+from calibration.laws.flat_punch import NU_TABLE, OPEN_NU, STATED_NU_STD, FlatPunch
 from calibration.laws.theory import GEL_MODULUS_MPA, punch_stiffness, sticking_surplus
 from calibration.model.composition import Model
 from calibration.model.stages import EDGE, STICKING
 from tactilevision.errors import ConvergenceError
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
+from tactilevision.records.constants import NU_MAX, NU_SILICONE, TINY, Z95
 from tactilevision.records.measured import Estimate, Floats, Pair
 
-# What several radii would say of nu if the gel stuck to the face, or if the edges were rounded.
-#
-# Friction and an edge stiffen or soften each radius by another share, which looks like another nu; where nothing
-# is said of them, nu and E are to hold for each. What fits worse by chi^2 = D can be there in part: a share t of
-# it costs t^2 D, so that intervals of 95 % reach a share 1.96/sqrt(D) of the way.
-
-_KEPT: deque[tuple[Fit, Fit]] = deque(maxlen=4)
+NODES = 201  # nu at which E's interval is taken
+UNFIXED = 0.6  # of silicones' range: several radii determine nu where its interval is shorter
+_STUCK: deque[tuple[Fit, Fit]] = deque(maxlen=4)
 
 
 @dataclass(frozen=True, slots=True)
 class Rival:
-    """Another fit of the same presses (None: it cannot be fitted), and how much of the way to it is open."""
+    """Another fit of the same presses (None: it cannot be fitted), and the share of the way to it that is open."""
 
     fitted: Fit | None
     share: float
@@ -40,9 +49,9 @@ _RIVALS: deque[tuple[Fit, tuple[Rival, ...]]] = deque(maxlen=4)
 
 
 def rivals(fitted: Fit) -> tuple[Rival, ...]:
-    """A gel that sticks, rounded edges, and both, as far as they may be; none where nu is fixed.
+    """Return fits with a sticking gel, rounded edges, and both; none where nu is fixed.
 
-    Kept for the last few fits, since more than one judgement asks for them. Raises ConvergenceError.
+    Cached for the last few fits. Raises ConvergenceError where one cannot be fitted.
     """
     for known, found in _RIVALS:
         if known is fitted:
@@ -58,29 +67,28 @@ def _rivals(fitted: Fit) -> Iterator[Rival]:
     if fixed or np.unique(data.presses.radius_mm).size == 1 or not isinstance(law, FlatPunch):
         return
     known = _fits(fitted, EDGE) or all(i.edge_radius_mm is not None for i in data.indenters)
-    glued = stuck(fitted)
-    laws = [law] if glued is None else [law, replace(law, sticking=1.0)]
+    sticking = stuck(fitted)
+    laws = [law] if sticking is None else [law, replace(law, sticking=1.0)]
     fits = [] if known else [_again(fitted, one, with_usual_edges(data)) for one in laws]
-    fits += [] if glued is None else [glued]
+    fits += [] if sticking is None else [sticking]
     for one in fits:
-        yield Rival(one, min(1.96 / max(one.chi2 - fitted.chi2, 1e-9) ** 0.5, 1.0))
+        yield Rival(one, min(Z95 / max(one.chi2 - fitted.chi2, TINY) ** 0.5, 1.0))
 
 
 def stuck(fitted: Fit) -> Fit | None:
-    """The same on a gel that sticks to the face; None where it does already, slides, or has its friction fitted.
-    Kept for the last few fits, since more than one judgement asks for it.
+    """Return the fit with a sticking gel; None where it already sticks or slides, or its friction is fitted.
 
-    Raises ConvergenceError where that cannot be fitted.
+    Cached for the last few fits. Raises ConvergenceError where it cannot be fitted.
     """
     law = fitted.model.law
     slides = fitted.data.lubricated or _fits(fitted, STICKING)
     if slides or not isinstance(law, FlatPunch) or law.sticking == 1:
         return None
-    for known, found in _KEPT:
+    for known, found in _STUCK:
         if known is fitted:
             return found
     found = _again(fitted, replace(law, sticking=1.0), fitted.data)
-    _KEPT.append((fitted, found))
+    _STUCK.append((fitted, found))
     return found
 
 
@@ -94,32 +102,16 @@ def _again(fitted: Fit, law: FlatPunch, data: Observations) -> Fit:
 
 
 def with_usual_edges(data: Observations) -> Observations:
-    """The data with the usual rounding for each indenter that states none."""
+    """Return the data with the usual edge radius for each indenter that states none."""
     usual = EDGE_OVER_H * data.gel.thickness_mm
-    return replace(
-        data,
-        indenters=tuple(
-            replace(i, edge_radius_mm=usual) if i.edge_radius_mm is None else i for i in data.indenters
-        ),
-    )
-
-
-# What these data can fix, and what only a prior or an assumption supplies.
-#
-# One punch fixes its stiffness c and the curve E(nu) = c (1 - nu^2) / (2 a kappa(nu, a/h)), not nu: E falls by
-# about 4 % for .01 of nu. nu comes from a stated prior, from the bulge beside the punch, or from several radii.
-# Where none of them fixes it, E and nu have no value but still an interval: what the range that silicones span
-# allows. A dry punch of one radius has the elements' E at the presses' depths (finite_depth.py) where beta is one
-# that contact laws have; kappa's is then in the interval. Elsewhere sticking, where friction is unknown, lowers
-# E's lower end only.
-
-NODES = 201  # of nu that E's interval is taken over, a quarter of a thousandth apart
-UNFIXED = 0.6  # of silicones' range: nu from radii is taken to be fixed where its interval is shorter
+    edges = (usual if i.edge_radius_mm is None else i.edge_radius_mm for i in data.indenters)
+    pairs = zip(data.indenters, edges, strict=True)
+    return replace(data, indenters=tuple(replace(i, edge_radius_mm=edge) for i, edge in pairs))
 
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """The material as far as it is known. `source` of nu; `covariance` of (E, nu, c, beta)."""
+    """The material as far as it is determined. `source` of nu; `covariance` of (E, nu, c, beta)."""
 
     youngs_modulus: Estimate
     poisson_ratio: Estimate
@@ -133,7 +125,7 @@ class Identified:
 
 
 def identify(fitted: Fit) -> Identified:
-    """The material from a fit of the FlatPunch law, whatever effects stand beside it."""
+    """Return the material from a fit of the FlatPunch law with any effects."""
     radius = main_radius(fitted)
     assumptions: list[str] = []
     others = _others(fitted)
@@ -142,14 +134,14 @@ def identify(fitted: Fit) -> Identified:
     spread = _spread(fitted, nu, radius)
     deep = finite_depth(fitted, nu, radius_mm=radius)
     if deep is not None:
-        assumptions.append(deep.words(SILICONE_NU[1] if nu.value is None else nu.value))
+        assumptions.append(deep.words(NU_MAX if nu.value is None else nu.value))
     surplus = sticking_range(fitted, nu, radius=radius, assumptions=[] if deep else assumptions)
     others = () if nu.value is None else tuple(other for other in others if other.fitted is not None)
     modulus, reduced = (_modulus(one, nu, 0.0 if others else surplus, "MPa") for one in (spread, spread.reduced()))
     if deep is not None:
         modulus, reduced = (
-            _of_elements(one, nu, deep, plain=plain)
-            for one, plain in ((spread, modulus), (spread.reduced(), reduced))
+            _of_elements(one, nu, deep, small_strain=small)
+            for one, small in ((spread, modulus), (spread.reduced(), reduced))
         )
     for other in others:
         assert other.fitted is not None
@@ -171,27 +163,29 @@ def identify(fitted: Fit) -> Identified:
 
 
 def main_radius(fitted: Fit) -> float:
-    """The radius with the most samples: c and beta are reported for it."""
+    """Return the radius with the most samples: c and beta are reported for it."""
     radii, counts = np.unique(fitted.data.radius_mm, return_counts=True)
     return float(radii[np.argmax(counts)])
 
 
 def beta_name(fitted: Fit, radius: float) -> str:
-    """The name of this radius's beta."""
+    """Return the name of this radius's beta."""
     return "beta" if np.unique(fitted.data.presses.radius_mm).size == 1 else f"beta[{radius:g}]"
 
 
-def _of_elements(spread: _Spread, nu: Estimate, deep: FiniteDepth, *, plain: Estimate) -> Estimate:
-    """E over F; the interval has room for other frictions and a sharp edge, and holds that of kappa as well."""
-    at = SILICONE_NU[1] if nu.value is None else nu.value
+def _of_elements(spread: _Spread, nu: Estimate, deep: FiniteDepth, *, small_strain: Estimate) -> Estimate:
+    """Return E over F; its interval allows for other frictions and a sharp edge, and includes kappa's."""
+    at = NU_MAX if nu.value is None else nu.value
     lower, higher = deep.room(at)
-    found = _modulus(replace(spread, modulus=spread.modulus / deep.share(spread.nodes)), nu, lower, plain.unit)
+    found = _modulus(
+        replace(spread, modulus=spread.modulus / deep.share(spread.nodes)), nu, lower, small_strain.unit
+    )
     if found.interval95 is None:
         return found
     low, high = found.interval95
     middle = high if found.value is None else found.value
     found = replace(found, interval95=(low, middle + float(np.hypot(high - middle, higher * middle))))
-    return holding(found, plain.interval95)
+    return holding(found, small_strain.interval95)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,11 +202,11 @@ class _Spread:
         return _Spread(self.nodes, self.weights, self.modulus / (1 - self.nodes**2), self.relative_std, self.reach)
 
     def quantile(self, share: float) -> float:
-        """Of the mixture of normals, widened by Student's quantile over the normal one."""
+        """Return the quantile of the mixture of normals, widened by Student's quantile over the normal one."""
         from scipy.optimize import brentq
         from scipy.special import ndtr
 
-        std = self.modulus * self.relative_std * self.reach / 1.959963985 + 1e-12 * self.modulus
+        std = self.modulus * (self.relative_std * self.reach / NORMAL95 + 1e-12)
 
         def excess(value: float) -> float:
             return float(self.weights @ ndtr((value - self.modulus) / std)) - share
@@ -222,7 +216,7 @@ class _Spread:
 
 
 def _others(fitted: Fit) -> tuple[Rival, ...]:
-    """What friction and edges allow besides; where that cannot be fitted, all of silicones' nu."""
+    """Return the rivals; where one cannot be fitted, all of silicones' nu."""
     try:
         return rivals(fitted)
     except ConvergenceError:
@@ -230,14 +224,14 @@ def _others(fitted: Fit) -> tuple[Rival, ...]:
 
 
 def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tuple[Estimate, str]:
-    """nu and where it comes from; no value where nothing fixes it. Its interval reaches to `others`."""
+    """Return nu and its source; no value where nothing determines it. Its interval extends to `others`."""
     k = fitted.index("poisson_ratio")
     parameter = fitted.parameters[k]
     several = np.unique(fitted.data.presses.radius_mm).size > 1
     stated = fitted.data.gel.poisson_ratio
     if stated is not None:
         if fitted.data.gel.poisson_ratio_std is None:
-            assumptions.append(f"poisson_ratio = {stated:g} is stated without a std; 0.005 is assumed")
+            assumptions.append(f"poisson_ratio = {stated:g} is stated without a std; {STATED_NU_STD:g} is assumed")
         if parameter.fixed:
             assumptions.append(f"poisson_ratio = {stated:g} is taken as exact, as stated")
             return Estimate(stated, 0.0, (stated, stated), "1"), "prior"
@@ -247,35 +241,33 @@ def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tu
         return found, "radii" if sharpened else "prior"
     if several and not parameter.fixed:
         found = _reaching(fitted.estimate("poisson_ratio"), others)
-        if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(SILICONE_NU)[0]:
+        if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(NU_SILICONE)[0]:
             return found, "radii"
     low, high = possible = poisson_range(fitted)
-    kinds = {SILICONE_NU: "silicone gels lie", OPEN_NU: "gels that the tables know lie"}
+    kinds = {NU_SILICONE: "silicone gels lie", OPEN_NU: "tabulated gels lie"}
     kind = kinds.get(possible, "the rise next to the punch leaves it")
-    assumptions.append(f"nothing fixes poisson_ratio; {kind} in [{low:.4g}, {high:.4g}]")
-    why = (
-        "one punch radius fixes the stiffness c and the curve E(nu), not nu"
-        if not several
-        else ("the radii differ too little for these errors to fix nu")
-    )
+    assumptions.append(f"these data do not determine poisson_ratio; {kind} in [{low:.4g}, {high:.4g}]")
+    why = "one punch radius determines the stiffness c and the curve E(nu), not nu"
+    if several:
+        why = "the radii differ too little for these errors to determine nu"
     return Estimate(None, None, possible, "1", why), "prior"
 
 
 def poisson_range(fitted: Fit) -> Pair:
-    """Where nu lies if nothing fixes it."""
+    """Return the range of nu where nothing determines it."""
     law = fitted.model.law
-    return law.poisson_range if isinstance(law, FlatPunch) else SILICONE_NU
+    return law.poisson_range if isinstance(law, FlatPunch) else NU_SILICONE
 
 
 def _reaching(nu: Estimate, others: Sequence[Rival]) -> Estimate:
     for other in others:
-        theirs = SILICONE_NU if other.fitted is None else other.fitted.estimate("poisson_ratio").interval95
+        theirs = NU_SILICONE if other.fitted is None else other.fitted.estimate("poisson_ratio").interval95
         nu = holding(nu, theirs, share=other.share)
     return nu
 
 
 def holding(one: Estimate, other: Pair | None, *, share: float = 1.0) -> Estimate:
-    """The estimate with an interval that reaches to another one's ends, or this share of the way."""
+    """Return the estimate with its interval extended to another one's ends, or this share of the way."""
     if one.interval95 is None or other is None:
         return one
     low, high = one.interval95
@@ -283,24 +275,23 @@ def holding(one: Estimate, other: Pair | None, *, share: float = 1.0) -> Estimat
 
 
 def sticking_range(fitted: Fit, nu: Estimate, *, radius: float, assumptions: list[str]) -> float:
-    """By what share E may be lower because the gel sticks; 0 where the presses were lubricated."""
+    """Return the share by which E may be lower because the gel sticks; 0 for lubricated presses."""
     if fitted.data.lubricated:
         assumptions.append("the presses were lubricated: no friction")
         return 0.0
     if isinstance(fitted.model.law, FlatPunch) and fitted.model.law.sticking == 1:
         assumptions.append("the gel sticks to the indenter's face")
         return 0.0
-    at = nu.value if nu.value is not None else SILICONE_NU[1]
-    surplus = sticking_surplus(at, radius / fitted.data.gel.thickness_mm)
+    surplus = sticking_surplus(NU_MAX if nu.value is None else nu.value, radius / fitted.data.gel.thickness_mm)
     assumptions.append(
         f"friction is unknown: kappa is frictionless, and E may be lower by up to {100 * surplus:.1f} % where the "
-        "gel sticks; E's interval reaches down by that much"
+        "gel sticks, which E's interval includes"
     )
     return surplus
 
 
 def _line(fitted: Fit, values: Floats, radius: float) -> Pair:
-    """c and beta of one radius at these parameters: of the line through P/w, as the edge leaves it."""
+    """Return c and beta of one radius at these parameters: of the line through P/w with the stated edge."""
     stiffness = fitted.model.state(values, fitted.data).stiffness_N_per_mm
     sharp = float(np.median(stiffness[fitted.data.radius_mm == radius]))
     nu, beta = (float(values[fitted.index(name)]) for name in ("poisson_ratio", beta_name(fitted, radius)))
@@ -310,21 +301,21 @@ def _line(fitted: Fit, values: Floats, radius: float) -> Pair:
 
 
 def stiffness_of(fitted: Fit, radius: float) -> Estimate:
-    """c of one radius, N/mm: where the line through P/w begins. No gel pulls a punch in, so it is not below 0."""
+    """Return c of one radius, N/mm: the intercept of the line through P/w, not below 0."""
     found = _derived(fitted, lambda v: _line(fitted, v, radius)[0], "N/mm")
     low, high = found.interval95 or (0.0, 0.0)
     return replace(found, interval95=(max(low, 0.0), high))
 
 
 def bend_of(fitted: Fit, radius: float) -> Estimate:
-    """beta of one radius: how that line rises."""
+    """Return beta of one radius: the slope of that line over its intercept."""
     if not stated_edge_mm(fitted, radius):
         return fitted.estimate(beta_name(fitted, radius))
     return _derived(fitted, lambda v: _line(fitted, v, radius)[1], "1")
 
 
 def _derived(fitted: Fit, function: Callable[[Floats], float], unit: str) -> Estimate:
-    """A function of the parameters with its std by the delta method."""
+    """Return a function of the parameters with its std by the delta method."""
     gradient = _gradient(fitted, function)
     value, std = function(fitted.values), float(np.sqrt(gradient @ fitted.covariance @ gradient))
     reach = fitted.reach(gradient) * std
@@ -343,7 +334,7 @@ def _gradient(fitted: Fit, function: Callable[[Floats], float]) -> Floats:
 
 
 def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
-    """E over what nu may be: on one radius along the exact curve E(nu), on several along the fit's own slope."""
+    """Return E over nu: on one radius along the exact curve E(nu), on several along the fit's own slope."""
     from scipy.special import ndtri
 
     e, k = fitted.index("youngs_modulus_MPa"), fitted.index("poisson_ratio")
@@ -356,36 +347,33 @@ def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
         nodes = np.array([nu.value])
     else:
         nodes = centre + np.sqrt(nu_variance) * ndtri((np.arange(NODES) + 0.5) / NODES)
-        nodes = nodes[(nodes > 0) & (nodes <= 0.4999)] if centre < 0.4999 else np.array([centre])
+        nodes = nodes[(nodes > 0) & (nodes <= NU_MAX)] if centre < NU_MAX else np.array([centre])
+    slope = cross / nu_variance if nu_variance > 0 else 0.0
     if np.unique(fitted.data.presses.radius_mm).size == 1 or nu.value is None:
         modulus = value * _unit(fitted, centre, radius) / np.array([_unit(fitted, n, radius) for n in nodes])
     else:
-        modulus = (
-            value * np.exp(cross / nu_variance / value * (nodes - centre))
-            if nu_variance > 0
-            else (np.full(nodes.size, value))
-        )
+        modulus = value * np.exp(slope / value * (nodes - centre))
     relative = float(np.sqrt(max(rest, 0.0)) / value)
     at_nu = np.eye(fitted.values.size)[e]
-    at_nu[k] = -cross / nu_variance if nu_variance > 0 else 0.0  # E less what nu brings
+    at_nu[k] = -slope  # E at a given nu
     reach = fitted.reach(at_nu)
     return _Spread(nodes, np.full(nodes.size, 1 / nodes.size), modulus, relative, reach)
 
 
 def _unit(fitted: Fit, nu: float, radius: float) -> float:
-    thickness = np.array([fitted.data.gel.thickness_mm])
+    thickness = fitted.data.gel.thickness_mm
     return float(punch_stiffness(1.0, float(nu), radius_mm=np.array([radius]), thickness_mm=thickness)[0])
 
 
 def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estimate:
-    """E (or E*) with its interval; no value where nu has none."""
+    """Return E (or E*) with its interval; no value where nu has none."""
     if nu.value is None:
         reach = spread.reach * spread.relative_std
         low, high = spread.modulus.min() * max(1 - reach, 0.0) / (1 + surplus), spread.modulus.max() * (1 + reach)
         why = "it follows from c only at a known Poisson's ratio: see youngs_modulus_of_nu"
         return Estimate(None, None, (float(low), float(high)), unit, why)
-    if spread.reach * spread.relative_std >= 1:  # an interval that reaches 0 knows nothing
-        why = "another parameter takes its place in these data; the interval is what gels have"
+    if spread.reach * spread.relative_std >= 1:  # the interval reaches 0: nothing is determined
+        why = "another parameter takes its place in these data; the interval is the range of gels"
         return Estimate(None, None, GEL_MODULUS_MPA, unit, why)
     mean = float(np.interp(nu.value, spread.nodes, spread.modulus))
     low, high = spread.quantile(0.025), spread.quantile(0.975)
@@ -396,7 +384,7 @@ def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estima
 def modulus_of_nu(
     fitted: Fit, poisson_ratios: Floats, *, radius: float, deep: FiniteDepth | None = None
 ) -> tuple[Pair, ...]:
-    """(nu, E in MPa) for each of `poisson_ratios` (n,), at the fitted stiffness of `radius` in mm."""
+    """Return (nu, E in MPa) for each of `poisson_ratios` (n,), at the fitted stiffness of `radius` in mm."""
     modulus, nu = (float(fitted.values[fitted.index(n)]) for n in ("youngs_modulus_MPa", "poisson_ratio"))
     stiffness = modulus * _unit(fitted, nu, radius)
     shares = np.ones(poisson_ratios.size) if deep is None else deep.share(poisson_ratios)
@@ -412,7 +400,7 @@ def _law_modulus(fitted: Fit, values: Floats, deep: FiniteDepth | None) -> float
 
 
 def _covariance(fitted: Fit, radius: float, deep: FiniteDepth | None) -> Floats:
-    """Joint covariance (4, 4) of E, nu, c, beta by the delta method; nu held where nothing fixes it."""
+    """Return the covariance (4, 4) of E, nu, c, beta by the delta method; an open nu is fixed."""
     size = fitted.values.size
     rows = np.zeros((4, size))
     rows[0] = _gradient(fitted, lambda v: _law_modulus(fitted, v, deep))

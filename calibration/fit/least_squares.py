@@ -1,4 +1,11 @@
-"""Fit a model to measurements by whitened, bounded least squares with priors."""
+"""Fit a model to measurements by whitened, bounded least squares with priors.
+
+    minimise |W (y - f(theta))|^2 + sum ((theta_k - mean_k) / std_k)^2,    covariance (J^T J)^-1
+
+The noise is estimated from the residuals of the first fit, and the fit repeated with it. Intervals use Student's t
+with the degrees of freedom of the noise. The covariance is the curvature at the minimum, linear in the data's
+error; `profile_interval` does not make that assumption. The minimiser is certified on the NIST StRD problems.
+"""
 
 from __future__ import annotations
 
@@ -15,18 +22,24 @@ from calibration.model.stages import Parameter
 from calibration.noise.model import Linear, Noise, Whitener, base_noise
 from calibration.noise.reml import UNKNOWN_SHARE, estimate_noise
 from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.measured import Bools, Estimate, Floats, Pair
 
-# Bounded non-linear least squares, scaled by the caller's own units and begun from several places.
-#
-# Certified on the NIST StRD problems.
-
 Residual = Callable[[Floats], Floats]
+NORMAL95 = 1.959963985  # two-sided 95 % quantile of the normal distribution
+QUICK = 1e-7  # tolerance from which one-sided derivatives suffice
+MAX_STEPS = 80  # of one descent: of 600 in recordings with several effects 1 % take more
+MAX_RESTARTS = 4  # of a descent from its last place, off its bounds
+TOO_FEW = (
+    "there are no more measurements than parameters and no noise is stated: the intervals rest on an assumed "
+    "noise of 2 % of the largest force"
+)
+MAX_ITERATIONS = 3  # fit, noise, fit, noise, fit: more change nothing at the sixth digit
 
 
 @dataclass(frozen=True, slots=True)
 class Minimum:
-    """Where the sum of squares is least: `values` (p,), `residual` (n,), `jacobian` (n, p), `at_bound` (p,)."""
+    """Minimum of the sum of squares: `values` (p,), `residual` (n,), `jacobian` (n, p), `at_bound` (p,)."""
 
     values: Floats
     residual: Floats
@@ -49,20 +62,13 @@ class Box:
     scale: Floats
 
 
-QUICK = 1e-7  # a tolerance at or above this is content with one-sided derivatives
-MAX_STEPS = 80  # of one descent: of 600 in recordings with several effects 1 % take more, and creep along a bound
-MAX_RESTARTS = 4  # times that a descent begins anew from where it was, off its bounds, where it creeps no more
-
-
 def minimise(
     residual: Residual, starts: Floats, *, box: Box, tolerance: float = 1e-10, settled: bool = True
 ) -> Minimum:
-    """The best of the minima reached from `starts` (s, p), which are moved inside the box.
+    """Return the best of the minima reached from `starts` (s, p), which are moved inside the box.
 
-    A tolerance of QUICK or more halves the work: enough to rank models, not to certify digits. So are several
-    starts ranked, and the best alone goes on to the last digits. Where it need not be `settled`, the last place of
-    a descent that creeps on at a kink is taken for one.
-
+    Several starts are ranked at a tolerance of QUICK, which halves the work, and the best is refined to
+    `tolerance`. Without `settled` the last place of a descent that has not converged (at a kink) is accepted.
     Raises ConvergenceError where no start leads to a minimum, InputError where a start gives no finite residual.
     """
     places, quick = np.atleast_2d(starts), tolerance
@@ -78,7 +84,7 @@ def minimise(
 
 
 def differentiate(residual: Residual, values: Floats, *, box: Box) -> Floats:
-    """Jacobian (n, p), residual per unit of each value (p,): central differences, one-sided near a bound."""
+    """Return the Jacobian (n, p) of the residual by central differences, one-sided near a bound."""
     step = 6e-6 * np.maximum(np.abs(values), box.scale)  # cube root of the machine epsilon
     columns = []
     for k, size in enumerate(step):
@@ -89,10 +95,10 @@ def differentiate(residual: Residual, values: Floats, *, box: Box) -> Floats:
 
 
 def _one_sided(residual: Residual, values: Floats, box: Box) -> Floats:
-    """Jacobian (n, p) by forward differences, backward at the upper bound."""
+    """Return the Jacobian (n, p) by forward differences, backward at the upper bound."""
     here = residual(values)
     columns = []
-    for k, size in enumerate(1e-6 * np.maximum(np.abs(values), box.scale)):
+    for k, size in enumerate(MICRO * np.maximum(np.abs(values), box.scale)):
         moved = values.copy()
         moved[k] += size if values[k] + size <= box.high[k] else -size
         columns.append((residual(moved) - here) / (moved[k] - values[k]))
@@ -130,7 +136,7 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float, sett
         solution = solve(_inside(solution.x, box))
     if (settled and solution.status <= 0) or not np.isfinite(solution.fun).all():
         return None
-    near = 1e-6 * box.scale
+    near = MICRO * box.scale
     at_bound = (solution.x - box.low < near) | (box.high - solution.x < near)
     found = Minimum(
         np.asarray(solution.x), np.asarray(solution.fun), np.asarray(solution.jac), at_bound, int(solution.nfev)
@@ -139,7 +145,7 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float, sett
 
 
 def _polish(residual: Residual, found: Minimum, box: Box) -> Minimum:
-    """One Gauss-Newton step by orthogonal factors: the last digits of an ill-conditioned problem."""
+    """Refine a minimum by one Gauss-Newton step by orthogonal factors, for ill-conditioned problems."""
     size = np.linalg.norm(found.jacobian, axis=0)
     if not (size > 0).all():
         return found
@@ -148,40 +154,24 @@ def _polish(residual: Residual, found: Minimum, box: Box) -> Minimum:
     if not ((values > box.low) & (values < box.high)).all():
         return found
     better = residual(values)
-    slack = 1e-9 * found.chi2  # the sum of squares itself is only known to rounding
-    if not float(better @ better) <= found.chi2 + slack:
+    if not float(better @ better) <= (1 + TINY) * found.chi2:  # known to rounding only
         return found
     return Minimum(values, better, differentiate(residual, values, box=box), found.at_bound, found.evaluations + 1)
 
 
 def _inside(start: Floats, box: Box) -> Floats:
-    """A little off the bounds, where a bounded search may begin."""
-    room = np.minimum(1e-3 * box.scale, 0.25 * (box.high - box.low))
+    """Return the start moved a little off the bounds."""
+    room = np.minimum(1e-3 * box.scale, (box.high - box.low) / 4)
     return np.clip(start, box.low + room, box.high - room)
-
-
-# A model meets measurements: whitened, bounded least squares with priors, and the errors that belong to it.
-#
-#     minimise |W (y - f(theta))|^2 + sum ((theta_k - mean_k) / std_k)^2,    covariance (J^T J)^-1
-#
-# The noise is estimated from the first fit's residuals and the fit repeated with it. Intervals use Student's t
-# with the degrees of freedom that stand behind the noise. Linear in the data's error: the covariance is the
-# curvature at the minimum; `profile_interval` does without that assumption.
-
-TOO_FEW = (
-    "there are no more measurements than parameters and no noise is stated: the intervals rest on an assumed "
-    "noise of 2 % of the largest force"
-)
-MAX_ITERATIONS = 3  # fit, noise, fit, noise, fit: the third changes nothing any more at the sixth digit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A model's parameters on these data.
+    """Fit of a model to data.
 
-    `values` (p,) in the order of `parameters`; `covariance` (p, p), 0 for what is held; `force_N` (N,) the
-    model's, `residual_N` measured less model, `white` the residual made white; `jacobian` (N, p) of the force;
-    `noise` with the linearisation `about` that it belongs to; `chi2` includes the priors; `at_bound` (p,).
+    `values` (p,) in the order of `parameters`; `covariance` (p, p), 0 for fixed ones; `force_N` (N,) of the model,
+    `residual_N` measured less model, `white` the whitened residual; `jacobian` (N, p) of the force; `noise` with
+    the linearisation `about` at which it applies; `chi2` includes the priors; `at_bound` (p,).
     """
 
     model: Model
@@ -223,40 +213,36 @@ class Fit:
         return 1 - float(self.residual_N @ self.residual_N) / total if total > 0 else float("nan")
 
     def index(self, name: str) -> int:
-        """Where a parameter stands. Raises InputError for an unknown name."""
+        """Return the index of a parameter. Raises InputError for an unknown name."""
         names = [p.name for p in self.parameters]
         if name not in names:
-            raise InputError(
-                "the model has no such parameter",
-                where=self.model.name,
-                value=name,
-                remedy=f"It has {', '.join(names)}.",
-            )
+            remedy = f"It has {', '.join(names)}."
+            raise InputError("the model has no such parameter", where=self.model.name, value=name, remedy=remedy)
         return names.index(name)
 
     def std(self, name: str) -> float:
-        """Standard deviation of a parameter."""
+        """Return the standard deviation of a parameter."""
         k = self.index(name)
         return float(np.sqrt(self.covariance[k, k]))
 
     def reach(self, gradient: Floats) -> float:
-        """How many std a 95 % interval of a linear function of the parameters reaches.
+        """Return the half width of a 95 % interval of a linear function of the parameters, over its std.
 
-        Only the part that the noise brings has few degrees of freedom; what a prior brings is known as stated
-        (Satterthwaite, Biometrics 2 (1946) 110).
+        Only the noise's part of the variance has few degrees of freedom; a prior's is exact (Satterthwaite,
+        Biometrics 2 (1946) 110).
         """
-        with np.errstate(over="ignore"):  # of a parameter that the data leave open
+        with np.errstate(over="ignore"):  # a parameter that the data do not determine
             whole = float(gradient @ self.covariance @ gradient)
         if not np.isfinite(whole):
             return quantile95(self.noise.dof)
         precision = np.array([0.0 if p.prior is None else p.prior.std**-2 for p in self.parameters])
-        known = precision > 0  # what has no prior may be as good as unknown
+        known = precision > 0  # without a prior a parameter may be unknown
         stated = float(np.sum(precision[known] * (self.covariance @ gradient)[known] ** 2))
         share = (whole - stated) / whole if whole > 0 else 1.0
-        return quantile95(self.noise.dof / max(share, 1e-6) ** 2)
+        return quantile95(self.noise.dof / max(share, MICRO) ** 2)
 
     def estimate(self, name: str) -> Estimate:
-        """A parameter with its std and 95 % interval, neither of them wider than the bounds."""
+        """Return a parameter with its std and 95 % interval, neither of them wider than the bounds."""
         k = self.index(name)
         parameter, value, std = self.parameters[k], float(self.values[k]), self.std(name)
         reach = self.reach(np.eye(self.values.size)[k]) * std
@@ -266,10 +252,10 @@ class Fit:
 
 
 def quantile95(dof: float) -> float:
-    """Student's two-sided 95 % quantile; the widest that is given is that of one degree of freedom."""
+    """Return Student's two-sided 95 % quantile, for one degree of freedom at least."""
     from scipy.special import stdtrit
 
-    return float(stdtrit(max(dof, 1.0), 0.975)) if np.isfinite(dof) else 1.959963985
+    return float(stdtrit(max(dof, 1.0), 0.975)) if np.isfinite(dof) else NORMAL95
 
 
 def fit(
@@ -303,19 +289,19 @@ def fit(
 
 
 def refit(fitted: Fit, data: Observations) -> Fit:
-    """The same model and the same noise on other forces of the same presses: a few steps from where it was."""
+    """Refit the same model and noise to other forces of the same presses, starting from its values."""
     return fit(fitted.model, data, noise=fitted.noise, starts=fitted.values[None], tolerances=False)
 
 
 def linearise(model: Model, values: Floats, *, data: Observations) -> tuple[Linear, bool]:
-    """Force (N,) in N, slope (N,) in N/mm and noise (N,) about parameters (p,); whether that noise was stated."""
+    """Return force (N,) in N, slope (N,) in N/mm and noise (N,) at parameters (p,); whether noise was stated."""
     slope = model.slope(values, data)
     base, stated = base_noise(data, slope)
     return Linear(model.predict(values, data), slope, base), stated
 
 
 def first_noise(data: Observations, about: Linear, *, stated: bool) -> Noise:
-    """The noise assumed before there is a residual."""
+    """Return the noise assumed before there is a residual."""
     scale = 1.0 if stated else UNKNOWN_SHARE * float(np.max(np.abs(data.normal_N)))
     shared = data.is_curves
     return Noise(scale, TYPICAL_GAIN if shared else 0.0, TYPICAL_ZERO_MM if shared else 0.0, stated=stated)
@@ -323,7 +309,7 @@ def first_noise(data: Observations, about: Linear, *, stated: bool) -> Noise:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One least-squares problem: a model, its data, and what whitens them; `carried_N` (N,) is added to forces."""
+    """Least-squares problem of a model, data and a whitener; `carried_N` (N,) is added to the forces."""
 
     model: Model
     data: Observations
@@ -338,30 +324,30 @@ class Problem:
 
     @property
     def box(self) -> Box:
-        """Bounds and scales of the free ones."""
+        """Bounds and scales of the free parameters."""
         table = [p for p in self.parameters if not p.fixed]
         low, high = (np.array([p.bounds[k] for p in table]) for k in (0, 1))
         return Box(low, high, np.array([p.scale for p in table]))
 
     def full(self, free_values: Floats) -> Floats:
-        """All values from the free ones."""
+        """Return all values from the free ones."""
         values = np.array([p.default for p in self.parameters])
         values[self.free] = free_values
         return values
 
     def residual(self, free_values: Floats) -> Floats:
-        """Whitened model less measurement, then one row a prior."""
+        """Return the whitened model less measurement, then one row a prior."""
         values = self.full(free_values)
         force = self.model.predict(values, self.data)
         off = force - self.data.normal_N - self.carried_N
         return np.concatenate([self.whitener.apply(off), self._priors(values)])
 
     def solve(self, starts: Floats, *, tolerance: float = 1e-10) -> Minimum:
-        """The best minimum from `starts` (s, p) of all parameters."""
+        """Return the best minimum from `starts` (s, p) of all parameters."""
         return minimise(self.residual, starts[:, self.free], box=self.box, tolerance=tolerance)
 
     def jacobian(self, values: Floats) -> Floats:
-        """d force/d parameter (N, p) without whitening; 0 for what is held."""
+        """Return d force/d parameter (N, p) without whitening; 0 for fixed parameters."""
         free = self.free
         table = np.zeros((self.data.size, free.size))
         table[:, free] = differentiate(self._force, values[free], box=self.box)
@@ -397,7 +383,7 @@ def _noise_of(problem: Problem, values: Floats, about: Linear, stated: bool) -> 
 
 
 def _starts(model: Model, data: Observations) -> Floats:
-    """The defaults, then for each effect its own starts with the others at rest."""
+    """Return the defaults, then for each effect its own starts with the others at their defaults."""
     rest = model.defaults(data)
     rows = [rest]
     for effect in model.effects:
@@ -426,20 +412,23 @@ def _finish(problem: Problem, found: Minimum, noise: Noise, about: Linear) -> Fi
 
 
 def inverse_information(jacobian: Floats) -> Floats:
-    """(J^T J)^-1 (p, p) of J (n, p), per unit of residual, by singular values of the scaled J.
+    """Return (J^T J)^-1 (p, p) of J (n, p), per unit of residual, by singular values of the scaled J.
 
-    What the data do not fix at all gets a huge variance.
+    A parameter that the data do not determine gets a huge variance.
     """
     size = np.linalg.norm(jacobian, axis=0)
     size = np.where(size > 0, size, 1e-100)
     _, s, right = np.linalg.svd(jacobian / size, full_matrices=False)
-    s = np.maximum(s, 1e-9)
+    s = np.maximum(s, TINY)
     back = right.T / s
     return np.asarray((back @ back.T) / np.outer(size, size))
 
 
 def profile_interval(fitted: Fit, name: str, *, rise: float | None = None) -> Pair:
-    """Where chi^2, minimised over all others, stays within `rise` (default: the 95 % quantile squared)."""
+    """Return the interval in which chi^2, minimised over all others, rises by less than `rise`.
+
+    The default is the 95 % quantile squared.
+    """
     k = fitted.index(name)
     limit = fitted.chi2 + (quantile95(fitted.noise.dof) ** 2 if rise is None else rise)
     whitener = Whitener(fitted.data, fitted.noise, fitted.about)
@@ -459,7 +448,7 @@ def profile_interval(fitted: Fit, name: str, *, rise: float | None = None) -> Pa
 
 
 def _edge(excess: Callable[[float], float], centre: float, bound: float, step: float) -> float:
-    """Where `excess` crosses 0 between centre and bound; the bound where it never does."""
+    """Return where `excess` crosses 0 between centre and bound; the bound where it does not."""
     from scipy.optimize import brentq
 
     inner, outer = centre, centre

@@ -17,7 +17,7 @@ from calibration.noise.reml import (
     BEYOND_CHANCE,
     Weighing,
     estimate_noise,
-    far_less,
+    far_below_stated,
     log_sizes,
     newton_move,
     own_scale,
@@ -28,19 +28,14 @@ from calibration.noise.reml import (
 )
 from tactilevision.records.measured import Floats
 
-# The error model free of what the law lacks: from how repeats differ, never from what they share.
-#
-# Also, for a bootstrap, the noise that would be estimated from each of many drawn errors at once.
-
-ALIKE = (
-    1e-3  # columns that differ by less are one: depths of one indenter differ by such shares without meaning it
-)
+ALIKE = 1e-3  # relative difference of columns that count as one, as of depths of one indenter
 
 
 def repeat_noise(fitted: Fit) -> Noise:
-    """The error model free of what the law lacks; where points leave nothing to compare, the fit's own and what is
-    typical of presses. Points are presses too: they have a gain and a zero beside what is stated of them, and
-    where nothing is, how they scatter over forces and slopes says which of N, % and mm it is constant in.
+    """Return the noise estimated from differences between repeats, free of what the law lacks.
+
+    Where points have no repeats, the fit's own noise with the usual gain and zero. Points have a gain and a zero
+    in addition to their stated noise; where none is stated, their scatter over forces and slopes determines them.
     """
     steady, stated = at_denoised_depth(fitted), fitted.noise.stated
     space = _explained(steady)
@@ -60,9 +55,9 @@ def repeat_noise(fitted: Fit) -> Noise:
 
 
 def beyond_stated(fitted: Fit) -> float | None:
-    """How many times as much samples scatter as was stated of them; None where that may be chance.
+    """Return the samples' std over the stated one; None where the difference is not significant.
 
-    F of their own variance over the stated one, which is trusted like one measured on STATED_DOF readings.
+    By F of the two variances, the stated one with STATED_DOF degrees of freedom.
     """
     from scipy.special import fdtrc
 
@@ -74,11 +69,11 @@ def beyond_stated(fitted: Fit) -> float | None:
         return None
     own = own_scale(fitted.noise, dof)
     more = fdtrc(dof, STATED_DOF, own**2) < BEYOND_CHANCE
-    return own if more or far_less(fitted.noise, dof) else None
+    return own if more or far_below_stated(fitted.noise, dof) else None
 
 
 def _explained(steady: Fit) -> Floats:
-    """An orthonormal basis (N, r) of all that the law or any smooth curve of a group of repeats can explain."""
+    """Return an orthonormal basis (N, r) of what the law or a smooth curve of a group of repeats can explain."""
     columns = np.column_stack([steady.jacobian[:, steady.free], group_basis(steady.data)])
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     size, axes = np.linalg.eigh(columns.T @ columns)
@@ -87,12 +82,12 @@ def _explained(steady: Fit) -> Floats:
 
 
 def refit_with_pure_noise(fitted: Fit) -> Fit:
-    """The same model fitted with the noise that repeats show."""
+    """Refit the same model with the noise of repeats."""
     return fit(fitted.model, fitted.data, noise=repeat_noise(fitted), starts=fitted.values[None], tolerances=False)
 
 
 def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
-    """The noise that would be estimated from each column of errors (N, b) of a steadied fit: one Newton step.
+    """Return the noise estimated from each column of errors (N, b) of a fit at denoised depths: one Newton step.
 
     The likelihood is quadratic in the errors, so a stencil of ten points serves all columns at once.
     """
@@ -103,7 +98,7 @@ def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
 
 
 def drawn_noise(fitted: Fit, rng: np.random.Generator, draws: int) -> list[Noise]:
-    """Sizes of the noise as likely as the data leave them; of points, as estimated."""
+    """Sample sizes of the noise from their posterior; for points, return the estimate."""
     if not (fitted.data.is_curves or fitted.noise.gain):
         return [fitted.noise] * draws
     centre, costs = log_sizes(fitted.noise), _on_stencil(fitted, fitted.residual_N[:, None])
@@ -112,7 +107,7 @@ def drawn_noise(fitted: Fit, rng: np.random.Generator, draws: int) -> list[Noise
 
 
 def _on_stencil(fitted: Fit, errors_N: Floats) -> Floats:
-    """-2 ln L and the priors' cost (k, b) of errors (N, b) about the fit's own sizes."""
+    """Return -2 ln L plus the priors' cost (k, b) of errors (N, b) about the fit's own sizes."""
     centre, cost = log_sizes(fitted.noise), _costs(fitted, errors_N)
     places = centre + stencil(centre.size)
     return np.array(
@@ -121,7 +116,7 @@ def _on_stencil(fitted: Fit, errors_N: Floats) -> Floats:
 
 
 def _costs(fitted: Fit, errors_N: Floats) -> Callable[[Noise], Floats]:
-    """-2 log L (b,) of many residuals (N, b) at any sizes."""
+    """Return -2 log L (b,) of many residuals (N, b) as a function of the sizes."""
     weighing = Weighing(fitted.data, fitted.about, fitted.noise)
     columns, errors = weighing.take(_explained(fitted)), weighing.take(errors_N)
     within, across = weighing.product(columns, columns), weighing.product(columns, errors)
@@ -137,7 +132,7 @@ def _costs(fitted: Fit, errors_N: Floats) -> Callable[[Noise], Floats]:
 
 
 def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
-    """Relative size of the noise from each draw of points, weighed with what was stated."""
+    """Return the relative size of the noise from each draw of points, weighted with the stated one."""
     base = fitted.noise.scale * fitted.about.base_N
     q, _ = np.linalg.qr(_explained(fitted) / base[:, None])
     z = errors_N / base[:, None]
@@ -149,13 +144,6 @@ def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
     return np.asarray(np.sqrt((squares + trust) / (dof + trust)))
 
 
-# What repeats say: the pure error, and whether indenters differ by more than their presses do.
-#
-# Presses of one indenter share its machined height. Where no std of that height is stated, the indenters' means
-# may still scatter about the law by more than repeats allow; then the mean squares of that scatter, and its few
-# degrees of freedom, belong into every interval, and not the repeats' own.
-
-
 @dataclass(frozen=True, slots=True)
 class PureError:
     """Sum of squares within groups of equal conditions, of the whitened residual, and its degrees of freedom."""
@@ -165,16 +153,17 @@ class PureError:
 
 
 def pure_error(fitted: Fit, groups: Ints) -> PureError:
-    """Of the whitened residual within `groups` (N,)."""
+    """Return the pure error of the whitened residual within `groups` (N,)."""
     count = np.bincount(groups)
     mean = np.bincount(groups, fitted.white) / np.maximum(count, 1)
     return PureError(float(np.sum((fitted.white - mean[groups]) ** 2)), int(np.sum(np.maximum(count - 1, 0))))
 
 
 def allow_for_indenters(fitted: Fit) -> Fit:
-    """The fit with its covariance widened where points of one indenter agree better than the indenters do.
+    """Return the fit with its covariance widened where indenters scatter more about the law than their repeats.
 
-    A test at 5 %: F of the indenters' scatter about the law over the repeats' own.
+    Presses of one indenter share its machined height. Where the F test of the indenters' mean squares over the
+    repeats' is significant at 5 %, intervals use the former with its few degrees of freedom.
     """
     from scipy.special import fdtrc
 
@@ -192,8 +181,8 @@ def allow_for_indenters(fitted: Fit) -> Fit:
         return fitted
     ratio = max(other, 1.0)
     warning = (
-        f"the indenters scatter about the law {np.sqrt(other / own):.1f} times as much as their repeats do: "
-        "heights off by more than stated, or an effect that the law lacks; the intervals are widened by it"
+        f"the indenters scatter about the law {np.sqrt(other / own):.1f} times as much as their repeats: heights "
+        "are off by more than stated, or an effect is missing; the intervals are widened accordingly"
     )
     return replace(
         fitted,
@@ -204,7 +193,7 @@ def allow_for_indenters(fitted: Fit) -> Fit:
 
 
 def _widened(fitted: Fit, ratio: float) -> Floats:
-    """The covariance (p, p) with the data's part of it `ratio` times as large; what priors state stays."""
+    """Return the covariance (p, p) with the data's part `ratio` times as large and the priors' unchanged."""
     kept = [p for p in fitted.parameters if not p.fixed]
     place = np.ix_(fitted.free, fitted.free)
     size = np.sqrt(np.diag(fitted.covariance[place]))  # parameters of very different sizes
@@ -216,11 +205,11 @@ def _widened(fitted: Fit, ratio: float) -> Floats:
 
 
 def repeatability_rms(fitted: Fit) -> float:
-    """How far the forces of like presses scatter after what the model says of their differences, std in N.
+    """Return the std, N, of forces of similar presses about the model.
 
-    Of points with repeats the pure error, sqrt(sum of squares within indenters / (points - indenters)); else the
-    noise model's std. An rms error over all points divides by their number instead, so a fit to few can lie
-    below this: compare it with the held-out error. Source: Draper and Smith, Applied Regression Analysis, ch. 2.
+    For points with repeats the pure error, sqrt(sum of squares within indenters / (points - indenters)); else the
+    std of the noise model. An rms error over few points divides by their number and may lie below it; compare it
+    with the held-out error. Source: Draper and Smith, Applied Regression Analysis, ch. 2.
     """
     data = fitted.data
     if not data.is_curves:

@@ -1,9 +1,9 @@
-"""What presses share by mistake: machined heights and radii, the gel's thickness, and how they were certified.
+"""Errors that presses share: machined heights and radii, the gel's thickness, and the certificate.
 
     w -> (1 + r) w + t + dH_k,    a -> a + da_k,    h -> h + dh,    each ~ N(0, std^2) as stated
 
-They do not average out over repeats, so they are fitted along with the material, held by their priors, and so
-widen its interval by just what they are worth. Absent where no std is stated.
+They do not average out over repeats, so they are fitted with their priors along with the material and widen its
+interval accordingly. Absent where no std is stated.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TOLERANCES = (HEIGHTS, DIMENSIONS, CERTIFICATE)
 
 @dataclass(frozen=True, slots=True)
 class Heights(EffectBase):
-    """One depth error for each indenter whose machined height has a std; `stds` (name, mm) in the data's order."""
+    """Depth error of each indenter whose machined height has a std; `stds` (name, mm) in the data's order."""
 
     stds: tuple[tuple[str, float], ...]
 
@@ -41,7 +41,7 @@ class Heights(EffectBase):
         )
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Shift the depth of each indenter's presses; those of an indenter added later stay."""
+        """Return the state with the depth of each indenter's presses shifted, but not of indenters added later."""
         shift = np.zeros(len(data.indenters))
         shift[[k for k, (_, std) in enumerate(self.stds) if std > 0]] = values
         return replace(state, depth_mm=state.depth_mm + shift[data.presses.indenter[data.press]])
@@ -49,7 +49,7 @@ class Heights(EffectBase):
 
 @dataclass(frozen=True, slots=True)
 class Certified(EffectBase):
-    """Errors of the certificate that all presses share: when a touch is seen, how far the gel rises to it."""
+    """Errors of the certificate that all presses share: when a touch is detected, how far the gel rises to it."""
 
     shared: Shared
 
@@ -60,7 +60,7 @@ class Certified(EffectBase):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The offset and the relative error, where they have a std."""
-        table = [_small("touch_mm", self.shared.touch_mm, "all touches seen early or late")] if self._late else []
+        table = [_small("touch_mm", self.shared.touch_mm, "all touches early or late")] if self._late else []
         if self.shared.rise > 0:
             table.append(_small("rise", self.shared.rise, "all rises larger or smaller", unit="1"))
         return tuple(table)
@@ -70,7 +70,7 @@ class Certified(EffectBase):
         return self.shared.touch_mm > 0
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Stretch and shift the depth."""
+        """Return the state with the depth stretched and shifted."""
         offset = values[0] if self._late else 0.0
         stretch = values[-1] if self.shared.rise > 0 else 0.0
         return replace(state, depth_mm=(1 + stretch) * state.depth_mm + offset)
@@ -101,7 +101,7 @@ class Dimensions(EffectBase):
         return self.thickness_std_mm > 0
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Shift thickness and radius."""
+        """Return the state with thickness and radius shifted."""
         thickness = state.thickness_mm + (values[0] if self._thick else 0.0)
         known = [radius for radius, std in self.radii if std > 0]
         radius = state.radius_mm.copy()
@@ -111,7 +111,7 @@ class Dimensions(EffectBase):
 
 
 def with_tolerances(model: Model, data: Observations) -> Model:
-    """The model with the stated tolerances of this data's indenters and gel; as it is where none is stated."""
+    """Return the model with the stated tolerances of these data's indenters and gel."""
     kept = model.without(HEIGHTS).without(DIMENSIONS).without(CERTIFICATE)
     certified = data.shared.heights and (not data.is_curves or data.depth_source == "gauge")
     stds = tuple((i.name, i.height_std_mm if certified else 0.0) for i in data.indenters)

@@ -1,1 +1,1 @@
-"""What is fitted: observations with their conditions, gathered from recordings and checked."""
+"""Observations with their conditions, gathered from recordings and checked."""

@@ -1,4 +1,8 @@
-"""Check that measurements are fit for a contact law; each fault has its own message."""
+"""Check that measurements are fit for a contact law; each fault has its own message.
+
+A press whose samples all equal those of another, but for their times, is a copy: counted as a repeat, it would
+make presses scatter less than they do.
+"""
 
 from __future__ import annotations
 
@@ -9,44 +13,49 @@ from functools import lru_cache, partial
 import numpy as np
 from scipy.special import ndtr
 
-from calibration.inputs.denoised_depth import BRANCHES, branches, drawn_off, nominal_depth
+from calibration.inputs.denoised_depth import BRANCHES, after_deepest, branches, nominal_depth
 from calibration.inputs.depth_path import in_phase, with_one_clock
 from calibration.inputs.observations import TYPICAL_FORCE_N, TYPICAL_ZERO_MM, Observations
 from tactilevision.errors import InputError
 from tactilevision.recording.layout import some
+from tactilevision.records.constants import KILO, NU_MAX
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.records.rig import Indenter
 from tactilevision.robust import mad_std
 
-# Presses that are no measurements of their own, and times in another unit.
-#
-# A press whose samples are all those of another one, but for its times, was copied: in a table, or from another
-# recording. Two presses differ by their noise. As a repeat it would claim that presses scatter less than they do.
-
-MIN_SAMPLES = 5  # of a press: fewer may be equal by rounding
-SLOWEST_MM_S = 5e-4  # mm/s: motion stages press a hundred times as fast, and motors stick below
-NEARLY_IN = 0.9  # of the largest depth: the rest may be a hold, which noise makes deeper at its end
-WHOLE_WAY = 0.5  # of the largest depth: presses begin in air, so that the way in is longer
-OFF = (100.0, 10000.0)  # times: a stated speed over the one that depths show, where times are in ms
+MIN_SAMPLES = 5  # of a copied press: fewer may be equal by rounding
+SLOWEST_MM_S = 5e-4  # mm/s: stages press a hundred times as fast, and motors stick below
+NEARLY_IN = 0.9  # of the largest depth, which noise may put at the end of a hold
+WHOLE_WAY = 0.5  # of the largest depth: a press that begins deeper has no speed of loading
+OFF = (100, 10000)  # stated speed over that of the depths, where times are in ms
+MIN_AIR = 5  # samples of air in loading that determine the scatter of forces
+PULL_SIGMA = 4  # std of the forces in air below which a reading is tensile
+KEPT = 8  # data sets whose level is cached: a fit asks at every step
+TOUCH = 3  # std of a press zero
+HIDDEN = 1 / 3  # of a force's noise: a smaller shift adds a twentieth to it
+MIN_PULLING_SHARE = 0.1  # of the samples just above the touch in unloading: more are tensile by adhesion only
+LOADED = 0.5  # of the largest force relative to air, from which the punch is in the gel
+NEAR_TOUCH = 0.1  # share of the samples nearest to depth 0, whose force is about that of air
+SAME_DEPTH = 0.02  # of the largest depth: closer depths count as one
 
 
 def without_copies(data: Observations) -> Observations:
-    """Curves without presses that are copies of earlier ones; a warning names each.
+    """Return curves without presses that are copies of earlier ones; a warning names each.
 
-    A point that equals an earlier one stays, since rounded numbers may agree: a warning names it.
+    A point that equals an earlier one stays, since rounded numbers may agree; a warning names it.
     """
     if not data.is_curves:
         return _with_equal_points_named(data)
     first: dict[bytes, int] = {}
     keep, said = np.ones(data.count, bool), []
-    for k, (start, end) in enumerate(_spans(data)):
-        if end - start < MIN_SAMPLES:
+    for k, one in enumerate(data.spans):
+        if one.stop - one.start < MIN_SAMPLES:
             continue
-        samples = np.column_stack([data.depth_mm[start:end], data.normal_N[start:end]]).tobytes()
+        samples = np.column_stack([data.depth_mm[one], data.normal_N[one]]).tobytes()
         if samples in first:
             keep[k] = False
             said.append(
-                f"press {_named(data, k)} has the samples of press {_named(data, first[samples])}: left out"
+                f"press {_named(data, k)} has the samples of press {_named(data, first[samples])}: excluded"
             )
         first.setdefault(samples, k)
     return data if keep.all() else replace(data.take(keep), warnings=(*data.warnings, *said))
@@ -62,12 +71,12 @@ def _with_equal_points_named(data: Observations) -> Observations:
             said.append(f"{_named(data, k)} of {_named(data, earlier)}")
     if not said:
         return data
-    warning = f"presses with the very depth and force of another, copies if not rounded alike: {some(said)}"
+    warning = f"presses with the same depth and force as another, copies unless by rounding: {some(said)}"
     return replace(data, warnings=(*data.warnings, warning))
 
 
 def check_times(data: Observations) -> None:
-    """Raise InputError where depths grow so slowly that times are in ms: beside the stated speed, or by far."""
+    """Raise InputError where depths grow so slowly that times must be in ms: by the stated speed, or by far."""
     if not data.is_curves:
         return
     seen, stated = (_median(column) for column in np.reshape(list(_speeds(data)), (-1, 2)).T)
@@ -75,20 +84,17 @@ def check_times(data: Observations) -> None:
         raise InputError(
             "presses go deeper too slowly for times in seconds",
             where="time_s",
-            value=f"{1e3 * seen:.2g} um/s",
+            value=f"{KILO * seen:.2g} um/s",
             remedy="Times are in s: are these in ms? Divide them by 1000.",
         )
 
 
 def _speeds(data: Observations) -> Iterator[tuple[float, float]]:
-    """Of each press how fast its depth grows until it is nearly in, and the speed that is stated.
-
-    A press that is caught deeper than half way in has no such speed: a clock may have cut the way short.
-    """
-    for k, (start, end) in enumerate(_spans(data)):
-        depth, deepest = data.depth_mm[start:end], float(np.max(data.depth_mm[start:end]))
+    """Yield the speed of loading of each press and the stated one; none for a press that begins half way in."""
+    for k, one in enumerate(data.spans):
+        depth, deepest = data.depth_mm[one], float(np.max(data.depth_mm[one]))
         top = int(np.argmax(depth >= NEARLY_IN * deepest))
-        time, way = data.time_s[start + top] - data.time_s[start], depth[top] - depth[0]
+        time, way = data.time_s[one.start + top] - data.time_s[one.start], depth[top] - depth[0]
         if time > 0 and way > WHOLE_WAY * max(deepest, 0.0):
             yield float(way / time), float(data.presses.speed_mm_s[k])
 
@@ -98,46 +104,25 @@ def _median(values: Floats) -> float:
     return float(np.median(known)) if known.size else np.nan
 
 
-def _spans(data: Observations) -> Iterator[tuple[int, int]]:
-    return zip(data.first.tolist(), [*data.first[1:].tolist(), data.size], strict=True)
-
-
 def _named(data: Observations, press: int) -> str:
     label, number = data.presses.label[press], int(data.presses.recording[press])
     return label if len(data.recordings) == 1 else f"{label} of {data.recordings[number]}"
 
 
-# From which force on a reading pulls: so far below the forces of air no reading lies by chance.
-
-MIN_AIR = 5  # samples of air on the way in: fewer do not tell how forces scatter there
-PULL_SIGMA = 4.0  # std of them: a force that lies farther below is none of air
-KEPT = 8  # data sets of which it is kept: a fit asks at every step
-
-
 @lru_cache(maxsize=KEPT)
 def pull_level_N(data: Observations) -> float:
-    """The force, N, below which a reading pulls; NaN where too little air was read on the way in."""
-    air = data.normal_N[~drawn_off(data) & (data.depth_mm < 0)]
+    """Return the force, N, below which a reading is tensile; NaN with too few samples of air in loading."""
+    air = data.normal_N[~after_deepest(data) & (data.depth_mm < 0)]
     if air.size < MIN_AIR:
         return float("nan")
     return float(np.median(air) - PULL_SIGMA * max(mad_std(air), TYPICAL_FORCE_N))
 
 
-# What measurements must satisfy before a contact law is fitted to them; each fault has its own sentence.
-
-TOUCH = 3.0  # std of a press zero
-HIDDEN = 1 / 3  # of a force's noise: what adds less to it adds a twentieth
-MIN_PULLING_SHARE = 0.1  # of the samples just above the touch on the way out: so many pull only if a gel clings
-LOADED = 0.5  # of the largest force above that of air, either way: from it on the punch stands in the gel
-NEAR_TOUCH = 0.1  # of the samples, the nearest to depth 0: their force is about air's, whatever the depth's sign
-SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
-
-
 def check(data: Observations, *, shape: str = "flat_cylinder", one_depth: bool = False) -> None:
-    """Raise InputError for the first fault found; return nothing where there is none.
+    """Raise InputError for the first fault.
 
-    Clocks that lie far apart are no fault: they make a force fall, or come where the depth is none, whatever its
-    sign. `one_depth`: a single depth is no fault, since the law takes its curvature from elsewhere.
+    Clocks that differ are no fault, though they make a force fall with depth or occur in air. `one_depth`: a
+    single depth is no fault, since the law takes its curvature from theory.
     """
     first = partial(_first_fault, shape=shape, one_depth=one_depth)
     if (fault := first(data)) is None:
@@ -151,7 +136,7 @@ def _first_fault(data: Observations, *, shape: str, one_depth: bool) -> InputErr
 
 
 def faults(data: Observations, *, shape: str, one_depth: bool = False) -> Iterator[InputError]:
-    """Every fault of these data, the plainest first."""
+    """Yield every fault of these data, the simplest first."""
     yield from _gel(data)
     for indenter in (data.indenters[k] for k in np.unique(data.presses.indenter)):
         yield from _indenter(data, indenter, shape)
@@ -160,13 +145,13 @@ def faults(data: Observations, *, shape: str, one_depth: bool = False) -> Iterat
 
 
 def of_shape(data: Observations, shape: str = "flat_cylinder") -> Observations:
-    """The presses of indenters of this shape, with a warning that names the others; all where none has it."""
+    """Return the presses of indenters of this shape, with a warning that names the others; all if none has it."""
     fits = np.array([data.indenters[k].shape == shape for k in data.presses.indenter])
     if fits.all() or not fits.any():
         return data
     others = sorted({data.indenters[k].name for k in data.presses.indenter[~fits]})
     kept = data.take(fits)
-    warning = f"presses of {', '.join(others)} are left out: this law is for a {shape}"
+    warning = f"presses of {', '.join(others)} are excluded: this law is for a {shape}"
     return replace(kept, warnings=(*kept.warnings, warning))
 
 
@@ -179,7 +164,7 @@ def _gel(data: Observations) -> Iterator[InputError]:
             "Poisson's ratio lies in [0, 0.5)",
             where="[sensor.gel]",
             value=gel.poisson_ratio,
-            remedy="For an incompressible gel take 0.4999.",
+            remedy=f"For an incompressible gel take {NU_MAX:g}.",
         )
 
 
@@ -190,7 +175,7 @@ def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[In
             f"this law is for a {shape}",
             where=where,
             value=indenter.shape,
-            remedy="Leave its presses out; where there are no others, `calibrate` alone fits balls and cones.",
+            remedy="Exclude its presses; `calibrate` fits balls and cones where there is no flat cylinder.",
         )
     if shape != "cone" and not (np.isfinite(radius) and radius > 0):
         yield InputError("an indenter's radius lies above 0 mm", where=where, value=radius)
@@ -225,7 +210,7 @@ def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
         )
     if not touching.any():
         yield InputError(
-            "every sample is called free",
+            "every sample has the phase free",
             value="phase = free",
             remedy="Name the phases load, hold and unload, or leave them empty.",
         )
@@ -256,7 +241,7 @@ def _deepest(data: Observations) -> Iterator[InputError]:
         )
     if depth[k] < TYPICAL_ZERO_MM:
         yield InputError(
-            "the deepest press is no deeper than a depth's zero is known",
+            "the deepest press is no deeper than the uncertainty of a depth's zero",
             where=_press(data, k),
             value=float(depth[k]),
             remedy="Depth is positive into the gel: check its sign."
@@ -278,17 +263,17 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
     if np.ptp(force) <= 0 and data.size > 1:
         yield InputError("the force never changes", value=float(force[0]), remedy="Check the force's column.")
     near = np.abs(data.depth_mm)
-    air_N = np.median(force[near <= np.quantile(near, NEAR_TOUCH)])  # other than 0 where it was not tared
+    air_N = np.median(force[near <= np.quantile(near, NEAR_TOUCH)])  # not 0 without taring
     above = np.abs(force - air_N)
     pressed = data.depth_mm[above >= LOADED * np.max(above)]
     if np.median(pressed) <= 0:
         yield InputError(
-            "the largest forces come where the depth is none",
+            "the largest forces occur at depths of 0 or less",
             value=float(np.median(pressed)),
             remedy="Depth is positive into the gel: check its sign and its zero, or tare the force.",
         )
     for radius, fallen in () if one_depth else _falling(data):
-        if np.ptp(fallen) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
+        if np.ptp(fallen) < 2 * TOUCH * TYPICAL_ZERO_MM:  # within the zeros' scatter it is one depth
             yield _of_one_depth(radius, fallen)
         yield InputError(
             "the force falls as the depth grows",
@@ -298,7 +283,7 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
 
 
 def _falling(data: Observations) -> Iterator[tuple[float, Floats]]:
-    """Each radius whose force and depth go opposite ways in the gel, with these depths."""
+    """Yield each radius whose force falls with depth in the gel, with these depths."""
     for radius in np.unique(data.presses.radius_mm):
         mine = (data.phase != "free") & (data.radius_mm == radius) & (data.depth_mm > 0)
         depth, force = data.depth_mm[mine], data.normal_N[mine]
@@ -308,7 +293,7 @@ def _falling(data: Observations) -> Iterator[tuple[float, Floats]]:
 
 def _of_one_depth(radius_mm: float, depth_mm: Floats) -> InputError:
     return InputError(
-        "all presses of one radius have one depth, so stiffness and curvature cannot be told apart",
+        "all presses of one radius have one depth, which does not determine both stiffness and curvature",
         where=f"radius {radius_mm:g} mm",
         value=float(np.median(depth_mm)),
         remedy="Press to two depths at least, one twice the other.",
@@ -320,10 +305,10 @@ def _press(data: Observations, sample: int) -> str:
 
 
 def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
-    """What a law can be fitted to: presses of this shape, of radii pressed to more than one depth.
+    """Return the data that a law can be fitted to: presses of this shape, of radii pressed to several depths.
 
-    Phases that nobody recorded are read from the depth. What is left out and what these measurements lack is said
-    in the warnings. Raises InputError where nothing is left to fit.
+    Phases that were not recorded are taken from the depth. Warnings name what is excluded and what is missing.
+    Raises InputError where nothing can be fitted.
     """
     kept = of_several_depths(without_copies(of_shape(data, shape)))
     check(kept, shape=shape)
@@ -333,13 +318,13 @@ def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
 
 
 def of_several_depths(data: Observations) -> Observations:
-    """Without the presses of radii pressed to one depth, where others have several; a warning names them."""
+    """Return the data without radii pressed to one depth, where others have several; a warning names them."""
     radii = np.unique(data.presses.radius_mm)
     single = [r for r in radii if _one_depth(data, float(r))]
     if not 0 < len(single) < radii.size:
         return data
     named = ", ".join(f"{r:g} mm" for r in single)
-    warning = f"presses of radius {named} are left out: at one depth stiffness and curvature look alike"
+    warning = f"presses of radius {named} are excluded: one depth does not determine stiffness and curvature"
     kept = data.take(~np.isin(data.presses.radius_mm, single))
     return replace(kept, warnings=(*kept.warnings, warning))
 
@@ -347,14 +332,13 @@ def of_several_depths(data: Observations) -> Observations:
 def clear_of_touch(
     data: Observations, *, zero_mm: float = 0.0, noise_mm: float = 0.0, force_noise_mm: Floats | None = None
 ) -> Observations:
-    """Curves without the samples nearer to the first touch than three press zeros.
+    """Return curves without the samples within three std of a press zero of the first touch.
 
-    They are air in one press and contact in the next: a zero moves no force on one side, all of it on the other.
-    A press keeps its deeper half whatever they are.
-    Where a gel clings it does so on both sides: the way out stays where its forces lie far below those of air.
-    `zero_mm` and `noise_mm`: std of presses' zeros and of a depth's reading, where they are known; depths then
-    count as read and as presses go alike. `force_noise_mm` (N,): std of a force, over its press's slope: in air a
-    sample stays, too, where that hides what zeros move of its force, k max(z - d, 0).
+    Near the touch a zero changes the force of one press and not of the next. A press keeps its deeper half in any
+    case, and its unloading where the forces there are tensile by adhesion. `zero_mm` and `noise_mm`: std of
+    presses' zeros and of a depth reading, where known; a depth then counts by the lesser of its reading and its
+    nominal depth. `force_noise_mm` (N,): std of a force over its press's slope; a sample in air also stays where
+    this noise exceeds the effect of zeros on its force, k max(z - d, 0).
     """
     if not data.is_curves:
         return data
@@ -365,33 +349,33 @@ def clear_of_touch(
     clear = depth > near
     if force_noise_mm is not None:
         clear |= (data.depth_mm < 0) & (_moved_mm(depth, std) < HIDDEN * force_noise_mm)
-    clear |= _clinging(data, clear)
+    clear |= _adhering(data, clear)
     kept = np.bincount(data.press, clear, minlength=data.count) > 0
     return data if clear.all() or not kept.all() else data.samples(clear)
 
 
 def _moved_mm(distance_mm: Floats, zero_mm: Floats) -> Floats:
-    """Rms (N,) of max(z - d, 0), z normal zeros of this std: how deep samples so far off may be in the gel."""
+    """Return the rms (N,) of max(z - d, 0) for normal zeros z of this std, at distances d from the touch."""
     t = distance_mm / zero_mm
     square = (1 + t**2) * ndtr(-t) - t * np.exp(-(t**2) / 2) / np.sqrt(2 * np.pi)
     return np.asarray(zero_mm * np.sqrt(np.maximum(square, 0.0)))
 
 
-def _clinging(data: Observations, clear: Bools) -> Bools:
-    """The samples (N,) near the touch on the way out; none unless many pull, which no zero of a depth does."""
-    near = drawn_off(data) & ~clear
+def _adhering(data: Observations, clear: Bools) -> Bools:
+    """Return the samples (N,) near the touch in unloading; none unless many are tensile."""
+    near = after_deepest(data) & ~clear
     pulls = data.normal_N[near & (data.depth_mm < 0)] < pull_level_N(data)
     return near & bool(pulls.size and np.mean(pulls) > MIN_PULLING_SHARE)
 
 
 def lacks(data: Observations) -> Iterator[str]:
-    """A sentence for each thing that these measurements do not have and an analysis would use."""
+    """Yield a sentence for each thing that an analysis would use and these measurements do not have."""
     from calibration.inputs.conditions import repeat_groups
 
     if data.count == 1:
-        yield "there is one press: how presses differ from each other is assumed, not measured"
+        yield "there is one press: the scatter between presses is assumed, not measured"
     elif np.unique(repeat_groups(data)).size == data.count and data.is_curves:
-        yield "no press repeats another (same punch, like speed): how repeats differ is assumed, not measured"
+        yield "no press repeats another (same punch, similar speed): their scatter is assumed, not measured"
     sizes = np.bincount(data.press)
     single = np.flatnonzero(sizes == 1)
     if data.is_curves and single.size:
@@ -405,10 +389,7 @@ def lacks(data: Observations) -> Iterator[str]:
 
 
 def at_one_depth(data: Observations) -> bool:
-    """True where the points of each radius have one depth, be it a single point: they tell a secant, and no more.
-
-    Depths that lie no further apart than their zeros scatter are one depth, too.
-    """
+    """Return whether the points of each radius have one depth within their zeros' scatter: a secant alone."""
     radii = np.unique(data.presses.radius_mm)
     stated = data.depth_std_mm[np.isfinite(data.depth_std_mm)]
     scatter = 2 * TOUCH * (float(np.median(stated)) if stated.size else TYPICAL_ZERO_MM)

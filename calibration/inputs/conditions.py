@@ -1,8 +1,8 @@
-"""Which presses repeat each other, and what was recorded beside depth and force.
+"""Groups of repeated presses, and covariates recorded along with depth and force.
 
-Presses of one radius at one rate (within a factor 2) are repeats of each other: how they differ is the error
-model's business, whatever the law. The smooth bases of a group take the group's mean curve out, so that noise
-is estimated from differences between repeats and from what is rough, never from what a law lacks.
+Presses of one radius at one rate (within a factor 2) are repeats of each other. A group's smooth basis removes its
+mean curve, so that noise is estimated from differences between repeats and from roughness, not from what a law
+lacks.
 """
 
 from __future__ import annotations
@@ -14,17 +14,18 @@ import numpy.typing as npt
 
 from calibration.inputs.denoised_depth import BRANCHES, HOLD, SAME_MM, branches, clusters
 from calibration.inputs.observations import Ints, Observations
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Floats
 
-PAUSE_S = 3600.0  # s, what a longer pause counts as: the rig does not work meanwhile
+PAUSE_S = 3600  # s, longest pause that counts as running time
 APART = 0.1  # of a covariate's range: groups narrower than this and as far apart are one setting each
-SESSION_D = 0.2  # d, longest session: what changes in it follows the order
+SESSION_D = 0.2  # d, longest session: its changes follow the order of pressing
 DEGREES = (4, 1, 3, 0)  # of the mean curve over depth in load, hold, unload and free
 
 
 @dataclass(frozen=True, slots=True)
 class Covariate:
-    """Something recorded: `values` (N,), no NaN; `of_press` where it is one number a press, or acts as one."""
+    """A recorded quantity: `values` (N,) without NaN; `of_press`: one number a press, or acting as one."""
 
     name: str
     unit: str
@@ -33,17 +34,17 @@ class Covariate:
 
 
 def repeat_groups(data: Observations) -> Ints:
-    """Number 0, 1 ... of the group of like presses, (M,)."""
-    rate = np.nan_to_num(np.round(np.log2(np.maximum(data.presses.speed_mm_s, 1e-9))), nan=-99)
+    """Return the index of each press's group of repeats, (M,)."""
+    rate = np.nan_to_num(np.round(np.log2(np.maximum(data.presses.speed_mm_s, TINY))), nan=-99)
     table = np.column_stack([data.presses.radius_mm, rate, np.nan_to_num(data.presses.lubricated)])
     return np.asarray(np.unique(table, axis=0, return_inverse=True)[1]).reshape(-1)
 
 
 def group_basis(data: Observations) -> Floats:
-    """Smooth curves of each group's branches, (N, k): polynomials in the depth, in a hold in the time.
+    """Return smooth curves of each group's branches, (N, k): polynomials in the depth, in a hold in the time.
 
-    What lies above the gel is a constant for each phase: no smooth curve goes around the corner at the touch, and
-    a gel that clings pulls in unloading alone.
+    In air they are a constant for each phase, since the curve has a corner at the touch, and adhesion acts in
+    unloading only.
     """
     groups = repeat_groups(data)[data.press]
     branch = branches(data) + np.where(data.depth_mm > 0, 0, len(BRANCHES))
@@ -55,7 +56,7 @@ def group_basis(data: Observations) -> Floats:
             columns += _polynomials(
                 along, mine, DEGREES[int(kind)] if kind < len(BRANCHES) else 0, SAME_MM if kind != HOLD else None
             )
-    if data.slopes is not None:  # a picture that drifts would pass for presses that scatter
+    if data.slopes is not None:  # else drift of the picture counts as scatter of presses
         columns.append(data.depth_mm * running_share(data))
     return np.column_stack(columns)
 
@@ -63,7 +64,7 @@ def group_basis(data: Observations) -> Floats:
 def _polynomials(
     along: Floats, mine: npt.NDArray[np.bool_], degree: int, apart: float | None = None
 ) -> list[Floats]:
-    """Of at most so many degrees as there are distinct places, less one; `apart` what parts two of them."""
+    """Return polynomials up to the number of distinct places less one; `apart` separates two places."""
     low, high = float(along[mine].min()), float(along[mine].max())
     unit = 2 * (along - low) / (high - low) - 1 if high > low else np.zeros(along.size)
     distinct = (
@@ -74,10 +75,10 @@ def _polynomials(
 
 
 def covariates(data: Observations) -> tuple[Covariate, ...]:
-    """Everything that was recorded and varies, in a fixed order."""
+    """Return every recorded quantity that varies, in a fixed order."""
     presses, press = data.presses, data.press
     begin = data.time_s[data.first][press]
-    rate = np.log10(np.maximum(presses.speed_mm_s, 1e-9))
+    rate = np.log10(np.maximum(presses.speed_mm_s, TINY))
     table = [
         ("w", "mm", data.depth_mm, False),
         ("w/h", "1", data.depth_mm / data.gel.thickness_mm, False),
@@ -98,7 +99,7 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
         ("T", "°C", data.temperature_C, True),
         ("indenter", "", presses.indenter[press].astype(float), True),
     ]
-    if data.slopes is not None:  # what is wrong with them scales them
+    if data.slopes is not None:
         table += [
             ("slope", "mm/mm", data.slopes.slope, True),
             ("azimuth beside the face", "deg", data.slopes.azimuth_deg, True),
@@ -112,23 +113,24 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
 
 
 def _of_sessions(day: Floats) -> Floats:
-    """Days (M,) of several sessions; NaN of one, whose days say what the order says."""
+    """Return the days (M,) of several sessions; NaN for one session, whose days follow the order."""
     known = day[np.isfinite(day)]
     return day if known.size and np.ptp(known) >= SESSION_D else np.full_like(day, np.nan)
 
 
 def _filled(values: Floats) -> Floats | None:
-    """The values with a few unknown ones at the median; None where it does not vary or half is unknown."""
+    """Return the values with unknown ones at the median; None where they do not vary or half are unknown."""
     known = np.isfinite(values)
     if known.mean() < 0.5:
         return None
     values = np.where(known, values, np.median(values[known]))
-    return values if np.ptp(values) > 1e-9 * max(1.0, float(np.max(np.abs(values)))) else None
+    return values if np.ptp(values) > TINY * max(1.0, float(np.max(np.abs(values)))) else None
 
 
 def bins(covariate: Covariate, most: int) -> Ints:
-    """Bin of each sample (N,), of about equal counts; each distinct value its own where there are few, and each
-    group of values, such as a speed that was set and is kept within some percent.
+    """Return the bin of each sample (N,), of about equal counts.
+
+    Few distinct values have a bin each; so has each group of values, as of a speed that was set.
     """
     distinct = np.unique(covariate.values)
     if distinct.size <= most:
@@ -143,7 +145,7 @@ def bins(covariate: Covariate, most: int) -> Ints:
 
 
 def running_share(data: Observations) -> Floats:
-    """How much of the rig's running time has passed at each sample (N,), 0 to 1."""
+    """Return the share of the rig's running time that has passed at each sample (N,), 0 to 1."""
     order = np.argsort(data.time_s, kind="stable")
     passed = np.cumsum(np.minimum(np.diff(data.time_s[order], prepend=data.time_s[order[0]]), PAUSE_S))
     share = np.empty(data.size)

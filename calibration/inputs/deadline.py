@@ -1,4 +1,4 @@
-"""How long an analysis may take, who is told how far it is, and who does its independent steps."""
+"""Deadline and progress of an analysis, and how its independent steps are executed."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ Made = TypeVar("Made")
 
 
 class Progress(Protocol):
-    """Told how far a long job is: `done` of `total` steps, and what it is at."""
+    """Callback with the progress of a long job: `done` of `total` steps, and the present one."""
 
     def __call__(self, done: int, total: int, what: str = "") -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """A moment on the monotonic clock, in s, after which nothing new is begun; what was begun is ended."""
+    """Time on the monotonic clock, in s, after which no new step begins; the present one is completed."""
 
     at_s: float
 
     @classmethod
     def after(cls, seconds: float | None) -> Deadline:
-        """So many seconds from now; never for None."""
+        """Return the deadline so many seconds from now; never for None."""
         return cls(inf if seconds is None else time.monotonic() + seconds)
 
     @property
     def passed(self) -> bool:
-        """Whether the moment is over."""
+        """Whether the time is over."""
         return time.monotonic() > self.at_s
 
 
 class Each(Protocol):
-    """Independent steps `act(one)`, in the order given: each is fetched by a call, which raises what it raised."""
+    """Executor of independent steps `act(one)`: yields calls in the order given, each with its result or error."""
 
     def __call__(self, act: Callable[[Given], Made], given: Sequence[Given]) -> Iterator[Callable[[], Made]]: ...
 
 
 def in_turn(act: Callable[[Given], Made], given: Sequence[Given]) -> Iterator[Callable[[], Made]]:
-    """Done here, one after the other, each when it is fetched."""
+    """Execute each step here, when its call is made."""
     return (partial(act, one) for one in given)
 
 
 def _silent(done: int, total: int, what: str = "") -> None:
-    """Nobody is told."""
+    """Ignore the progress."""
 
 
 NEVER = Deadline(inf)
@@ -56,7 +56,7 @@ SILENT: Progress = _silent
 
 
 class Watch:
-    """All at once for a job whose steps are not counted beforehand: each is told as one more."""
+    """Progress, deadline and executor of a job whose number of steps is not known beforehand."""
 
     def __init__(self, progress: Progress = SILENT, deadline: Deadline = NEVER, each: Each = in_turn) -> None:
         self._progress, self._deadline, self.each, self._done = progress, deadline, each, 0
@@ -67,7 +67,7 @@ class Watch:
         return self._deadline.passed
 
     def tell(self, what: str) -> None:
-        """Say what is begun."""
+        """Report the step that begins."""
         self._progress(self._done, self._done + 1, what)
         self._done += 1
 

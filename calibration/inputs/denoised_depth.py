@@ -1,7 +1,7 @@
-"""How deep the punch was, without the noise of what was read.
+"""Depth of the punch without most of its readings' noise.
 
-A plateau is many readings of one depth, a ramp a smooth course, and presses that go equally deep but for their own
-zeros go equally deep: sorted, compared or remembered by what was read, residuals would be sorted by that noise.
+A plateau is many readings of one depth, a ramp is smooth in time, and presses whose depths differ by no more than
+their zeros have one nominal depth. Sorting residuals by the depths as read would sort them by their common noise.
 """
 
 from __future__ import annotations
@@ -17,59 +17,56 @@ from tactilevision.robust import mad_std
 
 LOAD, HOLD, UNLOAD, FREE = range(4)
 BRANCHES = ("load", "hold", "unload", "free")
-MIN_HELD = 3  # samples of a plateau; fewer have no median of their own
-BESIDE = (
-    5.0  # std of a reading that a sample lies off a plateau's depth which is none of it: some have far outliers
-)
-CORNER = 2.0  # of these std that a sample lies off a plateau whose neighbours on the ramp it continues
-LINE = 4  # samples of a ramp that tell where it goes on
-FINEST_MM = 2e-4  # mm, std of a depth that is read very well
-SAME_MM = 0.02  # five press zeros: depths nearer than this may be one
+MIN_HELD = 3  # samples of a plateau
+OFF_PLATEAU = 5  # std of a reading beyond which a sample is not of a plateau: some noises have far outliers
+CORNER = 2.0  # std beyond which a plateau's end is of the ramp whose line it lies nearer to
+LINE = 4  # samples of a ramp that determine its line
+FINEST_MM = 2e-4  # mm, least std of a depth
+SAME_MM = 0.02  # mm, five press zeros: nearer depths may be one
 COURSE = 4  # highest degree of a ramp's depth over time
-NEARLY_ALL = 0.9  # share of a ramp's readings that lie near its course: some noises have far outliers
-SAMPLES_A_DEGREE = 4  # that each degree of it needs
-AS_NEAR = 1.5  # times the rms of the highest: what a lower degree leaves of the course is then readings' noise
+NEARLY_ALL = 0.9  # share of a ramp's readings near its polynomial
+SAMPLES_A_DEGREE = 4  # that each degree needs
+AS_NEAR = 1.5  # largest rms over that of the highest degree, for a lower one to suffice
 _KEPT: deque[tuple[tuple[np.ndarray, ...], Floats, Floats]] = deque(maxlen=8)
 
 
 def branches(data: Observations) -> Ints:
-    """LOAD, HOLD, UNLOAD or FREE for each sample (N,); from the depth itself where no phase was recorded."""
+    """Return LOAD, HOLD, UNLOAD or FREE for each sample (N,); from the depth where no phase was recorded."""
     known = np.select([data.phase == name for name in BRANCHES], range(4), default=-1)
     if (known >= 0).all():
         return np.asarray(known, dtype=np.int64)
     found = np.full(data.size, LOAD)
-    for start, end in zip(data.first, [*data.first[1:], data.size], strict=True):
-        depth = data.depth_mm[start:end]
+    for one in data.spans:
+        depth, kind = data.depth_mm[one], found[one]
         deepest = int(np.argmax(depth))
-        found[start + deepest + 1 : end] = UNLOAD
-        near = np.flatnonzero(depth > depth[deepest] - SAME_MM / 2)  # no finer, or readings' noise would sort them
+        kind[deepest + 1 :] = UNLOAD
+        near = np.flatnonzero(depth > depth[deepest] - SAME_MM / 2)
         if near.size > 2:
-            found[start + near[0] + 1 : start + near[-1] + 1] = HOLD
+            kind[near[0] + 1 : near[-1] + 1] = HOLD
     return np.where(known >= 0, known, found)
 
 
-def drawn_off(data: Observations) -> Bools:
-    """Samples (N,) after the deepest of their press."""
+def after_deepest(data: Observations) -> Bools:
+    """Return which samples (N,) follow the deepest of their press."""
     after = np.zeros(data.size, dtype=bool)
-    for start, end in zip(data.first, [*data.first[1:], data.size], strict=True):
-        after[start + int(np.argmax(data.depth_mm[start:end])) + 1 : end] = True
+    for one in data.spans:
+        after[one][int(np.argmax(data.depth_mm[one])) + 1 :] = True
     return after
 
 
 def ways(data: Observations) -> Ints:
-    """The same (N,), but that a phase begins and ends where the depth does: phases go by one clock, and depths may
-    by another. A depth that no longer moves at its press's speed is air.
+    """Return the branches (N,) with limits moved to where the depth changes: phases may follow another clock.
+
+    A depth that no longer moves at its press's speed is in air.
     """
     way, depth, noise = branches(data).copy(), data.depth_mm, _reading_noise(data)
-    ends = [*data.first[1:], data.size]
-    for begin, end, speed in zip(data.first, ends, data.presses.speed_mm_s, strict=True):
-        one = slice(int(begin), int(end))
+    for one, speed in zip(data.spans, data.presses.speed_mm_s, strict=True):
         for first, last in _runs(way[one] == HOLD):
             if last - first + 1 >= MIN_HELD:
                 _fit_plateau(way[one], depth[one], first, last, noise_mm=noise)
                 _fit_corners(way[one], depth[one], data.time_s[one], (first + last) // 2, noise_mm=noise)
         if speed > 0 and data.is_curves:
-            on = float(speed) * (data.time_s[one] - data.time_s[int(begin)])
+            on = float(speed) * (data.time_s[one] - data.time_s[one.start])
             _fit_turn(way[one], depth[one], on)
             _fit_rest(way[one], depth[one], on, UNLOAD, noise)
             _fit_rest(way[one][::-1], depth[one][::-1], on[::-1], LOAD, noise)
@@ -77,7 +74,7 @@ def ways(data: Observations) -> Ints:
 
 
 def _reading_noise(data: Observations) -> float:
-    """Std of a reading, mm, from all plateaus: one alone has too few to tell."""
+    """Return the std of a reading, mm, from all plateaus together."""
     way, off = branches(data), [np.zeros(0)]
     for first, last in _runs((way == HOLD) & (np.diff(data.press, prepend=-1) == 0)):
         if last - first + 1 >= MIN_HELD:
@@ -88,7 +85,7 @@ def _reading_noise(data: Observations) -> float:
 
 def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int, *, noise_mm: float) -> None:
     """Move the ends of the plateau first to last of one press, in place."""
-    flat = np.abs(depth_mm - np.median(depth_mm[first : last + 1])) <= BESIDE * noise_mm
+    flat = np.abs(depth_mm - np.median(depth_mm[first : last + 1])) <= OFF_PLATEAU * noise_mm
     for beside, end, step in ((LOAD, first, -1), (UNLOAD, last, 1)):
         k = end + step
         while 0 <= k < way.size and way[k] == beside and flat[k]:
@@ -99,8 +96,9 @@ def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int, *, noise_mm
 
 
 def _fit_corners(way: Ints, depth_mm: Floats, time_s: Floats, inside: int, *, noise_mm: float) -> None:
-    """Give the samples at the ends of the plateau round sample `inside` to the ramps whose lines they lie nearer
-    to, in place: a fast one has its last sample so near the plateau that an outlier of that could lie there.
+    """Assign the ends of the plateau around sample `inside` to the ramps whose lines they lie nearer to, in place.
+
+    The last sample of a fast ramp may lie as near the plateau as an outlier of it.
     """
     runs = [run for run in _runs(way == HOLD) if run[0] <= inside <= run[1]]
     for first, last in runs if np.isfinite(time_s).all() else ():
@@ -118,7 +116,7 @@ def _fit_corners(way: Ints, depth_mm: Floats, time_s: Floats, inside: int, *, no
 
 
 def _fit_turn(way: Ints, depth_mm: Floats, on_mm: Floats) -> None:
-    """Let a press without a plateau turn where it is deepest, in place; `on_mm` (n,): time at its speed."""
+    """Move the turn of a press without a plateau to its deepest sample, in place; `on_mm` (n,): speed x time."""
     moving = np.flatnonzero(way != FREE)
     turns = np.flatnonzero(np.diff(way[moving]))
     if (way == HOLD).any() or turns.size != 1 or way[moving[0]] != LOAD:
@@ -129,55 +127,51 @@ def _fit_turn(way: Ints, depth_mm: Floats, on_mm: Floats) -> None:
         for b in (top - 1, top + 1)
     )
     beyond = depth_mm[top] - np.max(depth_mm[last : last + 2])
-    uneven = abs(risen - fallen) if np.isfinite(risen + fallen) else 0.0  # beside air, or an end, nothing is told
-    if max(beyond, uneven) <= SAME_MM / 2:  # noise parts them as well
+    uneven = abs(risen - fallen) if np.isfinite(risen + fallen) else 0.0  # next to air, or an end, it is unknown
+    if max(beyond, uneven) <= SAME_MM / 2:  # within noise
         return
     way[moving] = np.where(moving < top + (risen <= fallen), LOAD, UNLOAD)
 
 
 def _fit_rest(way: Ints, depth_mm: Floats, on_mm: Floats, kind: int, noise_mm: float) -> None:
-    """Take the end of a press for air, in place, where it is of this kind and stands still but should move; so the
-    last sample alone, at the touch or above, where the way to it is shorter than the one before lets expect.
+    """Mark the end of a press as air, in place, where it is of this kind and stands still but should move.
+
+    So the last sample alone, at the touch or above, where the step to it is shorter than expected.
     """
-    told = SAME_MM + BESIDE * noise_mm  # neither a zero nor noise makes so much
-    still = (way == kind) & (np.abs(depth_mm - depth_mm[-1]) <= BESIDE * noise_mm)
+    limit = SAME_MM + OFF_PLATEAU * noise_mm  # beyond zeros and noise
+    still = (way == kind) & (np.abs(depth_mm - depth_mm[-1]) <= OFF_PLATEAU * noise_mm)
     begin = int(still.size - np.argmin(still[::-1])) if not still.all() else 0
-    if begin < still.size - 1 and abs(on_mm[-1] - on_mm[begin]) > told:
+    if begin < still.size - 1 and abs(on_mm[-1] - on_mm[begin]) > limit:
         way[begin:] = FREE
     elif (way[-3:] == kind).all() and way.size > 2:
         gone, on = np.abs(np.diff(depth_mm[-3:])), np.abs(np.diff(on_mm[-3:]))
         short = gone[0] / on[0] * on[1] - gone[1] if on[0] > SAME_MM else 0.0
-        if depth_mm[-1] <= SAME_MM and short > told:
+        if depth_mm[-1] <= SAME_MM and short > limit:
             way[-1] = FREE
 
 
 def _runs(inside: Bools) -> list[tuple[int, int]]:
-    """First and last index of each stretch of True."""
+    """Return the first and last index of each run of True."""
     edges = np.diff(inside.astype(np.int64), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     return list(zip(begins.tolist(), ends.tolist(), strict=True))
 
 
 def denoised_depth(data: Observations) -> Floats:
-    """Depth (N,) without most of its readings' noise: a plateau's mean, a smooth course of the others.
-
-    Not to be written to.
-    """
+    """Return the depth (N,) with a plateau's mean and a polynomial of each ramp; read-only."""
     return _depths(data)[0]
 
 
 def nominal_depth(data: Observations) -> Floats:
-    """Depth (N,), mm, without presses' own zeros as far as equal depths show them.
+    """Return the depth (N,), mm, also without the scatter of presses' zeros; read-only.
 
-    Presses of one radius whose deepest points their zeros alone may part reach one depth; so do plateaus.
-
-    Not to be written to.
+    Presses of one radius whose deepest points differ by no more than their zeros reach one depth; so do plateaus.
     """
     return _depths(data)[1]
 
 
 def _depths(data: Observations) -> tuple[Floats, Floats]:
-    """Both, kept for the last few data sets, since every prediction of an effect that remembers asks again."""
+    """Return both, cached for the last few data sets: effects of history ask at every prediction."""
     key = (data.depth_mm, data.time_s, data.phase, data.press, data.presses.speed_mm_s)
     for known, steady, nominal in _KEPT:
         if all(a is b for a, b in zip(known, key, strict=True)):
@@ -194,7 +188,7 @@ def _steady(data: Observations) -> Floats:
     branch, steady = ways(data), data.depth_mm.copy()
     begins = np.flatnonzero(np.diff(branch, prepend=-1) | np.diff(data.press, prepend=-1))
     parts = [slice(b, e) for b, e in zip(begins, [*begins[1:], data.size], strict=True)]
-    for part in (part for part in parts if branch[part][0] == HOLD):  # air may come and go as it likes
+    for part in (part for part in parts if branch[part][0] == HOLD):  # not those in air
         steady[part] = np.mean(data.depth_mm[part])
     for kind in (LOAD, UNLOAD):
         ramps = [part for part in parts if branch[part][0] == kind]
@@ -206,8 +200,9 @@ def _steady(data: Observations) -> Floats:
 
 
 def _courses(time_s: Floats, depth_mm: Floats) -> tuple[Floats, Floats]:
-    """A ramp's polynomials in time of rising degree (k, n), and how far depths lie off each (k,), mm rms; none
-    where it has too few samples.
+    """Return a ramp's polynomials in time of rising degree (k, n) and their residuals (k,), mm rms.
+
+    None where it has too few samples.
     """
     highest = min(time_s.size // SAMPLES_A_DEGREE, COURSE)
     if not (highest and np.isfinite(time_s).all() and np.ptp(time_s) > 0):
@@ -220,21 +215,21 @@ def _courses(time_s: Floats, depth_mm: Floats) -> tuple[Floats, Floats]:
 
 
 def _shared_degree(rms: Sequence[Floats]) -> int:
-    """The lowest degree, less 1, whose course leaves most ramps little more than their highest does.
+    """Return the lowest degree, less 1, that fits most ramps nearly as well as their highest.
 
-    One for all: each ramp's own choice would follow its readings' noise, which is in the residual too, and more so
-    where neighbours are alike.
+    One for all: a choice for each ramp would follow its readings' noise, which is also in the residual.
     """
-    told = [one for one in rms if one.size]
+    known = [one for one in rms if one.size]
     for k in range(COURSE):
-        if not told or np.median([one[min(k, one.size - 1)] / one[-1] for one in told]) <= AS_NEAR:
+        if not known or np.median([one[min(k, one.size - 1)] / one[-1] for one in known]) <= AS_NEAR:
             return k
     return COURSE - 1
 
 
 def _course(depth_mm: Floats, courses: Floats, rms: Floats, degree: int) -> Floats:
-    """The course (n,) of this degree; where more than a tenth of the depths lie farther from it than readings
-    scatter, that of least rms, or depths as read.
+    """Return the polynomial (n,) of this degree, else that of least rms, else the depths as read.
+
+    A polynomial is accepted if NEARLY_ALL of the depths lie within SAME_MM of it.
     """
     for k in (min(degree, len(courses) - 1), int(np.argmin(rms))) if len(courses) else ():
         if np.quantile(np.abs(depth_mm - courses[k]), NEARLY_ALL) < SAME_MM:
@@ -251,9 +246,9 @@ def _nominal(data: Observations, steady: Floats) -> Floats:
 
 
 def _reached(deepest: Floats, radius: Floats) -> Floats:
-    """Deepest points (M,) at the mean of those of their radius that zeros alone may part.
+    """Return the deepest points (M,), those of one radius within the zeros' scatter at their mean.
 
-    Ramps that are read at any moment end anywhere: depths that follow each other over more than zeros do are none.
+    A longer sequence of neighbouring depths stays as read: ramps may end anywhere.
     """
     alike = deepest.copy()
     for one in np.unique(radius):
@@ -266,7 +261,7 @@ def _reached(deepest: Floats, radius: Floats) -> Floats:
 
 
 def _alike(depths: Floats, radius: Floats) -> Floats:
-    """Depths (n,) at the mean of those of their radius that zeros alone may part."""
+    """Return depths (n,), those of one radius within the zeros' scatter at their mean."""
     alike = depths.copy()
     for one in np.unique(radius):
         mine = np.flatnonzero(radius == one)
@@ -277,9 +272,7 @@ def _alike(depths: Floats, radius: Floats) -> Floats:
 
 
 def clusters(values: Floats, apart: float) -> Ints:
-    """Which cluster each of the values (n,), sorted, belongs to: one begins where the last one's first is `apart`
-    away, so that the readings of a ramp, however near each other, are no cluster.
-    """
+    """Return the cluster of each of the sorted values (n,); each begins `apart` beyond the last one's first."""
     ordered = np.sort(values)
     number, start = np.zeros(values.size, dtype=np.int64), 0
     while (start := int(np.searchsorted(ordered, ordered[start] + apart, side="right"))) < values.size:

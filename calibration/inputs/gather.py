@@ -12,6 +12,7 @@ import numpy as np
 
 from calibration.inputs.observations import (
     DAY_S,
+    OF_SAMPLES,
     DepthSource,
     EdgeDrop,
     Measured,
@@ -26,13 +27,11 @@ from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel, Indenter, Press
 
-# What a certified depth's deviation is made of: its own part, and what all presses share.
-
 NAN = float("nan")
 
 
 def own_depth_std(point: CertifiedPoint, indenter: Indenter, *, recording: RecordingLike) -> float:
-    """The part of the depth's std that no other press shares: without the machined height's and the rise's."""
+    """Return the depth's std without what other presses share: the machined height's and the rise's."""
     whole = point.depth_std_mm
     if not np.isfinite(whole):
         return finite_or(recording.depth_std_mm, NAN)
@@ -40,24 +39,24 @@ def own_depth_std(point: CertifiedPoint, indenter: Indenter, *, recording: Recor
         0.0 if on_travel_scale(point) else indenter.height_std_mm / (1 + finite_or(point.details.pile_up_ratio))
     )
     shared = math.hypot(height, relative_shared_std(point) * point.depth_mm)
-    if is_certified(point):  # made up of just these parts
+    if is_certified(point):  # consists of these parts
         return math.sqrt(max(whole**2 - shared**2, 0.0))
     return math.sqrt(whole**2 - shared**2) if whole > shared > 0 else whole
 
 
 def on_travel_scale(point: CertifiedPoint) -> bool:
-    """Whether the recording's travel scale placed its contact event."""
+    """Return whether the contact event was placed by the recording's travel scale."""
     return bool(np.isfinite(point.details.travel_scale_std))
 
 
 def relative_shared_std(point: CertifiedPoint) -> float:
-    """Relative std of the depth that the gel's rise at the bevel, and the ruler, bring to all presses alike."""
+    """Return the relative std shared by all depths: of the gel's rise at the bevel and of the ruler."""
     rise = finite_or(point.details.pile_up_ratio_std) / (1 + finite_or(point.details.pile_up_ratio))
     return math.hypot(rise, finite_or(point.details.travel_scale_std))
 
 
 def shared_errors(sets: Sequence[Measured]) -> Shared:
-    """What certified depths share by the way in which they were certified."""
+    """Return the errors that certified depths share by their certification."""
     points = [p for m in sets for p in m.points if p.accepted]
     touch = [finite_or(p.details.contact_shared_std_mm) for p in points]
     rise = [relative_shared_std(p) for p in points]
@@ -69,7 +68,7 @@ def shared_errors(sets: Sequence[Measured]) -> Shared:
 
 
 def depth_source(sets: Sequence[Measured]) -> DepthSource:
-    """Where the depths come from: what a certificate of our own says is a gauge's, whatever the curves are."""
+    """Return the source of the depths: "gauge" for certified points without curves, else as recorded."""
     certified = [is_certified(p) for m in sets for p in m.points if p.accepted]
     if certified and all(certified) and not any(m.curves for m in sets):
         return "gauge"
@@ -77,21 +76,18 @@ def depth_source(sets: Sequence[Measured]) -> DepthSource:
 
 
 def is_certified(point: CertifiedPoint) -> bool:
-    """Whether it comes from a certificate of our own, which took the gel's rise off and says how well."""
+    """Return whether a certificate of this library subtracted the gel's rise and states its std."""
     return bool(np.isfinite(point.details.pile_up_ratio_std))
 
 
 def finite_or(value: float | None, instead: float = 0.0) -> float:
-    """The value; `instead` where it is not stated or not finite."""
+    """Return the value; `instead` where it is not stated or not finite."""
     return float(value) if value is not None and np.isfinite(value) else instead
-
-
-# From the points or the curves of recordings to Observations.
 
 
 @dataclass(frozen=True, slots=True)
 class _Touch:
-    """One press on its way into the flat arrays."""
+    """One press before it enters the flat arrays."""
 
     label: str
     recording: int
@@ -106,19 +102,19 @@ class _Touch:
     force_std_N: Floats
     reconstructed_mm: Floats
     reconstructed_std_mm: Floats
-    dated_s: float  # what calendar and clock say of its beginning, since the calendar's; NaN: nothing
+    dated_s: float  # begin by its date and time of day; NaN: unknown
     falls: tuple[EdgeDrop, ...] = ()
 
     @property
     def begin_s(self) -> float:
-        """When it began: by its clock; by its date where there is no clock or one that knows no days; else NaN."""
+        """Begin by its clock; by its date where there is no clock or one without days; else NaN."""
         clock, days = float(self.time_s[0]), 1.5 * DAY_S
-        told = np.isfinite(clock) and not (self.protocol.date and abs(clock - self.dated_s) > days)
-        return clock if told else self.dated_s
+        dated = np.isfinite(clock) and not (self.protocol.date and abs(clock - self.dated_s) > days)
+        return clock if dated else self.dated_s
 
 
 def observe_points(measured: Sequence[Measured] | Measured) -> Observations:
-    """The accepted points of one or several recordings, one sample a press.
+    """Return the accepted points of one or several recordings, one sample a press.
 
     Raises InputError where an indenter is not described or a number is not finite.
     """
@@ -127,7 +123,7 @@ def observe_points(measured: Sequence[Measured] | Measured) -> Observations:
 
 
 def observe_curves(measured: Sequence[Measured] | Measured) -> Observations:
-    """Every finite sample of the curves of one or several recordings.
+    """Return every finite sample of the curves of one or several recordings.
 
     Raises InputError where an indenter is not described or a press holds no finite sample.
     """
@@ -136,7 +132,7 @@ def observe_curves(measured: Sequence[Measured] | Measured) -> Observations:
 
 
 def observe_all(measured: Sequence[Measured] | Measured) -> Observations:
-    """The curves of these recordings, which tell more; the accepted points where no recording has curves."""
+    """Return the curves of these recordings; the accepted points where no recording has curves."""
     sets = as_sets(measured)
     return observe_curves(sets) if any(m.curves for m in sets) else observe_points(sets)
 
@@ -170,7 +166,7 @@ def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
 
 
 def _falls(point: CertifiedPoint, number: int) -> Iterator[EdgeDrop]:
-    """The drops of the gel beside the face of one press, where the slopes behind them are known to be sound."""
+    """Yield the falls next to the face of one press, where their slopes are sound."""
     profile = point.edge_profile
     if profile is None or not (np.isfinite(profile.slope_gain_std) and profile.ball_slope > 0):
         return
@@ -219,21 +215,18 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
     origin = math.floor(touches[0].begin_s / DAY_S) * DAY_S if np.isfinite(touches[0].begin_s) else 0.0
     indenters = list(dict.fromkeys(t.indenter for t in touches))
     sizes = [t.time_s.size for t in touches]
-    seen, seen_std = (
-        np.concatenate([getattr(t, f"reconstructed{name}_mm") for t in touches]) for name in ("", "_std")
-    )
+
+    def joined(name: str) -> Any:
+        return np.concatenate([getattr(t, name) for t in touches])
+
+    seen, seen_std = joined("reconstructed_mm"), joined("reconstructed_std_mm")
     return Observations(
         gel=gel,
         indenters=tuple(indenters),
         presses=_presses(touches, indenters, origin),
         press=np.repeat(np.arange(len(touches)), sizes),
-        time_s=np.concatenate([t.time_s for t in touches]) - origin,
-        depth_mm=np.concatenate([t.depth_mm for t in touches]),
-        force_N=np.concatenate([t.force_N for t in touches]),
-        phase=np.concatenate([t.phase for t in touches]),
-        temperature_C=np.concatenate([t.temperature_C for t in touches]),
-        depth_std_mm=np.concatenate([t.depth_std_mm for t in touches]),
-        force_std_N=np.concatenate([t.force_std_N for t in touches]),
+        **{name: joined(name) for name in OF_SAMPLES if name != "time_s"},
+        time_s=joined("time_s") - origin,
         depth_source=depth_source(sets),
         reconstructed_mm=seen if np.isfinite(seen).any() else None,
         reconstructed_std_mm=seen_std if np.isfinite(seen_std).any() else None,
@@ -250,7 +243,7 @@ def _presses(touches: Sequence[_Touch], indenters: Sequence[Indenter], origin: f
     begin = np.array([t.time_s[0] for t in touches]) - origin
     end = np.array([t.time_s[-1] for t in touches]) - origin
     rest = column("rest_s")
-    if any(t.time_s.size > 1 for t in touches):  # whole curves show the wait themselves
+    if any(t.time_s.size > 1 for t in touches):  # curves show the rest themselves
         gap = np.concatenate([[NAN], begin[1:] - end[:-1]])
         rest = np.where(np.isfinite(rest), rest, gap)
     speed = column("speed_mm_s")
@@ -273,7 +266,7 @@ def _presses(touches: Sequence[_Touch], indenters: Sequence[Indenter], origin: f
 
 
 def _speed(touch: _Touch) -> float:
-    """Median speed of loading, mm/s; NaN for a single sample."""
+    """Return the median speed of loading, mm/s; NaN for a single sample."""
     loading = touch.phase == "load" if (touch.phase == "load").any() else touch.phase != "free"
     time, depth = touch.time_s[loading], touch.depth_mm[loading]
     steps = np.diff(time) > 0
@@ -290,7 +283,7 @@ def _day(touch: _Touch, origin: float) -> float:
 
 
 def _dated_s(press: Press, recording: RecordingLike) -> float:
-    """The press's own date and time of day, else its recording's date; NaN where there is none."""
+    """Return the press's date and time of day, else its recording's date, in s; NaN where there is none."""
     date = press.date or recording.date
     return _days_since_epoch(date) * DAY_S + finite_or(press.time_of_day_s) if date else NAN
 
@@ -300,7 +293,7 @@ def _sortable(time: float) -> float:
 
 
 def _days_since_epoch(date: object) -> float:
-    """Days of a date, a datetime or an ISO text; 0 where there is none."""
+    """Return the days of a date, a datetime or an ISO text; 0 where there is none."""
     if isinstance(date, datetime.datetime):
         date = date.date()
     if isinstance(date, str) and date:
@@ -323,7 +316,7 @@ def _one_gel(recordings: Sequence[RecordingLike]) -> Gel:
     for recording, gel in zip(recordings, gels, strict=True):
         if gel is None or gel.thickness_mm != first.thickness_mm:
             raise InputError(
-                "recordings that are fitted together are of one gel",
+                "recordings that are fitted together must be of one gel",
                 where=recording.name,
                 value=None if gel is None else gel.thickness_mm,
                 remedy=f"The first one states thickness_mm = {first.thickness_mm:g}.",
@@ -353,7 +346,7 @@ def _only_indenter(recording: RecordingLike, press: str) -> Press:
 
 
 def _merge(protocol: Press | None, point: CertifiedPoint) -> Press:
-    """The protocol's row, with what the point itself says put first."""
+    """Return the protocol's row, with the point's own values where it has them."""
     row = protocol or Press(point.press, point.indenter, NAN, NAN)
     stated = ("rest_s", "speed_mm_s", "x_mm", "y_mm", "temperature_C", "lubricated", "hold_s")
     own = {name: getattr(point, name) for name in stated}
@@ -367,7 +360,7 @@ def _force_std(recording: RecordingLike) -> float:
 def _finite(point: CertifiedPoint) -> float:
     if not (np.isfinite(point.depth_mm) and np.isfinite(point.fz_N)):
         raise InputError(
-            "an accepted point has a depth and a force",
+            "an accepted point needs a depth and a force",
             where=f"press {point.press}",
             value=(point.depth_mm, point.fz_N),
         )

@@ -1,4 +1,8 @@
-"""Depth and force of many presses as flat arrays, with the conditions recorded with them."""
+"""Depth and force of many presses as flat arrays, with the conditions recorded with them.
+
+A sample is one reading of depth and force, a press one contact of one indenter. Points have one sample a press,
+curves many. One Observations holds several recordings of one sensor, ordered in time.
+"""
 
 from __future__ import annotations
 
@@ -16,18 +20,17 @@ from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Bools, Curve, Floats
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 
-# Depth and force of many presses as flat arrays, with everything that was recorded beside them.
-#
-# A sample is one reading of depth and force; a press is one touch of one indenter. Points have one sample a press,
-# curves have many. Several recordings of one sensor stand in one Observations, ordered in time.
-
 Ints = npt.NDArray[np.int64]
 DepthSource = Literal["vision", "stage", "gauge"]
-DAY_S = 86400.0  # s in a day
+DAY_S = 86400  # s in a day
+OF_SAMPLES = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_std_mm", "force_std_N")
+TYPICAL_GAIN = 0.005  # relative force from press to press; centre of a weak prior
+TYPICAL_ZERO_MM = 0.004  # mm, std of a press's zero of depth; centre of a weak prior
+TYPICAL_FORCE_N = 0.005  # N, noise of one force reading where none is stated
 
 
 class RecordingLike(Protocol):
-    """What is used of a recording; tactilevision.recording.Recording has it all."""
+    """The part of a recording that is used; tactilevision.recording.Recording has it."""
 
     @property
     def name(self) -> str: ...
@@ -49,11 +52,11 @@ class RecordingLike(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Presses:
-    """One entry a press, (M,) each; NaN where it was not recorded.
+    """Conditions of each press, (M,); NaN where not recorded.
 
-    `recording` and `indenter` are indices; `x_mm`, `y_mm` the place on the pad; `rest_s` how long the gel was free
-    before; `day` days since the first press, over all recordings; `order` counts the presses in time;
-    `lubricated` 0 or 1.
+    `recording` and `indenter` are indices; `x_mm`, `y_mm` the place on the pad; `rest_s` the time without contact
+    before; `day` in days since the first press of all recordings; `order` counts the presses in time; `lubricated`
+    is 0 or 1.
     """
 
     label: tuple[str, ...]
@@ -71,17 +74,18 @@ class Presses:
     order: Floats
 
     def take(self, keep: Ints) -> Presses:
-        """The presses of these indices, in this order."""
+        """Return the presses of these indices, in this order."""
         arrays = {f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name != "label"}
         return Presses(label=tuple(self.label[k] for k in keep), **arrays)
 
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """What all certified depths have wrong together, as std: an offset `touch_mm` (when a touch is seen, over the
-    shape of the dent that it makes) and a relative error `rise` (how far the gel rises to meet the bevel; the
-    scale of the ruler that the touches lie on). `heights`: whether each machined height has an error of its own,
-    which on a ruler is part of that scale.
+    """Errors that all certified depths share, as std: an offset `touch_mm` and a relative error `rise`.
+
+    The offset is in the detection of a touch, the relative error in the gel's rise at the bevel and in the scale
+    of the ruler on which the touches lie. `heights`: each machined height has an error of its own; on a ruler it
+    is part of that scale.
     """
 
     touch_mm: float = 0.0
@@ -91,11 +95,11 @@ class Shared:
 
 @dataclass(frozen=True, slots=True)
 class EdgeDrop:
-    """How far the gel falls away beside the face of one press as the picture reads it, at the certified depth.
+    """Fall of the gel's surface next to the face of one press in the height map, at the certified depth.
 
-    `press` is its label in the recording of this number; `fall_mm` from `from_mm` to `to_mm` beside the edge, in
-    the quarter about `azimuth_deg` (0 right, 90 down); `gain_std` the relative std of a quarter's slopes,
-    `ball_slope` the steepest slope that the light was made from.
+    `press` is its label in the recording of this number; `fall_mm` from `from_mm` to `to_mm` from the edge, in the
+    quarter about `azimuth_deg` (0 right, 90 down); `gain_std` the relative std of a quarter's slopes, `ball_slope`
+    the steepest slope of the light's calibration.
     """
 
     recording: int
@@ -110,10 +114,12 @@ class EdgeDrop:
 
 @dataclass(frozen=True, slots=True)
 class Slopes:
-    """Of samples of a picture, (N,) each: the expected slope of one beside a face, the certified depth that it is
-    of (no zero of the map moves a slope), its azimuth, where it begins beside the edge, the relative std of a
-    quarter's slopes, the steepest slope that the light was made from, and the relative changes of what is expected
-    for a std of nu and without friction; NaN for a face itself, which stands behind walls.
+    """Slopes next to faces, (N,) each; NaN for samples of a face itself.
+
+    `slope` is the expected one and `depth_mm` its certified depth (which no zero of the map shifts); `azimuth_deg`
+    and `from_mm` its place about and from the edge; `gain_std` the relative std of a quarter's slopes,
+    `ball_slope` the steepest slope of the light's calibration; `nu_change` and `friction_change` the relative
+    changes of the expected slope for a std of nu and without friction.
     """
 
     slope: Floats
@@ -126,7 +132,7 @@ class Slopes:
     friction_change: Floats
 
     def take(self, rows: Ints) -> Slopes:
-        """Those of some samples."""
+        """Return those of some samples."""
         return Slopes(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
@@ -134,14 +140,13 @@ class Slopes:
 class Observations:
     """All samples of all presses: `press` (N,) the press's index, the other arrays (N,), `force_N` (N, 3).
 
-    `time_s` is the recordings' common clock (seconds since the first recording's day); samples of one press stand
-    together and grow in time. `phase`: "free", "load", "hold", "unload" or "". `depth_std_mm`, `force_std_N` (N,):
-    one sample's own noise, NaN where nobody stated it; errors shared by all presses of an indenter are not in it
-    but in `indenters`. `reconstructed_mm` (N,): the depth that the picture gives, beside a certified one, and the
-    height map's own std of it. `falls`: what it reads of the gel beside. `slopes`: where the samples are such.
-    `depth_over_force_noise`: a depth's std over a force's, mm/N, where neither was stated and it was estimated.
-    `off_mm` (N,) or 0: the depth that the law is taken at, less the one read, by which effects remember.
-    One is equal to itself alone, so that what follows from it can be kept.
+    `time_s` is the recordings' common clock (seconds since the first recording's day); samples of one press are
+    contiguous and ordered in time. `phase`: "free", "load", "hold", "unload" or "". `depth_std_mm`, `force_std_N`:
+    one sample's own noise, NaN where not stated, without the errors shared by an indenter's presses (in
+    `indenters`). `reconstructed_mm`: the height map's depth where another is certified, with its std. `falls`: its
+    surface outside the contact; `slopes`: where samples are slopes. `depth_over_force_noise`: a depth's std over a
+    force's, mm/N, estimated where neither was stated. `off_mm` (N,) or 0: the depth at which the law is evaluated
+    less the one read, which effects of history use. Compared by identity, so that derived tables can be cached.
     """
 
     gel: Gel
@@ -168,38 +173,38 @@ class Observations:
 
     @property
     def size(self) -> int:
-        """The number of samples."""
+        """Number of samples."""
         return int(self.press.size)
 
     @property
     def count(self) -> int:
-        """The number of presses."""
+        """Number of presses."""
         return len(self.presses.label)
 
     @property
     def normal_N(self) -> Floats:
-        """The normal force (N,)."""
+        """Normal force (N,)."""
         return self.force_N[:, 2]
 
     @property
     def radius_mm(self) -> Floats:
-        """The indenter's radius at each sample (N,)."""
+        """Indenter's radius at each sample (N,)."""
         return np.asarray(self.presses.radius_mm[self.press])
 
     @property
     def edge_mm(self) -> Floats:
-        """By how much the indenter's edge is rounded at each sample (N,), as stated; 0 where nothing is."""
+        """Stated edge radius of the indenter at each sample (N,); 0 where none is stated."""
         stated = np.array([indenter.edge_radius_mm or 0.0 for indenter in self.indenters])
         return np.asarray(stated[self.presses.indenter[self.press]])
 
     @property
     def lubricated(self) -> bool:
-        """Whether all presses were."""
+        """Whether all presses were lubricated."""
         return bool(np.all(self.presses.lubricated == 1))
 
     @property
     def is_curves(self) -> bool:
-        """True where presses hold more than one sample."""
+        """Whether presses have more than one sample."""
         return self.size > self.count
 
     @property
@@ -207,8 +212,14 @@ class Observations:
         """Index (M,) of the first sample of each press."""
         return np.searchsorted(self.press, np.arange(self.count))
 
+    @property
+    def spans(self) -> list[slice]:
+        """Samples of each press, M slices."""
+        first = self.first.tolist()
+        return [slice(begin, end) for begin, end in zip(first, [*first[1:], self.size], strict=True)]
+
     def take(self, presses: Bools | Ints | Sequence[int]) -> Observations:
-        """Only these presses (a mask or indices); the indenters and the gel stay."""
+        """Return these presses (a mask or indices) with all indenters and the gel."""
         chosen = np.asarray(presses)
         keep = np.flatnonzero(chosen) if chosen.dtype == bool else chosen.astype(np.int64)
         number = np.full(self.count, -1)
@@ -218,29 +229,29 @@ class Observations:
         return self._rows(rows, press=number[self.press[rows]], presses=self.presses.take(keep))
 
     def at(self, press: Ints) -> Observations:
-        """Of points: a sample for each of these presses (N,), which may come again and grow."""
+        """Return a sample (of points) for each of these presses (N,), in rising order, repeats allowed."""
         return self._rows(press, press=press, presses=self.presses)
 
     def samples(self, keep: Bools) -> Observations:
-        """Only these samples; presses that lose all of theirs leave too."""
+        """Return these samples and the presses that have any."""
         rows = np.flatnonzero(keep)
         left, press = np.unique(self.press[rows], return_inverse=True)
         return self._rows(rows, press=press.astype(np.int64), presses=self.presses.take(left))
 
     def shifted(self, depth_mm: Floats | float) -> Observations:
-        """The same with the depth moved: for derivatives with respect to the depth."""
+        """Return the data with the depth shifted, for derivatives with respect to it."""
         return replace(self, depth_mm=self.depth_mm + depth_mm)
 
     def with_force(self, normal_N: Floats) -> Observations:
-        """The same with another normal force: for simulated measurements."""
+        """Return the data with another normal force, for simulated measurements."""
         return replace(self, force_N=np.column_stack([self.force_N[:, :2], normal_N]))
 
     def _rows(self, rows: Ints, *, press: Ints, presses: Presses) -> Observations:
-        names = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_std_mm", "force_std_N")
-        arrays = {name: getattr(self, name)[rows] for name in names}
-        for name in ("reconstructed_mm", "reconstructed_std_mm", "off_mm"):
-            if isinstance(getattr(self, name), np.ndarray):
-                arrays[name] = getattr(self, name)[rows]
+        names = (*OF_SAMPLES, "reconstructed_mm", "reconstructed_std_mm", "off_mm")
+        given = {name: getattr(self, name) for name in names}
+        arrays: dict[str, Any] = {
+            name: array[rows] for name, array in given.items() if isinstance(array, np.ndarray)
+        }
         if self.slopes is not None:
             arrays["slopes"] = self.slopes.take(rows)
         return replace(self, press=press, presses=presses, **arrays)
@@ -248,7 +259,7 @@ class Observations:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """One recording with the points or the curves to be taken from it."""
+    """One recording with the points or the curves to use."""
 
     recording: RecordingLike
     points: tuple[CertifiedPoint, ...] = ()
@@ -256,7 +267,7 @@ class Measured:
 
 
 def as_sets(measured: Measured | Sequence[Measured]) -> list[Measured]:
-    """One or several, as a list. Raises InputError for anything else, as a bare recording or arrays."""
+    """Return one or several as a list. Raises InputError for anything else, as a bare recording or arrays."""
     given: Any = measured
     several = list(given) if isinstance(given, Iterable) and not isinstance(given, Measured) else [given]
     for one in several:
@@ -269,13 +280,10 @@ def as_sets(measured: Measured | Sequence[Measured]) -> list[Measured]:
     return several
 
 
-# Presses by name, and measurements without some of them: what a person judges to be an accident.
-
-
 def press_names(data: Observations) -> tuple[str, ...]:
-    """One name a press: its label, with the recording's name before it where the label comes twice.
+    """Return one name a press: its label, preceded by the recording's name where the label occurs twice.
 
-    Of recordings of one name the later ones have their number behind it.
+    Later recordings of the same name are numbered.
     """
     labels, numbers = data.presses.label, data.presses.recording
     twice = {label for label, count in Counter(labels).items() if count > 1}
@@ -288,29 +296,24 @@ def press_names(data: Observations) -> tuple[str, ...]:
 
 
 def leave_out(data: Observations, presses: Sequence[str]) -> Observations:
-    """The measurements without these presses. Raises InputError for a press that is not there, and for all."""
+    """Return the data without these presses. Raises InputError for an unknown press, and where none remains."""
     names = press_names(data)
     unknown = [press for press in presses if press not in names]
     if unknown:
         raise InputError(
-            "there is no such press to leave out",
+            "there is no such press to exclude",
             where="--leave-out",
             value=unknown[0],
             remedy=f"There are {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}.",
         )
     kept = np.array([name not in presses for name in names])
     if not kept.any():
-        raise InputError("no press is left", where="--leave-out", remedy="Keep some.")
+        raise InputError("every press is excluded", where="--leave-out", remedy="Keep some.")
     return data if kept.all() else data.take(kept)
 
 
-# Several sets of measurements on one gel as one.
-
-OF_SAMPLES = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_std_mm", "force_std_N")
-
-
 def join(*sets: Observations) -> Observations:
-    """The presses of these sets in turn, indenters and order renumbered; what a picture read is left out."""
+    """Return the presses of these sets in turn, indenters and order renumbered, without data of pictures."""
     indenters = tuple(indenter for one in sets for indenter in one.indenters)
     first_indenter = accumulate((len(one.indenters) for one in sets), initial=0)
     first_press = accumulate((one.count for one in sets), initial=0)
@@ -333,10 +336,3 @@ def join(*sets: Observations) -> Observations:
         sets[0], indenters=indenters, presses=presses, press=press,
         reconstructed_mm=None, reconstructed_std_mm=None, falls=(), slopes=None, **samples,
     )  # fmt: skip
-
-
-# What a press adds at random where its data do not tell: the size of gain and zero on a usual rig.
-
-TYPICAL_GAIN = 0.005  # relative force from press to press; centre of the weak prior, which fades with repeats
-TYPICAL_ZERO_MM = 0.004  # mm: scatter of a press's zero of depth; centre of the weak prior likewise
-TYPICAL_FORCE_N = 0.005  # N: noise of one force reading where none is stated; as the sample recordings state it

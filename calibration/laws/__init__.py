@@ -1,4 +1,4 @@
-"""Contact laws, one a file. LAWS is a catalogue, not a gate: any object with the Law protocol works."""
+"""Contact laws, one a file. LAWS is the catalogue; any object with the Law protocol works as well."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ FLAT = "flat_cylinder"
 
 
 def shape_of(law: Law) -> str:
-    """The indenter's shape that a law is for."""
+    """Return the indenter's shape that a law is for."""
     return str(getattr(law, "shape", FLAT))
 
 
 def default_law(shapes: Collection[str]) -> Law:
-    """The default law for indenters of these shapes: a flat cylinder's where there is one, else the body's own."""
-    known: dict[str, Law] = {FLAT: FlatPunch(), "sphere": Sphere(), "cone": Cone()}
-    return next((law for shape, law in known.items() if shape in shapes), FlatPunch())
+    """Return the default law for indenters of these shapes: a flat cylinder's where there is one."""
+    laws: tuple[Law, ...] = (FlatPunch(), Sphere(), Cone())
+    return next((law for law in laws if shape_of(law) in shapes), laws[0])
 
 
 def get_law(key: str) -> Law:
-    """The law of this key; "default" is flat_punch. Raises InputError for an unknown key."""
+    """Return the law of this key; "default" is flat_punch. Raises InputError for an unknown key."""
     name = "flat_punch" if key == "default" else key
     if name not in LAWS:
         raise InputError(

@@ -10,36 +10,34 @@ import numpy as np
 from numpy.polynomial.legendre import legval
 
 from calibration.inputs.observations import EdgeDrop, Observations, Slopes
-from calibration.laws.flat_punch import NOMINAL_NU, STATED_NU_STD
+from calibration.laws.flat_punch import STATED_NU_STD
+from calibration.laws.theory import nominal_nu
 from calibration.model.composition import Composable
-from calibration.model.stages import Parameter, Prior, State
+from calibration.model.stages import Parameter, Prior, State, amplitude
 from tactilevision.mechanics.profile import LIKELY_SHARE, SHARE_STD, PunchCase, friction_of_share, seen_profile
 from tactilevision.mechanics.tables.punch import TABULATED, profile_model
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.records.rig import Gel
 
-# What a picture reads of the gel beside the faces, held against certified depths: slopes, by place and azimuth.
-#
-#     seen = w (fall read)/(fall expected)
-#
-# for each ring and quarter beside a face at the certified depth w: a depth of its own, right where the light is,
-# and read over slopes as gentle as those that the light was made from. What is expected is the tabulated surface
-# beside a flat punch at the gel's stated nu (.48 where none is) and the usual friction; how it changes with both
-# is kept.
-
-READ_STD_MM = 0.001  # of a fall: the camera's noise in the mean over a quarter of a ring; its scale is estimated
-FACE_STD = 0.02  # of a face behind its walls, relative, from press to press
-MIN_MM = 0.004  # of an expected fall: below it a micron is a quarter
-UNSTATED_NU_STD = 0.015  # of nu where none is stated: silicones lie in .45 to .4999
-HIGHEST_NU = 0.499  # where the profile's table ends
+READ_STD_MM = 0.001  # std of a fall: camera noise in the mean over a quarter of a ring; its scale is estimated
+FACE_STD = 0.02  # relative std of a face behind its walls, from press to press
+MIN_MM = 0.004  # least expected fall: below it READ_STD_MM is a quarter
+UNSTATED_NU_STD = 0.015  # std of nu where none is stated: silicones lie in .45 to .4999
+HIGHEST_NU = 0.499  # end of the profile's table
 NEAR = 0.55  # of the radius: gel falls by more there than slopes are off by; farther out only of shaded presses
-MIN_PRESSES = 6  # fewer leave too little beside what each indenter may be off by
+MIN_PRESSES = 6  # fewer do not exceed the indenters' own errors
 
 
 def with_slopes(faces: Observations) -> Observations | None:
-    """Samples of faces (one a press, what was seen in the force's place) and of the slopes beside them.
+    """Return samples of faces (one a press, the reconstructed depth as the force) and of the slopes next to them.
 
-    None where fewer than six presses have slopes beside them that can be expected.
+        seen = w (fall read)/(fall expected)
+
+    for each ring and quarter next to a face at the certified depth w: one more depth, read over slopes as gentle
+    as those of the light's calibration. The expected fall is that of the tabulated surface next to a flat punch at
+    the gel's stated nu (.48 where none is stated) and the usual friction; its changes with both are kept. None
+    where fewer than six presses have slopes with an expected fall.
     """
     place = {
         (int(number), label): k
@@ -55,17 +53,17 @@ def with_slopes(faces: Observations) -> Observations | None:
     if np.unique(press[sound]).size < MIN_PRESSES:
         return None
     read = np.array([f.fall_mm for f in falls])
-    told = np.array([(f.to_mm - f.from_mm, f.azimuth_deg, f.from_mm, f.gain_std, f.ball_slope) for f in falls])
-    width, azimuth, begin, gain_std, ball_slope = told.T
-    beside = Slopes(
+    columns = np.array([(f.to_mm - f.from_mm, f.azimuth_deg, f.from_mm, f.gain_std, f.ball_slope) for f in falls])
+    width, azimuth, begin, gain_std, ball_slope = columns.T
+    outside = Slopes(
         usual / width, depth, azimuth, begin, gain_std, ball_slope, other_nu / usual - 1, slippery / usual - 1
     ).take(sound)
     seen = np.concatenate([faces.normal_N, (depth * read / usual)[sound]])
     std = np.concatenate([FACE_STD * faces.depth_mm, (depth * READ_STD_MM / usual)[sound]])
     rows = np.concatenate([np.arange(faces.count), press[sound]])
-    order = np.argsort(rows, kind="stable")  # each press's face, then what is beside it
+    order = np.argsort(rows, kind="stable")  # each press's face, then the slopes next to it
     unknown = np.full(faces.count, np.nan)
-    slopes = Slopes(**{f.name: np.concatenate([unknown, getattr(beside, f.name)])[order] for f in fields(Slopes)})
+    slopes = Slopes(**{f.name: np.concatenate([unknown, getattr(outside, f.name)])[order] for f in fields(Slopes)})
     return replace(faces.at(rows[order]).with_force(seen[order]), slopes=slopes, force_std_N=std[order])
 
 
@@ -78,8 +76,8 @@ def _near(falls: Sequence[EdgeDrop], radius_mm: Mapping[tuple[int, str], float])
 
 
 def _expected(gel: Gel, depth_mm: Floats, radius_mm: Floats, falls: Sequence[EdgeDrop]) -> tuple[Floats, ...]:
-    """Expected falls (N,), those for a std more of nu, and those without friction; NaN where none is known."""
-    nu = NOMINAL_NU if gel.poisson_ratio is None else gel.poisson_ratio
+    """Return expected falls (N,), those for nu plus its std, and those without friction; NaN where unknown."""
+    nu = nominal_nu(gel)
     nu_std = UNSTATED_NU_STD if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_NU_STD
     friction, edges = friction_of_share(LIKELY_SHARE), np.array([(f.from_mm, f.to_mm) for f in falls])
     tables = np.full((3, len(falls)), np.nan)
@@ -98,67 +96,65 @@ def _expected(gel: Gel, depth_mm: Floats, radius_mm: Floats, falls: Sequence[Edg
     return tuple(tables)
 
 
-# What a ceiling of slopes leaves of a punch's walls: T(m w/S), T(x) = tanh(x)/x, S the ceiling, m w the slope.
-
 WALLS_PER_MM = 1.5  # slope of a face's walls per mm of depth: a wall's height over two thirds of a millimetre
-WALLS_PER_MM_STD = 0.5  # std of it: what pixels and blur leave of a wall
+WALLS_PER_MM_STD = 0.5  # its std, by pixels and blur
 
 
-def of_walls(ratio: float, steep: Floats) -> Floats:
-    """Share of a depth (N,) that is left where a second ceiling acts, `ratio` times as low as the method's own.
+def wall_share(ratio: float, steep: Floats) -> Floats:
+    """Return the share of a depth (N,) read where a second ceiling acts, 1/`ratio` times the method's own.
 
-    `steep` (N,) is the walls' slope over the method's own ceiling.
+    `steep` (N,) is the walls' slope over the method's own ceiling S: a wall is read as T(steep), T(x) = tanh(x)/x.
     """
     return np.asarray(read_share(np.hypot(ratio, 1.0) * steep) / read_share(steep))
 
 
 def read_share(x: Floats) -> Floats:
-    """The share tanh(x)/x (N,) that is read of slopes x (N,) times the ceiling."""
-    x = np.maximum(x, 1e-9)
+    """Return the share tanh(x)/x (N,) that is read of slopes x (N,) times the ceiling."""
+    x = np.maximum(x, TINY)
     return np.asarray(np.tanh(x) / x)
 
 
-# The law of what a picture reads of depths that are certified: the same, but for what it may be off by.
-#
-#     seen = f(w) + z + s(w) (u_0 + u_1 x + u_2 P_2(x)),    f = w where nothing is wrong
-#
-# w the certified depth, z the zero of the height map, s its own std behind a punch's steep walls, which all
-# presses of a depth share: u ~ N(0, 1) let it be off by that much, alike, growing or bent over the depths (x from
-# -1 to 1, P_2 Legendre's). Where slopes beside the faces were read (slopes_beside_face.py), each is a depth of its
-# own too: f(w) times 1 + what its quarter of directions, its ring, nu and the friction may be off by, each with
-# its std.
-
 WALLS = 3  # terms of a face's own error over the depths
 FLATTENING, LOST = "flattening", "lost_in_walls"
-LOST_STD = 0.5  # of what a second ceiling like the method's own would take off a face
-MIN_RISE_STD = 0.005  # of what certified depths have wrong alike, relative
-KEPT = 8  # data sets of which the law's tables are kept: a fit asks at every step
-ZERO_STD_MM = 0.005  # of a height map's zero, where single depths cannot tell it from a gain
+LOST_STD = 0.5  # std of the loss in walls, in units of a second ceiling like the method's own
+MIN_RISE_STD = 0.005  # least relative std shared by all certified depths
+KEPT = 8  # data sets whose tables are cached: a fit asks at every step
+ZERO_STD_MM = 0.005  # std of a height map's zero, where single depths do not separate it from a gain
 
 
 @dataclass(frozen=True, slots=True)
 class ReconstructedDepth(Composable):
-    """The law: what is seen is what was certified, but for a zero and what the height map says of itself."""
+    """Law of the reconstructed depth of presses whose depth w is certified.
 
-    @property
-    def key(self) -> str:
-        """The name in a model."""
-        return "reconstructed_depth"
+        seen = f(w) + z + s(w) (u_0 + u_1 x + u_2 P_2(x)),    f = w without an effect
+
+    z is the zero of the height map and s its own std behind a punch's steep walls, which all presses of a depth
+    share: u ~ N(0, 1) are errors constant, linear and quadratic in the depth (x from -1 to 1, P_2 Legendre's).
+    Each slope next to a face (`with_slopes`) is one more depth: f(w) times 1 + the errors of its quarter, its
+    ring, nu and the friction, each with its std.
+    """
+
+    key = "reconstructed_depth"
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
-        """z, then the u where the height map states a std, then what slopes beside may be off by."""
+        """Return z, then the u where the height map states a std, then the errors of the slopes."""
         curves = data.is_curves and data.slopes is None
         prior = None if curves else Prior(0.0, ZERO_STD_MM, "a height map's zero")
-        table = [Parameter("zero_mm", "mm", 0.0, (-0.2, 0.2), "seen where nothing is pressed", 0.005, prior)]
+        table = [
+            replace(amplitude("zero_mm", "mm", 0.2, "seen where nothing is pressed", ZERO_STD_MM), prior=prior)
+        ]
         if _stated(data) is not None:
-            table += [Parameter(f"walls_{k}", "1", 0.0, (-8.0, 8.0), "error of the face, in its own std", 1.0,
-                                Prior(0.0, 1.0, "the height map's own std")) for k in range(WALLS)]  # fmt: skip
-        return (*table, *(_share(name, std) for name, std, _ in _open(data)))
+            wall = replace(
+                amplitude("walls", "1", 8, "error of the face, in its own std", 1.0),
+                prior=Prior(0.0, 1.0, "the height map's own std"),
+            )
+            table += [replace(wall, name=f"walls_{k}") for k in range(WALLS)]
+        return (*table, *(_share(name, std) for name, std, _ in _slope_errors(data)))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """The seen depth in the force's place."""
-        stated, beside = _stated(data), _changes(data)
-        share = np.sum(values[values.size - len(beside) :, None] * beside, axis=0)
+        """Return the state with the reconstructed depth as its force."""
+        stated, changes = _stated(data), _changes(data)
+        share = np.sum(values[values.size - len(changes) :, None] * changes, axis=0)
         depth = state.depth_mm
         if data.slopes is not None:
             depth = np.where(beside_face(data), data.slopes.depth_mm * depth / data.depth_mm, depth)
@@ -170,8 +166,9 @@ class ReconstructedDepth(Composable):
 
 @lru_cache(maxsize=KEPT)
 def _stated(data: Observations) -> Floats | None:
-    """The height map's own std of the face (N,), where it is known throughout; smooth over the depth, since all
-    presses share it. 0 for the slopes beside.
+    """Return the height map's std of the face (N,), mm, smooth over the depth since all presses share it.
+
+    0 for slopes; None where a std is not known.
     """
     std = data.reconstructed_std_mm
     if std is None or not (np.isfinite(std).all() and (std > 0).all()):
@@ -184,32 +181,32 @@ def _stated(data: Observations) -> Floats | None:
 
 @lru_cache(maxsize=KEPT)
 def _of_face(data: Observations) -> Floats:
-    """1 for the depth of a face (N,), mm, 0 for a slope beside it."""
+    """Return 1 for the depth of a face (N,) and 0 for a slope next to it."""
     return np.ones(data.size) if data.slopes is None else np.isnan(data.slopes.slope).astype(float)
 
 
 @lru_cache(maxsize=KEPT)
-def _open(data: Observations) -> list[tuple[str, float, Floats]]:
-    """What slopes beside a face may be off by besides: a name, its std, and what one of it changes (N,)."""
+def _slope_errors(data: Observations) -> list[tuple[str, float, Floats]]:
+    """Return the possible errors of slopes next to a face: name, std, and change (N,) by a unit of it."""
     slopes = data.slopes
     if slopes is None:
         return []
     azimuths, rise = np.unique(slopes.azimuth_deg[beside_face(data)]), max(data.shared.rise, MIN_RISE_STD)
     gain, flattened = float(np.nanmedian(slopes.gain_std)), (slopes.slope / slopes.ball_slope) ** 2 / 3
-    # a light's law errs smoothly over the picture: quarters err alike for the most part, their mean by `gain`
+    # the light's error varies smoothly over the picture: most of it is shared by the quarters, whose mean has
+    # `gain`
     changes: list[tuple[str, float, Floats | Bools]] = [("light", float(np.sqrt(0.75)) * gain, beside_face(data))]
     changes += [(f"quarter_{azimuth:.0f}", gain, slopes.azimuth_deg == azimuth) for azimuth in azimuths]
     changes += [
         (f"ring_{begin:.2f}", TABULATED.relative_error, slopes.from_mm == begin)
         for begin in np.unique(slopes.from_mm[beside_face(data)])
     ]
-    # each indenter has its height, and a depth at which the table has an error of its own
+    # each indenter has its own height, and its own depth at which the table errs
     kind, half = data.presses.indenter[data.press], 0.5 * TABULATED.relative_error
     changes += [(f"indenter_{k}", half, beside_face(data) & (kind == k)) for k in np.unique(kind)]
     changes += [(f"face_{k}", TABULATED.relative_error, _of_face(data) * (kind == k)) for k in np.unique(kind)]
-    walls = of_walls(1.0, WALLS_PER_MM * data.depth_mm / np.nanmedian(slopes.ball_slope))
-    # the method's own: a ceiling at the steepest slope that the light was made from
-    changes += [
+    walls = wall_share(1.0, WALLS_PER_MM * data.depth_mm / np.nanmedian(slopes.ball_slope))
+    changes += [  # flattening by the method's own ceiling, the steepest slope of the light's calibration
         (FLATTENING, 1.0, -np.nan_to_num(flattened)),
         (LOST, LOST_STD, _of_face(data) * (walls - 1)),
         ("certificate", rise, np.ones(data.size)),
@@ -221,27 +218,20 @@ def _open(data: Observations) -> list[tuple[str, float, Floats]]:
 
 @lru_cache(maxsize=KEPT)
 def beside_face(data: Observations) -> Bools:
-    """Whether a sample (N,) is a slope beside a face, read as a depth in mm."""
+    """Return whether a sample (N,) is a slope next to a face, read as a depth in mm."""
     return np.asarray(_of_face(data) == 0)
 
 
 @lru_cache(maxsize=KEPT)
 def _changes(data: Observations) -> Floats:
-    """What one of each of those changes, (k, N)."""
-    return np.array([change for *_, change in _open(data)]).reshape(-1, data.size)
+    """Return the changes by a unit of each error, (k, N)."""
+    return np.array([change for *_, change in _slope_errors(data)]).reshape(-1, data.size)
 
 
 def _share(name: str, std: float) -> Parameter:
-    least = 0.0 if name in (FLATTENING, LOST) else -8 * std  # no method reads steep slopes steeper than they are
-    return Parameter(
-        name,
-        "1",
-        0.0,
-        (least, 8 * std),
-        "what slopes beside the face may be off by",
-        std,
-        Prior(0.0, std, "the method's card and the tabulated surface"),
-    )
+    least = 0.0 if name in (FLATTENING, LOST) else -8 * std  # steep slopes are never read steeper than they are
+    prior = Prior(0.0, std, "the method's card and the tabulated surface")
+    return Parameter(name, "1", 0.0, (least, 8 * std), "error of the slopes next to the face", std, prior)
 
 
 def _across(depth_mm: Floats) -> Floats:

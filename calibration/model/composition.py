@@ -1,4 +1,4 @@
-"""A law and its effects, composed: one function from parameters to the force that the sensor should read.
+"""Composition of a law and its effects: one function from parameters to the predicted force.
 
 model = FlatPunch() + DepthZero() + Viscoelasticity(terms=2)
 """
@@ -15,9 +15,10 @@ import numpy as np
 from calibration.inputs.observations import TYPICAL_ZERO_MM, Observations
 from calibration.model.stages import Effect, Law, Parameter, Stage, State
 from tactilevision.errors import InputError
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Floats
 
-KEPT = 8  # data sets of which the state at rest is kept: a fit begins from it at every step
+KEPT = 8  # data sets whose initial state is cached: a fit begins from it at every step
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +32,14 @@ class Model:
         keys = [effect.key for effect in self.effects]
         twice = sorted({key for key in keys if keys.count(key) > 1})
         if twice:
-            raise InputError("an effect stands in a model once", where="Model", value=", ".join(twice))
+            raise InputError("a model has an effect twice", where="Model", value=", ".join(twice))
         object.__setattr__(self, "effects", tuple(sorted(self.effects, key=_place)))
 
     def __add__(self, effect: Effect) -> Model:
         return Model(self.law, (*self.effects, effect))
 
     def without(self, key: str) -> Model:
-        """The model less one effect."""
+        """Return the model without one effect."""
         return Model(self.law, tuple(e for e in self.effects if e.key != key))
 
     @property
@@ -52,12 +53,12 @@ class Model:
         return " + ".join((self.law.key, *self.keys))
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
-        """All parameters in the order of `predict`: the law's, then each effect's as `key.name`."""
+        """Return all parameters in the order of `predict`: the law's, then each effect's as `key.name`."""
         effects = [replace(p, name=f"{e.key}.{p.name}") for e in self.effects for p in _known(e, data)]
         return (*self.law.parameters(data), *effects)
 
     def slices(self, data: Observations) -> dict[str, slice]:
-        """Where each part's values stand in the vector of parameters: "law", then the effects' keys."""
+        """Return the slice of each part in the vector of parameters: "law", then the effects' keys."""
         return self._places(len(self.law.parameters(data)))
 
     def _places(self, start: int) -> dict[str, slice]:
@@ -68,19 +69,19 @@ class Model:
         return places
 
     def slices_of(self, size: int) -> dict[str, slice]:
-        """The same for a vector of this many values, without data."""
+        """Return the slices for a vector of this many values, without data."""
         return self._places(size - sum(len(e.parameters) for e in self.effects))
 
     def defaults(self, data: Observations) -> Floats:
-        """Where each parameter rests; with every effect off."""
+        """Return the default of each parameter, with every effect off."""
         return np.array([p.default for p in self.parameters(data)])
 
     def predict(self, values: Floats, data: Observations) -> Floats:
-        """Normal force (N,) that the sensor should read, in N. `values` as `parameters` orders them."""
+        """Return the predicted normal force (N,), N; `values` in the order of `parameters`."""
         return self.state(values, data).force_N
 
     def state(self, values: Floats, data: Observations) -> State:
-        """The state after the last stage."""
+        """Return the state after the last stage."""
         if not any(getattr(e, "reads_force", False) for e in self.effects):
             return self._pass(values, data)
         first = self._pass(values, data)
@@ -88,7 +89,7 @@ class Model:
         return self._pass(values, data.with_force(_limit(data.normal_N, first.force_N, second.force_N)))
 
     def _pass(self, values: Floats, data: Observations) -> State:
-        """All stages once, with the force in `data` for effects that read it."""
+        """Return the state after all stages, with the force in `data` for effects that read it."""
         places = self.slices_of(values.size)
         state = rest_state(data)
         stages = [(e.stage, e) for e in self.effects]
@@ -100,10 +101,10 @@ class Model:
         return state
 
     def slope(self, values: Floats, data: Observations) -> Floats:
-        """d force / d depth as read (N,), N/mm, by central differences over what presses' zeros scatter by.
+        """Return d force / d depth as read (N,), N/mm, by central differences over the scatter of presses' zeros.
 
-        A sharper kink at the touch would give a sample near it the whole slope or none, from one step of a fit to
-        the next, and the fit would come to no end.
+        With a smaller step samples near the kink at the touch would have the whole slope or none from one step of
+        a fit to the next, and the fit would not converge.
         """
         step = 4 * TYPICAL_ZERO_MM
         high, low = (self.predict(values, data.shifted(side * step)) for side in (0.5, -0.5))
@@ -111,35 +112,35 @@ class Model:
 
 
 class Composable:
-    """Gives a law the `+` that makes a model of it."""
+    """Base of laws: `+` with an effect makes a model."""
 
     def __add__(self: Any, effect: Effect) -> Model:
         return Model(self) + effect
 
 
 def _limit(start: Floats, once: Floats, twice: Floats) -> Floats:
-    """Where x -> f(x) comes to rest, from x, f(x), f(f(x)): Aitken's step, exact where f is a straight line."""
+    """Return the fixed point of f from x, f(x), f(f(x)) by Aitken's step, exact for a linear f."""
     shrink = (once - start) - (twice - once)
-    safe = np.abs(shrink) > 1e-9 * (1 + np.abs(twice))
+    safe = np.abs(shrink) > TINY * (1 + np.abs(twice))
     ratio = np.where(safe, (twice - once) / np.where(safe, shrink, 1.0), 0.0)
     return np.asarray(np.where(np.abs(ratio) < 5, twice + ratio * (twice - once), twice))
 
 
 @lru_cache(maxsize=KEPT)
 def rest_state(data: Observations) -> State:
-    """The state before the first stage: everything as it was read or stated; of the same data the same one."""
+    """Return the state before the first stage, as read or stated; cached."""
     ones, zeros = np.ones(data.size), np.zeros(data.size)
     thickness = np.full(data.size, data.gel.thickness_mm)
     for array in (ones, zeros, thickness):
         array.setflags(write=False)
-    sticking = float(not data.lubricated)  # to the edge: silicone grips what it is pressed on
+    sticking = float(not data.lubricated)  # silicone grips a dry edge
     return State(
         data.depth_mm + data.off_mm, data.radius_mm, data.edge_mm, thickness, ones, zeros, zeros, sticking
     )
 
 
 def _known(effect: Effect, data: Observations) -> tuple[Parameter, ...]:
-    """An effect's parameters with its priors; one that states none on data needs no such method."""
+    """Return an effect's parameters with its priors; `parameters_on` is optional."""
     stated = getattr(effect, "parameters_on", None)
     return effect.parameters if stated is None else tuple(stated(data))
 

@@ -1,9 +1,21 @@
-"""The stages of a model in their fixed order, its parameters, and the protocols of laws and effects."""
+"""Stages of a model in their fixed order, its parameters, and the protocols of laws and effects.
+
+    depth -> geometry -> (law) -> material -> history -> instrument
+
+    depth        the depth as read becomes the depth of the punch in the gel
+    geometry     radius, thickness, and a factor on the stiffness (the surroundings)
+    law          elastic force of the punch on that geometry
+    material     the elastic force changes with strain, age, temperature
+    history      the force depends on earlier loading (relaxation, recovery, softening, pull-off)
+    instrument   the force becomes the reading of the force sensor
+
+Within a stage effects act in the order of the catalogue, private ones last. An effect at its defaults returns the
+state unchanged.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import inf, nan
@@ -17,13 +29,14 @@ from tactilevision.records.measured import Bools, Floats, Pair
 if TYPE_CHECKING:
     from calibration.inputs.observations import DepthSource, Observations
 
+STICKING, EDGE, THICKNESS = "sticking", "edge", "thickness"  # conditions of the rig that an effect may fit
 
-# One number that a fit may change: its unit, where it rests, how far it may go, and what it means.
+NOT_READ = 0.0  # N: normal force put for held-out presses, as if nothing pulled; tangential forces stay
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known of a parameter beforehand: a normal distribution, and where that knowledge comes from."""
+    """Normal prior of a parameter: mean, standard deviation, and where the knowledge comes from."""
 
     mean: float
     std: float
@@ -32,7 +45,9 @@ class Prior:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.mean) and math.isfinite(self.std) and self.std > 0):
             raise InputError(
-                "a prior has a finite mean and a std above 0", where=self.source, value=(self.mean, self.std)
+                "a prior needs a finite mean and a standard deviation above 0",
+                where=self.source,
+                value=(self.mean, self.std),
             )
 
 
@@ -40,9 +55,10 @@ class Prior:
 class Parameter:
     """A parameter of a law or an effect.
 
-    `default` is where a fit starts; for an effect it is the value at which the effect vanishes, or, for a shape
+    `default` is where a fit starts; for an effect it is the value at which the effect vanishes or, for a shape
     (a time constant, an angle), any place inside the bounds. `scale` is a typical size: the step of numerical
-    derivatives and the unit of the optimiser. Equal bounds hold the parameter fixed.
+    derivatives and the unit of the optimiser. Equal bounds hold the parameter fixed. Raises InputError for a
+    default outside the bounds and a scale that is not above 0.
     """
 
     name: str
@@ -54,43 +70,30 @@ class Parameter:
     prior: Prior | None = None
 
     def __post_init__(self) -> None:
-        low, high = self.bounds
+        low, high = map(float, self.bounds)
+        object.__setattr__(self, "bounds", (low, high))  # numbers may be written as integers
+        for name in ("default", "scale"):
+            object.__setattr__(self, name, float(getattr(self, name)))
         if not low <= self.default <= high:
             raise InputError(
-                "the default of a parameter lies within its bounds",
-                where=self.name,
-                value=(self.default, self.bounds),
+                "a parameter's default lies outside its bounds", where=self.name, value=(self.default, self.bounds)
             )
         if not (math.isfinite(self.scale) and self.scale > 0):
-            raise InputError("the scale of a parameter lies above 0", where=self.name, value=self.scale)
+            raise InputError("a parameter's scale must lie above 0", where=self.name, value=self.scale)
 
     @property
     def fixed(self) -> bool:
-        """True where the bounds leave no room."""
+        """True where both bounds are equal."""
         return self.bounds[0] == self.bounds[1]
 
 
-# The stages that every model passes in one fixed order, and the two protocols that fill them.
-#
-#     depth -> geometry -> (law) -> material -> history -> instrument
-#
-# depth        what was read as depth becomes the depth of the punch in the gel
-# geometry     radius, thickness, and a factor on the stiffness (the surroundings)
-# law          elastic force of the punch on that geometry
-# material     the elastic force changes with strain, age, temperature
-# history      the force depends on what happened before (relaxation, recovery, softening, pull-off)
-# instrument   the force becomes what the force sensor reads
-#
-# Within a stage effects act in the order of the catalogue, private ones last. An effect at its defaults returns
-# the state as it came.
-
-STICKING, EDGE, THICKNESS = "sticking", "edge", "thickness"  # conditions that an effect may fit; else stated
-
-NOT_READ = 0.0  # N: the normal force of presses held out, as if the gel did not pull; tangential forces stay
+def amplitude(name: str, unit: str, limit: float, meaning: str, scale: float) -> Parameter:
+    """Return a parameter that may have either sign, within `limit` of 0, where its effect vanishes."""
+    return Parameter(name, unit, 0.0, (-limit, limit), meaning, scale)
 
 
 class Stage(IntEnum):
-    """Where in the chain an effect acts."""
+    """Stage of a model in which an effect acts."""
 
     DEPTH = 0
     GEOMETRY = 1
@@ -101,11 +104,11 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What travels through the stages; each array is (N,), one number a sample.
+    """What passes through the stages; each array is (N,), one number a sample.
 
-    `depth_mm` of the punch in the gel; `radius_mm` of the punch, `edge_mm` by which its edge is rounded and
+    `depth_mm` of the punch in the gel; `radius_mm` of the punch, `edge_mm` the radius of its rounded edge and
     `sticking` from a gel that slides over that (0) to one that sticks (1); `thickness_mm` of the gel; `factor` on
-    the stiffness; set by the law: `stiffness_N_per_mm` (force over depth as the depth goes to 0, of a sharp edge)
+    the stiffness. The law sets `stiffness_N_per_mm` (force over depth as the depth tends to 0, of a sharp edge)
     and `force_N`.
     """
 
@@ -121,50 +124,50 @@ class State:
 
 @runtime_checkable
 class Law(Protocol):
-    """A contact law: the elastic force of one shape of indenter on the gel."""
+    """Contact law: the elastic force of one shape of indenter on the gel."""
 
     @property
     def key(self) -> str:
-        """The name in the catalogue."""
+        """Name in the catalogue."""
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
-        """What is fitted; may depend on the indenters that occur."""
+        """Return the fitted parameters; they may depend on the indenters of `data`."""
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Fill `stiffness_N_per_mm` and `force_N`."""
+        """Return the state with `stiffness_N_per_mm` and `force_N`."""
 
 
 @runtime_checkable
 class Effect(Protocol):
-    """A physical or an instrument effect; see EffectBase for what each part says."""
+    """A physical or an instrument effect; EffectBase describes each part."""
 
     @property
     def key(self) -> str:
-        """The name in the catalogue."""
+        """Name in the catalogue."""
 
     @property
     def stage(self) -> Stage:
-        """Where it acts."""
+        """Stage in which it acts."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What is fitted."""
+        """Fitted parameters."""
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """The state with the effect of these values, in the order of `parameters`."""
+        """Return the state with the effect of `values`, in the order of `parameters`."""
 
     def missing(self, data: Observations) -> str:
-        """Why these data cannot show the effect; empty where they can."""
+        """Return why these data cannot show the effect; empty where they can."""
 
     def starts(self, data: Observations) -> Floats:
-        """Values (S, q) to begin a fit from, and to look for the effect with."""
+        """Return values (S, q) at which a fit and the score test begin."""
 
 
 @dataclass(frozen=True, slots=True)
 class ManualCheck:
-    """A direct look at an effect: what to do, its minutes, and the std with which it shows the first parameter.
+    """Direct check of an effect by a person: what to do, minutes, and its std of the first parameter.
 
-    `std` is in the parameter's unit; NaN where it takes presses that the data themselves must be asked about.
+    `std` is in the parameter's unit; NaN where the check takes more presses, which are then fitted.
     """
 
     action: str
@@ -173,26 +176,25 @@ class ManualCheck:
 
 
 class EffectBase:
-    """What an effect has in common with the others; a new one need give `key`, `stage`, `parameters`, `apply`.
+    """Base of effects; a new one needs `key`, `stage`, `parameters` and `apply`.
 
-    Everything that is known of an effect stands here, and no other file knows its key.
+    Everything known of an effect stands in its class; no other file knows its key.
 
-    `title` in words; `seen_in` the covariates against which its residual shows; of an effect of the gel, by the
-    names of `covariates`, it also bounds what its form may be off by (`form_errors`); `confused_with` keys of
-    effects that look alike; `separated_by` what tells them apart; `source` of the equation; `threshold` where it
-    acts only beyond or below some depth, so that no small amplitude stands for it; `same_over` covariates over
-    which it has to have one size, where what looks like it has several; `reads_force` where it depends on the
-    normal force itself: the model hands it the force that it predicts, for the measured one's noise would pass for
-    the effect; `asks_readings` where it takes from what was read which way a sample went: of presses held out it
-    finds NOT_READ when it is confirmed.
+    `title`: a short sentence. `seen_in`: covariates against which its residual shows; for an effect of the gel the
+    names of `covariates` also bound the error of its form (`form_errors`). `confused_with`: keys of effects that
+    look alike. `separated_by`: what distinguishes them. `source` of the equation. `threshold`: it acts only beyond
+    or below some depth, so a small amplitude does not represent it. `same_over`: covariates over which its size is
+    constant, where an imitation varies. `reads_force`: it depends on the normal force; the model passes it the
+    predicted force, since the measured one carries noise. `asks_readings`: it takes from the readings which branch
+    a sample is on; confirmed on held-out presses, it is given NOT_READ.
 
-    `order` among the effects of a stage: lower acts first, private ones last. `largest`: the size of the first
-    parameter that no rig exceeds, from where the effect vanishes, a judgement; None: its bounds. `typical`: its
-    size where nothing shows how large; None: the parameter's scale. `check`: what a person can do about it.
-    `depth_source`: the one kind of depth that it belongs to; None: any. `condition`: what it fits of the rig that
-    is otherwise stated or supposed ("sticking", "edge", "thickness"). `instead_of_beta`: its rank, from 1, among
-    what a beta that theory does not allow may be instead; 0: it is none. `treatment`: what `treat(data)` does
-    to the observations once the effect is added ("outside_shadow_zone"); "": there is none, and it is fitted.
+    `order` among the effects of a stage: lower acts first. `largest`: size of the first parameter that no rig
+    exceeds, from where the effect vanishes (a judgement); None: its bounds. `typical`: its size where the data do
+    not show it; None: the parameter's scale. `check`: what a person can do. `depth_source`: the one kind of depth
+    that it applies to; None: any. `condition`: the condition of the rig that it fits ("sticking", "edge",
+    "thickness"), which is otherwise stated or assumed. `instead_of_beta`: its rank, from 1, among the explanations
+    of a beta outside theory; 0: none. `treatment`: what `treat(data)` does to the observations once the effect is
+    added ("outside_shadow_zone"); "": it is fitted. `start_values`: fixed starts of a fit, a row each.
     """
 
     key: ClassVar[str] = ""
@@ -214,71 +216,85 @@ class EffectBase:
     condition: ClassVar[str] = ""
     instead_of_beta: ClassVar[int] = 0
     treatment: ClassVar[str] = ""
+    start_values: ClassVar[tuple[tuple[float, ...], ...]] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What is fitted."""
+        """Fitted parameters; the effect vanishes at the default of the first."""
         raise NotImplementedError(f"{type(self).__name__} states no parameters")
 
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
-        """The same, with what is known of them beforehand on these data; nothing, unless said otherwise."""
+        """Return the parameters with what is known of them on these data."""
         return self.parameters
 
     def missing(self, data: Observations) -> str:
-        """Any data show it, unless said otherwise."""
+        """Return why these data cannot show the effect; empty where they can."""
         return ""
 
     def starts(self, data: Observations) -> Floats:
-        """Half a typical size on either side of the default, inside the bounds, in the first parameter."""
-        table = self.parameters
-        first = table[0]
-        rest = [p.default for p in table[1:]]
+        """Return values (S, q) to begin a fit from.
+
+        Those of `start_values`; else half a scale on either side of the first parameter's default, in the bounds.
+        """
+        if self.start_values:
+            return np.array(self.start_values, dtype=float)
+        first, *others = self.parameters
         sides = [np.clip(first.default + s * first.scale / 2, *first.bounds) for s in (1.0, -1.0)]
-        kept = [side for side in dict.fromkeys(sides) if side != first.default]
-        return np.array([[side, *rest] for side in kept])
+        rest = [p.default for p in others]
+        return np.array([[side, *rest] for side in dict.fromkeys(sides) if side != first.default])
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """The state with the effect of these values."""
+        """Return the state with the effect of these values."""
         raise NotImplementedError(f"{type(self).__name__} does nothing")
 
     def absent(self, data: Observations) -> bool:
-        """Whether these data hold nothing of it: their depth comes from elsewhere, unless said otherwise."""
+        """Return whether these data cannot contain it: their depth has another source."""
         return self.depth_source not in (None, data.depth_source)
 
     def to_be_expected(self, data: Observations) -> bool:
-        """Whether any rig of which nothing is stated has some of it (`typical`); no, unless said otherwise."""
+        """Return whether any rig of which nothing is stated has some of it (`typical`)."""
         return False
 
     def supposed(self, data: Observations) -> Observations:
-        """The same with what most rigs have, where it is not stated and the effect could not act without it."""
+        """Return the data with what most rigs have, where it is not stated and the effect needs it."""
         return data
 
     def freed(self) -> Effect:
-        """The effect without what is stated or judged of its size beforehand."""
+        """Return the effect without a prior on its size."""
         return self
 
     def richer(self) -> Effect | None:
-        """The effect with more terms; None where there is none, or enough."""
+        """Return the effect with one more term; None where there is none."""
         return None
 
     def richer_starts(self, values: Floats) -> Floats:
-        """Values (S, q) to begin a fit of `richer()` from, about these (p,) of its own."""
+        """Return values (S, q) to begin a fit of `richer()` from, given these (p,) of its own."""
         return values[None]
 
     def in_picture(self, data: Observations | None = None) -> Effect | None:
-        """The effect as the picture's depth shows it, on these data; None where a picture knows nothing of it."""
+        """Return the effect as it shows in the reconstructed depth; None where it does not."""
         return None
 
 
-# Two parameters, one an axis: an axis along which nothing varies tells nothing of its own, which is then 0.
+class AxesEffect(EffectBase):
+    """An effect with one amplitude along x and one along y.
 
+    Along an axis on which the data do not vary the amplitude is held at 0. Fits start at `signs` times the scale.
+    """
 
-def with_told(parameters: Sequence[Parameter], told: Bools) -> tuple[Parameter, ...]:
-    """The parameters, held at 0 in their unit where their axis is not `told` (p,)."""
-    pairs = zip(parameters, told, strict=True)
-    return tuple(p if seen else replace(p, bounds=(0.0, 0.0)) for p, seen in pairs)
+    signs: ClassVar[tuple[tuple[int, int], ...]] = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
+    def varies(self, data: Observations) -> Bools:
+        """Return along which of x and y (2,) these data vary."""
+        raise NotImplementedError(f"{type(self).__name__} does not state what varies")
 
-def told_starts(starts: Floats, told: Bools) -> Floats:
-    """Those of the starts (s, p), in their unit, that leave axes alone that are not `told` (p,)."""
-    return np.asarray(starts[~(starts[:, ~told] != 0).any(axis=1)])
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """Return the parameters, fixed at 0 along an axis on which the data do not vary."""
+        pairs = zip(self.parameters, self.varies(data), strict=True)
+        return tuple(p if varies else replace(p, bounds=(0, 0)) for p, varies in pairs)
+
+    def starts(self, data: Observations) -> Floats:
+        """Return the starts (S, 2) that move only along axes on which the data vary."""
+        signs = np.array(self.signs)
+        kept = signs[~signs[:, ~self.varies(data)].any(axis=1)]
+        return np.asarray(kept * [p.scale for p in self.parameters])

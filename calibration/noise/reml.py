@@ -1,4 +1,20 @@
-"""Estimate the parameters of the error model by restricted maximum likelihood."""
+"""Estimate the sizes of the error model by restricted maximum likelihood, with weak priors where repeats are few.
+
+    -2 log L = sum over presses of log|V_p| + log|J^T V^-1 J + Lambda| + r^T P r
+
+J holds the model's derivatives, Lambda the priors' precision; P projects the fitted part out. With few presses the
+sizes of gain and zero are hardly determined: log-normal priors about .5 % and 4 um (a factor 2.7 either way) keep
+them from collapsing to 0, and lose weight as presses are added. Sources: Patterson, Thompson, Biometrika 58 (1971)
+545; Harville, J. Am. Stat. Assoc. 72 (1977) 320.
+
+Inner products under the error model are computed once for every size of its parts:
+
+    A^T V^-1 B = sum over presses of (A^T B - A^T G S (1 + S G^T G S)^-1 S G^T B) / scale^2,    S = diag(gain,
+    zero)/scale
+
+with columns decorrelated and in units of a sample's own noise. Only G's part depends on the sizes, a 2 x 2 matrix
+a press (Woodbury's identity), so neither a search nor a bootstrap touches the samples again.
+"""
 
 from __future__ import annotations
 
@@ -9,30 +25,24 @@ from itertools import combinations
 import numpy as np
 
 from calibration.inputs.observations import TYPICAL_GAIN, TYPICAL_ZERO_MM, Observations
-from calibration.noise.model import STATED_DOF, Alike, Linear, Noise, rectangles
+from calibration.noise.model import STATED_DOF, CorrelatedNoise, Linear, Noise, rectangles
+from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.measured import Floats
-
-# Inner products under the error model, worked out once for every size of its parts.
-#
-#     A^T V^-1 B = sum over presses of (A^T B - A^T G S (1 + S G^T G S)^-1 S G^T B) / scale^2
-#
-# S = diag(gain, zero)/scale, columns in units of a sample's own noise and with their correlation taken out: only
-# G's part depends on the sizes, and of each press it is 2 x 2 (Woodbury's identity). A search for the sizes, and a
-# bootstrap that estimates them anew for each draw, then never touch the samples again.
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns (N, k) as the error model weighs them: `tables` (m, t, k), one a rectangle of presses, and `beside`
-    (M, 2, k) with gain and zero.
+    """Columns (N, k) weighted by the noise: `tables` (m, t, k), one a rectangle of presses.
+
+    `shared` (M, 2, k) are their inner products with gain and zero.
     """
 
     tables: Sequence[Floats]
-    beside: Floats
+    shared: Floats
 
     @property
     def flat(self) -> Floats:
-        """(cells, k)."""
+        """All tables as one, (cells, k)."""
         return _joined([table.reshape(-1, table.shape[2]) for table in self.tables])
 
 
@@ -40,7 +50,7 @@ class Columns:
 class Product:
     """A^T V^-1 B for any sizes: `rest` (a, b), `left` (M, 2, a), `right` (M, 2, b), `common` (M, 2, 2).
 
-    With `rest` (b,) A and B are the same, and only the diagonal is meant.
+    With `rest` (b,) it is the diagonal alone, with A = B.
     """
 
     rest: Floats
@@ -49,13 +59,13 @@ class Product:
     common: Floats
 
     def under(self, noise: Noise) -> Floats:
-        """At these sizes, (a, b) or (b,)."""
+        """Return the product at these sizes, (a, b) or (b,)."""
         return np.asarray(self.under_each([noise])[0])
 
     def under_each(self, noises: Sequence[Noise]) -> Floats:
-        """At the sizes of each, (n, a, b) or (n, b)."""
+        """Return the product at the sizes of each, (n, a, b) or (n, b)."""
         square = _squares(noises)
-        weight = inverse_beside_one(self.common * square)[0] * square
+        weight = inverse_of_one_plus(self.common * square)[0] * square
         right = weight @ self.right
         if self.rest.ndim == 1:
             lost = np.sum(self.left * right, axis=(1, 2))
@@ -65,51 +75,51 @@ class Product:
         return np.asarray((self.rest - lost) / scale**2)
 
     def of(self, k: int) -> Product:
-        """With the k-th column of B alone; of a diagonal its k-th number."""
+        """Return the product with the k-th column of B alone; of a diagonal its k-th number."""
         left = self.left if self.rest.ndim > 1 else self.left[:, :, k : k + 1]
         return Product(self.rest[..., k : k + 1], left, self.right[:, :, k : k + 1], self.common)
 
 
 class Weighing:
-    """What the samples of some presses weigh, about one model: of `noise` only how alike neighbours are."""
+    """Weights of samples at one model; of `noise` only the correlation matters."""
 
     def __init__(self, data: Observations, about: Linear, noise: Noise) -> None:
         self._parts, self._base = rectangles(data), about.base_N
-        self._alike = Alike.of(noise, data)
+        self._filter = CorrelatedNoise.of(noise, data)
         self._shared = self._weighed(np.column_stack([about.force_N, about.slope_N_per_mm]))
-        self._common = self._beside(self._shared)
+        self._common = self._with_shared(self._shared)
 
     def take(self, columns: Floats) -> Columns:
-        """Columns (N, k), N."""
+        """Return columns (N, k), in N, weighted."""
         tables = self._weighed(columns)
-        return Columns(tables, self._beside(tables))
+        return Columns(tables, self._with_shared(tables))
 
     def product(self, one: Columns, other: Columns) -> Product:
-        """Of all of one with all of the other."""
-        return Product(one.flat.T @ other.flat, one.beside, other.beside, self._common)
+        """Return the product of each column of one with each of the other."""
+        return Product(one.flat.T @ other.flat, one.shared, other.shared, self._common)
 
     def squares(self, one: Columns) -> Product:
-        """Of each column with itself."""
+        """Return the product of each column with itself."""
         rest = sum(np.einsum("mtk,mtk->k", table, table) for table in one.tables)
-        return Product(np.asarray(rest), one.beside, one.beside, self._common)
+        return Product(np.asarray(rest), one.shared, one.shared, self._common)
 
     def log_volume(self, noise: Noise) -> float:
-        """ln det V, but for the samples' own noise at scale 1."""
+        """Return ln det V, without the constant of the samples' noise at scale 1."""
         return float(self.log_volumes([noise])[0])
 
     def log_volumes(self, noises: Sequence[Noise]) -> Floats:
-        """The same of each, (n,)."""
-        _, volumes = inverse_beside_one(self._common * _squares(noises))
+        """Return the same of each, (n,)."""
+        _, volumes = inverse_of_one_plus(self._common * _squares(noises))
         scale = np.array([noise.scale for noise in noises])
-        own = 2 * float(self._base.size) * np.log(scale) + self._alike.log_volume(self._parts)
+        own = 2 * float(self._base.size) * np.log(scale) + self._filter.log_volume(self._parts)
         return np.asarray(own + np.sum(np.log(volumes), axis=1))
 
     def _weighed(self, columns: Floats) -> list[Floats]:
         scaled = columns / self._base[:, None]
-        return [self._alike.innovations(part, scaled) for part in self._parts]
+        return [self._filter.innovations(part, scaled) for part in self._parts]
 
-    def _beside(self, tables: Sequence[Floats]) -> Floats:
-        """Gain and zero with these columns, (M, 2, k); presses in the order of the rectangles."""
+    def _with_shared(self, tables: Sequence[Floats]) -> Floats:
+        """Return the products of gain and zero with these columns, (M, 2, k), presses in order of rectangles."""
         return _joined([s.transpose(0, 2, 1) @ t for s, t in zip(self._shared, tables, strict=True)])
 
 
@@ -117,9 +127,10 @@ def _joined(parts: Sequence[Floats]) -> Floats:
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
-def inverse_beside_one(inner: Floats) -> tuple[Floats, Floats]:
-    """(1 + A)^-1 and det(1 + A) for positive A (..., 2, 2): by hand, since sizes that a search only
-    passes through make A so large that 1 is lost beside it.
+def inverse_of_one_plus(inner: Floats) -> tuple[Floats, Floats]:
+    """Return (1 + A)^-1 and det(1 + A) for positive A (..., 2, 2).
+
+    In closed form: a search passes through sizes that make A so large that 1 is lost in rounding.
     """
     a, b, d = inner[..., 0, 0], inner[..., 0, 1], inner[..., 1, 1]
     volume = 1 + a + d + np.maximum(a * d - b * b, 0.0)
@@ -128,54 +139,44 @@ def inverse_beside_one(inner: Floats) -> tuple[Floats, Floats]:
 
 
 def _squares(noises: Sequence[Noise]) -> Floats:
-    """Of each, the products of its gain and zero over its scale, (n, 1, 2, 2)."""
+    """Return the products of each gain and zero over the scale, (n, 1, 2, 2)."""
     size = np.array([[noise.gain / noise.scale, noise.zero_mm / noise.scale] for noise in noises])
     return np.asarray(size[:, None, :, None] * size[:, None, None, :])
 
 
-# The error model's sizes from the data: restricted maximum likelihood, held by weak priors where repeats are
-# few.
-#
-#     -2 log L = sum over presses of log|V_p| + log|J^T V^-1 J + Lambda| + r^T P r
-#
-# J the model's derivatives, Lambda the priors' precision, P projects the fitted part out. With few presses the
-# sizes of gain and zero are hardly known: log-normal priors about .5 % and 4 um (a factor 2.7 either way) then
-# keep them from collapsing to 0, and fade as presses are added. Sources: Patterson, Thompson, Biometrika 58
-# (1971) 545; Harville, J. Am. Stat. Assoc. 72 (1977) 320.
-
-SPREAD = 1.0  # of the logarithm of gain and zero: a factor 2.7 either way
-UNKNOWN_SHARE = 0.02  # of the largest force: a noise to assume where nothing was stated or left over
-FAR_LESS = 0.5  # of the stated noise, above which it may hold what samples of a press share
-BEYOND_CHANCE = 0.01  # p below which repeats' own noise replaces the stated one
-STEP = 0.05  # in the logarithm of a size, over which slope and curvature are taken
-CLOSE = 1e-3  # of the last step in ln size: a size is never known to a thousandth
-MAX_STEPS = 40  # of Newton's method, where a size lies flat
-FINEST = 1e-6  # of the largest force, of the stated noise, of a gain, in mm: nothing is known more finely
-CORRELATIONS = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95)  # of neighbouring samples, that are tried
-WHITE = (0.0, 0.4, 0.7, 0.85)  # shares of the variance without memory, that are tried
+SPREAD = 1.0  # std of the prior of ln gain and ln zero: a factor 2.7 either way
+UNKNOWN_SHARE = 0.02  # of the largest force: noise to assume where none is stated and nothing determines it
+FAR_LESS = 0.5  # of the stated noise: below, it cannot be explained by what samples of a press share
+BEYOND_CHANCE = 0.01  # p below which the repeats' noise replaces the stated one
+STEP = 0.05  # in the logarithm of a size, for slope and curvature
+CLOSE = 1e-3  # last step in ln size
+MAX_STEPS = 40  # of Newton's method
+FINEST = MICRO  # least size: of the largest force, of the stated noise, of a gain, in mm
+CORRELATIONS = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95)  # of neighbouring samples, tried
+WHITE = (0.0, 0.4, 0.7, 0.85)  # shares of uncorrelated variance, tried
 
 
 def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jacobian: Floats,
                    precision: Floats, stated: bool, of_presses: bool | None = None) -> Noise:  # fmt: skip
-    """The likeliest noise for residuals (N,) of a fit with `jacobian` (N, p) and priors' `precision` (p, p).
+    """Return the likeliest noise for residuals (N,), a `jacobian` (N, p) and the priors' `precision` (p, p).
 
-    `of_presses`: whether presses have a gain and a zero of their own; None: curves have.
+    `of_presses`: whether presses have a gain and a zero of their own; None: for curves.
     """
     dof = max(data.size - jacobian.shape[1] + float(np.count_nonzero(np.diag(precision))), 0.0)
     finest = FINEST * float(np.max(np.abs(about.force_N)))
-    first = Noise(1.0 if stated else max(float(np.std(residual_N)), finest, 1e-9), stated=stated)
+    first = Noise(1.0 if stated else max(float(np.std(residual_N)), finest, TINY), stated=stated)
     shared = data.is_curves if of_presses is None else of_presses
-    if dof < 1 and not stated:  # nothing is left over to estimate it from
+    if dof < 1 and not stated:  # no degrees of freedom to estimate it from
         return replace(first, scale=UNKNOWN_SHARE * float(np.max(np.abs(about.force_N))), dof=1.0)
     columns = np.column_stack([residual_N, jacobian])
     best = _likeliest(data, about, columns, precision, first=first, shared=shared, finest_N=finest)
-    if stated and far_less(best, dof):
-        first = replace(best, correlation=0.0, white=0.0, belied=True)
+    if stated and far_below_stated(best, dof):
+        first = replace(best, correlation=0.0, white=0.0, overstated=True)
         best = _likeliest(data, about, columns, precision, first=first, shared=shared, finest_N=finest)
     freedom = dof + best.trust
     if data.is_curves:
         freedom = max(data.count - 1.0, 1.0) + STATED_DOF / 2
-    return replace(best, dof=max(freedom, 1e-9))
+    return replace(best, dof=max(freedom, TINY))
 
 
 def _likeliest(
@@ -188,14 +189,14 @@ def _likeliest(
     shared: bool,
     finest_N: float,
 ) -> Noise:
-    """Of sizes and of how much neighbours are alike."""
+    """Return the likeliest sizes and correlation, by a grid over the latter."""
     best, lowest = _best(_likelihood(data, about, columns, precision, first), first, shared, finest_N)
     for white in WHITE if data.is_curves else ():
         row = np.inf
-        for rho in (rho for rho in CORRELATIONS if rho >= best.correlation):  # the rest of it remembers longer
+        for rho in (rho for rho in CORRELATIONS if rho >= best.correlation):  # what is not white is longer
             tried = replace(best, correlation=rho, white=white)
             found, cost = _best(_likelihood(data, about, columns, precision, tried), tried, shared, finest_N)
-            cost += float(np.log(data.size)) * (1 + (white > 0))  # what each number has to bring: Schwarz (1978)
+            cost += float(np.log(data.size)) * (1 + (white > 0))  # cost of each parameter: Schwarz (1978)
             if cost < lowest:
                 best, lowest = found, cost
             row = min(row, cost)
@@ -205,14 +206,14 @@ def _likeliest(
 
 
 def own_scale(noise: Noise, dof: float) -> float:
-    """Samples' std over the stated one: the estimate was held to the stated one, which is taken out again."""
+    """Return the samples' std over the stated one, without the prior's weight."""
     return float(np.sqrt(max(((dof + noise.trust) * noise.scale**2 - noise.trust) / dof, 0.0)))
 
 
-def far_less(noise: Noise, dof: float) -> bool:
-    """Whether samples scatter less than half as much as was stated, beyond chance: F of the two variances.
+def far_below_stated(noise: Noise, dof: float) -> bool:
+    """Return whether samples scatter significantly less than half as much as stated, by F of the two variances.
 
-    Above half, what is stated may hold what all samples of a press share.
+    Above half, the stated noise may include what all samples of a press share.
     """
     from scipy.special import fdtr
 
@@ -223,7 +224,7 @@ def far_less(noise: Noise, dof: float) -> bool:
 def _likelihood(
     data: Observations, about: Linear, columns: Floats, precision: Floats, alike: Noise
 ) -> Callable[[Sequence[Noise]], Floats]:
-    """-2 log L (n,) of any sizes where neighbours are this much alike, for columns [residual | jacobian]."""
+    """Return -2 log L (n,) as a function of sizes, at this correlation, for columns [residual | jacobian]."""
     weighing = Weighing(data, about, alike)
     taken = weighing.take(columns)
     product = weighing.product(taken, taken)
@@ -233,9 +234,9 @@ def _likelihood(
 def minus_two_log_likelihood(
     noises: Sequence[Noise], weighing: Weighing, *, product: Product, precision: Floats
 ) -> Floats:
-    """-2 ln L (n,) of each of these sizes, dimensionless, from the `product` of [residual | jacobian].
+    """Return -2 ln L (n,) of each of these sizes but for a constant, from the `product` of [residual | jacobian].
 
-    A constant is left out. `precision` (p, p) is that of the priors, in the parameters' own units.
+    `precision` (p, p) is that of the priors, in the parameters' own units.
     """
     total = product.under_each(noises)
     try:
@@ -251,9 +252,10 @@ def minus_two_log_likelihood(
 
 
 def prior_cost(logs: Floats, *, trust: float) -> float:
-    """-2 ln of the prior of logs (1,) or (3,) = ln scale, ln gain, ln zero in mm.
+    """Return -2 ln of the prior of logs (1,) or (3,) = ln scale, ln gain, ln zero in mm.
 
-    Presses have a usual gain and zero; a stated noise has a scale of 1 (scaled inverse chi-squared, `trust` dof).
+    Log-normal about the usual gain and zero; a stated noise has a scale of 1 (scaled inverse chi-squared, `trust`
+    dof).
     """
     usual = np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])[: logs.size - 1]
     cost = float(np.sum(((logs[1:] - usual) / SPREAD) ** 2))
@@ -261,28 +263,27 @@ def prior_cost(logs: Floats, *, trust: float) -> float:
 
 
 def log_sizes(noise: Noise) -> Floats:
-    """ln scale, ln gain, ln zero in mm, (3,)."""
-    return np.log([noise.scale, max(noise.gain, 1e-6), max(noise.zero_mm, 1e-7)])
+    """Return ln scale, ln gain, ln zero in mm, (3,)."""
+    return np.log([noise.scale, max(noise.gain, FINEST), max(noise.zero_mm, FINEST / 10)])
 
 
 def sized(noise: Noise, logs: Floats) -> Noise:
-    """The noise with logs (1,) or (3,) = ln scale, ln gain, ln zero in mm."""
-    sizes = [float(size) for size in np.exp(logs)]
-    if len(sizes) == 1:
-        return replace(noise, scale=sizes[0])
-    return replace(noise, scale=sizes[0], gain=sizes[1], zero_mm=sizes[2])
+    """Return the noise with logs (1,) or (3,) = ln scale, ln gain, ln zero in mm."""
+    sizes = np.exp(logs).tolist()
+    return replace(noise, **dict(zip(("scale", "gain", "zero_mm"), sizes, strict=False)))
 
 
 def stencil(size: int) -> Floats:
-    """Offsets (k, size) at which a cost shows its slope and its curvature: here, either side, and pairs."""
+    """Return offsets (k, size) that determine slope and curvature of a cost: 0, either side, and pairs."""
     unit = np.eye(size)
     pairs = [unit[i] + unit[j] for i, j in combinations(range(size), 2)]
     return STEP * np.array([np.zeros(size), *unit, *-unit, *pairs])
 
 
 def newton_move(costs: Floats, size: int) -> Floats:
-    """Newton's step (size,), by at most a factor e along each axis of the curvature, from the costs (k,) on the
-    stencil. Shortened so it always leads downhill, which shortened size by size it may not.
+    """Return Newton's step (size,) from the costs (k,) on the stencil.
+
+    At most a factor e along each axis of the curvature, so that it always leads downhill.
     """
     ahead, behind = costs[1 : size + 1], costs[size + 1 : 2 * size + 1]
     curvature, axes = _curvature(costs, size)
@@ -291,13 +292,13 @@ def newton_move(costs: Floats, size: int) -> Floats:
 
 
 def spread(costs: Floats, size: int) -> Floats:
-    """Root (size, size), dimensionless, of the covariance of ln sizes, from the costs (k,) on the stencil."""
+    """Return a root (size, size) of the covariance of ln sizes, from the costs (k,) on the stencil."""
     curvature, axes = _curvature(costs, size)
     return np.asarray(axes * np.sqrt(2 / curvature))  # of -2 ln L
 
 
 def _curvature(costs: Floats, size: int) -> tuple[Floats, Floats]:
-    """Eigenvalues (size,), none below what a size known to a factor 7 has, and axes (size, size)."""
+    """Return eigenvalues (size,), at least those of a size known to a factor 7, and axes (size, size)."""
     ahead, behind = costs[1 : size + 1], costs[size + 1 : 2 * size + 1]
     hessian = np.diag((ahead + behind - 2 * costs[0]) / STEP**2)
     for value, (i, j) in zip(costs[2 * size + 1 :], combinations(range(size), 2), strict=True):
@@ -309,7 +310,7 @@ def _curvature(costs: Floats, size: int) -> tuple[Floats, Floats]:
 def _best(
     likelihood: Callable[[Sequence[Noise]], Floats], first: Noise, shared: bool, finest_N: float
 ) -> tuple[Noise, float]:
-    """The likeliest sizes, by Newton's steps downhill: nowhere far enough off for the products to lose all."""
+    """Return the likeliest sizes and their cost, by Newton's steps downhill."""
     sizes = [first.scale, first.gain or TYPICAL_GAIN, first.zero_mm or TYPICAL_ZERO_MM]
     here = np.log(sizes[: 3 if shared else 1])
     offsets = stencil(here.size)

@@ -1,1 +1,1 @@
-"""What people read: sentences, figures, pages."""
+"""Sentences, figures and pages of results."""

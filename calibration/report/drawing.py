@@ -21,27 +21,33 @@ from calibration.fit.least_squares import Box, Fit, differentiate
 from calibration.fit.outlying_presses import own_zero_mm
 from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
 from calibration.inputs.conditions import Covariate, bins
+from calibration.laws.theory import nominal_nu
 from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
 from calibration.report import wording
-from calibration.report.misfit import levels, most_bins
+from calibration.report.misfit import BINS, levels, most_bins
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.plots.calibration import FittedLine, PointCloud
 from tactilevision.plots.diagnosis import Offsets, Overlay, Sighting
 from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.constants import KILO, TINY, Z95
 from tactilevision.records.maps import HeightMap
 from tactilevision.records.measured import Bools, Floats, Pair
 from tactilevision.records.rig import Gel
 
-# What the figures of a fit and of a diagnosis show: points, laws with their bands, residuals, candidates.
-
-STEPS = 60  # depths of a drawn curve
-PLAIN_ERROR = "the_plain_error"  # its name in a figure
-BINS = 8  # of a covariate, over which residuals are averaged in figures
+STEPS = 60  # depths of a plotted curve
+PLAIN_ERROR = "the_plain_error"  # key of the instrument error in a figure
+HALF = 3  # half the width of the grid of a residual map, in radii of the punch
+MAP_STEPS = 61  # places across the grid: a tenth of a radius apart
+NEAR = (1.15, 1.7)  # ring outside the wall of the punch, in radii
+FAR = (2, 2.8)  # ring to compare with, in radii
+MIN_COUNT = 4  # presses: Hotelling's test of two components needs three and one more
+TOWARDS = {"right": 0.0, "bottom": np.pi / 2, "left": np.pi, "top": -np.pi / 2}
+BEVEL_HALF_ANGLE = np.pi / 3  # rad, half the sector of the bevel, which is not compared
 
 
 def drawn_points(fitted: Fit, rejected: Sequence[CertifiedPoint] = ()) -> PointCloud:
-    """The fitted samples, and the rejected points as far as they have depth and force."""
+    """Return the fitted samples, and the rejected points that have depth and force."""
     data = fitted.data
     extra = [p for p in rejected if not p.accepted and p.depth_mm > 0 and np.isfinite(p.fz_N)]
     depth, force, force_std = (
@@ -62,7 +68,7 @@ def drawn_points(fitted: Fit, rejected: Sequence[CertifiedPoint] = ()) -> PointC
 
 
 def fitted_lines(fitted: Fit) -> list[FittedLine]:
-    """The law for each radius of punch, from near 0 to a little beyond the deepest sample of that radius."""
+    """Return the law for each radius, from near 0 to a little beyond its deepest sample, with its std."""
     data = fitted.data
     radii = np.unique(data.presses.radius_mm)
     return [_line(fitted, float(r), f"a = {r:g} mm" if radii.size > 1 else "fitted law") for r in radii]
@@ -100,43 +106,54 @@ def _box(fitted: Fit) -> Box:
 
 
 def own_offsets(found: Diagnosis) -> Offsets | None:
-    """Each press's own offset where something about the presses is odd; None where nothing is."""
-    fitted = found.whole or found.fitted
-    if not (found.odd or found.odd.scattered or found.change_point):
+    """Return each press's offset where presses are outlying or drift; None otherwise."""
+    fitted = found.fits.whole or found.fits.fitted
+    if not (found.presses.odd or found.presses.odd.scattered or found.remainder.change_point):
         return None
     order = np.argsort(fitted.data.presses.order, kind="stable")
     own, labels = own_zero_mm(fitted), fitted.data.presses.label
     named = tuple(labels[k] for k in order)
-    since = named.index(found.change_point) if found.change_point in named else None
-    return Offsets(named, 1e3 * (own - np.median(own))[order], tuple(n in found.odd.presses for n in named), since)
+    since = named.index(found.remainder.change_point) if found.remainder.change_point in named else None
+    return Offsets(
+        named, KILO * (own - np.median(own))[order], tuple(n in found.presses.odd.presses for n in named), since
+    )
 
 
 def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] | None:
-    """Separation (k, k), in std (1), of the added and best-scoring effects that show; None for fewer than two."""
-    keys = dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.score_test)])
+    """Return the separation (k, k), in std, of added and best-scoring effects; None for fewer than two."""
+    keys = dict.fromkeys(
+        [*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.search.score_test)]
+    )
     fits = []
-    for key in [key for key in keys if key in EFFECTS and key in found.visible and key not in found.not_testable]:
+    for key in [
+        key
+        for key in keys
+        if key in EFFECTS and key in found.limits.visible and key not in found.limits.not_testable
+    ]:
         with suppress(*CANNOT_FIT):
-            fits.append(refit_with(found.base, get_effect(key)))
+            fits.append(refit_with(found.fits.base, get_effect(key)))
         if len(fits) == most:
             break
-    fits = [one for one in fits if _shows(found.base, one)]
+    fits = [one for one in fits if _shows(found.fits.base, one)]
     if len(fits) < 2:
         return None
-    table = [[0.0 if one is other else _parted(found.base, one, other.effect) for other in fits] for one in fits]
+    table = [
+        [0.0 if one is other else _separation(found.fits.base, one, other.effect) for other in fits]
+        for one in fits
+    ]
     return [one.effect.key for one in fits], np.array(table)
 
 
 def _shows(base: Fit, candidate: Candidate) -> bool:
-    """Whether the candidate, as fitted, changes anything that the base model could not take."""
+    """Return whether the candidate's change of the force lies outside the base model's own directions."""
     whitener = Whitener(base.data, base.noise, base.about)
     change = whitener.apply(np.column_stack([base.jacobian[:, base.free], candidate.force_N - base.force_N]))
-    taken, _ = np.linalg.qr(change[:, :-1] / np.maximum(np.linalg.norm(change[:, :-1], axis=0), 1e-300))
-    left = change[:, -1] - taken @ (taken.T @ change[:, -1])
-    return bool(np.linalg.norm(left) > TOLD_APART)
+    basis, _ = np.linalg.qr(change[:, :-1] / np.maximum(np.linalg.norm(change[:, :-1], axis=0), 1e-300))
+    residual = change[:, -1] - basis @ (basis.T @ change[:, -1])
+    return bool(np.linalg.norm(residual) > TOLD_APART)
 
 
-def _parted(base: Fit, one: Candidate, other: Effect) -> float:
+def _separation(base: Fit, one: Candidate, other: Effect) -> float:
     try:
         return separation(base, one, other)
     except CANNOT_FIT:
@@ -144,10 +161,10 @@ def _parted(base: Fit, one: Candidate, other: Effect) -> float:
 
 
 def sighting(found: Diagnosis) -> Sighting | None:
-    """Seen over certified depth of each sample, as read and corrected; None where no picture gave a depth."""
-    if found.sight is None:
+    """Return the reconstructed over the certified depth of samples, as read and corrected; None without both."""
+    if found.search.sight is None:
         return None
-    base, last = found.sight.base, found.sight.current
+    base, last = found.search.sight.base, found.search.sight.current
     data = base.data
     against = [("certified depth (mm)", data.depth_mm)]
     if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
@@ -156,72 +173,74 @@ def sighting(found: Diagnosis) -> Sighting | None:
         against.append(("press", data.presses.order[data.press] + 1))
     if data.slopes is not None:
         against += [
-            ("slope beside the punch face (mm/mm)", data.slopes.slope),
-            ("azimuth beside the face (°, 90 is down)", data.slopes.azimuth_deg),
+            ("slope next to the punch face (mm/mm)", data.slopes.slope),
+            ("azimuth about the face (°, 90 is down)", data.slopes.azimuth_deg),
         ]
     face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
-    corrected = data.normal_N / read_alone(last) if found.sight.steps else None
+    corrected = data.normal_N / read_alone(last) if found.search.sight.steps else None
     return Sighting(depth_ratio(base), corrected, face, tuple(against))
 
 
 def picture_lacks(found: Diagnosis) -> str:
-    """What the picture cannot be looked at by, and why."""
-    return "" if found.sight is None else unseen_beside(found.sight.base.data)
+    """Return what the reconstructed depth cannot be plotted against, and why."""
+    return "" if found.search.sight is None else unseen_beside(found.search.sight.base.data)
 
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """One candidate's key, its own fitted values by name with their units, and its picture; None where none is."""
+    """A candidate's key, its fitted values by name with their units, and its overlay, if any."""
 
     key: str
     values: tuple[tuple[str, float, str], ...]
     overlay: Overlay | None
 
 
-def carded(found: Diagnosis) -> list[str]:
-    """The effects that get a card: those added, those that these data cannot tell from them, those tried."""
-    return list(dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *found.tried]))
+def card_keys(found: Diagnosis) -> list[str]:
+    """Return the effects with a card: those added, those not distinguishable from them, those tried."""
+    return list(dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *found.search.tried]))
 
 
 def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
-    """One card a candidate, fitted alone on top of the base model."""
+    """Return one card a candidate, fitted alone on top of the base model."""
     known = {**EFFECTS, **{effect.key: effect for effect in private}}
-    by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
-    elsewhere = {w.key for w in found.would_have_to_be} - {e.key for e in found.effects}
+    by_sight = set() if found.search.sight is None else {s.key for s in found.search.sight.first.effects}
+    elsewhere = {w.key for w in found.remainder.would_have_to_be} - {e.key for e in found.effects}
     made = []
-    for key in carded(found):
-        if key in elsewhere:  # in the table of what each would have to be
+    for key in card_keys(found):
+        if key in elsewhere:  # in the table of sizes needed
             continue
         if key in by_sight:
-            made.append(Card(key, (), None))  # its pictures are those of the picture's depth
+            made.append(Card(key, (), None))  # shown with the reconstructed depth
         elif key in known:
-            made.append(_card(found.base, known[key]))
+            made.append(_card(found.fits.base, known[key]))
     return made
 
 
 def plain_card(found: Diagnosis) -> Card | None:
-    """The plain error that comes nearest to what no effect explains; None where there is none."""
-    if found.plain is None:
+    """Return the card of the instrument error nearest to what no effect explains; None without one."""
+    if found.remainder.plain is None:
         return None
-    one = found.plain
-    pairs = zip(one.effect.parameters, one.own_values, strict=True)
-    values = tuple((p.name, float(v), p.unit) for p, v in pairs)
-    return Card(one.effect.key, values, replace(overlay(found.fitted, one), key=PLAIN_ERROR))
+    card = _fitted_card(found.fits.fitted, found.remainder.plain)
+    return replace(card, overlay=None if card.overlay is None else replace(card.overlay, key=PLAIN_ERROR))
 
 
 def _card(base: Fit, effect: Effect) -> Card:
     try:
-        fitted = refit_with(base, effect)
+        return _fitted_card(base, refit_with(base, effect))
     except CANNOT_FIT:
         return Card(effect.key, (), None)
-    pairs = zip(effect.parameters, fitted.own_values, strict=True)
-    return Card(effect.key, tuple((p.name, float(v), p.unit) for p, v in pairs), overlay(base, fitted))
+
+
+def _fitted_card(base: Fit, fitted: Candidate) -> Card:
+    pairs = zip(fitted.effect.parameters, fitted.own_values, strict=True)
+    values = tuple((p.name, float(v), p.unit) for p, v in pairs)
+    return Card(fitted.effect.key, values, overlay(base, fitted))
 
 
 def overlay(base: Fit, candidate: Candidate) -> Overlay:
-    """Against the covariate along which the candidate changes most."""
+    """Return residuals without and with the candidate over the covariate along which it changes most."""
     change = candidate.force_N - base.force_N
-    std = np.maximum(base.about.base_N * base.noise.scale, 1e-12)
+    std = np.maximum(base.about.base_N * base.noise.scale, TINY)
     best = max(seen_covariates(at_denoised_depth(base)), key=lambda one: _spread(one, change / std))
     number = bins(best, most_bins(best.name))
     rows = [row for k in range(int(number.max()) + 1) if (row := np.flatnonzero(number == k)).size]
@@ -230,7 +249,7 @@ def overlay(base: Fit, candidate: Candidate) -> Overlay:
         return np.array([values[row].mean() for row in rows])
 
     def reach(values: Floats) -> Floats:
-        return np.array([1.96 * values[row].std() / np.sqrt(row.size) for row in rows])
+        return np.array([Z95 * values[row].std() / np.sqrt(row.size) for row in rows])
 
     after = base.residual_N - change
     return Overlay(
@@ -248,35 +267,16 @@ def overlay(base: Fit, candidate: Candidate) -> Overlay:
 
 
 def _spread(covariate: Covariate, change: Floats) -> float:
-    """How much of a change the bins' means carry."""
+    """Return the sum of squares of a change between bins."""
     number = bins(covariate, BINS)
     count = np.bincount(number)
     mean = np.bincount(number, change) / np.maximum(count, 1)
     return float(count @ (mean - np.average(mean, weights=count)) ** 2)
 
 
-# The height map against the surface that theory lets expect: what is left of the picture, press by press.
-#
-#     residual(x, y) = measured depth - [w under the face, -w rise(r) beside it]
-#
-# averaged over presses on a grid about the punch's axis. The rise is linear layer theory's at the gel's stated nu
-# (.48 where none is), so a few um of it are nu's. Towards the bevel nothing is compared: its edge touches there.
-# Two tests, each press one number: does what is left beside the punch depend on the azimuth (Hotelling's T^2 of
-# its first harmonic: a tilt, a light that is off), and does it grow towards the punch (Student's t, the height
-# map's own std taken as shared by all presses: a gain, another nu)?
-
-HALF = 3.0  # half the width of the grid, in radii of the punch
-MAP_STEPS = 61  # places across the grid: a tenth of a radius apart
-NEAR = (1.15, 1.7)  # ring beside the punch, in radii: past its wall
-FAR = (2.0, 2.8)  # ring that the near one is compared with, in radii
-MIN_COUNT = 4  # presses: Hotelling's test of two components needs three and one more
-TOWARDS = {"right": 0.0, "bottom": np.pi / 2, "left": np.pi, "top": -np.pi / 2}
-BEVEL_HALF_ANGLE = np.pi / 3  # rad either side of the bevel's azimuth that is left out
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """One press's height map, where its punch stood, and what is certified of it."""
+    """Height map of one press with the place, radius, certified depth and bevel of its punch."""
 
     height_map: HeightMap
     centre_mm: Pair
@@ -296,7 +296,16 @@ class ResidualMap:
 
 
 def residual_map(surfaces: Sequence[Surface], gel: Gel) -> ResidualMap | None:
-    """What the height maps of these presses leave; None for fewer than four."""
+    """Return the mean residual of height maps about theory, with two tests; None for fewer than four presses.
+
+        residual(x, y) = measured depth - [w under the face, -w rise(r) outside it]
+
+    averaged over presses on a grid about the punch's axis. The rise is linear layer theory's at the gel's stated
+    nu (.48 where none is stated). Towards the bevel nothing is compared: its edge touches there. The tests, with
+    one number a press: does the residual outside the punch depend on the azimuth (Hotelling's T^2 of its first
+    harmonic: a tilt, an error of the light), and does it grow towards the punch (Student's t, with the height
+    map's std as shared by all presses: a gain, another nu)?
+    """
     if len(surfaces) < MIN_COUNT:
         return None
     axis = np.linspace(-HALF, HALF, MAP_STEPS)
@@ -311,13 +320,13 @@ def residual_map(surfaces: Sequence[Surface], gel: Gel) -> ResidualMap | None:
 
 
 def _residual(one: Surface, gel: Gel, x: Floats, y: Floats) -> Floats:
-    nu = 0.48 if gel.poisson_ratio is None else gel.poisson_ratio
+    nu = nominal_nu(gel)
     r = np.hypot(x, y)
     table = np.linspace(1.02, HALF * 1.5, 80)
     rise, _ = exact_profile(table, nu, a_over_h=one.radius_mm / gel.thickness_mm)
     expected = one.depth_mm * np.where(r < 1, 1.0, -np.interp(r, table, rise))
     measured = _sample(one.height_map, one.centre_mm, one.radius_mm * x, one.radius_mm * y)
-    wall = (r > 0.9) & (r < 1.1)  # a step has no depth of its own
+    wall = (r > 0.9) & (r < 1.1)  # a step has no depth
     return np.where(wall | _towards(one.bevel, x, y), np.nan, measured - expected)
 
 
@@ -329,7 +338,7 @@ def _towards(bevel: str | None, x: Floats, y: Floats) -> Bools:
 
 
 def _sample(seen: HeightMap, centre_mm: Pair, x_mm: Floats, y_mm: Floats) -> Floats:
-    """Depth at places about the centre, nearest pixel; NaN outside the picture or where it is not valid."""
+    """Return the depth at places about the centre, nearest pixel; NaN outside the picture or where not valid."""
     rows, columns = seen.depth_mm.shape
     column = np.rint((centre_mm[0] + x_mm) / seen.mm_per_px[0] + (columns - 1) / 2).astype(int)
     row = np.rint((centre_mm[1] + y_mm) / seen.mm_per_px[1] + (rows - 1) / 2).astype(int)
@@ -339,7 +348,7 @@ def _sample(seen: HeightMap, centre_mm: Pair, x_mm: Floats, y_mm: Floats) -> Flo
 
 
 def _azimuth(maps: Floats, x: Floats, y: Floats) -> Scored | None:
-    """Hotelling's T^2 of the first harmonic beside the punch over the presses."""
+    """Return Hotelling's T^2 over presses of the first harmonic outside the punch."""
     from scipy.stats import f
 
     r, angle = np.hypot(x, y), np.arctan2(y, x)
@@ -360,7 +369,7 @@ def _azimuth(maps: Floats, x: Floats, y: Floats) -> Scored | None:
 
 
 def _radius(maps: Floats, surfaces: Sequence[Surface], x: Floats, y: Floats) -> Scored | None:
-    """Student's t of the near ring less the far one, against presses' scatter and the height map's own std."""
+    """Return Student's t over presses of the near ring less the far one, with the height map's std."""
     from scipy.stats import t
 
     r = np.hypot(x, y)

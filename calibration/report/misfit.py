@@ -20,24 +20,22 @@ from calibration.inputs.observations import Observations
 from calibration.report import wording
 from calibration.tasks.compare import Compared, Comparison
 from tactilevision.errors import InputError
+from tactilevision.records.constants import Z95
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.misfit import ErrorFall, ForceCurves, PressCurve, ResidualStrips, Strip
 
-# Measured and modelled force press by press, and what each effect of a model does to it.
-
 
 def force_curves(fits: Mapping[str, Fit]) -> ForceCurves:
-    """The presses of fits on the same measurements, by the models' names, the plain law first.
+    """Return the presses of fits to the same data, by the models' names, the base model first.
 
-    Raises InputError where the fits have not the same samples.
+    Raises InputError where the fits have different samples.
     """
     models, data = same_samples(fits), next(iter(fits.values())).data
     table = np.array([one.force_N for one in fits.values()])
     words = np.array(BRANCHES)[branches(data)]
-    ends = [*data.first[1:], data.size]
-    presses = []
+    spans, presses = data.spans, []
     for k in np.argsort(data.presses.order, kind="stable"):
-        rows = slice(int(data.first[k]), int(ends[k]))
+        rows = spans[k]
         indenter = data.indenters[int(data.presses.indenter[k])]
         presses.append(
             PressCurve(
@@ -55,7 +53,7 @@ def force_curves(fits: Mapping[str, Fit]) -> ForceCurves:
 
 
 def force_of_effect(fitted: Fit, key: str) -> Floats:
-    """What one effect of a fitted model does to the force (N,), N: with it less without, all else held.
+    """Return the change of the force (N,), N, by one effect of a fitted model, all else fixed.
 
     Raises InputError where the model has no such effect.
     """
@@ -67,31 +65,29 @@ def force_of_effect(fitted: Fit, key: str) -> Floats:
 
 
 def same_samples(fits: Mapping[str, Fit]) -> tuple[str, ...]:
-    """The fits' names. Raises InputError for none, or for fits that do not stand on the same samples."""
+    """Return the fits' names. Raises InputError for none, or for fits to different samples."""
     every = list(fits.values())
     if not every:
         raise InputError("there is no model to show", where="figure")
     first = every[0].data
     for name, one in fits.items():
         if one.data.size != first.size or one.data.presses.label != first.presses.label:
-            raise InputError("these models were fitted to other presses", where="figure", value=name)
+            raise InputError("these models were fitted to different presses", where="figure", value=name)
     return tuple(fits)
 
 
-# What models leave of the force against everything recorded, in one unit, so that before and after compare.
-
-BINS = 8  # of a strip, each with about as many residuals
+BINS = 8  # of a covariate, with about equal counts
 HELD = 0.98  # share of all residuals that the common scale shows
-DEPTHS = ("w", "w/h", "1/w")  # one thing in three forms: drawn as the first, by the most telling one's p
+DEPTHS = ("w", "w/h", "1/w")  # forms of the depth: plotted as the first, with the smallest p
 
 
 def residual_strips(
     fits: Mapping[str, Fit], scored: Sequence[Sequence[Scored]], *, most: int = 8
 ) -> ResidualStrips:
-    """The covariates that tell most of the first fit, with the residuals of all.
+    """Return the covariates most significant in the first fit, with the residuals of all fits.
 
-    `scored`: for each fit, the covariates of its score test. A covariate that was not scored is left out. Raises
-    InputError where the fits have not the same samples.
+    `scored`: for each fit, the covariates of its score test; others are not shown. Raises InputError where the
+    fits have different samples.
     """
     models, fitted = same_samples(fits), list(fits.values())
     data = fitted[0].data
@@ -100,15 +96,15 @@ def residual_strips(
     trends = [press_trends(one) for one in fitted]
     seen = {one.name: one for one in seen_covariates(at_denoised_depth(fitted[0]))}
     strips = []
-    for key in (one for one in _once(scored[0]) if one in seen):
+    for key in (one for one in _distinct(scored[0]) if one in seen):
         p_of, trend_of = (tuple(own.get(key, float("nan")) for own in table) for table in (p, trends))
         strips.append(_strip(seen["w" if key in DEPTHS else key], data, residual, p=p_of, trend=trend_of))
     reach = float(np.quantile(np.abs(residual), HELD))
     return ResidualStrips(models, tuple(strips[:most]), residual, data.radius_mm, reach)
 
 
-def _once(scored: Sequence[Scored]) -> list[str]:
-    """Keys, the most telling first, the depth in one of its forms alone."""
+def _distinct(scored: Sequence[Scored]) -> list[str]:
+    """Return the keys, the most significant first, the depth in one of its forms."""
     keys = [one.key for one in scored]
     depth = next((key for key in keys if key in DEPTHS), "")
     return [key for key in keys if key == depth or key not in DEPTHS]
@@ -130,35 +126,33 @@ def _strip(
         values=covariate.values,
         centre=np.array([covariate.values[row].mean() for row in rows]),
         mean_N=mean,
-        reach95_N=1.96 * spread / np.sqrt(count),
+        reach95_N=Z95 * spread / np.sqrt(count),
         p_adjusted=p,
         p_trend=trend,
     )
 
 
 def most_bins(name: str) -> int:
-    """How many bins a covariate has at most."""
+    """Return the largest number of bins of a covariate."""
     return DEPTH_BINS if name in DEPTHS else BINS
 
 
 def levels(name: str, data: Observations) -> tuple[str, ...]:
-    """The words for 0, 1, 2 ... of a covariate whose values only count; none for a quantity."""
+    """Return the names of the values 0, 1, 2 ... of a categorical covariate; none for a quantity."""
     if name == "load/unload":
         return BRANCHES
     return tuple(one.name for one in data.indenters) if name == "indenter" else ()
 
 
-# How the error falls from model to model, and the band in which the presses repeat.
-
-BASE = "plain law"  # the model that all others add to
-AS_READ = "as read"  # the picture's depth with nothing added
-MIN_DOF = 2  # like presses, less one a group, that a repeatability has to stand on
+BASE = "base model"  # the contact law without effects
+AS_READ = "as read"  # the reconstructed depth without effects
+MIN_DOF = 2  # repeated presses, less one a group, that determine a repeatability
 
 
 def repeatability_band(fitted: Fit, repeatability: float) -> Pair | None:
-    """The 95 % interval of a repeatability (a std, in any unit), None where too few presses repeat each other.
+    """Return the 95 % interval of a repeatability (a std, in any unit); None with too few repeats.
 
-    (n - 1) s^2/sigma^2 is chi-squared; n - 1 counts the presses less one a group of like ones. Source: Draper and
+    (n - 1) s^2/sigma^2 is chi-squared; n - 1 counts the presses less one a group of repeats. Source: Draper and
     Smith, Applied Regression Analysis, ch. 1.
     """
     from scipy.special import gammaincinv
@@ -172,7 +166,7 @@ def repeatability_band(fitted: Fit, repeatability: float) -> Pair | None:
 
 
 def error_fall_of_comparison(found: Comparison) -> ErrorFall:
-    """Of the models in the order in which effects were added."""
+    """Return the error of the models in the order in which effects were added."""
     held_out = all(math.isfinite(one.held_out_N) for one in found.models)
     last = found.models[-1]
     return ErrorFall(
@@ -185,58 +179,49 @@ def error_fall_of_comparison(found: Comparison) -> ErrorFall:
 
 
 def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
-    """Of the depth that the picture reads, from as it is read on; nothing where no effect was added to it."""
+    """Return the error of the reconstructed depth, from as it is read on; nothing without fits to it."""
     if not found:
         return ()
-    last = found[-1]
-    band = repeatability_band(last.fitted, last.repeatability_N)
-    errors = tuple(one.held_out_N for one in found)
-    return (
-        ErrorFall(
-            (AS_READ, *model_names([one.effects for one in found[1:]])),
-            errors,
-            last.repeatability_N,
-            band,
-            True,
-            "mm",
-            _faces([one.fitted for one in found]),
-        ),
-    )
+    errors = [one.held_out_N for one in found]
+    return _picture_fall([one.fitted for one in found], [one.effects for one in found[1:]], errors)
 
 
 def error_fall_of_sight(found: Diagnosis) -> tuple[ErrorFall, ...]:
-    """Of the depth that the picture reads, where effects on it were named."""
-    if found.sight is None or not any(e.key not in found.fitted.model.keys for e in found.effects):
+    """Return the error of the reconstructed depth, where effects on it were named."""
+    if found.search.sight is None or not any(e.key not in found.fits.fitted.model.keys for e in found.effects):
         return ()
-    fits = [found.sight.base, *(step.fitted for step in found.sight.steps)]
-    keys = [step.best.effect.key for step in found.sight.steps]
+    fits = [found.search.sight.base, *(step.fitted for step in found.search.sight.steps)]
+    keys = [step.best.effect.key for step in found.search.sight.steps]
+    effects = [keys[: k + 1] for k in range(len(keys))]
+    return _picture_fall(fits, effects, [reading_error_mm(one) for one in fits])
+
+
+def _picture_fall(
+    fits: Sequence[Fit], effects: Sequence[Sequence[str]], errors: Sequence[float]
+) -> tuple[ErrorFall]:
+    """Return the error of the reconstructed depth, and of the faces where it is of slopes next to them."""
     floor = repeatability_rms(fits[-1])
-    names = (AS_READ, *model_names([keys[: k + 1] for k in range(len(keys))]))
-    errors = tuple(reading_error_mm(one) for one in fits)
-    return (ErrorFall(names, errors, floor, repeatability_band(fits[-1], floor), True, "mm", _faces(fits)),)
-
-
-def _faces(fits: Sequence[Fit]) -> tuple[float, ...]:
-    """The error of the faces themselves, mm, where the other is of what lies beside them."""
-    return () if fits[0].data.slopes is None else tuple(face_error_mm(one) for one in fits)
+    names = (AS_READ, *model_names(effects))
+    faces = () if fits[0].data.slopes is None else tuple(face_error_mm(one) for one in fits)
+    return (ErrorFall(names, tuple(errors), floor, repeatability_band(fits[-1], floor), True, "mm", faces),)
 
 
 def error_fall_of_diagnosis(found: Diagnosis) -> ErrorFall:
-    """Of the plain law and each effect of the force that was named."""
-    keys = [effect.key for effect in found.effects if effect.key in found.fitted.model.keys]
-    steps = [tuple(keys[:k]) for k in range(len(keys) + 1)][: max(len(found.held_out), 1)]
-    held_out = bool(found.held_out) and all(math.isfinite(one) for one in found.held_out)
+    """Return the error of the base model and with each effect of the force that was named."""
+    keys = [effect.key for effect in found.effects if effect.key in found.fits.fitted.model.keys]
+    steps = [tuple(keys[:k]) for k in range(len(keys) + 1)][: max(len(found.errors.held_out_N), 1)]
+    held_out = bool(found.errors.held_out_N) and all(math.isfinite(one) for one in found.errors.held_out_N)
     fitted = (found.errors.before, found.errors.after)[: len(steps)]
-    errors = found.held_out if held_out else (fitted[0], *[math.nan] * (len(steps) - 2), *fitted[1:])
+    errors = found.errors.held_out_N if held_out else (fitted[0], *[math.nan] * (len(steps) - 2), *fitted[1:])
     return ErrorFall(
         model_names(steps),
         tuple(errors),
         found.errors.floor,
-        repeatability_band(found.fitted, found.errors.floor),
+        repeatability_band(found.fits.fitted, found.errors.floor),
         held_out,
     )
 
 
 def model_names(effects: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """Names of models in the order of adding: the plain law, then each by what it adds."""
+    """Return the names of models in the order of adding: the base model, then each by the effect it adds."""
     return tuple(f"+ {keys[-1].replace('_', ' ')}" if keys else BASE for keys in effects)

@@ -1,8 +1,9 @@
-"""One self-contained HTML page: no second file, no script, no request; prints well."""
+"""Parts of one self-contained HTML page: no second file, no script, no request; prints well."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from html import escape
 
 STYLE = """
@@ -42,8 +43,16 @@ ul { padding-left: 1.2rem; } code { font-size: .92em; }
 """
 
 
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture as a data URI, and its caption."""
+
+    data_uri: str
+    caption: str
+
+
 def page(title: str, *sections: str) -> str:
-    """The whole page."""
+    """Return the whole page."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -54,54 +63,59 @@ def page(title: str, *sections: str) -> str:
 
 
 def section(title: str, *parts: str) -> str:
-    """A heading and what stands under it; nothing where there is nothing."""
+    """Return a heading with its parts; nothing without parts."""
     body = "\n".join(part for part in parts if part)
     return f"<h2>{escape(title)}</h2>\n{body}" if body else ""
 
 
 def paragraph(text: str, *, kind: str = "") -> str:
-    """Text that is escaped; `kind` is a class of STYLE."""
+    """Return a paragraph of escaped text; `kind` is a class of STYLE."""
     return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
 
 
 def block(kind: str, *parts: str) -> str:
-    """Parts in one box; `kind` is a class of STYLE."""
+    """Return parts in one box; `kind` is a class of STYLE."""
     return f'<div class="{kind}">' + "\n".join(part for part in parts if part) + "</div>"
 
 
 def heading(text: str) -> str:
-    """A small heading inside a box."""
+    """Return a small heading for a box."""
     return f"<h3>{escape(text)}</h3>"
 
 
 def folded(summary: str, *parts: str) -> str:
-    """Parts that a click on the summary unfolds; nothing where there is nothing."""
+    """Return parts that a click on the summary unfolds; nothing without parts."""
     body = "\n".join(part for part in parts if part)
     return f"<details><summary>{escape(summary)}</summary>\n{body}\n</details>" if body else ""
 
 
 def command(text: str) -> str:
-    """A command to be run as it is printed."""
+    """Return a command to copy."""
     return f"<pre>{escape(text)}</pre>" if text else ""
 
 
 def listing(items: Sequence[str]) -> str:
-    """A list, or nothing."""
+    """Return a list; nothing without items."""
     return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>" if items else ""
 
 
 def figure(data_uri: str, caption: str) -> str:
-    """A picture with words under it, which are its text for readers who do not see it, too; a click enlarges it.
+    """Return a picture with its caption, which is also its alternative text; a click enlarges it.
 
-    The click ticks an unseen box, so that neither a script nor a second copy of the picture is needed.
+    The click ticks a hidden box, so that neither a script nor a second copy of the picture is needed.
     """
     text = escape(caption)
     image = f'<label><input type="checkbox" aria-label="enlarge"><img src="{data_uri}" alt="{text}"></label>'
     return f"<figure>{image}<figcaption>{text}</figcaption></figure>"
 
 
+def figures(pictures: Iterable[Picture]) -> list[str]:
+    """Return pictures with their captions."""
+    return [figure(one.data_uri, one.caption) for one in pictures]
+
+
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: Sequence[int] = ()) -> str:
-    """A table; the columns in `numbers` stand to the right."""
+    """Return a table; the columns in `numbers` are aligned to the right."""
     if not rows:
         return ""
     head = "".join(f"<th>{escape(cell)}</th>" for cell in header)

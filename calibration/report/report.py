@@ -1,22 +1,29 @@
-"""The report of a calibration: what came out, what it rests on, what was left out, each with its picture."""
+"""Report of a calibration: the material, its assumptions, excluded presses, and their pictures."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from calibration.fit.identifiability import main_radius
 from calibration.report import page, wording
+from calibration.report.page import Picture
 from calibration.result.result import CalibrationResult
 from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.constants import KILO
 
 DEPTHS = (
-    "As machined: how far the bevel stands back from the punch's face. Certified: that, less what the gel "
-    "rises to meet the bevel."
+    "As machined: distance of the bevel from the punch's face. Certified: that, less the rise of the gel at the "
+    "bevel."
 )
+SOURCES = {
+    "bulge": "the rise of the gel next to the punch",
+    "beta": "beta by the published log law",
+    "radii": "punches of several radii",
+    "prior": "prior knowledge, not these data",
+}
 PRESS_COLUMNS = (
     "press",
     "indenter",
@@ -24,20 +31,12 @@ PRESS_COLUMNS = (
     "certified depth (mm)",
     "as machined (mm)",
     "force (N)",
-    "sideways (N)",
+    "tangential (N)",
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A picture as a data URI, and the words under it."""
-
-    data_uri: str
-    caption: str
-
-
 def summary(result: CalibrationResult) -> list[str]:
-    """What a person at the terminal needs to see."""
+    """Return the lines for the terminal."""
     law = {"paper": "the published route (a reproduction: log law for nu, a/h taken as 0.8)"}.get(
         result.law, result.law.replace("_", " ")
     )
@@ -59,13 +58,8 @@ def summary(result: CalibrationResult) -> list[str]:
 
 
 def source_in_words(result: CalibrationResult) -> str:
-    """Where nu comes from."""
-    return {
-        "bulge": "the rise of the gel beside the punch",
-        "beta": "beta by the published log law",
-        "radii": "punches of several radii",
-        "prior": "prior knowledge, not these data",
-    }.get(result.poisson_ratio_source, result.poisson_ratio_source)
+    """Return the source of nu in words."""
+    return SOURCES.get(result.poisson_ratio_source, result.poisson_ratio_source)
 
 
 def calibration_page(
@@ -76,32 +70,32 @@ def calibration_page(
     figures: Sequence[Picture] = (),
     presses: Sequence[Picture] = (),
     notes: Sequence[str] = (),
-    why: str = "none of them can be trusted",
+    why: str = "all of them were rejected",
 ) -> str:
-    """The page for one recording; `result` is None where its presses fix no material, and `why` says so.
+    """Return the page of one recording; `result` is None where its presses determine no material, with `why`.
 
-    `notes`: what was said before that, which a result holds in its warnings.
+    `notes`: warnings without a result.
     """
     if result is None:
-        head = page.paragraph("The presses of this recording fix no material: " + why, kind="lead bad")
+        head = page.paragraph("The presses of this recording determine no material: " + why, kind="lead bad")
         details = page.section("Notes", page.listing(notes))
     else:
         head, details = _lead(result) + _head(result), _details(result)
     return page.page(
         title,
         head,
-        page.section("Force against depth", *(page.figure(p.data_uri, p.caption) for p in figures)),
+        page.section("Force against depth", *page.figures(figures)),
         details,
         page.section("Presses", _press_table(points), page.paragraph(DEPTHS, kind="soft")) if points else "",
         page.folded(
             f"Pictures of each press ({len(presses)}): frame, height map, signal of the bevel, force",
-            *(page.figure(p.data_uri, p.caption) for p in presses),
+            *page.figures(presses),
         ),
     )
 
 
 def _lead(result: CalibrationResult) -> str:
-    """What a reader in a hurry takes away."""
+    """Return the result in one sentence."""
     E, nu = wording.estimate(result.youngs_modulus), wording.estimate(result.poisson_ratio)
     kept = len(result.presses_accepted)
     presses = f"{kept} of {kept + len(result.presses_rejected)} presses"
@@ -110,10 +104,14 @@ def _lead(result: CalibrationResult) -> str:
 
 def _head(result: CalibrationResult) -> str:
     rows = [
-        ("Young's modulus E", wording.estimate(result.youngs_modulus), ""),
-        ("Poisson's ratio ν", wording.estimate(result.poisson_ratio), f"from {source_in_words(result)}"),
-        ("stiffness c", wording.estimate(result.c), "force over depth P/w at first touch: what one punch fixes"),
-        ("slope β", wording.estimate(result.beta), "how P/w grows with depth over thickness: c (1 + β w/h)"),
+        (wording.MATERIAL["youngs_modulus"], wording.estimate(result.youngs_modulus), ""),
+        (
+            wording.MATERIAL["poisson_ratio"],
+            wording.estimate(result.poisson_ratio),
+            f"from {source_in_words(result)}",
+        ),
+        (wording.MATERIAL["c"], wording.estimate(result.c), "force over depth P/w at first touch"),
+        (wording.MATERIAL["beta"], wording.estimate(result.beta), "growth of P/w with w/h: c (1 + β w/h)"),
         ("reduced modulus", wording.estimate(result.reduced_modulus), "E/(1 − ν²)"),
         ("clock of the force sensor", wording.estimate(result.clock_offset), "less that of the camera"),
         *_error_rows(result),
@@ -122,30 +120,22 @@ def _head(result: CalibrationResult) -> str:
 
 
 def _error_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
-    """The error on presses left out, and the repeatability that it is held against."""
-    name, error = "error on presses left out (rms)", result.held_out_N
+    """Return the error on held-out presses, and the repeatability to compare it with."""
+    name, error = "error on held-out presses (rms)", result.held_out_N
     if not math.isfinite(error):
-        name, error = "error on the presses fitted (rms)", result.rms_error_N
+        name, error = "error on fitted presses (rms)", result.rms_error_N
     line = f"R² of the line {result.r_squared:.4f}" if math.isfinite(result.r_squared) else ""
-    rows = [(name, f"{1e3 * error:.1f} mN", line)]
+    rows = [(name, f"{KILO * error:.1f} mN", line)]
     if math.isfinite(result.noise_floor_N):
-        scatter = f"{1e3 * result.noise_floor_N:.1f} mN"
-        rows.append(("repeatability (std)", scatter, "how far the forces of like presses scatter"))
+        scatter = f"{KILO * result.noise_floor_N:.1f} mN"
+        rows.append(("repeatability (std)", scatter, "scatter of repeated presses' forces"))
     return rows
 
 
-ROUTES = {
-    "bulge": "the rise of the gel beside the punch",
-    "radii": "punches of several radii",
-    "prior": "known beforehand",
-    "beta": "the published law of β",
-}
-
-
 def _routes(result: CalibrationResult) -> str:
-    """A table of what each route to nu says."""
+    """Return a table of nu by each route."""
     rows = [
-        (ROUTES.get(r.name, r.name), wording.estimate(r.poisson_ratio), "used" if r.used else "not used")
+        (SOURCES.get(r.name, r.name), wording.estimate(r.poisson_ratio), "used" if r.used else "not used")
         for r in result.routes
     ]
     return page.table(("route to ν", "value and 95 % interval", ""), rows)
@@ -155,7 +145,7 @@ def _details(result: CalibrationResult) -> str:
     return (
         page.section("Poisson's ratio by route", _routes(result))
         + page.section("Warnings", page.listing(result.warnings))
-        + page.section("What this rests on", page.listing(result.assumptions))
+        + page.section("Assumptions", page.listing(result.assumptions))
         + page.section("Computed with", page.paragraph(_versions(result), kind="soft"))
     )
 
@@ -183,7 +173,7 @@ def _press_table(points: Sequence[CertifiedPoint]) -> str:
 
 
 def _why(point: CertifiedPoint) -> str:
-    """Why a press was rejected, in a sentence where one was kept, else in a word."""
+    """Return why a press was rejected: a sentence where there is one, else its code."""
     words = point.reason.replace("_", " ")
     said = point.details.findings.partition("; ")[0].removeprefix(f"{point.reason}: ")
     return f"rejected ({words}): {said}" if said else f"rejected: {words}"

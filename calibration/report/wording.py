@@ -1,4 +1,4 @@
-"""Numbers in words: as many digits as the uncertainty allows, the unit, and the interval."""
+"""Words for numbers and covariates: as many digits as the uncertainty allows, the unit, and the interval."""
 
 from __future__ import annotations
 
@@ -6,8 +6,15 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from tactilevision.records.constants import KILO
 from tactilevision.records.measured import Estimate
 
+MATERIAL = {
+    "youngs_modulus": "Young's modulus E",
+    "poisson_ratio": "Poisson's ratio ν",
+    "c": "stiffness c",
+    "beta": "slope β",
+}
 COVARIATES = {
     "w": "the depth",
     "w/h": "the depth",
@@ -22,25 +29,25 @@ COVARIATES = {
     "order": "the order of pressing",
     "recording date": "the day",
     "azimuth": "the direction on the pad",
-    "Fx": "the sideways force in x",
-    "Fy": "the sideways force in y",
+    "Fx": "the tangential force in x",
+    "Fy": "the tangential force in y",
     "indenter": "the indenter",
     "wait": "the wait before",
     "load/unload": "loading or unloading",
     "time": "the time",
-    "slope": "the slope beside the face",
-    "azimuth beside the face": "the direction beside the face",
-    "certified against reconstructed depth": "the picture's depth over the certified one",
+    "slope": "the slope next to the face",
+    "azimuth beside the face": "the direction about the face",
+    "certified against reconstructed depth": "the reconstructed depth over the certified one",
 }
 
 
 def covariate(name: str) -> str:
-    """What was recorded, as a person says it."""
+    """Return a covariate in words."""
     return COVARIATES.get(name, name)
 
 
 def number(value: float | None, std: float | None = None) -> str:
-    """A number to two digits of its standard deviation, in full where that is 0, or to four significant digits."""
+    """Return a number to two digits of its std, in full where that is 0, or to four significant digits."""
     if value is None or not math.isfinite(value):
         return "–"
     if std == 0:
@@ -52,35 +59,32 @@ def number(value: float | None, std: float | None = None) -> str:
 
 
 def estimate(content: Mapping[str, Any] | Estimate) -> str:
-    """A value with its unit and its 95 % interval, or why there is none."""
+    """Return a value with its unit and its 95 % interval, or why there is none."""
     record = content.as_json() if isinstance(content, Estimate) else content
     unit = "" if record["unit"] in ("", "1") else f" {record['unit']}"
-    interval = record["interval95"]
-    spread = record["std"]
-    if interval is None:
-        span = ""
-    else:
-        low, high = interval
+    spread, span = record["std"], ""
+    if record["interval95"] is not None:
+        low, high = record["interval95"]
         fine = spread if spread else abs(high - low) / 4
         span = f"{number(low, fine)} to {number(high, fine)}{unit}"
     if record["value"] is None:
-        why = record.get("why") or "these data cannot tell"
-        return f"not fixed by these data ({why})" + (f"; 95 %: {span}" if span else "")
+        why = record.get("why") or "no reason recorded"
+        return f"not determined by these data ({why})" + (f"; 95 %: {span}" if span else "")
     return f"{number(record['value'], spread)}{unit}" + (f" (95 %: {span})" if span else "")
 
 
 def fit_error(held_out_N: float, rms_N: float) -> str:
-    """The rms error on presses left out of the fit; where there were too few of them, on those fitted."""
+    """Return the rms error on held-out presses; where there were too few of them, on those fitted."""
     if math.isfinite(held_out_N):
-        return f"error on presses left out {1e3 * held_out_N:.1f} mN"
-    return f"error on the presses fitted {1e3 * rms_N:.1f} mN"
+        return f"error on held-out presses {KILO * held_out_N:.1f} mN"
+    return f"error on fitted presses {KILO * rms_N:.1f} mN"
 
 
 def repeatability(std_N: float) -> str:
-    """The scatter of like presses' forces, as each command says it."""
-    return f"repeatability {1e3 * std_N:.1f} mN" if math.isfinite(std_N) else "repeatability not known"
+    """Return the scatter of repeated presses' forces in words."""
+    return f"repeatability {KILO * std_N:.1f} mN" if math.isfinite(std_N) else "repeatability unknown"
 
 
 def p_value(p: float) -> str:
-    """A p-value to two digits; one that underflows is below what can be computed, not 0."""
+    """Return a p-value to two digits; one that underflows is given as a bound."""
     return "< 1e-300" if p < 1e-300 else f"{p:.2g}"

@@ -30,21 +30,24 @@ from calibration.result.poisson_routes import CONTRARY, HIGHEST, contradictions,
 from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
+from tactilevision.records.constants import NU_MAX
 from tactilevision.records.measured import Estimate, Floats, Pair
 from tactilevision.records.rig import Gel, Indenter
 
-# c and beta of each of several radii: of the line through its own points.
+# c and beta of each of several radii, from the line through its own points.
 #
-# One law for all radii ties their stiffnesses by E, nu and a/h. Friction and a rounded edge, of which it knows
-# nothing, change them by some per cent, each its own way: what one punch shows is the line of its own presses.
+# One law for all radii ties their stiffnesses by E, nu and a/h; friction and a rounded edge change each by some
+# per cent.
 
-LEAST = 3  # presses, or samples of a curve, that a line and its scatter need
+LEAST = 3  # presses, or samples of a curve, for a line and its scatter
 Line = tuple[float, Estimate, Estimate]
 
 
 def own_lines(fitted: Fit) -> tuple[Line, ...]:
-    """(radius, c, beta) of every radius; by the common law where one has too few points or one depth, and where
-    effects are fitted along, since one radius seldom fixes them."""
+    """Return (radius, c, beta) of every radius.
+
+    Those of the common law where one radius has too few points or one depth, and where effects are fitted along.
+    """
     return tuple(_line(fitted, float(radius)) for radius in np.unique(fitted.data.presses.radius_mm))
 
 
@@ -55,31 +58,31 @@ def _line(fitted: Fit, radius: float) -> Line:
 
 
 def line_alone(fitted: Fit, radius: float) -> Line | None:
-    """(radius, c, beta) of the line through this radius' presses; None where they are all or fix none."""
+    """Return (radius, c, beta) of the line through this radius' presses; None for a single radius or no line."""
     mine = fitted.data.take(fitted.data.presses.radius_mm == radius)
     if mine.count == fitted.data.count or mine.size < LEAST or at_one_depth(mine):
         return None
-    # a line knows no nu: any one serves
+    # a line does not depend on nu
     gel = replace(mine.gel, poisson_ratio=SILICONE_NU[0], poisson_ratio_std=0.0)
     alone = allow_for_indenters(fit(Model(FlatPunch()), replace(mine, gel=gel)))
     return radius, stiffness_of(alone, radius), bend_of(alone, radius)
 
 
-# Whether punches of several radii press one gel: stiffness grows with the radius as that of a bonded layer.
+# Consistency of several radii: the stiffness of a bonded layer grows with the radius as
 #
-#     c_b / c_a = (b / a) kappa(nu, b/h) / kappa(nu, a/h),    a < b
+#     c_b / c_a = (b / a) kappa(nu, b/h) / kappa(nu, a/h),    a < b,
 #
-# kappa grows with a/h, and the faster the larger nu is. So a gel's c/a grows at least as of the least nu that gels
-# have, and at most as of nu = .5. Source: mechanics/kappa.py.
+# between the least nu of gels and nu = .5, since kappa grows faster with a/h the larger nu is.
+# Source: mechanics/kappa.py.
 
 RADII_FLAG = "radii_apart"
 ALLOWED = 0.15  # of c: an edge of .1 mm that is not stated takes up to 13 % off (docs/explanation/limits.md)
 
 
 def radii_apart(fitted: Fit) -> str:
-    """A sentence with the pair of radii whose stiffness no one gel has, the worst; else empty.
+    """Return a warning about the pair of radii whose stiffnesses contradict one gel most; "" where none do.
 
-    Of the flat punch alone: an effect that is fitted along may change c with the radius.
+    For the flat punch alone: an effect that is fitted along may change c with the radius.
     """
     if not isinstance(fitted.model.law, FlatPunch) or not set(fitted.model.keys) <= set(TOLERANCES):
         return ""
@@ -97,7 +100,7 @@ def radii_apart(fitted: Fit) -> str:
 
 
 def _contrary(lines: list[Line], gel: Gel) -> Iterator[tuple[float, ...]]:
-    """How far beyond what theory allows (ln), both radii, the growth of c, its least and its most."""
+    """Yield the excess over theory's range (ln), both radii, the growth of c and its range."""
     for (a, c_a, _), (b, c_b, _) in combinations(lines, 2):
         ratios = np.array([a, b]) / gel.thickness_mm
         inside = A_OVER_H_RANGE[0] <= ratios[0] and ratios[1] <= A_OVER_H_RANGE[1]
@@ -113,13 +116,13 @@ def _contrary(lines: list[Line], gel: Gel) -> Iterator[tuple[float, ...]]:
             yield beyond, a, b, found, low, high
 
 
-# The published route from c and beta to nu and E, with the intervals that its formulas alone give.
+# The published route from c and beta to nu and E, with the intervals of its formulas alone.
 
 Route = Callable[[float, float], float]
 
 
 def published_route(fitted: Fit) -> CalibrationResult:
-    """The material as the publication reads it from a fit of the Paper law."""
+    """Return the material by the published formulas from a fit of the Paper law."""
     radius, data = main_radius(fitted), fitted.data
     ratio = radius / float(np.min(data.presses.radius_mm))  # c is the smallest radius's
     routes: dict[str, tuple[Route, str]] = {
@@ -189,30 +192,26 @@ def _c_and_beta(fitted: Fit, values: Floats, radius: float) -> tuple[float, floa
     return float(values[fitted.index("c_N_per_mm")]), float(values[fitted.index(beta_name(fitted, radius))])
 
 
-# By how much a ball or a cone reads a gel too soft when the gel sticks to it.
+# Bias of E of a ball or a cone where the gel sticks to it.
 #
-# At small strain a round body hardly feels friction; at large strain the gel that would slide outward is held, and
+# At small strain a round body hardly depends on friction; at large strain
 #
 #     P_stick/P_free - 1 = k(nu) (w/h)^2 R/h,     k = .10 .47 1.0 1.45 at nu = .40 .45 .48 .4999
 #
-# From finite elements of balls with R = 1 to 3 h (punch_fem: an edge as round as the punch is wide makes a ball)
-# to w/h = .2, within a third of the surplus. A cone counts as the ball that would touch as far out as deep. The
-# law's free beta takes up part of it and tilts E the other way, so that E is found too low.
+# From finite elements of balls with R = 1 to 3 h to w/h = .2, within a third of the surplus. A cone counts as the
+# ball of the same contact radius at the same depth. The law's free beta absorbs part of it and makes E too low.
 
-NU = (0.40, 0.45, 0.48, 0.4999)  # at which SURPLUS was computed
+NU = (0.40, 0.45, 0.48, NU_MAX)  # at which SURPLUS was computed
 SURPLUS = (0.10, 0.47, 1.00, 1.45)  # k(nu) of the equation above, by finite elements
 
 
 def stuck_surplus(poisson_ratio: float, radius_over_h: Floats | float, *, w_over_h: Floats) -> Floats:
-    """P_stick/P_free - 1 of a ball, any shape."""
+    """Return P_stick/P_free - 1 of a ball, any shape."""
     return np.asarray(np.interp(poisson_ratio, NU, SURPLUS) * np.square(w_over_h) * radius_over_h)
 
 
 def stuck_shift(fitted: Fit) -> float:
-    """The share by which E is found off where the gel sticks: what the fit of E and beta makes of the surplus.
-
-    beta keeps its prior; all samples count alike.
-    """
+    """Return the relative bias of E where the gel sticks: the fit of E and beta to the surplus."""
     data, e, k = fitted.data, fitted.index("youngs_modulus_MPa"), fitted.index("beta")
     strain = np.maximum(data.depth_mm, 0) / data.gel.thickness_mm
     radius = np.array(
@@ -230,23 +229,20 @@ def stuck_shift(fitted: Fit) -> float:
 
 
 def ball_radius_mm(indenter: Indenter, depth_mm: float) -> float:
-    """The ball's; for a cone of the ball that touches as far out at this depth, a^2/w with a = (2/pi) w tan."""
+    """Return the ball's radius; of a cone a^2/w with a = (2/pi) w tan, the ball of the same contact radius."""
     if indenter.half_angle_deg is None:
         return indenter.radius_mm
     return float((2 / np.pi * np.tan(np.radians(indenter.half_angle_deg))) ** 2 * max(depth_mm, 0.0))
 
 
-# The material behind a fit of a ball or a cone.
-#
-# Such a body has no stiffness c at depth 0 and no place on a curve beta(nu): E follows from the force at a known
-# nu, E(nu) = E F(nu_0)/F(nu) at the deepest sample. Where nothing fixes nu, E has no value but the interval over
-# what silicones span.
+# The material of a fit of a ball or a cone: E(nu) = E F(nu_0)/F(nu) at the deepest sample. Where nothing
+# determines nu, E has the interval over silicones' range and no value.
 
 NO_C = "a ball or a cone has no stiffness at depth 0: its force grows as a power of the depth"
 
 
 def of_round(fitted: Fit) -> CalibrationResult:
-    """E and nu with intervals, and what they rest on."""
+    """Return E and nu with intervals and assumptions."""
     curve = tuple((nu, _modulus_at(fitted, nu)) for nu in NU_TABLE)
     nu, modulus = fitted.estimate("poisson_ratio"), fitted.estimate("youngs_modulus_MPa")
     stated = fitted.data.gel.poisson_ratio is not None
@@ -255,7 +251,7 @@ def of_round(fitted: Fit) -> CalibrationResult:
     lines = [about, *common_assumptions(fitted)]
     if not stated:
         nu = Estimate(
-            None, None, SILICONE_NU, "1", "a round body hardly feels nu: its force gives E at a known nu"
+            None, None, SILICONE_NU, "1", "a round body hardly depends on nu: its force gives E at a known nu"
         )
         values = [_modulus_at(fitted, one) for one in SILICONE_NU]
         reach = 1 + _reach(modulus)
@@ -274,7 +270,7 @@ def of_round(fitted: Fit) -> CalibrationResult:
 
 
 def _if_stuck(fitted: Fit, modulus: Estimate) -> tuple[Estimate, str]:
-    """E with its interval wide enough for a gel that sticks to the body, unless the presses were lubricated."""
+    """Return E with its interval wide enough for a gel that sticks to the body, unless presses were lubricated."""
     if np.all(fitted.data.presses.lubricated == 1):
         return modulus, "frictionless: the presses were lubricated"
     shift = stuck_shift(fitted)
@@ -289,7 +285,7 @@ def _if_stuck(fitted: Fit, modulus: Estimate) -> tuple[Estimate, str]:
 
 
 def _modulus_at(fitted: Fit, nu: float) -> float:
-    """E that gives the same force at the deepest sample with another nu."""
+    """Return E that gives the same force at the deepest sample with another nu."""
     k, e = fitted.index("poisson_ratio"), fitted.index("youngs_modulus_MPa")
     deepest = int(np.argmax(fitted.data.depth_mm))
     other: Floats = fitted.values.copy()
@@ -299,14 +295,14 @@ def _modulus_at(fitted: Fit, nu: float) -> float:
 
 
 def _reach(modulus: Estimate) -> float:
-    """Half of the relative interval of E at known nu."""
+    """Return half of the relative interval of E at known nu."""
     assert modulus.value is not None
     assert modulus.interval95 is not None
     return (modulus.interval95[1] - modulus.interval95[0]) / (2 * modulus.value)
 
 
 def _reduced(fitted: Fit, modulus: Estimate) -> Estimate:
-    """E/(1 - nu^2), nearly the same at any nu: of the ends where nu is open."""
+    """Return E/(1 - nu^2), nearly the same at any nu; where nu is open the interval of both ends."""
     k = fitted.index("poisson_ratio")
     if modulus.value is None:
         low, high = modulus.interval95 or (np.nan, np.nan)
@@ -318,7 +314,7 @@ def _reduced(fitted: Fit, modulus: Estimate) -> Estimate:
 
 
 def _covariance(fitted: Fit) -> Floats:
-    """(4, 4) of E, nu, c, beta; nothing for c, which there is not."""
+    """Return the covariance (4, 4) of E, nu, c, beta; 0 for c, which a round body does not have."""
     places = [fitted.index(name) for name in ("youngs_modulus_MPa", "poisson_ratio", "beta")]
     found = np.zeros((4, 4))
     found[np.ix_([0, 1, 3], [0, 1, 3])] = fitted.covariance[np.ix_(places, places)]
@@ -327,36 +323,36 @@ def _covariance(fitted: Fit) -> Floats:
 
 # From a fit to the material: E, nu, c and beta by the law that was fitted.
 
-AT_BOUND = "beta_at_bound"  # the flag of a slope that the fit pushed as far as it may go
+AT_BOUND = "beta_at_bound"  # the flag of a slope at the end of its range
 
 
 def material_by_routes(fitted: Fit) -> CalibrationResult:
-    """The material behind a fit, its interval reaching to each route to nu where those contradict each other."""
+    """Return the material of a fit, its interval over all routes to nu where these contradict each other."""
     routes = of_fit(fitted)
     found = determine_material(holding_each(fitted, routes))
     return replace(found, warnings=(*found.warnings, *contradictions(routes)))
 
 
 def determine_material(fitted: Fit) -> CalibrationResult:
-    """The material behind a fit of any law in the catalogue."""
+    """Return the material of a fit of any law in the catalogue."""
     if shape_of(fitted.model.law) != FLAT:
         found = of_round(fitted)
     else:
         found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
-    told = (
+    checks = (
         (FLAG, outside_gels(found.youngs_modulus)),
         (NU_FLAG, stated_outside_gels(fitted.data.gel)),
         (AT_BOUND, _at_bound(fitted)),
         (RADII_FLAG, radii_apart(fitted)),
     )
-    for flag, said in told:
+    for flag, said in checks:
         if said:
             found = replace(found, warnings=(*found.warnings, said), flags=(*found.flags, flag))
     return found
 
 
 def _at_bound(fitted: Fit) -> str:
-    """A sentence where the fit pushed a slope beta to the end of its range; else empty."""
+    """Return a warning where a slope beta lies at the end of its range; else ""."""
     ends = [
         f"{parameter.name} = {value:g}"
         for parameter, value, held in zip(fitted.parameters, fitted.values, fitted.at_bound, strict=True)

@@ -1,20 +1,18 @@
-"""The routes to Poisson's ratio, how they are weighed, and how far they agree.
+"""The routes to Poisson's ratio, their combination and their agreement.
 
-    bulge   the rise of the gel beside the punch, from the pictures: no force, hardly any friction in it
-    radii   punches of several radii feel the bonded base to different degrees
-    prior   what recording.toml states; where it states nothing, the bound that elastomers keep
-    beta    the published log law of the curvature: shown beside the others and never used, since beta says more
-            about friction and the constitutive law than about nu
+    bulge   the rise of the gel outside the contact, from the pictures: independent of force, hardly of friction
+    radii   punches of several radii depend on the bonded base to different degrees
+    prior   what recording.toml states; where it states nothing, the range of elastomers
+    beta    the published log law of the curvature: shown and never used, since beta depends on friction and the
+            constitutive law more than on nu
 
-Those that are independent of each other are combined by their variances. Where they contradict each other, what is
-combined is as uncertain as the contradiction is large (Birge's ratio), and beyond CONTRARY its interval reaches to
-each: none is dropped, none is believed alone.
-Source: Birge, Phys. Rev. 40 (1932) 207.
+Independent routes are combined by their variances. Where they contradict each other the std grows by Birge's
+ratio, and beyond CONTRARY the interval reaches to each. Source: Birge, Phys. Rev. 40 (1932) 207.
 
-The bound is no measurement. Solid elastomers are nearly incompressible (nu above .495: Nedoluha, Saadawi, Barney,
-Soft Matter 2025, doi 10.1039/d5sm00535c); .45 leaves room for what pads of cast silicone were found to have in
-place. It cuts off what the pictures' error leaves below it. A nu that lies below it all the same is kept, its std
-reaches to the bound, and the flag `nu_below_bound` says so: a foam, or an error of the pictures.
+The range is no measurement. Solid elastomers are nearly incompressible (nu above .495: Nedoluha, Saadawi, Barney,
+Soft Matter 2025, doi 10.1039/d5sm00535c); .45 allows for pads of cast silicone in place. The pictures' nu is
+truncated there; one that contradicts the bound is kept, its std reaches towards the bound, and it is flagged
+`nu_below_bound`: a foam, or an error of the pictures.
 """
 
 from __future__ import annotations
@@ -30,21 +28,22 @@ from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, STATED_NU_STD, Fla
 from calibration.laws.paper import poisson_from_beta
 from calibration.model.composition import Model
 from tactilevision.errors import ConvergenceError
+from tactilevision.records.constants import NU_MAX, Z95
 from tactilevision.records.measured import Estimate, Pair
 from tactilevision.records.rig import Gel
 
-HIGHEST = 0.4999  # nu that the tables reach; .5 has no finite stiffness of a thin layer
-AT_BOUND = 1e-4  # of nu: nearer to its bound a fit stands at it
-REACH = 1.95  # std: a little less than the half of a 95 % interval
-CONTRARY = 3.0  # sigmas between two routes from which a warning says so
-BELOW_SIGMA = 2.0  # sigmas under the bound from which nu and the bound contradict each other
-CUT_SIGMA = 3.0  # sigmas above the bound from which it cuts off nothing that counts
+HIGHEST = NU_MAX
+AT_BOUND = 1e-4  # of nu: nearer to its bound a fit lies at it
+REACH = 1.95  # std: slightly less than half of a 95 % interval
+CONTRARY = 3  # std between two routes that contradict each other
+BELOW_SIGMA = 2  # std below the bound at which nu contradicts it
+CUT_SIGMA = 3  # std above the bound from which truncation is negligible
 BELOW_BOUND = "nu_below_bound"  # the flag of a nu that contradicts the bound
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """What one route says of Poisson's ratio; `used` says whether it is part of the result."""
+    """Poisson's ratio by one route; `used` where it is part of the result."""
 
     name: str
     poisson_ratio: Estimate
@@ -52,12 +51,12 @@ class Route:
 
 
 def of_bulge(bulge: Estimate | None) -> tuple[Route, ...]:
-    """The route by the pictures, as far as they could tell."""
+    """Return the route by the pictures."""
     return () if bulge is None else (Route("bulge", bulge, used=bulge.value is not None and bool(bulge.std)),)
 
 
 def of_prior(gel: Gel, *, bulge: Estimate | None = None, bound: Pair | None = None) -> tuple[Route, ...]:
-    """The stated value; a std that is not stated is STATED_NU_STD. Else the bound, used where it cuts `bulge`."""
+    """Return the stated nu, its std STATED_NU_STD unless stated; else the bound, used where it cuts `bulge`."""
     if gel.poisson_ratio is None:
         if bound is None:
             return ()
@@ -70,7 +69,7 @@ def of_prior(gel: Gel, *, bulge: Estimate | None = None, bound: Pair | None = No
 
 
 def of_radii(fitted: Fit) -> tuple[Route, ...]:
-    """What several radii alone say: the same fit with nothing known of nu beforehand; none for a single radius."""
+    """Return nu by several radii alone, from the same fit without a prior of nu; nothing for a single radius."""
     data, law = fitted.data, fitted.model.law
     if np.unique(data.presses.radius_mm).size < 2 or not isinstance(law, FlatPunch):
         return ()
@@ -94,25 +93,25 @@ def of_radii(fitted: Fit) -> tuple[Route, ...]:
 
 
 def of_fit(fitted: Fit) -> tuple[Route, ...]:
-    """What a fit was told of nu beforehand, and what its radii say without that; none unless both speak."""
+    """Return the prior of nu of a fit and nu by its radii without that; nothing unless there are both."""
     gel = fitted.data.gel
     radii = () if gel.poisson_ratio is None else of_radii(fitted)
     return (*of_prior(gel), *radii) if radii else ()
 
 
 def of_beta(beta: Estimate) -> tuple[Route, ...]:
-    """The published log law at the ends and the middle of beta's interval; none where beta is not above 0."""
+    """Return the published log law at the ends and the middle of beta's interval; nothing for beta <= 0."""
     if beta.value is None or beta.interval95 is None or not beta.interval95[0] > 0:
         return ()
     value, low, high = (poisson_from_beta(b) for b in (beta.value, *beta.interval95))
     note = "the published log law: a reproduction, no measurement of nu"
-    return (Route("beta", Estimate(value, (high - low) / 3.92, (low, high), "1", note), used=False),)
+    return (Route("beta", Estimate(value, (high - low) / (2 * Z95), (low, high), "1", note), used=False),)
 
 
 def within(nu: Estimate | None, bound: Pair | None) -> Estimate | None:
-    """nu as it is above a lower bound: mean and std of the normal that is cut there.
+    """Return nu truncated at a lower bound: mean and std of the truncated normal.
 
-    One that contradicts the bound by BELOW_SIGMA keeps its value, and its std reaches half-way to the bound.
+    One that contradicts the bound keeps its value, and its std reaches half-way to the bound.
     """
     if nu is None or nu.value is None or not nu.std or bound is None:
         return nu
@@ -123,7 +122,7 @@ def within(nu: Estimate | None, bound: Pair | None) -> Estimate | None:
         return nu
     if contradicts(nu, bound):
         std = max(nu.std, (bound[0] - nu.value) / 2)
-        return replace(nu, std=std, interval95=(nu.value - 1.96 * std, nu.value + 1.96 * std))
+        return replace(nu, std=std, interval95=(nu.value - Z95 * std, nu.value + Z95 * std))
     cut = truncnorm(beyond, np.inf, loc=nu.value, scale=nu.std)
     low, high = cut.ppf((0.025, 0.975))
     return replace(nu, value=float(cut.mean()), std=float(cut.std()), interval95=(float(low), float(high)))
@@ -138,16 +137,16 @@ def narrowed(bound: Pair | None, bulge: Estimate | None) -> Pair | None:
 
 
 def contradicts(nu: Estimate | None, bound: Pair | None) -> bool:
-    """Whether a nu lies below the bound by more than its deviation allows."""
+    """Return whether a nu lies below the bound by more than BELOW_SIGMA std."""
     if nu is None or nu.value is None or not nu.std or bound is None:
         return False
     return bound[0] - nu.value > BELOW_SIGMA * nu.std
 
 
 def informed(data: Observations, bulge: Estimate | None, *, bound: Pair | None = SILICONE_NU) -> Observations:
-    """The data with what the pictures say of nu weighed into the gel's prior; a nu stated as exact stays.
+    """Return the data with the pictures' nu combined with the gel's prior; a nu stated as exact stays.
 
-    Where nothing is stated of nu, it is held within `bound`; None leaves the bound out.
+    Where nothing is stated of nu, it is truncated at `bound`, None: not.
     """
     bulge = within(bulge, bound) if data.gel.poisson_ratio is None else bulge
     routes = [route for route in (*of_bulge(bulge), *of_prior(data.gel)) if route.used]
@@ -164,22 +163,22 @@ def informed(data: Observations, bulge: Estimate | None, *, bound: Pair | None =
 
 
 def apart(routes: Sequence[Route]) -> float:
-    """The most standard deviations that lie between two of the routes that are used; 0 for fewer than two."""
+    """Return the largest distance, in std, between two of the routes that are used; 0 for fewer than two."""
     known = [r.poisson_ratio for r in routes if r.used and r.poisson_ratio.value is not None]
     pairs = [(a, b) for k, a in enumerate(known) for b in known[k + 1 :]]
     return max((_sigmas(a, b) for a, b in pairs), default=0.0)
 
 
 def tightest(routes: Sequence[Route]) -> str:
-    """The name of the used route of the smallest std; "prior" where there is none. The bound is not named."""
+    """Return the name of the used route with the smallest std; "prior" where there is none."""
     known = [route for route in routes if route.used and route.poisson_ratio.std is not None]
     return min(known, key=lambda route: route.poisson_ratio.std or 0.0).name if known else "prior"
 
 
 def holding_each(fitted: Fit, routes: Sequence[Route]) -> Fit:
-    """The fit with nu's std so large, where its routes contradict each other, that its interval holds every route.
+    """Return the fit with nu's std so large, where its routes contradict each other, that its interval holds each.
 
-    What goes along with nu in the fit (E, c) is as much less sure. A nu that is held stays.
+    The covariance with E and c grows along; a fixed nu stays.
     """
     if apart(routes) <= CONTRARY:
         return fitted
@@ -193,15 +192,15 @@ def holding_each(fitted: Fit, routes: Sequence[Route]) -> Fit:
 
 
 def _reach(nu: float, routes: Sequence[Route]) -> float:
-    """The std with which the interval about `nu` holds every route that is used."""
+    """Return the std with which the interval about `nu` holds every route that is used."""
     known = [r.poisson_ratio.value for r in routes if r.used and r.poisson_ratio.value is not None]
     return max(abs(nu - one) for one in known) / REACH
 
 
 def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
-    """Assumptions and warnings: what each route says, and how far those that were used lie apart."""
+    """Return assumptions and warnings: nu by each route, and the distance of those that were used."""
     words = {
-        "bulge": "the rise beside the punch",
+        "bulge": "the rise outside the contact",
         "radii": "the several radii",
         "prior": "the stated value",
         "beta": "the published law of beta (not used)",
@@ -217,7 +216,7 @@ def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
     if used > 1:
         lines.append(f"the routes to Poisson's ratio that were used lie {between:.1f} standard deviations apart")
     silent = [
-        f"{words[r.name]} cannot tell: {r.poisson_ratio.why}"
+        f"{words[r.name]} does not determine it: {r.poisson_ratio.why}"
         for r in routes
         if r.poisson_ratio.value is None and r.name != "prior"
     ]
@@ -226,7 +225,7 @@ def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
 
 
 def contradictions(routes: Sequence[Route]) -> list[str]:
-    """A warning where the routes that are used contradict each other."""
+    """Return a warning where the routes that are used contradict each other."""
     between = apart(routes)
     if between <= CONTRARY:
         return []
@@ -250,4 +249,4 @@ def _sigmas(one: Estimate, other: Estimate) -> float:
 
 
 def _estimate(value: float, std: float) -> Estimate:
-    return Estimate(value, std, (value - 1.96 * std, value + 1.96 * std), "1")
+    return Estimate(value, std, (value - Z95 * std, value + Z95 * std), "1")

@@ -14,6 +14,7 @@ from calibration.fit.least_squares import Fit
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result.poisson_routes import Route, apart
 from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.constants import NU_MAX, Z95
 from tactilevision.records.measured import Estimate, Floats, Material, Pair
 from tactilevision.records.rig import Gel
 
@@ -25,12 +26,12 @@ COVARIANCE_OF = ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm", "beta")
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """E, nu, c, beta with their intervals, what they rest on, and how well the law fits.
+    """E, nu, c, beta with their intervals and assumptions, and how well the law fits.
 
-    `covariance` (4, 4) is of COVARIANCE_OF; `youngs_modulus_of_nu` pairs (nu, E) at the fitted c; `fitted` the fit
-    behind it; `presses_rejected` pairs (press, reason); `by_radius` (radius, c, beta) where there are several;
-    `routes` what each way to nu says, whether it was used or not. `held_out_N` the rms error on presses left out
-    of the fit and `noise_floor_N` the repeatability: see tasks/compare.py.
+    `covariance` (4, 4) is of COVARIANCE_OF; `youngs_modulus_of_nu` pairs (nu, E) at the fitted c;
+    `presses_rejected` pairs (press, reason); `by_radius` (radius, c, beta) where there are several; `routes` nu by
+    each route, used or not; `held_out_N` the rms error on presses held out of the fit; `noise_floor_N` the
+    repeatability.
     """
 
     youngs_modulus: Estimate
@@ -58,12 +59,12 @@ class CalibrationResult:
 
     @property
     def material(self) -> Material | None:
-        """For the force side; None where E or nu has no value."""
+        """E and nu for `force`; None where one has no value."""
         E, nu = self.youngs_modulus.value, self.poisson_ratio.value
-        return None if E is None or nu is None else Material(E, min(nu, 0.4999), self.covariance[:2, :2])
+        return None if E is None or nu is None else Material(E, min(nu, NU_MAX), self.covariance[:2, :2])
 
     def as_json(self) -> dict[str, Any]:
-        """The content of calibration.json."""
+        """Return the content of calibration.json."""
         gel = self.fitted.data.gel
         return {
             "law": self.law,
@@ -100,13 +101,13 @@ class CalibrationResult:
 
 
 def versions() -> dict[str, str]:
-    """What computed the result."""
+    """Return the versions that computed the result."""
     names = ("tactilevision", "numpy", "scipy")
     return {name: metadata.version(name) for name in names} | {"python": platform.python_version()}
 
 
 def common_assumptions(fitted: Fit) -> list[str]:
-    """What holds for every law."""
+    """Return the assumptions that hold for every law."""
     data = fitted.data
     tared = "the force's zero is that of the free gel before and after each press"
     lines = [tared if data.shared.touch_mm else "the zeros of depth and force are taken as they were recorded"]
@@ -134,7 +135,7 @@ def common_assumptions(fitted: Fit) -> list[str]:
 
 
 def r_squared(fitted: Fit) -> float:
-    """Of P/w against w/h for points, as published; of the force for curves."""
+    """Return R^2 of P/w against w/h for points, as published, and of the force for curves."""
     data = fitted.data
     if data.is_curves:
         return fitted.r_squared
@@ -143,7 +144,7 @@ def r_squared(fitted: Fit) -> float:
     return 1 - float(np.sum((per_depth - model) ** 2)) / total if total > 0 else float("nan")
 
 
-# What calibration.json says where these presses fix no material: the same keys, null with the reason why.
+# calibration.json where the presses determine no material: the same keys, null with the reason.
 
 Rejected = tuple[tuple[str, str], ...]
 
@@ -157,9 +158,9 @@ def unfixed_as_json(
     clock_offset: Estimate | None = None,
     warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Every key of a calibration that found something, so that one program reads both.
+    """Return every key of calibration.json, without values.
 
-    E and nu keep the interval that the recording states of its gel beforehand; an unstated nu that of silicones.
+    E and nu keep the interval that the recording states of its gel; an unstated nu that of silicones.
     """
     gel = gel or Gel(float("nan"))
     modulus = _interval(gel.youngs_modulus_MPa, gel.youngs_modulus_std_MPa)
@@ -198,12 +199,12 @@ def unfixed_as_json(
 
 
 def rejected(points: Sequence[CertifiedPoint]) -> Rejected:
-    """(press, reason) of each press that is not trusted."""
+    """Return (press, reason) of each rejected press."""
     return tuple((point.press, point.reason or "rejected") for point in points if not point.accepted)
 
 
 def in_words(points: Sequence[CertifiedPoint]) -> list[str]:
-    """How many presses were accepted, and of each other one what speaks against it."""
+    """Return how many presses were accepted, and the findings of each rejected one, in words."""
     refused = [point for point in points if not point.accepted]
     lines = [f"{len(points) - len(refused)} of {len(points)} presses accepted"]
     return lines + [f"  rejected {point.press}: {_findings(point)}" for point in refused]
@@ -218,5 +219,5 @@ def _open(unit: str, why: str, interval95: Pair | None = None) -> dict[str, Any]
 
 
 def _interval(value: float | None, std: float | None) -> Pair | None:
-    half = 1.96 * (std or 0.0)
+    half = Z95 * (std or 0.0)
     return None if value is None else (max(value - half, 0.0), value + half)

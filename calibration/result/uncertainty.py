@@ -11,21 +11,21 @@ from calibration.fit.identifiability import main_radius, modulus_of_nu, poisson_
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result.result import CalibrationResult
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
+from tactilevision.records.constants import NU_MAX, Z95
 from tactilevision.records.measured import Estimate, Floats, Pair
 
-# What is known of E and nu together: the region in the plane of both, and the band of each route to nu.
+# The joint region of E and nu, and the band of each route to nu.
 #
-# At the fitted stiffness c the two are tied by E(nu) = c (1 - nu^2)/(2 a kappa). The region of 95 % follows it:
+# At the fitted stiffness c, E(nu) = c (1 - nu^2)/(2 a kappa). The 95 % region follows it:
 #
 #     nu = nu_0 + k s_nu t,    E = E(nu) (1 +- k s_E sqrt(1 - t^2)),    -1 <= t <= 1,    k^2 = 5.99 (two unknowns)
 #
-# s_nu the standard deviation of nu, s_E the relative one of E at known nu. Below, it reaches down to what a gel
-# that sticks to the face would have, where friction is unknown; above, up to what a rounded edge would hide, where
-# none is stated. Where nothing fixes nu the region is the band round the curve over all that silicones span.
+# s_nu the std of nu, s_E the relative one of E at known nu. It reaches down to a gel that sticks to the face,
+# where friction is unknown, and up to a rounded edge, where none is stated. Where nothing determines nu the region
+# is the band about the curve over silicones' range.
 
 TWO_UNKNOWNS = 2.4477  # sqrt of the 95 % point of chi square with 2 degrees of freedom
-ONE_UNKNOWN = 1.96  # 97.5 % point of the normal distribution
-USUAL_NU = 0.3  # gels lie above: the curve begins here, however wide nu is, unless nu is below
+USUAL_NU = 0.3  # the curve begins here unless nu is below
 STEPS = 61  # values of nu along the region's edge
 
 
@@ -49,14 +49,14 @@ class JointPicture:
 
 
 def joint_picture(result: CalibrationResult) -> JointPicture:
-    """The joint region of a fit of the default law, with what each route to nu says."""
+    """Return the joint region of a fit of the default law, with each route to nu."""
     radius = main_radius(result.fitted)
     surplus = sticking_range(result.fitted, result.poisson_ratio, radius=radius, assumptions=[])
     softer = usual_softening(result.fitted, radius, poisson_ratio=result.poisson_ratio.value or SILICONE_NU[1])
     nu, modulus = result.poisson_ratio.value, result.youngs_modulus.value
     low = (result.poisson_ratio.interval95 or SILICONE_NU)[0]
     floor = USUAL_NU if nu is None or nu > USUAL_NU else 0.0
-    grid = np.linspace(max(low - 0.05, floor), 0.4999, STEPS)
+    grid = np.linspace(max(low - 0.05, floor), NU_MAX, STEPS)
     deep = finite_depth(result.fitted, result.poisson_ratio, radius_mm=radius)
     if deep is not None:
         surplus = max(surplus, deep.room(result.poisson_ratio.value or SILICONE_NU[1])[0])
@@ -64,7 +64,7 @@ def joint_picture(result: CalibrationResult) -> JointPicture:
     relative = _relative_std(result)
     if nu is None or modulus is None:
         across = np.linspace(*poisson_range(result.fitted), STEPS)
-        centre, half = _modulus(result, across, radius), np.full(STEPS, ONE_UNKNOWN * relative)
+        centre, half = _modulus(result, across, radius), np.full(STEPS, Z95 * relative)
     else:
         t = np.sin(np.linspace(-np.pi / 2, np.pi / 2, STEPS))  # close where the outline turns
         across = nu + TWO_UNKNOWNS * (result.poisson_ratio.std or 0.0) * t
@@ -83,33 +83,31 @@ def joint_picture(result: CalibrationResult) -> JointPicture:
 
 
 def _modulus(result: CalibrationResult, nu: Floats, radius_mm: float) -> Floats:
-    """E (n,) at the fitted stiffness."""
+    """Return E (n,) at the fitted stiffness."""
     deep = finite_depth(result.fitted, result.poisson_ratio, radius_mm=radius_mm)
-    return np.array(modulus_of_nu(result.fitted, np.minimum(nu, 0.4999), radius=radius_mm, deep=deep))[:, 1]
+    return np.array(modulus_of_nu(result.fitted, np.minimum(nu, NU_MAX), radius=radius_mm, deep=deep))[:, 1]
 
 
 def _relative_std(result: CalibrationResult) -> float:
-    """Of E at known nu."""
+    """Return the relative std of E at known nu."""
     variance, cross, of_nu = result.covariance[0, 0], result.covariance[0, 1], result.covariance[1, 1]
     rest = variance - (cross**2 / of_nu if of_nu > 0 else 0.0)
     fitted = float(result.fitted.values[result.fitted.index("youngs_modulus_MPa")])
     return float(np.sqrt(max(rest, 0.0)) / fitted)
 
 
-# What a rounded edge of which nothing is stated leaves open of E.
+# Allowance of E for a rounded edge where none is stated:
 #
 #     E -> E (1 + s),    r = h/60
 #
-# s is what a rounding r takes off the line through P/w (edges.py). A punch whose edge is rounded touches with its
-# flat part first and is softer than a sharp one; taken for sharp, it makes the gel look softer than it is. r is
-# what finite elements are tabulated with, .05 mm on 3 mm of gel: as sharp as turned edges usually are. Friction
-# makes up for part of it (sticking_range). E keeps its value; its 95 % interval reaches up by s beside what it has
-# otherwise, as the root of the sum of squares: the two do not know of each other. Where E is the elements' at
-# finite depth it is that of the usual edge already, and s stands for one twice as round.
+# s is what a rounding r takes off the line through P/w (edges.py); r, .05 mm on 3 mm of gel, is that of usual
+# turned edges. A rounded punch taken for sharp makes the gel look softer. E keeps its value; its 95 % interval
+# reaches up by s, combined with the rest as the root of the sum of squares. Where E is the elements' at finite
+# depth it is that of the usual edge already, and s stands for one twice as round.
 
 
 def allow_for_edge(result: CalibrationResult) -> CalibrationResult:
-    """The result with E's upper end moved, and said so; as it is where the edge is stated."""
+    """Return the result with E's upper end raised and an assumption; unchanged where the edge is stated."""
     data, radius, nu = result.fitted.data, main_radius(result.fitted), result.poisson_ratio.value
     stated = [i.edge_radius_mm for i in data.indenters if i.radius_mm == radius]
     if all(edge is not None for edge in stated):
@@ -118,10 +116,10 @@ def allow_for_edge(result: CalibrationResult) -> CalibrationResult:
     edge = data.gel.thickness_mm * EDGE_OVER_H
     said = (
         f"no edge radius is stated: E is that of one rounded by {edge:.2g} mm, and one rounded twice as much "
-        f"would raise it by some {100 * share:.1f} %; E's interval reaches up by that beside the rest"
+        f"would raise it by some {100 * share:.1f} %; E's interval allows for that"
         if finite_depth(result.fitted, result.poisson_ratio, radius_mm=radius) is not None
         else f"no edge radius is stated: E may be higher by up to {100 * share:.1f} % where the punch's edge is "
-        f"rounded by {edge:.2g} mm; E's interval reaches up by that beside the rest"
+        f"rounded by {edge:.2g} mm; E's interval allows for that"
     )
     return replace(
         result,

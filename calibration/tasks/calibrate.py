@@ -1,4 +1,4 @@
-"""From depth and force to a material: the whole of a calibration in one call.
+"""Fit a material to depth and force.
 
 result = calibrate(Measured(recording, points=certificate.points))
 write_json("calibration.json", result.as_json())
@@ -45,7 +45,7 @@ from tactilevision.errors import NothingCertified
 from tactilevision.records.measured import Estimate, Pair
 
 ONE_DEPTH = "one_depth"  # the flag of a result whose curvature is theory's
-OUT_OF_PHASE = "out_of_phase"  # the reason against a press too fast for clocks that lie far apart
+OUT_OF_PHASE = "out_of_phase"  # the reason against a press too fast for the offset of its clocks
 
 
 def calibrate(
@@ -84,7 +84,7 @@ def calibrate(
     fitted = holding_each(fitted, routes)
     again = judged(fitted)
     result = with_errors(determine_material(allow_for_indenters(fitted)), fit_errors(again))
-    result = with_stated_noise(result, again, or_else="; or `diagnose` tells what the model lacks")
+    result = with_stated_noise(result, again, or_else="; or `diagnose` shows what the model lacks")
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
@@ -99,7 +99,7 @@ def calibrate(
 
 
 def _distrusted(sets: Sequence[Measured]) -> Iterator[tuple[str, str]]:
-    """Presses that the certificate rejected, each with its reason."""
+    """Return presses that the certificate rejected, each with its reason."""
     return ((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
 
 
@@ -109,7 +109,7 @@ def _out_of_phase(given: Observations, kept: Observations) -> Iterator[tuple[str
 
 
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
-    """The result with every route to nu, the source named after the tightest one that was used."""
+    """Return the result with every route to nu; the source is the tightest one that was used."""
     routes = (*routes, *of_beta(result.beta))
     lines, warnings = in_words(routes)
     source = tightest(routes) if result.poisson_ratio.value is not None else result.poisson_ratio_source
@@ -123,7 +123,7 @@ def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> Calibr
 
 
 def _below_bound(result: CalibrationResult) -> CalibrationResult:
-    """The result with what it means that nu lies below what elastomers have."""
+    """Return the result with a flag and a warning that nu lies below the range of elastomers."""
     said = (
         "Poisson's ratio lies below what solid elastomers have: a foam, or an error of the pictures; its std "
         "was widened towards the bound. State poisson_ratio in recording.toml, or use --no-prior"
@@ -132,7 +132,7 @@ def _below_bound(result: CalibrationResult) -> CalibrationResult:
 
 
 def observe(sets: Sequence[Measured]) -> Observations:
-    """The accepted points of these recordings, or their curves where no recording has points."""
+    """Return the accepted points of these recordings, or their curves where none has points."""
     if any(m.points for m in sets):
         if not any(p.accepted for m in sets for p in m.points):
             reasons = "; ".join(f"{p.press}: {p.reason or 'rejected'}" for m in sets for p in m.points)
@@ -148,14 +148,14 @@ def _chosen(law: Law | str, data: Observations) -> Law:
 
 
 def _sized(data: Observations) -> Observations:
-    """A cone has no radius: 0, so that its presses stay one group."""
+    """Return the data with radius 0 for cones, so that their presses are one group."""
     return replace(data, presses=replace(data.presses, radius_mm=np.nan_to_num(data.presses.radius_mm)))
 
 
 def _of_one_depth(result: CalibrationResult) -> CalibrationResult:
-    """The result with what rests on theory said, and no value of beta."""
+    """Return the result without a value of beta, and the assumption about it."""
     there = "there is one press" if result.fitted.data.count == 1 else "the presses have one depth"
-    why = f"{there}: stiffness and curvature cannot be told apart"
+    why = f"{there}: stiffness and curvature cannot be distinguished"
     low, high = result.beta.interval95 or (float("nan"), float("nan"))
     said = (
         f"{why}; beta is held to {low:.2f} to {high:.2f}, what contact laws have for any friction (95 %), and c "
@@ -171,7 +171,7 @@ def _of_one_depth(result: CalibrationResult) -> CalibrationResult:
 
 
 def _free(law: Law, data: Observations, *, single: bool, bound: Pair | None) -> Law:
-    """The default law lets nu vary where several radii may fix it, and beta be theory's at a single depth."""
+    """Return the default law with nu free where several radii may determine it, and theory's beta at one depth."""
     if not isinstance(law, FlatPunch):
         return law
     several = np.unique(data.presses.radius_mm).size > 1

@@ -49,10 +49,9 @@ TOO_SMALL = "stated_noise_too_small"
 
 @dataclass(frozen=True, slots=True)
 class FitErrors:
-    """Of one fit, in N: `rms_N` over the presses it was fitted to, `held_out_N` (NaN for two presses or fewer).
+    """Errors of a fit in N: `rms_N` over the fitted presses, `held_out_N` (NaN for two presses or fewer).
 
-    A radius that is pressed once keeps the slope beta of the whole fit while its press is left out: no other press
-    tells it.
+    A radius that is pressed once keeps the slope beta of the whole fit while its press is held out.
     """
 
     rms_N: float
@@ -61,15 +60,14 @@ class FitErrors:
 
 
 def fit_errors(fitted: Fit) -> FitErrors:
-    """How well a fit that weighs its samples by what repeats show describes its presses, and others."""
+    """Return the errors of a fit on its presses and on presses held out, and the repeatability."""
     return FitErrors(fitted.rms_error_N, held_out_rms(fitted), repeatability_rms(fitted))
 
 
 def judged(fitted: Fit) -> Fit:
-    """The same model on the same presses as `compare` and `diagnose` fit it; the fit itself where that fails.
+    """Return the same model fitted as `compare` and `diagnose` do; the fit itself where that fails.
 
-    Those weigh samples by how repeats and neighbours differ, and leave out samples of curves too near to first
-    contact.
+    Samples are weighted by the scatter of repeats and neighbours; those near first contact are excluded.
     """
     data = clear_of_touch(fitted.data)
     try:
@@ -84,12 +82,12 @@ def judged(fitted: Fit) -> Fit:
 
 
 def with_errors(result: CalibrationResult, errors: FitErrors) -> CalibrationResult:
-    """The result with its held-out error and its repeatability."""
+    """Return the result with its held-out error and its repeatability."""
     return replace(result, held_out_N=errors.held_out_N, noise_floor_N=errors.repeatability_N)
 
 
 def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = "") -> CalibrationResult:
-    """The result with a word on a stated noise far off what this fit's samples scatter, or else on its cause."""
+    """Return the result with a warning where the stated noise is far from the scatter of this fit's samples."""
     times = beyond_stated(fitted)
     if times is None and (deeper := depth_beyond_stated(fitted)) is not None:
         said = f"depths scatter {deeper:.1f} times as much as was stated of them. Check std_mm of [depth]{or_else}"
@@ -112,8 +110,8 @@ def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = 
 
 # Models against measurements: the error in and out of sample, and how well the presses repeat.
 
-LEFT = 0.01  # p of what the last model leaves, below which plain errors are tried on it: as in a diagnosis
-MANY = 8  # starts of an effect that are all fitted; of more the most promising
+LEFT = 0.01  # p of the last model's residual, below which instrument errors are tried
+MANY = 8  # starts of an effect that are all fitted; of more the best
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,13 +222,13 @@ class Prepared:
 
 
 def prepare(data: Observations, *, bulge: Estimate | None = None, bound: Pair | None = SILICONE_NU) -> Prepared:
-    """The measurements as `compare` fits them. Raises InputError for unusable data."""
+    """Return the measurements as `compare` fits them. Raises InputError for unusable data."""
     stated = clear_of_touch(in_phase(usable(data)))
     return Prepared(stated, informed(stated, bulge, bound=bound))
 
 
 def plain_law(ready: Prepared, *, rng: np.random.Generator | None, of_gel: bool = True) -> Comparison:
-    """The base law alone, which `with_effect` adds to. Raises InputError where it cannot be fitted.
+    """Return the base law alone, to which `with_effect` adds. Raises InputError where it cannot be fitted.
 
     `of_gel`: with what the fit says of the gel, which takes as long again; `with_gel` brings it later. Without an
     `rng` what the residual depends on stays unknown; `with_covariates` brings it later.
@@ -241,7 +239,7 @@ def plain_law(ready: Prepared, *, rng: np.random.Generator | None, of_gel: bool 
 
 
 def _of_picture(data: Observations) -> tuple[Compared, ...]:
-    """The depth that the picture reads, beside the certified one; nothing where there are not both."""
+    """Return the picture's depth compared with the certified one; nothing where there are not both."""
     with suppress(*CANNOT_FIT):
         seen = fit_vision_depth(data)
         return () if seen is None else (_as_read(seen, ()),)
@@ -249,13 +247,13 @@ def _of_picture(data: Observations) -> tuple[Compared, ...]:
 
 
 def with_gel(found: Comparison) -> Comparison:
-    """The same with what each fit says of the gel."""
+    """Return the same with the material of each fit."""
     said = (m if m.material else replace(m, material=material_by_routes(m.fitted)) for m in found.models)
     return replace(found, models=tuple(said))
 
 
 def with_covariates(found: Comparison, rng: np.random.Generator) -> Comparison:
-    """The same with what the last model's residual depends on, among everything recorded."""
+    """Return the same with the covariates that the last model's residual depends on."""
     last = found.models[-1]
     scored = score_test(last.fitted, (), rng=rng).covariates
     return replace(found, models=(*found.models[:-1], replace(last, covariates=scored)))
@@ -270,7 +268,7 @@ def with_effect(
     deadline: Deadline = NEVER,
     of_gel: bool = True,
 ) -> Comparison:
-    """One more effect on top of those before; where that cannot be, the same with it named in `left_out`.
+    """Return the comparison with one more effect, or with the reason in `left_out` why it cannot be added.
 
     `of_gel` and `rng` as for `plain_law`.
     """
@@ -291,7 +289,7 @@ def with_effect(
 
 
 def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:
-    """Keys of plain errors worth a try, where something is left of the last model's error."""
+    """Return keys of instrument errors to try, where the last model's residual is significant."""
     last = found.models[-1]
     if deadline.passed or min((c.p_adjusted for c in last.covariates), default=1.0) > LEFT:
         return ()
@@ -299,7 +297,7 @@ def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:
 
 
 def _in_picture(pictured: tuple[Compared, ...], effect: Effect, ready: Prepared) -> tuple[Compared, ...] | None:
-    """The models of the picture's depth with the effect added; None where no such depth shows it."""
+    """Return the models of the picture's depth with the effect added; None where no such depth shows it."""
     if not pictured:
         return None
     seen = pictured[-1].fitted
@@ -326,7 +324,7 @@ def _treated(seen: Fit, data: Observations) -> Fit:
 
 
 def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:
-    """A model of the picture's depth, errors in mm: of what is read, corrected by its effects alone."""
+    """Return a model of the picture's depth, corrected by its effects alone, with errors in mm."""
     error, data = reading_error_mm(fitted), fitted.data
     return Compared(
         name=" + ".join((fitted.model.law.key, *keys)),
@@ -346,13 +344,13 @@ def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:
 
 
 def _of_presses(fitted: Fit) -> Floats:
-    """The rms error of each press (M,), N."""
+    """Return the rms error of each press (M,), N."""
     press = fitted.data.press
     return np.sqrt(np.bincount(press, fitted.residual_N**2) / np.bincount(press))
 
 
 def fit_alone(model: Model, data: Observations) -> Fit:
-    """The model that others are held against, with the noise of the repeats. Raises InputError if it fails."""
+    """Return a fit with the noise of the repeats. Raises InputError if it fails."""
     try:
         return refit_with_pure_noise(fit(model, data))
     except (ConvergenceError, ArithmeticError, RuntimeError) as fault:
@@ -364,16 +362,14 @@ def fit_alone(model: Model, data: Observations) -> Fit:
 
 
 def base_fit(model: Model, data: Observations) -> Fit:
-    """The fit that all is held against: samples' noise shaped as the data show where nobody stated it, and clear
-    of the touch by as much as these presses' zeros scatter.
-    """
+    """Return the base fit, its samples' noise shaped by the data unless stated, without those near contact."""
     first = fit_alone(model, data)
     shaped = clear_of_own_touch(first, with_sample_noise(first))
     return first if shaped is first.data else fit_alone(model, shaped)
 
 
 def base_model(data: Observations) -> Model:
-    """The flat punch with nu free where several radii may fix it and nothing else is known of it."""
+    """Return the flat punch, with nu free where several radii may determine it and nothing else is known of it."""
     several = np.unique(data.presses.radius_mm).size > 1
     return Model(FlatPunch(free_poisson_ratio=several and data.gel.poisson_ratio is None))
 
@@ -381,9 +377,9 @@ def base_model(data: Observations) -> Model:
 def evaluate(
     model: Model, data: Observations, *, rng: np.random.Generator | None, on: Fit | None = None
 ) -> Compared:
-    """Fit one model and look at what it leaves; `on` the fit that its last effect was added to.
+    """Return the errors of one model; `on` is the fit that its last effect was added to.
 
-    Of an effect with many starts only those are tried that promise most on that fit.
+    Of an effect with many starts only the best on that fit are tried.
     """
     added = [one for one in model.effects if on is None or one.key not in on.model.keys]
     starts = None
@@ -393,7 +389,7 @@ def evaluate(
 
 
 def judge(fitted: Fit, rng: np.random.Generator | None) -> Compared:
-    """What a fit leaves, in and out of sample, and with an `rng` what that depends on."""
+    """Return the errors of a fit, and with an `rng` the covariates that its residual depends on."""
     data, errors = fitted.data, fit_errors(fitted)
     covariates = () if rng is None else score_test(fitted, (), rng=rng).covariates
     slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))

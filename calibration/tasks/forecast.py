@@ -1,10 +1,9 @@
-"""How well a calibration would know the material, before anything is pressed.
+"""Forecast the uncertainty of a calibration before anything is pressed.
 
     covariance = (J^T W^T W J + priors)^-1,    J = d force/d parameter at the guessed material
 
-The presses are worked out from the model at the guess, without errors, and fitted with the noise stated.
-So the forecast is what `calibrate` would say: the same law, noise, tolerances, friction, edges. n repeats of a
-face are one press with standard deviations smaller by sqrt(n). Linear about the guess; the model counts as true.
+Presses without errors at the guess are fitted with the stated noise, by the law, tolerances, friction and edges of
+`calibrate`. n repeats of a face are one press with std smaller by sqrt(n). Linear about the guess.
 """
 
 from __future__ import annotations
@@ -67,32 +66,32 @@ class Design:
 
     @property
     def heights_mm(self) -> tuple[float, ...]:
-        """The different step heights, in rising order."""
+        """The distinct step heights, ascending."""
         return tuple(sorted({float(one.height_mm or 0.0) for one in self.indenters}))
 
     @property
     def radii_mm(self) -> tuple[float, ...]:
-        """The different radii, in rising order."""
+        """The distinct radii, ascending."""
         return tuple(sorted({one.radius_mm for one in self.indenters}))
 
     @property
     def presses(self) -> int:
-        """How many presses this is."""
+        """The number of presses."""
         return self.repeats * len(self.indenters)
 
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """What a calibration would state: `std` and `half_width` of 95 % (the farther end), relative or as they are.
+    """`std` and `half_width` of the 95 % interval (the farther end) that a calibration would give.
 
-    None where it would have no value; `half_width` is then half of what stays open.
+    `std` is None where it would give no value; `half_width` is then half of the open interval.
     """
 
     std: float | None
     half_width: float
 
     def as_json(self) -> dict[str, Any]:
-        """Both numbers."""
+        """Return both numbers."""
         return {"std": self.std, "half_width_95": self.half_width}
 
 
@@ -107,11 +106,11 @@ class Forecast:
 
     @property
     def nu_is_open(self) -> bool:
-        """Whether nothing in the design fixes Poisson's ratio."""
+        """Whether nothing in the design determines Poisson's ratio."""
         return self.poisson_ratio.std is None
 
     def as_json(self) -> dict[str, Any]:
-        """One entry of plan.json."""
+        """Return one entry of plan.json."""
         return {
             "heights_mm": list(self.design.heights_mm),
             "radii_mm": list(self.design.radii_mm),
@@ -125,7 +124,7 @@ class Forecast:
 
 
 def forecast(design: Design) -> Forecast:
-    """The margins of a design, the worst over its ranges of E and nu. Raises InputError for an impossible one."""
+    """Return the worst margins of a design over its ranges of E and nu. Raises InputError if impossible."""
     check_design(design)
     places = sorted(set(product(design.youngs_modulus_MPa, design.poisson_ratio)))
     rows = [_margins(design, modulus, nu) for modulus, nu in places]
@@ -136,7 +135,7 @@ def forecast(design: Design) -> Forecast:
 
 
 def forecast_fit(design: Design, modulus_MPa: float, *, poisson_ratio: float) -> Fit:
-    """The fit that presses without errors would give for a gel of this E (MPa) and nu."""
+    """Return the fit to presses without errors for a gel of this E (MPa) and nu."""
     data = forecast_data(design, modulus_MPa, poisson_ratio=poisson_ratio)
     model = base_model(data)
     check(data)
@@ -147,7 +146,7 @@ def forecast_fit(design: Design, modulus_MPa: float, *, poisson_ratio: float) ->
 
 
 def forecast_data(design: Design, modulus_MPa: float, *, poisson_ratio: float) -> Observations:
-    """One sample (N,) a face: depth (mm), and the law's force (N), with the noise of the mean of its repeats."""
+    """Return one sample (N,) a face: depth (mm) and the law's force (N), with the noise of its repeats' mean."""
     data = _faces(design)
     model = base_model(data)
     about, _ = linearise(model, _truth(model, data, modulus_MPa, poisson_ratio), data=data)
@@ -189,7 +188,7 @@ def _check_faces(design: Design) -> None:
         heights = {one.height_mm for one in design.indenters if one.radius_mm == radius}
         if len(heights) < 2:
             raise InputError(
-                "a radius needs two step heights at least: one cannot tell stiffness from curvature",
+                "a radius needs two step heights at least, to distinguish stiffness from curvature",
                 where=f"radius {radius:g} mm",
                 value=sorted(h for h in heights if h is not None),
                 remedy="Give a second height, about twice the first.",
@@ -235,14 +234,14 @@ def _truth(model: Model, data: Observations, modulus: float, nu: float) -> Float
 
 
 def _with_tolerances_at_rest(model: Model, data: Observations, start: Floats) -> Floats:
-    """The law's values (p,), then the tolerances at rest, as `fit` adds them."""
+    """Return the law's values (p,), then the tolerances' defaults, as `fit` adds them."""
     whole = with_tolerances(model, data).defaults(data)
     whole[: start.size] = start
     return whole
 
 
 def _faces(design: Design) -> Observations:
-    """One press a face, without force."""
+    """Return one press a face, without force."""
     faces, count = design.indenters, len(design.indenters)
     unknown, order = np.full(count, np.nan), np.arange(float(count))
     presses = Presses(

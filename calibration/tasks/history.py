@@ -45,7 +45,7 @@ class HistoryRow:
     moved: bool
 
     def as_row(self) -> dict[str, Any]:
-        """Flat, for history.csv."""
+        """Return a row of history.csv."""
         E, c = self.youngs_modulus, self.c
         low, high = E.interval95 or (None, None)
         c_low, c_high = c.interval95 or (None, None)
@@ -59,7 +59,7 @@ class HistoryRow:
 
 
 def history(recordings: Sequence[Measured], *, law: Law | str = "default") -> tuple[HistoryRow, ...]:
-    """One row a recording, in order of date."""
+    """Return one row for each recording, in order of date."""
     ordered = sorted(recordings, key=lambda m: str(m.recording.date or ""))
     results = [calibrate(m, law=law) for m in ordered]
     own = [_own_stiffness(result.fitted) for result in results]
@@ -72,7 +72,7 @@ def history(recordings: Sequence[Measured], *, law: Law | str = "default") -> tu
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Adjusted p-values that keep the chance of any false alarm (Holm, Scand. J. Stat. 6 (1979) 65)."""
+    """Return p-values adjusted for the family-wise error (Holm, Scand. J. Stat. 6 (1979) 65)."""
     order = np.argsort(p_values)
     adjusted, worst = np.ones(len(p_values)), 0.0
     for rank, k in enumerate(order):
@@ -82,7 +82,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def _own_stiffness(fitted: Fit) -> tuple[Estimate, float]:
-    """c with its noise alone: shared tolerances and nu held at what was stated."""
+    """Return c with its noise alone: shared tolerances and nu fixed as stated."""
     bare = replace(
         fitted.model, effects=tuple(e for e in fitted.model.effects if e.key not in (HEIGHTS, DIMENSIONS))
     )

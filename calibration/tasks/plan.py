@@ -1,10 +1,10 @@
-"""How many presses of which heights give E within a goal, before anything is machined.
+"""Plan the fewest presses that give E within a goal.
 
     least n with half width of 95 % (n) <= goal,    half width^2 about A^2 + B^2 / n
 
-B falls with the repeats n of each face; A is what presses share: nu, friction, edge, tolerances. Where A alone
-is above the goal, no number of presses reaches it, and remedies are tried in its place. Sets of heights are ranked
-by the information of their presses and the best is forecast whole. Assumes what forecast.py assumes.
+A is shared by all presses: nu, friction, edge, tolerances. Where A exceeds the goal, no number of presses reaches
+it, and remedies are tried. Sets of heights are ranked by the information of their presses. Assumptions:
+forecast.py.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from tactilevision.errors import InputError
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.records.rig import Indenter
 
-MAX_REPEATS = 1000  # repeats of a face: what so many do not reach, no number does
+MAX_REPEATS = 1000  # repeats of a face, taken as unlimited
 MAX_HEIGHTS = 8  # heights offered up to which every set of them is tried: 247 sets
-MAX_TRIED = 3  # sets of heights that are forecast whole: the first by their information
+MAX_TRIED = 3  # sets of heights that are forecast in full
 NU_STDS = (0.01, 0.005, 0.003, 0.002, 0.001)  # std of nu that a remedy may ask for, the easiest first
 SMALLER_RADIUS = 0.6  # of the smallest radius: a second radius that the remedy offers
 
@@ -38,7 +38,7 @@ class Goal:
     c: float | None = None
 
     def reached(self, found: Forecast) -> bool:
-        """Whether a forecast has a value of each and none is wider than its goal."""
+        """Return whether a forecast has every value within its goal."""
         pairs = (
             (self.youngs_modulus, found.youngs_modulus),
             (self.poisson_ratio, found.poisson_ratio),
@@ -51,14 +51,14 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Remedy:
-    """What else could be done: its margins with any number of presses, and the least presses where they reach."""
+    """A change of the design: its margins with any number of presses, and the least presses where they suffice."""
 
     action: str
     limit: Forecast
     least: Forecast | None
 
     def as_json(self) -> dict[str, Any]:
-        """One entry of remedies."""
+        """Return one entry of remedies."""
         least = None if self.least is None else self.least.as_json()
         return {"action": self.action, "limit": self.limit.as_json(), "least": least}
 
@@ -80,7 +80,7 @@ class Plan:
     assumptions: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """The content of plan.json."""
+        """Return the content of plan.json."""
         goal = self.goal
         return {
             "goal_half_width_95": {
@@ -99,7 +99,7 @@ class Plan:
 
 
 def plan(design: Design, *, goal: Goal | None = None) -> Plan:
-    """The least presses of `design` that reach `goal` (E within 3 % where none is given), or what would.
+    """Return the fewest presses of `design` that reach `goal` (default: E within 3 %), or remedies.
 
     Raises InputError for a design that cannot be pressed and for a goal that is not above 0.
     """
@@ -114,7 +114,7 @@ def plan(design: Design, *, goal: Goal | None = None) -> Plan:
 
 
 def least_repeats(design: Design, goal: Goal, *, most: int = MAX_REPEATS) -> Forecast | None:
-    """The forecast with the fewest repeats that reach the goal; None where `most` do not."""
+    """Return the forecast with the fewest repeats that reach the goal; None where `most` do not."""
     low, high, best = 0, 1, _at(design, 1)
     while not goal.reached(best):
         if high >= most:
@@ -132,10 +132,10 @@ def least_repeats(design: Design, goal: Goal, *, most: int = MAX_REPEATS) -> For
 
 
 def fewest_presses(whole: Forecast, goal: Goal) -> Forecast:
-    """The set of heights, two at least of each radius, that reaches the goal with the fewest presses.
+    """Return the set of heights, two at least of each radius, that reaches the goal with the fewest presses.
 
-    A set is taken to need the std of E (and of nu, where that has a goal) that all heights have where they reach
-    the goal; the most promising are then forecast whole, and kept where they need fewer presses.
+    Sets are ranked by the presses that give the std of E (and of nu, where it has a goal) of all heights; the best
+    are forecast in full.
     """
     design, count = whole.design, 1 if goal.poisson_ratio is None else 2
     fitted = forecast_fit(
@@ -152,7 +152,7 @@ def fewest_presses(whole: Forecast, goal: Goal) -> Forecast:
 
 
 def _promising(fitted: Fit, design: Design, wanted: Floats) -> Iterator[tuple[int, tuple[float, ...]]]:
-    """(presses, heights) of each set of heights, by its information alone."""
+    """Yield (presses, heights) of each set of heights, by its information alone."""
     heights = design.heights_mm
     sizes = range(2, len(heights)) if len(heights) <= MAX_HEIGHTS else (2,)
     for size in sizes:
@@ -167,7 +167,7 @@ def _promising(fitted: Fit, design: Design, wanted: Floats) -> Iterator[tuple[in
 
 
 def _stds(fitted: Fit, rows: Bools, repeats: int) -> Floats:
-    """Standard deviations (2,) of E (MPa) and nu (1) from these faces (N,), pressed so often each."""
+    """Return the std (2,) of E (MPa) and nu from these faces (N,), each pressed `repeats` times."""
     free = fitted.free
     table = np.sqrt(repeats) * (fitted.jacobian / fitted.about.base_N[:, None])[np.ix_(rows, free)]
     known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
@@ -186,7 +186,7 @@ def _at(design: Design, repeats: int) -> Forecast:
 
 
 def _remedies(design: Design, goal: Goal) -> Iterator[Remedy]:
-    """Each that changes the design, alone; then with a lubricated, stated edge."""
+    """Yield each change of the design alone, then with a lubricated, stated edge."""
     slippery = replace(
         design,
         lubricated=True,
@@ -205,7 +205,7 @@ def _remedies(design: Design, goal: Goal) -> Iterator[Remedy]:
 
 
 def _known_nu(base: Design, goal: Goal, also: str) -> Iterator[Remedy]:
-    """The easiest std of nu that reaches the goal, or the sharpest where none does."""
+    """Yield the largest std of nu that reaches the goal, or the smallest where none does."""
     gel, centre = base.gel, float(np.mean(base.poisson_ratio))
     known = gel.poisson_ratio_std if gel.poisson_ratio is not None else None
     found = None
@@ -228,7 +228,7 @@ def _with_radius(design: Design, radius: float) -> Design:
 
 
 def _exact(design: Design) -> Design | None:
-    """The design without tolerances; None where it has none."""
+    """Return the design without tolerances; None where it has none."""
     sharp = tuple(replace(i, height_std_mm=0.0, radius_std_mm=0.0) for i in design.indenters)
     exact = replace(design, indenters=sharp, gel=replace(design.gel, thickness_std_mm=0.0))
     return None if exact == design else exact

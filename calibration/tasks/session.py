@@ -28,10 +28,10 @@ ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N"
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One effect put into the model: its key, a private one's file, and what it did to the error.
+    """One effect added to the model: its key, a private one's file, and the errors before and after.
 
-    `rms` over the presses fitted, `held_out` over presses left out of the fit, and the repeatability, all in N, or
-    in mm where the effect is on the depth that the picture reads (`unit`); NaN where it is not known.
+    `rms` over the fitted presses, `held_out` over presses held out, and the repeatability, all in N, or in mm for
+    an effect on the picture's depth (`unit`); NaN where unknown.
     """
 
     key: str
@@ -46,7 +46,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Labelled:
-    """A state that was given a name: the steps that stood, and the presses left out."""
+    """A named state: its steps and the presses excluded."""
 
     name: str
     steps: tuple[Step, ...] = ()
@@ -71,25 +71,25 @@ class History:
     labels: tuple[Labelled, ...] = ()
 
     def add(self, step: Step) -> History:
-        """One more step; what was undone is forgotten."""
+        """Return the history with one more step and without undone ones."""
         if step.key in (s.key for s in self.steps):
             raise InputError("this effect is in the model already", where="history", value=step.key)
         return replace(self, steps=(*self.steps, step), undone=())
 
     def undo(self) -> History:
-        """Without the last step. Raises InputError where there is none."""
+        """Return the history without the last step. Raises InputError where there is none."""
         if not self.steps:
             raise InputError("there is no step to undo", where="history")
         return replace(self, steps=self.steps[:-1], undone=(*self.undone, self.steps[-1]))
 
     def redo(self) -> History:
-        """With the step that was undone last. Raises InputError where there is none."""
+        """Return the history with the step that was undone last. Raises InputError where there is none."""
         if not self.undone:
             raise InputError("there is no step to redo", where="history")
         return replace(self, steps=(*self.steps, self.undone[-1]), undone=self.undone[:-1])
 
     def remove(self, key: str) -> History:
-        """Without the step of this key, which can be redone. Raises InputError where there is none."""
+        """Return the history without the step of this key, which can be redone. Raises InputError without one."""
         step = next((one for one in self.steps if one.key == key), None)
         if step is None:
             raise InputError("this effect is not in the model", where="history", value=key)
@@ -97,7 +97,7 @@ class History:
         return replace(self, steps=rest, undone=(*self.undone, step))
 
     def label(self, name: str) -> History:
-        """With this state under a name, which it takes from another state that had it."""
+        """Return the history with this state under a name, which another state loses."""
         if not name.strip() or len(name) > MAX_LABEL or not name.isprintable():
             raise InputError(
                 "a state's name is one line of text",
@@ -109,7 +109,7 @@ class History:
         return replace(self, labels=(*others, Labelled(name, self.steps, self.left_out)))
 
     def as_json(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return the content of history.json."""
 
         def rows(steps: Sequence[Step]) -> list[dict[str, Any]]:
             names = (*ERRORS, "unit")
@@ -133,7 +133,7 @@ class History:
         write_json(path, self.as_json())
 
     def script(self, out: Path | str) -> str:
-        """A shell script that repeats the analysis with these effects and writes into `out`."""
+        """Return a shell script that repeats the analysis with these effects and writes into `out`."""
         options = " ".join(
             f"--effect {_quoted(s.path)}" if s.path else f"--with {_quoted(s.key)}" for s in self.steps
         )
@@ -145,7 +145,7 @@ class History:
 
 
 def steps_of_comparison(found: Comparison, files: Mapping[str, str]) -> list[Step]:
-    """A step for each effect that was added, with the errors before and after it; `files` of one's own by key."""
+    """Return a step for each effect added, with the errors before and after; `files` of private ones by key."""
     from calibration.effects import written
 
     steps = []
@@ -218,7 +218,7 @@ def _text(value: object) -> str:
 
 
 def as_path(name: str) -> str:
-    """A recording's path as a command takes it: one that begins with "-" is no option."""
+    """Return a recording's path as a command takes it: one that begins with "-" is not an option."""
     return f"./{name}" if name.startswith("-") else name
 
 

@@ -19,13 +19,14 @@ from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_curve import PunchCurve, punch_curve, tabulated_curve
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
+from tactilevision.records.constants import NU_MAX, Z95
 from tactilevision.records.measured import Floats, Material, Pair
 from tactilevision.records.rig import Indenter
 
-# Does an error grow or fall with depth? A straight line through the errors, and Student's test of its slope.
+# Trend of an error with depth: a straight line and Student's test of its slope.
 
-LEVEL = 0.01  # below this chance of a mere coincidence a trend is said to be one
-SAME = 1e-6  # errors that leave the line by less than this are on it: rounding, not scatter
+LEVEL = 0.01  # p below which a trend is significant
+SAME = 1e-6  # scatter below it is rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +41,11 @@ class Trend:
 
     @property
     def found(self) -> bool:
-        """True where the error follows the depth."""
+        """Whether the error depends on depth."""
         return self.p_value is not None and self.p_value < LEVEL
 
     def as_json(self) -> dict[str, Any]:
-        """For validation.json."""
+        """Return its entry in validation.json."""
         return {
             "over_range": self.over_range,
             "interval95": None if self.interval95 is None else list(self.interval95),
@@ -54,9 +55,9 @@ class Trend:
 
 
 def find_trend(depth_mm: Floats, error: Floats) -> Trend:
-    """The trend of `error` (N,) along `depth_mm` (N,); samples with an error that is not finite are left out.
+    """Return the trend of the finite `error` (N,) along `depth_mm` (N,).
 
-    Least squares, t = slope / std with N - 2 degrees of freedom; the samples count as independent and alike.
+    Least squares, t = slope / std with N - 2 degrees of freedom.
     """
     from scipy.stats import t as student
 
@@ -78,10 +79,9 @@ def find_trend(depth_mm: Floats, error: Floats) -> Trend:
 #
 #     depth error = w_fem(P) / w - 1,      force error = P_fem(w) / P - 1
 #
-# for each friction and law, with the material that a calibration gave. Such agreement is a test of the law's form
-# along depth; it does not prove Poisson's ratio, since E(nu) at the same initial stiffness agrees as well:
-# `rivals` shows by how much. Assumes first loading of a flat punch on a bonded gel. Source:
-# mechanics/punch_curve.py.
+# for each friction and law, with the calibrated material. Agreement tests the law's form along depth, not
+# Poisson's ratio, since E(nu) at the same initial stiffness agrees as well (`rivals`). Assumes first loading of a
+# flat punch on a bonded gel. Source: mechanics/punch_curve.py.
 
 LAWS = ("neo-hooke", "hencky")
 FRICTIONS = (0.0, 0.15, 0.3, 0.6, inf)  # Coulomb's mu, from sliding freely to sticking
@@ -154,7 +154,7 @@ class Validation:
 
 
 def friction_name(friction: float) -> str:
-    """Coulomb's mu in words."""
+    """Return Coulomb's mu in words."""
     if friction == 0:
         return "frictionless"
     return "no slip" if friction == inf else f"mu = {friction:g}"
@@ -188,8 +188,21 @@ def validate(
     return Validation(material, samples, tuple(found), _rivals(data, samples, material), tuple(notes))
 
 
+def middle_material(interval: Pair | None, modulus_of_nu: Sequence[Pair]) -> Material:
+    """Return the middle of nu's `interval` and E there, from pairs (nu, E), where the data leave nu open.
+
+    The two vary together along E(nu), by the interval's width.
+    """
+    nus, moduli = np.array(modulus_of_nu).T
+    low, high = interval or (nus[0], nus[-1])
+    nu = (low + high) / 2
+    ends = np.array([np.interp((low, high), nus, moduli), (low, high)])
+    std = np.diff(ends)[:, 0] / (2 * Z95)
+    return Material(float(np.interp(nu, nus, moduli)), min(nu, NU_MAX), np.outer(std, std))
+
+
 def representative(data: Observations) -> Samples:
-    """The points as they are; of curves, means over ranges of depth while the punch moves in."""
+    """Return the points; of curves, means over ranges of depth during loading."""
     if not data.is_curves:
         labels = tuple(data.presses.label[k] for k in data.press)
         return Samples(labels, data.radius_mm, data.depth_mm, data.normal_N)
@@ -214,7 +227,7 @@ def representative(data: Observations) -> Samples:
 
 
 def contact_of(data: Observations, radius_mm: float, *, law: str, friction: float) -> FlatContact:
-    """The contact of the punch of this radius; where the pad has no stated side it counts as wide."""
+    """Return the contact of the punch of this radius; a pad of unstated size counts as wide."""
     h, gel = data.gel.thickness_mm, data.gel
     pad = gel.radius_mm if gel.shape == "disc" else min(gel.size_mm) / 2 if gel.size_mm else None
     edge = next(_edges(data, radius_mm)).edge_radius_mm or h * EDGE_OVER_H
@@ -250,7 +263,7 @@ def _compare(data: Observations, samples: Samples, material: Material, law: str,
 def _curve(
     contact: FlatContact, material: Material, depth_mm: Floats, force_N: Floats
 ) -> tuple[PunchCurve | None, str]:
-    """Deep enough for every depth and for the largest force; and why it is not, where it is not."""
+    """Return a curve deep enough for every depth and the largest force, and why it ends where it is not."""
     limit, wanted = 0.98 * contact.thickness_mm, float(force_N.max())
     deepest, curve = min(BEYOND * float(np.max(depth_mm)), limit), None
     while True:
@@ -269,7 +282,7 @@ def _curve(
 
 
 def _rivals(data: Observations, samples: Samples, material: Material) -> tuple[Rival, ...]:
-    """Other nu at the same initial stiffness, as far as the table goes; neo-Hooke, mu = .3, the deepest radius."""
+    """Return other nu at the same initial stiffness within the table; neo-Hooke, mu = .3, the deepest radius."""
     radius = float(samples.radius_mm[np.argmax(samples.depth_mm)])
     mine = samples.radius_mm == radius
     contact = contact_of(data, radius, law="neo-hooke", friction=0.3)
@@ -324,7 +337,7 @@ NOT_PROVEN = "Agreement at equal force, or at equal depth, does not prove Poisso
 
 
 def as_json(found: Validation) -> dict[str, Any]:
-    """The content of validation.json; a value that the elements did not reach is null, with its `why`."""
+    """Return the content of validation.json; a value that the elements did not reach is null, with its `why`."""
     return {
         **found.material.as_json(),
         "models": [_model(found, one) for one in found.comparisons],
@@ -336,7 +349,7 @@ def as_json(found: Validation) -> dict[str, Any]:
 
 
 def statements(found: Validation) -> Iterator[str]:
-    """What the errors say and what they do not, one sentence each."""
+    """Yield a sentence for each comparison, and one on what agreement does not prove."""
     for one in found.comparisons:
         yield f"{one.law}, {one.name}: {_errors(one.depth_error)} in depth at equal force; {_trend(one)}"
     lost = {
@@ -350,7 +363,7 @@ def statements(found: Validation) -> Iterator[str]:
 
 
 def table(found: Validation, law: str) -> list[str]:
-    """Depth errors in per cent, one line a sample, one column a friction; '-' where the elements did not get."""
+    """Return depth errors in per cent, one line a sample, one column a friction; '-' where the elements ended."""
     mine = [one for one in found.comparisons if one.law == law]
     lines = [f"{law}: FE depth at the measured force, error in % of the measured depth"]
     lines.append(f"{'press':>12s} {'w (mm)':>8s} {'P (N)':>8s} " + " ".join(f"{one.name:>12s}" for one in mine))

@@ -1,1 +1,1 @@
-"""The same as `compare`, `diagnose` and `steps`, in a browser on this machine: see, add, undo, export."""
+"""Graphical `compare`, `diagnose` and `steps` in a browser on this machine."""

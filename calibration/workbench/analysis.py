@@ -1,4 +1,8 @@
-"""Fits, evidence for effects and the diagnosis of a workbench, each computed once."""
+"""Fits, evidence for effects and the diagnosis of a workbench, each computed once.
+
+The diagnosis runs in a process of its own, so that the page stays responsive, and is stopped when it is out of
+date.
+"""
 
 from __future__ import annotations
 
@@ -37,15 +41,16 @@ from calibration.workbench.opened import Opened
 from tactilevision.plots.diagnosis import Overlay
 from tactilevision.records.measured import Estimate, Pair
 
-# Models as `compare` fits them, each fitted once: going back to one costs nothing.
+REFITTED = 6  # cards fitted at once; the others are fitted when they are opened
+OF_FORCE, OF_PICTURE = "the force", "the reconstructed depth"
 
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """The plain law and each effect on top of those before; `ready` what they are fitted to.
+    """The base model and each effect on top of those before; `ready` are the prepared data.
 
-    `rng` is where the draws of these models ended: the next effect's go on from a copy, as in `compare`. None:
-    what the residual depends on was not looked for yet.
+    `rng`: state of the random numbers after these models; the next effect continues from a copy, as in `compare`.
+    None: the residual's covariates are not tested yet.
     """
 
     found: Comparison
@@ -54,20 +59,19 @@ class Fitted:
 
     @property
     def refused(self) -> tuple[tuple[str, str], ...]:
-        """Effects that could not be added, and why."""
+        """Effects that could not be added, with the reason."""
         return self.found.left_out
 
 
 class Models:
-    """The models of one analysis; each prefix of effects is fitted once."""
+    """Models of one analysis; each sequence of effects is fitted once."""
 
     def __init__(self, opened: Opened, seed: int = 0) -> None:
         self._opened, self._seed = opened, seed
         self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], Fitted] = {}
 
     def fitted(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
-        """The plain law with these effects in this order, and at first without what it says of the gel, and what
-        its residual depends on.
+        """Return the base model with these effects in this order; material and covariates may be missing.
 
         Raises InputError where the law cannot be fitted.
         """
@@ -81,7 +85,7 @@ class Models:
         return self._known[place]
 
     def with_covariates(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
-        """The same with what the residual of each model depends on; draws follow one another as in `compare`."""
+        """Return the same with the residual's covariates of each model, tested as in `compare`."""
         quick = self.fitted(left_out, keys)
         if quick.rng is not None:
             return quick
@@ -100,7 +104,7 @@ class Models:
         return self._known[place]
 
     def with_gel(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
-        """The same with what it says of the gel."""
+        """Return the same with the material of each model."""
         quick = self.fitted(left_out, keys)
         if any(model.material is None for model in quick.found.models):
             self._known[tuple(sorted(left_out)), tuple(keys)] = replace(quick, found=with_gel(quick.found))
@@ -115,18 +119,12 @@ class Models:
         return Fitted(with_effect(before.found, effect, before.ready, rng=None, of_gel=False), before.ready)
 
 
-# How much speaks for each effect that is not in the model, and what it would leave: the screen of `diagnose`.
-
-REFITTED = 6  # cards that show at once what they would leave; the others do when they are opened
-OF_FORCE, OF_PICTURE = "the force", "the picture's depth"
-
-
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """One effect that could be added.
+    """Evidence for one effect that could be added.
 
-    `p_adjusted` for having looked at all, NaN where it was not looked at, then `why`; `of` what it acts on;
-    `fitted` and `shown` what it would leave, where it was fitted.
+    `p_adjusted` for the number of tests, NaN where it was not tested for the reason `why`; `of` what it acts on;
+    `fitted` and `shown` the fit with it and its residual, where it was fitted.
     """
 
     effect: Effect
@@ -137,26 +135,26 @@ class Evidence:
     shown: Overlay | None = None
 
     @property
-    def stands_out(self) -> bool:
-        """Whether it is beyond chance."""
+    def significant(self) -> bool:
+        """Whether its p lies below the level."""
         return self.p_adjusted < LEVEL
 
 
-def look(opened: Opened, now: Fitted, *, seed: int = 0) -> tuple[Evidence, ...]:
-    """Every effect that is not in the model: what stands out most first, what these data cannot show last."""
+def find_evidence(opened: Opened, now: Fitted, *, seed: int = 0) -> tuple[Evidence, ...]:
+    """Return the evidence for every other effect, the most significant first, untestable ones last."""
     base, rng = now.found.models[-1].fitted, np.random.default_rng(seed)
     tested = score_test(base, opened.catalogue, rng=rng, of_rig=True)
     known = {effect.key: effect for effect in (*opened.catalogue, *PLAIN.values())}
     scored = sorted((*tested.effects, *(one for one in tested.others if one.key in PLAIN)), key=_rank)
-    seen = _of_picture(now, rng)
-    there = {one.effect.key for one in seen}
+    pictured = _of_picture(now, rng)
+    there = {one.effect.key for one in pictured}
     found = [Evidence(known[one.key], one.p_adjusted) for one in scored if one.key not in there]
     untested = [
         Evidence(known[key], why=why)
         for key, why in tested.not_testable.items()
         if key not in there and key not in base.model.keys
     ]
-    return (*sorted((*found, *seen), key=lambda one: one.p_adjusted), *untested)
+    return (*sorted((*found, *pictured), key=lambda one: one.p_adjusted), *untested)
 
 
 def _rank(one: Scored) -> tuple[float, float]:
@@ -164,7 +162,7 @@ def _rank(one: Scored) -> tuple[float, float]:
 
 
 def _of_picture(now: Fitted, rng: np.random.Generator) -> list[Evidence]:
-    """Effects on the depth that the picture reads, where there is a certified one."""
+    """Return the evidence for effects on the reconstructed depth, where there is a certified one."""
     pictured = now.found.pictured
     with suppress(*CANNOT_FIT):
         seen = pictured[-1].fitted if pictured else None
@@ -175,46 +173,43 @@ def _of_picture(now: Fitted, rng: np.random.Generator) -> list[Evidence]:
     return []
 
 
-def with_pictures(
-    now: Fitted, evidence: Sequence[Evidence], *, tell: Callable[[tuple[Evidence, ...]], bool]
+def fit_likeliest(
+    now: Fitted, evidence: Sequence[Evidence], *, report: Callable[[tuple[Evidence, ...]], bool]
 ) -> None:
-    """Fit the effects that stand out most, and hand over all after each; `tell` answers whether to go on."""
+    """Fit the most significant effects and call `report` with all after each; it returns whether to go on."""
     table = list(evidence)
     for k, one in enumerate(table[:REFITTED]):
-        if one.stands_out and one.of == OF_FORCE:
-            table[k] = opened_card(now, one)
-            if not tell(tuple(table)):
+        if one.significant and one.of == OF_FORCE:
+            table[k] = fitted_evidence(now, one)
+            if not report(tuple(table)):
                 return
-    tell((*sorted(table[:REFITTED], key=_cost), *table[REFITTED:]))
+    report((*sorted(table[:REFITTED], key=_cost), *table[REFITTED:]))
 
 
 def _cost(one: Evidence) -> float:
-    """What is left with it and what it costs, as a diagnosis ranks candidates; those not fitted come last."""
+    """Return the criterion by which a diagnosis ranks candidates; those not fitted come last."""
     return inf if one.fitted is None else one.fitted.cost
 
 
-def opened_card(now: Fitted, one: Evidence) -> Evidence:
-    """The effect fitted on top of the model, with what it would leave; with `why` where it cannot be fitted."""
+def fitted_evidence(now: Fitted, one: Evidence) -> Evidence:
+    """Return the effect fitted on top of the model; with `why` where it cannot be fitted."""
     base: Fit = now.found.models[-1].fitted
     if one.of != OF_FORCE or one.fitted is not None:
         return one
     try:
         fitted = refit_with(base, one.effect)
         return replace(one, fitted=fitted, shown=overlay(base, fitted))
-    except Exception as fault:  # a private effect may raise anything; the page lives on
+    except Exception as fault:  # a private effect may raise anything
         return replace(one, why=f"it cannot be fitted: {str(fault) or type(fault).__name__}")
-
-
-# `diagnose` beside the page: in a process of its own, so that no click waits for it; ended when it is stale.
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a diagnosis says, in words: the verdict, its sentence, what else is to be said, what to measure next.
+    """Result of a diagnosis in words: verdict, its sentence, remarks, and what to measure next.
 
-    `named` are the effects that it added, `candidates` those that these data cannot tell from them; `odd` presses
-    that stand out; `measure_next` what to do, its minutes, and the expected separation in std; `nearest` the plain
-    error that comes nearest where nothing could be named, empty for none.
+    `named`: effects that it added; `candidates`: those not distinguishable from them; `odd`: outlying presses;
+    `measure_next`: action, minutes and expected separation in std; `nearest`: the nearest instrument error where
+    no effect was named, else empty.
     """
 
     word: str
@@ -229,7 +224,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What a diagnosis is asked: measurements, the effects that are in from the start, the user's own files."""
+    """Input of a diagnosis: data, effects that are in the model from the start, files of private effects."""
 
     data: Observations
     known: tuple[str, ...]
@@ -240,34 +235,34 @@ class Question:
 
     @classmethod
     def of(cls, opened: Opened, data: Observations, known: Sequence[str], seed: int) -> Question:
-        """About these measurements, with these effects in."""
+        """Return the question about these data, with these effects in the model."""
         return cls(data, tuple(known), tuple(opened.files.values()), opened.bulge, opened.bound, seed)
 
 
 class Asked:
-    """A question on its way; `tell` hears what is at work, `answer` a Verdict or why there is none."""
+    """A running diagnosis; `report` gets its steps, `answer` a Verdict or why there is none."""
 
     def __init__(
-        self, question: Question, *, tell: Callable[[str], None], answer: Callable[[Verdict | str], None]
+        self, question: Question, *, report: Callable[[str], None], answer: Callable[[Verdict | str], None]
     ) -> None:
         context = multiprocessing.get_context("spawn")
         reader, writer = context.Pipe(duplex=False)
         self._process = context.Process(target=_answer, args=(writer, question), daemon=True)
         self._process.start()
         writer.close()
-        threading.Thread(target=self._hear, args=(reader, tell, answer), daemon=True).start()
+        threading.Thread(target=self._hear, args=(reader, report, answer), daemon=True).start()
         self._dropped = False
 
     def drop(self) -> None:
-        """End it; it answers nothing any more."""
+        """Stop it; it answers nothing any more."""
         self._dropped = True
         self._process.terminate()
         self._process.join()
 
     def _hear(
-        self, reader: Connection, tell: Callable[[str], None], answer: Callable[[Verdict | str], None]
+        self, reader: Connection, report: Callable[[str], None], answer: Callable[[Verdict | str], None]
     ) -> None:
-        last: Verdict | str = "the diagnosis was ended from outside"
+        last: Verdict | str = "the diagnosis was terminated"
         while True:
             try:
                 kind, content = reader.recv()
@@ -277,14 +272,14 @@ class Asked:
                 last = content
                 break
             if not self._dropped:
-                tell(content)
+                report(content)
         if not self._dropped:
             answer(last)
 
 
 def _answer(writer: Connection, question: Question) -> None:
-    """The process: a diagnosis from first to last."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the page's process hears it, and ends this one
+    """Run a diagnosis in the process of its own."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the page's process handles it, and stops this one
     try:
         found: Verdict | str = diagnosed(question, lambda what: writer.send(("tell", what)))
     except BrokenPipeError:
@@ -294,8 +289,8 @@ def _answer(writer: Connection, question: Question) -> None:
     writer.send(("answer", found))
 
 
-def diagnosed(question: Question, tell: Callable[[str], None]) -> Verdict:
-    """Ask `diagnose`, and put its answer into words."""
+def diagnosed(question: Question, report: Callable[[str], None]) -> Verdict:
+    """Return the verdict of `diagnose` in words."""
     from calibration.effects import get_effect
     from calibration.effects.private import load_effect
     from calibration.report.verdict import allowed_for, reading_sentence, verdict_sentence
@@ -305,7 +300,7 @@ def diagnosed(question: Question, tell: Callable[[str], None]) -> Verdict:
     known = [own[key] if key in own else get_effect(key) for key in question.known]
 
     def progress(done: int, total: int, what: str = "") -> None:
-        tell(what)
+        report(what)
 
     found = diagnose(
         question.data,
@@ -324,6 +319,6 @@ def diagnosed(question: Question, tell: Callable[[str], None]) -> Verdict:
         measure_next=tuple(steps),
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
-        odd=found.odd.presses,
-        nearest="" if found.plain is None else found.plain.effect.key,
+        odd=found.presses.odd.presses,
+        nearest="" if found.remainder.plain is None else found.remainder.plain.effect.key,
     )

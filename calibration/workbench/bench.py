@@ -1,4 +1,11 @@
-"""State of one page: the current model, evidence for each effect, and cancellable background work."""
+"""State of one page: the current model, evidence for each effect, and cancellable background work.
+
+    a change -> the model is fitted -> the page is updated -> evidence for effects -> the likeliest are fitted
+
+The verdict comes from a process of its own. A reader gets one immutable `Shown` with a growing version number. A
+signal cancels work by raising `Dropped` in the main thread, within a fit; in another thread, and on Windows, work
+continues to its end. `Dropping.whole` protects what must be complete.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
+from calibration.report.misfit import BASE
 from calibration.tasks.compare import suggest
 from calibration.tasks.history import HistoryRow, history
 from calibration.tasks.session import History, Labelled, steps_of_comparison
@@ -23,35 +31,30 @@ from calibration.workbench.analysis import (
     Models,
     Question,
     Verdict,
-    look,
-    opened_card,
-    with_pictures,
+    find_evidence,
+    fit_likeliest,
+    fitted_evidence,
 )
 from calibration.workbench.changes import Track, change, in_words, named_state, seconds_allowed
 from calibration.workbench.opened import Opened, what_changed
 from tactilevision.errors import InputError
 
-# Work that can be dropped: what nobody waits for any more ends where it stands, so that a click need not wait.
-#
-# A signal raises `Dropped` in the main thread, in the midst of a fit. In another thread, and on Windows, work goes
-# on to its end. What must be whole (what the page is shown) is done with `whole`.
-
 SIGNAL = getattr(signal, "SIGUSR1", None)
 
 
 class Dropped(BaseException):
-    """Work was dropped; no `except Exception` of a fit takes it for a failure."""
+    """Work was cancelled; not an Exception, so that a fit does not handle it as a failure."""
 
 
 class Dropping:
-    """One piece of work at a time, by what it is: it can be dropped by that name."""
+    """Cancellation of one piece of work at a time, by its name."""
 
     def __init__(self) -> None:
         self._at, self._what, self._wanted, self._armed = "", "", False, False
 
     @contextmanager
     def armed(self) -> Iterator[None]:
-        """While the block runs work can be dropped, where the system lets it."""
+        """Allow cancellation while the block runs, where the system supports it."""
         if SIGNAL is None or threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -70,7 +73,7 @@ class Dropping:
             signal.signal(SIGNAL, before)
 
     def run(self, what: str, job: Callable[[], None]) -> bool:
-        """Do a piece of work; False where it was dropped."""
+        """Run a job; return False where it was cancelled."""
         try:
             self._wanted, self._what, self._at = False, what, what
             job()
@@ -83,7 +86,7 @@ class Dropping:
 
     @contextmanager
     def whole(self) -> Iterator[None]:
-        """Let the block be done whole, then drop the work if that was asked meanwhile."""
+        """Complete the block, then cancel the work if that was requested meanwhile."""
         if threading.current_thread() is not threading.main_thread() or not self._at:
             yield
             return
@@ -95,37 +98,31 @@ class Dropping:
             raise Dropped
 
     def keep(self) -> None:
-        """From here on the work at hand is not dropped: what it came to is being kept."""
+        """Protect the rest of the current work, which stores its result."""
         self._at = self._what = ""
 
     @property
     def what(self) -> str:
-        """The work at hand that can be dropped; empty where there is none."""
+        """Name of the current work that can be cancelled; empty where there is none."""
         return self._what if self._armed else ""
 
     def drop(self, *what: str) -> None:
-        """Drop the work at hand where it is one of these. May be called from any thread."""
+        """Cancel the current work if it has one of these names. May be called from any thread."""
         if self._armed and SIGNAL is not None and self._what in what:
             _thread.interrupt_main(SIGNAL)
 
 
-# The state of one page: the model that stands, what speaks for each effect, the verdict; one change at a time.
-#
-#     a change -> the model is fitted -> the page is told -> what stands out -> the likeliest effects are fitted
-#
-# The verdict comes from a process of its own. Whoever looks gets one immutable `Shown`, with a number that grows.
-
-BEFOREHAND = 2  # effects that stand out most are fitted before they are asked for: then adding one takes no time
+BEFOREHAND = 2  # most significant effects that are fitted in advance
 BACKGROUND, ACTION = "background", "action"
-LOOK_S = 2.0  # s between two looks at the files and the tabs
-GONE_S = 6.0  # s after which a tab that asks nothing is gone
-SLOW_STARTS = 8  # starts of an effect that is not fitted beforehand: many starts take a minute
+LOOK_S = 2.0  # s between checks of the files and the tabs
+GONE_S = 6  # s without a request after which a tab counts as closed
+SLOW_STARTS = 8  # starts of an effect that is not fitted in advance: more take a minute
 Export = Callable[["Shown", Opened, Path], Path]
 
 
 @dataclass(frozen=True, slots=True)
 class Sides:
-    """Two states held side by side."""
+    """Two states side by side."""
 
     names: tuple[str, str]
     fitted: tuple[Fitted, Fitted]
@@ -133,12 +130,12 @@ class Sides:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What the page shows, as one piece.
+    """Immutable content of the page.
 
-    `busy` what is at work since `since_s` (time.monotonic), and `notice` what the last action came to; `verdict`
-    is None, and `asking` what is looked at, while the diagnosis is on its way; `troubled` why there is none;
-    `sides` two states that are held against each other; `weeks` each of several recordings by itself; `changed`
-    what became of the files since; `tabs` how many of them show the page.
+    `busy`: the current work since `since_s` (time.monotonic); `notice`: outcome of the last action; `verdict`:
+    None while the diagnosis runs with its step in `asking`; `troubled`: why there is none; `sides`: two states to
+    compare; `weeks`: each of several recordings alone; `changed`: changes of the files since; `tabs`: number of
+    open tabs.
     """
 
     version: int
@@ -160,12 +157,12 @@ class Shown:
 
     @property
     def history(self) -> History:
-        """The history that stands, its steps with the errors that they brought."""
+        """Current history, its steps with their errors."""
         return self.track.now
 
 
 class Bench:
-    """One analysis at work. `act` and `wait` may be called from any thread; `work` runs in one alone."""
+    """One analysis. `act` and `wait` may be called from any thread; `work` runs in one."""
 
     def __init__(
         self,
@@ -192,24 +189,24 @@ class Bench:
         self._model_since = 1
         self._tabs: dict[str, float] = {}
         self._dropping = Dropping()
-        self._shown = Shown(1, Track(begin), busy="fitting the plain law", since_s=time.monotonic())
+        self._shown = Shown(1, Track(begin), busy=f"fitting the {BASE}", since_s=time.monotonic())
 
     @property
     def shown(self) -> Shown:
-        """What the page shows now."""
+        """Current content of the page."""
         with self._turn:
             return self._shown
 
     def act(self, action: str, value: str = "", *, version: int | None = None) -> None:
-        """Put an action in the queue; `version` of the state that the person saw.
+        """Queue an action; `version` of the state that the user saw.
 
-        Raises InputError where the model has changed since, as by another tab.
+        Raises InputError where the model has changed since.
         """
         with self._turn:
             if version is not None and action != "stop" and self._stale(version):
                 raise InputError(
                     "the model has been changed since, in another tab", where="workbench", value=action,
-                    remedy="Look at what it is now, and do it again if it still holds.",
+                    remedy="Check the present model and repeat the action if it still applies.",
                 )  # fmt: skip
             if action != "stop":
                 self._todo.append((action, value))
@@ -217,10 +214,10 @@ class Bench:
         self._dropping.drop(*((BACKGROUND, ACTION) if action == "stop" else (BACKGROUND,)))
 
     def wait(self, version: int, seconds: float, *, tab: str = "") -> Shown:
-        """What is shown as soon as it is another than `version`, or after so many s; `tab` names who asks."""
+        """Return the content once it differs from `version`, or after so many s; `tab` names the caller."""
         until = time.monotonic() + seconds
         while True:
-            self._look_about(tab)
+            self._check_files(tab)
             left = until - time.monotonic()
             with self._turn:
                 if self._turn.wait_for(
@@ -228,8 +225,8 @@ class Bench:
                 ) or (left <= LOOK_S):
                     return self._shown
 
-    def _look_about(self, tab: str) -> None:
-        """Whether the files are as they were read, and in how many tabs the page is open."""
+    def _check_files(self, tab: str) -> None:
+        """Update whether the files have changed, and the number of open tabs."""
         changed, now = what_changed(self.opened), time.monotonic()
         with self._turn:
             if tab:
@@ -239,14 +236,14 @@ class Bench:
                 self._show(changed=changed, tabs=news[1])
 
     def end(self) -> None:
-        """Stop working and waiting."""
+        """Stop all work and waiting."""
         with self._turn:
             self._ended = True
             self._turn.notify_all()
         self._drop_question()
 
     def work(self, *, until_idle: bool = False) -> None:
-        """Do what is asked, one after the other, until `end`, or until there is nothing left to do."""
+        """Process the queue until `end`, or until it is empty."""
         with self._dropping.armed():
             while self.work_once(until_idle=until_idle):
                 if not self._waiting:
@@ -254,7 +251,7 @@ class Bench:
                     self._show(busy="")
 
     def work_once(self, *, until_idle: bool = True) -> bool:
-        """Do the next action alone; False where there is none."""
+        """Process the next action; return False where there is none."""
         one = self._next(until_idle=until_idle)
         if one is None:
             return False
@@ -269,7 +266,7 @@ class Bench:
         return True
 
     def _next(self, *, until_idle: bool) -> tuple[str, str] | None:
-        """The next action, waited for; None where there is none any more."""
+        """Wait for the next action; return None at the end."""
         with self._turn:
             self._turn.wait_for(lambda: self._ended or bool(self._todo) or until_idle)
             return None if self._ended or not self._todo else self._todo.popleft()
@@ -280,11 +277,11 @@ class Bench:
 
     @property
     def stoppable(self) -> bool:
-        """Whether an action is at work that can be stopped."""
+        """Whether the current action can be stopped."""
         return self._dropping.what == ACTION
 
     def _stale(self, version: int) -> bool:
-        """Whether the model is another than that of the version; evidence that came in since changes nothing."""
+        """Return whether the model has changed since this version; new evidence does not count."""
         return version < self._model_since or any(
             action not in ("card", "export", "sides") for action, _ in self._todo
         )
@@ -295,7 +292,7 @@ class Bench:
             self._turn.notify_all()
 
     def _do(self, action: str, value: str) -> None:
-        """One action; what goes wrong is said on the page, and the state stays."""
+        """Process one action; an error is shown on the page, and the state is kept."""
         self._show(busy=in_words(action, value), since_s=time.monotonic(), notice="")
         try:
             if action == "card":
@@ -347,7 +344,7 @@ class Bench:
         return at.left_out, tuple(step.key for step in at.steps)
 
     def _look_on(self) -> None:
-        """What stands out of the model that stands, unless that is known; and the likeliest effects, fitted."""
+        """Complete the current model, its evidence, and the fits of the likeliest effects."""
         shown = self._shown
         if shown.now is None:
             return
@@ -355,30 +352,30 @@ class Bench:
         self._ask(shown, place)
         try:
             if shown.now.rng is None or shown.now.found.models[-1].material is None:
-                self._show(busy="determining what it says of the gel", since_s=time.monotonic())
+                self._show(busy="determining the material", since_s=time.monotonic())
                 self._complete()
             if place not in self._suggested:
-                self._show(busy="looking for what stands out", since_s=time.monotonic())
+                self._show(busy="testing effects", since_s=time.monotonic())
                 if place not in self._looks:
-                    self._keep_look(place, look(self.opened, shown.now, seed=shown.history.seed))
-                with_pictures(shown.now, self._looks[place], tell=lambda table: self._keep_look(place, table))
+                    self._keep_look(place, find_evidence(self.opened, shown.now, seed=shown.history.seed))
+                fit_likeliest(shown.now, self._looks[place], report=lambda table: self._keep_look(place, table))
                 self._suggested[place] = suggest(self._fitted(shown.history).found)
             self._show(suggested=self._suggested[place], busy="")
             if len(self.opened.measured) > 1 and not shown.weeks:
-                self._show(busy="fitting each recording by itself", since_s=time.monotonic())
+                self._show(busy="fitting each recording alone", since_s=time.monotonic())
                 self._show(weeks=history(self.opened.measured), busy="")
             self._fit_beforehand(shown)
         except Exception as fault:  # as above
             self._show(notice=str(fault) or type(fault).__name__)
 
     def _complete(self) -> None:
-        """What the model that stands says of the gel, and then what its residual depends on."""
+        """Determine the material of the current model, then the covariates of its residual."""
         kept = self._shown.history
         self._show(now=self.models.with_gel(kept.left_out, [step.key for step in kept.steps]))
         self._show(now=self._fitted(kept))
 
     def _fitted(self, kept: History | Labelled) -> Fitted:
-        """All of a state."""
+        """Return the complete fit of a state."""
         keys = [step.key for step in kept.steps]
         self.models.with_gel(kept.left_out, keys)
         return self.models.with_covariates(kept.left_out, keys)
@@ -392,7 +389,7 @@ class Bench:
         if not self._beforehand or shown.now is None:
             return
         keys = tuple(step.key for step in shown.history.steps)
-        likely = [one for one in self._shown.evidence if one.stands_out][:BEFOREHAND]
+        likely = [one for one in self._shown.evidence if one.significant][:BEFOREHAND]
         for one in likely:
             if self._waiting:
                 return
@@ -400,15 +397,15 @@ class Bench:
                 self.models.fitted(shown.history.left_out, (*keys, one.effect.key))
 
     def _open_card(self, key: str) -> None:
-        """Fit one effect of the list, to show what it would leave."""
+        """Fit one effect of the list, to show its residual."""
         shown = self._shown
         if shown.now is None:
             return
-        table = tuple(opened_card(shown.now, e) if e.effect.key == key else e for e in shown.evidence)
+        table = tuple(fitted_evidence(shown.now, e) if e.effect.key == key else e for e in shown.evidence)
         self._keep_look(self._place(shown.history), table)
 
     def _side_by_side(self, value: str) -> Sides | None:
-        """Two states by their names, one a line; none for no names."""
+        """Return two states by their names, one a line; None for other texts."""
         names = value.splitlines()
         if len(names) != 2:
             return None
@@ -425,13 +422,13 @@ class Bench:
             if isinstance(found, Verdict):
                 self._verdicts[place] = found
             if self._place(self._shown.history) == place:
-                told = isinstance(found, Verdict)
-                self._show(verdict=found if told else None, asking="", troubled="" if told else str(found))
+                known = isinstance(found, Verdict)
+                self._show(verdict=found if known else None, asking="", troubled="" if known else str(found))
 
         question = Question.of(self.opened, shown.now.ready.stated, keys, shown.history.seed)
         self._show(asking="reading the measurements")
         with self._dropping.whole():
-            self._asked = Asked(question, tell=lambda what: self._show(asking=what), answer=hear)
+            self._asked = Asked(question, report=lambda what: self._show(asking=what), answer=hear)
 
     def _drop_question(self) -> None:
         if self._asked is not None:

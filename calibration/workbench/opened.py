@@ -15,21 +15,19 @@ import numpy as np
 
 from calibration.effects import EFFECTS, PLAIN, get_effect
 from calibration.inputs.observations import Measured, Observations
-from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certificate import Evidence
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
+from tactilevision.records.constants import NU_SILICONE
 from tactilevision.records.maps import Frame, HeightMap
 from tactilevision.records.measured import Bytes, Estimate, Floats, Pair
 
-# Frames of a recording for a page: the picture and the height map of one frame, made when they are asked for.
-
-READINGS = 400  # of the force, at most, drawn of one press: more than a screen has places
-SMALL_PX = 240  # width of the pictures that follow the slider while it moves
-KEPT = 64  # height maps held: a scrub back and forth over a press costs nothing
+READINGS = 400  # of the force, at most, plotted of one press
+SMALL_PX = 240  # width of the pictures while the slider moves
+KEPT = 64  # cached height maps
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +40,7 @@ class Seen:
 
 @dataclass(slots=True)
 class Frames:
-    """The frames of one recording; one turns into heights at a time. `evidence`: its certificate's, by press."""
+    """Frames of one recording with height maps on request; `evidence` of its certificate by press."""
 
     recording: Recording
     reconstructor: Reconstructor
@@ -51,7 +49,7 @@ class Frames:
     _turn: threading.Lock = field(default_factory=threading.Lock)
 
     def of_press(self, press: str) -> list[int]:
-        """Numbers of the frames taken during a press; none where the press has no times."""
+        """Return the numbers of the frames during a press; none where the press has no times."""
         row = next((one for one in self.recording.presses if one.press == press), None)
         if row is None:
             return []
@@ -59,7 +57,7 @@ class Frames:
         return [int(k) for k in np.flatnonzero((times >= row.start_s) & (times <= row.end_s))]
 
     def view(self, press: str) -> dict[str, Any]:
-        """The frames of a press, s after the first; of its certificate the event, face, bevel and force."""
+        """Return the frames of a press, their times in s from the first, and the certificate's data."""
         numbers = self.of_press(press)
         times = self.recording.frame_times_s[numbers]
         first = float(times[0]) if numbers else 0.0
@@ -68,7 +66,7 @@ class Frames:
         return found if evidence is None or not numbers else found | _certified(evidence, times, first)
 
     def small(self, number: int) -> Bytes:
-        """A frame in small (h, w, 3), grey levels, without heights: quick. Raises InputError as `see` does."""
+        """Return a small frame (h, w, 3), grey levels, without heights. Raises InputError as `see` does."""
         rgb = self.reconstructor.rectified(self._read(number))
         size = (SMALL_PX, max(round(SMALL_PX * rgb.shape[0] / rgb.shape[1]), 1))
         return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
@@ -79,7 +77,7 @@ class Frames:
         return read_frame(self.recording, number)
 
     def see(self, number: int) -> Seen:
-        """One frame. Raises InputError for a number that is not there, or a picture that cannot be read."""
+        """Return one frame with its height map. Raises InputError for an unknown number or unreadable picture."""
         with self._turn:
             if number not in self._kept:
                 frame = self._read(number)
@@ -93,7 +91,7 @@ class Frames:
 
 
 def _certified(evidence: Evidence, times: Floats, first_s: float) -> dict[str, Any]:
-    """What the certificate says of a press: times (N,) s, after `first_s`; `event` an index of them."""
+    """Return the certificate's data of a press: times in s after `first_s`; `event` indexes the frames' times."""
     every = slice(None, None, evidence.force_time_s.size // READINGS + 1)
     touch, depth = evidence.touch, evidence.depth_mm[np.isfinite(evidence.depth_mm)]
     return {
@@ -107,7 +105,7 @@ def _certified(evidence: Evidence, times: Floats, first_s: float) -> dict[str, A
 
 
 def _places(evidence: Evidence) -> dict[str, list[float]]:
-    """Face (x, y, half width, half height) and bevel (x, y, width, height), as shares of the picture."""
+    """Return face (x, y, half width, half height) and bevel (x, y, width, height) as shares of the picture."""
     height, face, bevel = evidence.height_map, evidence.footprint, evidence.bevel_window_mm
     if height is None or face is None:
         return {}
@@ -119,8 +117,6 @@ def _places(evidence: Evidence) -> dict[str, list[float]]:
     return {name: [float(one) for one in place] for name, place in found.items()}
 
 
-# What a workbench was opened on: measurements, what was rejected of them, and the effects that can be added.
-
 Marks = tuple[tuple[str, int, int], ...]
 
 
@@ -128,16 +124,16 @@ Marks = tuple[tuple[str, int, int], ...]
 class Opened:
     """Recordings as `compare` reads them.
 
-    `paths` of the recordings; `data` all accepted presses; `bulge` and `bound` what is known of nu; `private`
-    effects of the user's own and the `files` that they stand in, by key; `frames` where a recording has pictures;
-    `marks` what the files were when they were read; `listed` the effects that are looked for beside one's own.
+    `data`: all accepted presses; `bulge` and `bound`: knowledge of nu; `private`: the user's effects, with their
+    `files` by key; `frames` of recordings with pictures; `marks` of the files when they were read; `listed`: the
+    effects to test besides the private ones.
     """
 
     paths: tuple[Path, ...]
     measured: tuple[Measured, ...]
     data: Observations
     bulge: Estimate | None = None
-    bound: Pair | None = SILICONE_NU
+    bound: Pair | None = NU_SILICONE
     private: tuple[Effect, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
     frames: tuple[Frames | None, ...] = ()
@@ -147,31 +143,31 @@ class Opened:
 
     @property
     def title(self) -> str:
-        """The recordings' names."""
+        """Names of the recordings."""
         return ", ".join(one.recording.name for one in self.measured)
 
     @property
     def catalogue(self) -> list[Effect]:
-        """The effects that are looked for: the listed ones and the user's own."""
+        """Effects to test: the listed and the private ones."""
         return [*self.listed, *self.private]
 
     def effect(self, key: str) -> Effect:
-        """An effect by its key. Raises InputError for an unknown one."""
+        """Return an effect by its key. Raises InputError for an unknown one."""
         own = next((one for one in self.private if one.key == key), None)
         return get_effect(key) if own is None else own
 
     def kind(self, key: str) -> str:
-        """Where an effect comes from, in words."""
+        """Return the kind of an effect in words."""
         if any(one.key == key for one in self.private):
             return "your own"
-        return "plain error of an instrument" if key in PLAIN else "effect"
+        return "instrument error" if key in PLAIN else "effect"
 
 
 def file_marks(paths: Sequence[Path]) -> Marks:
-    """Name, size and time of change of each file at the top of the recordings: other marks, other content."""
+    """Return name, size and time of change of each top-level file of the recordings."""
     found = []
     for path in paths:
-        with suppress(OSError):  # one that goes meanwhile is as good as gone
+        with suppress(OSError):  # deleted meanwhile
             for file in sorted(path.iterdir()) if path.is_dir() else [path]:
                 about = file.stat()
                 found.append(
@@ -181,9 +177,9 @@ def file_marks(paths: Sequence[Path]) -> Marks:
 
 
 def what_changed(opened: Opened) -> str:
-    """What has become of the files since they were read, in one sentence; empty where all is as it was."""
+    """Return a sentence on changes of the files since they were read; empty where there are none."""
     found = file_marks(opened.paths) if opened.marks else ()
-    now = tuple(mark for mark in found if mark[1:] != (0, 0) or mark in opened.marks)  # a new folder is none of it
+    now = tuple(mark for mark in found if mark[1:] != (0, 0) or mark in opened.marks)  # new folders do not count
     if now == opened.marks:
         return ""
     here, before = {mark[0] for mark in now}, {mark[0] for mark in opened.marks}
@@ -193,12 +189,12 @@ def what_changed(opened: Opened) -> str:
     )
     said = [f"{_few(names)} {words}" for names, words in ((gone, "gone"), (other, "changed or new")) if names]
     return (
-        f"{' and '.join(said)} since the recording was read: the page goes on with what it read; "
-        "start the workbench anew with --state to read again"
+        f"{' and '.join(said)} since the recording was read: the page keeps what it read; restart the workbench "
+        "with --state to read again"
     )
 
 
 def _few(names: Sequence[str]) -> str:
-    """The files by name, the first few of many."""
+    """Return the files by name, the first few of many."""
     shown = ", ".join(Path(name).name for name in names[:3])
     return f"{shown}{f' and {len(names) - 3} more' if len(names) > 3 else ''} {'is' if len(names) == 1 else 'are'}"

@@ -1,4 +1,4 @@
-"""The workbench's page: its files, its requests by name, and its actions."""
+"""Server of the workbench's page: its files, its requests by name, and its actions."""
 
 from __future__ import annotations
 
@@ -18,38 +18,20 @@ from tactilevision.errors import InputError
 from tactilevision.local_page import POLICY, Answer, LocalPage
 from tactilevision.records.measured import Bytes
 
-# What the page can ask for, by name.
-
-PATIENCE_S = 10.0  # s that a question for news waits for some: so long a closed tab is not missed
-QUALITY = 85  # of a JPEG that is looked at; nothing is measured on it
+PATIENCE_S = 10  # s that a request for news waits
+QUALITY = 85  # of a JPEG for display
 
 
 def _state(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
-    """What stands, once it is other than the version that the page knows."""
+    """Return the state once it differs from the version that the page has."""
     bench.wait(int(asked.get("since", "0")), PATIENCE_S, tab=asked.get("tab", "")[:40])
     return state_view(bench)
 
 
-def _curves(bench: Bench, _asked: Mapping[str, str]) -> dict[str, Any]:
-    return curve_view(bench.shown)
-
-
-def _tried(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
-    return tried_view(bench.shown, asked["name"], float(asked["value"]))
-
-
 def _frames(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
-    """The frames of a press, and what its certificate says of them."""
+    """Return the frames of a press with its certificate's data."""
     frames = _frames_of(bench, asked)
     return {"frames": [], "times": []} if frames is None else frames.view(asked["press"])
-
-
-def _picture(bench: Bench, asked: Mapping[str, str]) -> Answer:
-    return _jpeg(_of_recording(bench, asked).see(int(asked["number"])).rgb)
-
-
-def _small(bench: Bench, asked: Mapping[str, str]) -> Answer:
-    return _jpeg(_of_recording(bench, asked).small(int(asked["number"])))
 
 
 def _jpeg(rgb: Bytes) -> Answer:
@@ -58,7 +40,7 @@ def _jpeg(rgb: Bytes) -> Answer:
 
 
 def _height(bench: Bench, asked: Mapping[str, str]) -> Answer:
-    """The height map row by row as 4-byte numbers, mm; NaN where nothing is known."""
+    """Return the height map row by row as 4-byte floats, mm; NaN where not valid."""
     height = _of_recording(bench, asked).see(int(asked["number"])).height
     depth = np.where(height.valid, height.depth_mm, np.nan).astype("<f4")
     rows, columns = depth.shape
@@ -82,16 +64,14 @@ def _frames_of(bench: Bench, asked: Mapping[str, str]) -> Frames | None:
 
 ANSWERS: Mapping[str, Callable[[Bench, Mapping[str, str]], Answer | dict[str, Any]]] = {
     "state": _state,
-    "curves": _curves,
-    "tried": _tried,
+    "curves": lambda bench, _asked: curve_view(bench.shown),
+    "tried": lambda bench, asked: tried_view(bench.shown, asked["name"], float(asked["value"])),
     "frames": _frames,
-    "picture": _picture,
-    "small": _small,
+    "picture": lambda bench, asked: _jpeg(_of_recording(bench, asked).see(int(asked["number"])).rgb),
+    "small": lambda bench, asked: _jpeg(_of_recording(bench, asked).small(int(asked["number"]))),
     "height": _height,
 }
 
-
-# The workbench's page: its files, the library that draws, what it can ask for, and its actions.
 
 PAGE = Path(__file__).parent / "page"
 PAGE_FILES: Mapping[str, tuple[str, str]] = {
@@ -102,10 +82,10 @@ PAGE_FILES: Mapping[str, tuple[str, str]] = {
     "page.css": ("page.css", "text/css; charset=utf-8"),
 }
 PLOTLY = "plotly.js"
-KEPT = {"Cache-Control": "private, max-age=86400"}  # of the library that draws: it is large
+KEPT = {"Cache-Control": "private, max-age=86400"}  # for plotly, which is large
 PLOTLYS_POLICY = POLICY.replace("style-src 'self'", "style-src 'self' 'unsafe-inline'").replace(
     "img-src 'self'", "img-src 'self' data: blob:"
-)  # plotly writes its own styles, and makes pictures in the browser
+)  # plotly writes styles and makes pictures in the browser
 
 
 class Server(LocalPage):
@@ -113,7 +93,7 @@ class Server(LocalPage):
 
     def __init__(self, bench: Bench, port: int = 0) -> None:
         self.bench = bench
-        plotly()  # said now where it is missing
+        plotly()  # fails here where it is missing
         super().__init__(port=port, headers={"Content-Security-Policy": PLOTLYS_POLICY})
 
     def __exit__(
@@ -142,12 +122,12 @@ class Server(LocalPage):
 
 @cache
 def plotly() -> bytes:
-    """The library that draws, from the installed package. Raises InputError where there is none."""
+    """Return plotly's script from the installed package. Raises InputError where it is missing."""
     try:
         from plotly.offline import get_plotlyjs
     except ImportError as fault:
         raise InputError(
-            "the workbench draws with plotly, which is not installed",
+            "the workbench needs plotly, which is not installed",
             where="workbench",
             remedy="pip install 'tactilevision[workbench]'",
         ) from fault

@@ -1,4 +1,7 @@
-"""The current model, its curves and residuals as plain data for the page."""
+"""Plain data of the current model, its curves and residuals for the page.
+
+Every number and sentence comes from the functions of the reports.
+"""
 
 from __future__ import annotations
 
@@ -33,15 +36,15 @@ from calibration.workbench.opened import Opened
 from tactilevision.errors import InputError
 from tactilevision.plots.diagnosis import Overlay
 from tactilevision.plots.misfit import CERTAIN, evidence, model_colours, radius_colours
+from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.misfit import ErrorFall, ForceCurves, ResidualStrips, Strip
 
-# What stands, as plain data for the page: every number and sentence from the functions of the reports.
-
-MN = 1e3  # mN of a N, and um of a mm
+EVERY = 99  # residual strips at most: all covariates
+DIGITS = 5  # significant digits of numbers for a screen
 
 
 def state_view(bench: Bench) -> dict[str, Any]:
-    """Everything but the curves, which are fetched where `model` has changed."""
+    """Return everything but the curves, which are fetched when `model` changes."""
     shown, opened = bench.shown, bench.opened
     kept, found = shown.history, None if shown.now is None else shown.now.found
     return {
@@ -80,7 +83,7 @@ def _changed(shown: Shown) -> list[str]:
 
 
 def _model_number(shown: Shown) -> str:
-    """Another text where the curves are others."""
+    """Return a text that changes with the curves."""
     names = "" if shown.sides is None else "|".join(shown.sides.names)
     keys = "+".join(step.key for step in shown.history.steps)
     if shown.now is None:
@@ -108,12 +111,12 @@ def _verdict(shown: Shown) -> dict[str, Any]:
 
 
 def _to_try(found: Verdict) -> tuple[str, ...]:
-    """What may be it and is not sure: candidates that look alike, or the plain error that comes nearest."""
+    """Return candidates that are not distinguishable, or the nearest instrument error."""
     return found.candidates if found.word == "AMBIGUOUS" else (found.nearest,) * bool(found.nearest)
 
 
 def _not_yet(named: tuple[str, ...], shown: Shown) -> list[dict[str, str]]:
-    """Effects that the diagnosis names and that are not in the model."""
+    """Return effects that the diagnosis names and that are not in the model."""
     there = {step.key for step in shown.history.steps}
     return [{"key": key, "title": in_words(key)} for key in named if key not in there]
 
@@ -130,9 +133,9 @@ def _fall(fall: ErrorFall) -> dict[str, Any]:
         "unit": "mN" if force else "µm",
         "models": list(fall.models),
         "colours": list(model_colours(len(fall.models))),
-        "error": [MN * one for one in fall.error],
-        "repeatability": MN * fall.repeatability,
-        "band": None if fall.band is None else [MN * end for end in fall.band],
+        "error": [KILO * one for one in fall.error],
+        "repeatability": KILO * fall.repeatability,
+        "band": None if fall.band is None else [KILO * end for end in fall.band],
         "held_out": fall.held_out,
         "sentence": fall_sentence(fall),
         "reached": fall.reached,
@@ -140,7 +143,7 @@ def _fall(fall: ErrorFall) -> dict[str, Any]:
 
 
 def _components(found: Comparison, opened: Opened) -> list[dict[str, Any]]:
-    """The law, then each effect in the order added, with its parameters as they are fitted now."""
+    """Return the law, then each effect in the order added, with fitted parameters."""
     last = found.models[-1]
     law = {"key": "", "title": "contact law: flat punch", "parameters": _parameters(last, ""), "own": False}
     added = [
@@ -162,7 +165,7 @@ def _about(effect: object) -> str:
 
 
 def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
-    """Those of one effect, or for no key those of the law and the stated tolerances."""
+    """Return those of one effect, or for no key those of the law and the stated tolerances."""
     fitted = model.fitted
     rows = []
     for p in fitted.parameters:
@@ -189,22 +192,17 @@ def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
 
 
 def _range(interval: tuple[float, float] | None, value: float, bounds: tuple[float, float]) -> tuple[float, float]:
-    """Where a slider goes: as far as three intervals on either side, or to twice the value, inside the bounds."""
+    """Return the range of a slider: three intervals either side, or twice the value, inside the bounds."""
     reach = 3 * max(interval[1] - interval[0], 0.0) / 2 if interval is not None else 0.0
-    reach = max(reach, abs(value), 1e-9)
+    reach = max(reach, abs(value), TINY)
     return max(bounds[0], value - reach), min(bounds[1], value + reach)
 
 
 def _material(found: Comparison) -> list[dict[str, str]]:
-    """A row a quantity: under the plain law, and now."""
-    names = (
-        ("Young's modulus E", "youngs_modulus"),
-        ("Poisson's ratio ν", "poisson_ratio"),
-        ("stiffness c", "c"),
-        ("slope β", "beta"),
-    )
+    """Return a row a quantity: by the base model, and now."""
     first, last = (found.models[k].material for k in (0, -1))
-    return [{"name": title, "before": _of_gel(first, n), "now": _of_gel(last, n)} for title, n in names]
+    names = wording.MATERIAL.items()
+    return [{"name": title, "before": _of_gel(first, n), "now": _of_gel(last, n)} for n, title in names]
 
 
 def _of_gel(material: CalibrationResult | None, name: str) -> str:
@@ -223,7 +221,7 @@ def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
         "of": one.of,
         "evidence": _evidence(one.p_adjusted) + _unconfirmed(one, shown),
         "rms": None if one.fitted is None else _rms_left(one.fitted, shown),
-        "stands_out": one.stands_out,
+        "significant": one.significant,
         "named": named,
         "candidate": verdict is not None and effect.key in verdict.candidates and not named,
         "suggested": effect.key in shown.suggested,
@@ -241,10 +239,10 @@ def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
 
 
 def _unconfirmed(one: Evidence, shown: Shown) -> str:
-    """What stands out need not hold: a diagnosis asks presses left out, and rivals, too."""
+    """Return a caution where a significant effect is not confirmed by the diagnosis."""
     if (
         shown.verdict is None
-        or not one.stands_out
+        or not one.significant
         or one.effect.key in (*shown.verdict.named, *shown.verdict.candidates)
     ):
         return ""
@@ -252,20 +250,20 @@ def _unconfirmed(one: Evidence, shown: Shown) -> str:
 
 
 def _rms_left(fitted: Candidate, shown: Shown) -> list[float]:
-    """The rms error over the presses fitted, now and with the candidate, mN."""
+    """Return the rms error over the fitted presses, now and with the candidate, mN."""
     assert shown.now is not None
     base = shown.now.found.models[-1].fitted
-    left = base.data.normal_N - fitted.force_N
-    return [MN * base.rms_error_N, MN * replace(base, residual_N=left).rms_error_N]
+    after = replace(base, residual_N=base.data.normal_N - fitted.force_N)
+    return [KILO * base.rms_error_N, KILO * after.rms_error_N]
 
 
 def _evidence(p: float) -> str:
-    """How sure it is that something of this form is there."""
+    """Return the significance of an effect in words."""
     if not np.isfinite(p):
-        return "not looked at"
+        return "not tested"
     if p < CERTAIN:
-        return "stands out for certain"
-    return f"stands out (p = {p:.2g})" if p < 0.05 else f"may be chance (p = {p:.2g})"
+        return "significant beyond doubt"
+    return f"significant (p = {p:.2g})" if p < 0.05 else f"not significant (p = {p:.2g})"
 
 
 def _overlay(shown: Overlay) -> dict[str, Any]:
@@ -274,14 +272,14 @@ def _overlay(shown: Overlay) -> dict[str, Any]:
         "unit": "" if shown.levels else shown.unit,
         "levels": list(shown.levels),
         "values": shown.values,
-        "before": MN * shown.before,
-        "after": MN * shown.after,
-        "predicted": MN * shown.predicted,
+        "before": KILO * shown.before,
+        "after": KILO * shown.after,
+        "predicted": KILO * shown.predicted,
     }
 
 
 def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
-    """Every press in the order of pressing, those left out and those rejected too, with the reason."""
+    """Yield every press in the order of pressing, also excluded and rejected ones, with the reason."""
     data, names = opened.data, press_names(opened.data)
     rms = _rms(shown)
     odd = () if shown.verdict is None else shown.verdict.odd
@@ -294,7 +292,7 @@ def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
             "recording": int(data.presses.recording[k]),
             "indenter": f"{indenter.name}, a = {indenter.radius_mm:g} mm",
             "radius": float(data.presses.radius_mm[k]),
-            "state": "left out" if out else "fitted",
+            "state": "excluded" if out else "fitted",
             "odd": data.presses.label[k] in odd,
             "rms": [] if out else rms.get(names[k], []),
         }
@@ -313,18 +311,19 @@ def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
 
 
 def _rms(shown: Shown) -> dict[str, list[float]]:
-    """The rms error of each press under the plain law and now, mN."""
+    """Return the rms error of each press by the base model and now, mN."""
     if shown.now is None:
         return {}
     models = shown.now.found.models
     names, rows = press_names(models[-1].fitted.data), models[-1].as_json(models[0])["presses"]
     return {
-        name: [MN * row["rms_before_N"], MN * row["rms_after_N"]] for name, row in zip(names, rows, strict=True)
+        name: [KILO * row["rms_before_N"], KILO * row["rms_after_N"]]
+        for name, row in zip(names, rows, strict=True)
     }
 
 
 def _week(row: HistoryRow) -> dict[str, Any]:
-    """One recording by itself."""
+    """Return the material of one recording alone."""
     low, high = (100 * end for end in row.change_interval95)
     return {
         "date": row.date or row.recording,
@@ -338,7 +337,7 @@ def _week(row: HistoryRow) -> dict[str, Any]:
 
 
 def _sides(shown: Shown) -> dict[str, Any]:
-    """Two states: their effects, errors and material, a row a quantity."""
+    """Return effects, errors and material of two states, a row a quantity."""
     assert shown.sides is not None
     lasts = [one.found.models[-1] for one in shown.sides.fitted]
     rows = [
@@ -355,38 +354,27 @@ def _sides(shown: Shown) -> dict[str, Any]:
     return {"names": list(shown.sides.names), "rows": [list(row) for row in rows]}
 
 
-# The curves and residual strips of what stands, as plain data for the page: two models at most, on one scale.
-
-EVERY = 99  # strips at most: all that was recorded
-DIGITS = 5  # significant ones that a screen needs
-
-
 def curve_view(shown: Shown) -> dict[str, Any]:
-    """Measured and modelled forces press by press, and what is left against everything recorded."""
+    """Return measured and modelled forces press by press, and residuals over every covariate."""
     models = shown_models(shown)
     if not models:
         return {"models": [], "presses": [], "strips": []}
-    fits = {name: one.fitted for name, one in models.items()}
     try:
-        curves, strips = (
-            force_curves(fits),
-            residual_strips(fits, [m.covariates for m in models.values()], most=EVERY),
-        )
-    except InputError:  # two states on other presses: the last one alone
+        return curve_view_of(models)
+    except InputError:  # two states of different presses: the last one alone
         last = list(models)[-1]
         return curve_view_of({last: models[last]})
-    return _view(curves, strips, next(iter(fits.values())))
 
 
 def curve_view_of(models: Mapping[str, Compared]) -> dict[str, Any]:
-    """The same of these models."""
+    """Return the same of these models."""
     fits = {name: one.fitted for name, one in models.items()}
     strips = residual_strips(fits, [one.covariates for one in models.values()], most=EVERY)
     return _view(force_curves(fits), strips, next(iter(fits.values())))
 
 
 def shown_models(shown: Shown) -> dict[str, Compared]:
-    """The two models on the screen: two states side by side, else the plain law and what stands."""
+    """Return the two models to show: two states side by side, else the base model and the current one."""
     if shown.sides is not None:
         return {n: f.found.models[-1] for n, f in zip(shown.sides.names, shown.sides.fitted, strict=True)}
     if shown.now is None:
@@ -397,9 +385,9 @@ def shown_models(shown: Shown) -> dict[str, Compared]:
 
 
 def tried_view(shown: Shown, name: str, value: float) -> dict[str, Any]:
-    """The force of what stands with one parameter at another value, all else held.
+    """Return the force of the current model with one parameter at another value.
 
-    Raises InputError for a parameter that is not there, or a value outside its range.
+    Raises InputError for an unknown parameter, or a value outside its range.
     """
     if shown.now is None:
         raise InputError("there is no model yet", where="workbench")
@@ -407,16 +395,18 @@ def tried_view(shown: Shown, name: str, value: float) -> dict[str, Any]:
     place = fitted.index(name)
     low, high = fitted.parameters[place].bounds
     if not low <= value <= high:
-        raise InputError("the parameter has no such value", where=name, value=value, remedy=f"{low:g} to {high:g}")
+        raise InputError(
+            "the value lies outside the parameter's range", where=name, value=value, remedy=f"{low:g} to {high:g}"
+        )
     values = fitted.values.copy()
     values[place] = value
     force = fitted.model.predict(values, fitted.data)
     tried = replace(fitted, values=values, force_N=force, residual_N=fitted.data.normal_N - force)
     curves = force_curves({"tried": tried})
     return {
-        "rms": MN * tried.rms_error_N,
+        "rms": KILO * tried.rms_error_N,
         "presses": [
-            {"modelled": _few(one.modelled_N[0]), "residual": _few(MN * one.residual_N[0])}
+            {"modelled": _few(one.modelled_N[0]), "residual": _few(KILO * one.residual_N[0])}
             for one in curves.presses
         ],
     }
@@ -430,7 +420,7 @@ def _view(curves: ForceCurves, strips: ResidualStrips, fitted: Fit) -> dict[str,
         "models": list(curves.models),
         "colours": list(model_colours(len(curves.models))),
         "whole": curves.whole,
-        "reach": MN * strips.reach_N,
+        "reach": KILO * strips.reach_N,
         "presses": [
             {
                 "name": name,
@@ -441,14 +431,14 @@ def _view(curves: ForceCurves, strips: ResidualStrips, fitted: Fit) -> dict[str,
                 "depth": _few(one.depth_mm),
                 "measured": _few(one.measured_N),
                 "modelled": [_few(row) for row in one.modelled_N],
-                "residual": [_few(MN * row) for row in one.residual_N],
+                "residual": [_few(KILO * row) for row in one.residual_N],
                 "phase": list(one.phase),
-                "rms": [MN * float(value) for value in one.rms_N],
+                "rms": [KILO * float(value) for value in one.rms_N],
             }
             for name, one in zip(ordered, curves.presses, strict=True)
         ],
         "strips": [_strip(one) for one in strips.strips],
-        "residual": [_few(MN * row) for row in strips.residual_N],
+        "residual": [_few(KILO * row) for row in strips.residual_N],
         "press": [names[k] for k in fitted.data.press],
     }
 
@@ -461,12 +451,12 @@ def _strip(one: Strip) -> dict[str, Any]:
         "levels": list(one.levels),
         "values": _few(one.values),
         "centre": _few(one.centre),
-        "mean": [_few(MN * row) for row in one.mean_N],
-        "reach95": [_few(MN * row) for row in one.reach95_N],
+        "mean": [_few(KILO * row) for row in one.mean_N],
+        "reach95": [_few(KILO * row) for row in one.reach95_N],
         "evidence": [evidence(*p) for p in zip(one.p_adjusted, one.p_trend, strict=True)],
     }
 
 
 def _few(values: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
-    """The numbers of an array (n,) in their unit, to as many digits as a screen shows."""
+    """Return the numbers of an array (n,), rounded for a screen."""
     return [float(f"{value:.{DIGITS}g}") for value in values.tolist()]

@@ -1,4 +1,4 @@
-"""A whole folder of frames into height maps: streamed, on all cores, taken up again where it was cut off.
+"""Height maps of a whole folder of frames: streamed, on all cores, resumed after an interruption.
 
 Each frame's map is written whole under its own name before the frame counts as done (jobs.py).
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -30,6 +30,7 @@ from tactilevision.heightmap.deviation import DepthError
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.recording.model import BadFrame, Recording
+from tactilevision.records.constants import KILO
 from tactilevision.records.maps import Frame, HeightMap, add
 from tactilevision.records.measured import Bools
 from tactilevision.robust import median
@@ -39,15 +40,15 @@ MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"
 QUANTITIES = {MAPS: "depth into the gel", STDS: "standard deviation of the depth into the gel"}
 JOURNAL, SCRATCH = ".depth-journal.csv", ".depth.zarr-unfinished"
 COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms", "peak_std_mm", "flags")
-PEAK_SHARE = 1e-3  # of a map's depths lies above what is called its peak
-PEAK_SAMPLED = 31  # depths, of which one tells where the deepest begin
+PEAK_SHARE = 1e-3  # of a map's depths is above its peak
+PEAK_SAMPLED = 31  # step of the depths that are sampled for a lower bound of the peak
 Form = Literal["tiff", "zarr"]
 Array = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, slots=True)
 class FrameResult:
-    """One row of depth.csv: `status` is "ok", or why there is no map; `flags` (flags.py) say what is doubtful."""
+    """One row of depth.csv: `status` is "ok", or why there is no map; `flags` as of a HeightMap."""
 
     frame: str
     status: str
@@ -59,22 +60,22 @@ class FrameResult:
 
     @classmethod
     def of(cls, row: Row) -> Self:
-        """From its row of text. Raises InputError where a cell is no number."""
+        """Read a row of text. Raises InputError if a cell is not a number."""
         peak_mm, area_mm2, ms, std_mm = read_cells(row[2:-1], where=row[0])
         return cls(row[0], row[1], peak_mm, area_mm2, ms, std_mm, tuple(row[-1].split()))
 
     def as_row(self) -> Row:
-        """As text, every digit kept."""
+        """Return the row as text, every digit kept."""
         numbers = (self.peak_mm, self.contact_area_mm2, self.ms, self.peak_std_mm)
         return (self.frame, self.status, *map(repr, numbers), " ".join(self.flags))
 
 
 @dataclass(frozen=True)
 class DepthJob:
-    """One frame into its height map; `scratch` is the store that is being filled, None for a TIFF each.
+    """Job that writes the height map of a frame; `scratch` is the store that is being filled, None for TIFFs.
 
-    `names` are the frames' without endings, where that leaves them apart. `with_std` keeps the deviation, too.
-    `anchor` puts the faces of certified presses where their certificate has them.
+    `names` are the maps' by frame. `with_std` writes the standard deviation too. `anchor` corrects the faces of
+    certified presses.
     """
 
     reconstructor: Reconstructor
@@ -86,13 +87,13 @@ class DepthJob:
     columns: int = len(COLUMNS)
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """Write the map; the row says how it went."""
+        """Write the map; return its row."""
         if isinstance(frame, BadFrame):
             return FrameResult(frame.name, f"unreadable: {frame.why}").as_row()
         try:
             start = time.perf_counter()
             height = self.anchor(self.reconstructor.height_map(frame))
-            spent = 1e3 * (time.perf_counter() - start)
+            spent = KILO * (time.perf_counter() - start)
         except InputError as fault:
             return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
         contact = find_contact(height, self.reconstructor.error)
@@ -103,7 +104,7 @@ class DepthJob:
         return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags).as_row()
 
     def kept(self, row: Row) -> bool:
-        """Whether the map is there. A store that is being filled is there as a whole."""
+        """Return whether the map is there; a store that is being filled is there as a whole."""
         FrameResult.of(row)
         if row[1] != "ok":
             return True
@@ -137,17 +138,16 @@ def reconstruct_folder(
     anchor: FaceDepthCorrection = NO_CORRECTION,
     with_std: bool = False,
 ) -> tuple[FrameResult, ...]:
-    """Write every frame's height map, and depth.csv; returns its rows in the order of the frames.
+    """Write every frame's height map, and depth.csv; return its rows in the order of the frames.
 
-    `form` "tiff": depth/NAME.tiff, of two frames that differ in their ending alone depth/NAME.ENDING.tiff; "zarr":
-    depth.zarr with depth_mm (frames, rows, columns) and frame, the names. `with_std` adds the standard deviation
-    of every depth: depth_std/NAME.tiff, or depth_std_mm.
-    `workers` is the number of processes (None: one a core); `cluster` the address of a Dask scheduler, or its
-    file, whose workers see the same folders. A frame that cannot be read is listed and passed
-    over. An earlier, unfinished run into the same folder with the same recording and method is continued.
-    `anchor` holds the faces of certified presses (press/certified_faces.py).
+    `form` "tiff": depth/NAME.tiff, or depth/NAME.ENDING.tiff of two frames that differ only in their ending;
+    "zarr": depth.zarr with depth_mm (frames, rows, columns) and frame, the names. `with_std` adds the standard
+    deviation of every depth: depth_std/NAME.tiff, or depth_std_mm. `workers` is the number of processes (None: one
+    a core); `cluster` the address of a Dask scheduler, or its file, whose workers see the same folders. A frame
+    that cannot be read is listed and skipped. An unfinished run into the same folder with the same recording and
+    method is resumed. `anchor` corrects the faces of certified presses (press/certified_faces.py).
     """
-    place = Path(out).absolute()  # workers elsewhere are in another folder
+    place = Path(out).absolute()  # workers have another working directory
     if cluster is not None:
         check_cluster(cluster)
     with output_lock(out):
@@ -170,7 +170,7 @@ def _reconstruct(
 ) -> tuple[FrameResult, ...]:
     out, scratch, sensor = job.out, job.scratch, job.reconstructor.sensor
     kinds, names = (MAPS, STDS) if job.with_std else (MAPS,), recording.frame_names
-    job = replace(job, names=_apart(recording))
+    job = replace(job, names=_map_names(recording))
     settle(out / STORE)
     if scratch is None:
         shutil.rmtree(out / SCRATCH, ignore_errors=True)  # of a killed run in the other form
@@ -198,31 +198,32 @@ def _reconstruct(
     return rows
 
 
-def _apart(recording: Recording) -> dict[str, str]:
-    """Names of the frames' maps: without their endings, but where two frames differ in nothing else."""
+def _map_names(recording: Recording) -> dict[str, str]:
+    """Return names of the frames' maps: without their endings, unless two frames differ in nothing else."""
     stems = Counter(Path(name).stem for name in recording.frame_names)
-    apart = {name: stem if stems[stem := Path(name).stem] == 1 else name for name in recording.frame_names}
-    if len(set(apart.values())) != len(apart):
+    names = {name: stem if stems[stem := Path(name).stem] == 1 else name for name in recording.frame_names}
+    if len(set(names.values())) != len(names):
         raise InputError(
             "two frames would share a map's name",
             where=recording.path,
             remedy="Rename one: a map is stored under its frame's name.",
         )
-    return apart
+    return names
 
 
 def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, float]:
-    """Peak depth (mm) of a map (H, W), and its area in contact (mm²; contact/region.py).
+    """Return peak depth (mm) of a map (H, W), and its area in contact (mm²; contact/region.py).
 
-    `error` of the map's method.
-
-    The peak is the 99.9th percentile of the valid depths, which one bad pixel cannot set.
+    The peak is the 99.9th percentile of the valid depths, robust to single pixels. `error` is that of the map's
+    method.
     """
     return peak_and_area(height, find_contact(height, error))
 
 
 def peak_and_area(height: HeightMap, contact: Bools) -> tuple[float, float]:
-    """Peak depth (mm) and area in contact (mm²) as `measure` has them, of a map whose contact (H, W) is known."""
+    """Return peak depth (mm) and area in contact (mm²) as `measure` does, of a map whose contact (H, W) is
+    known.
+    """
     depth = height.depth_mm.ravel() if height.valid.all() else height.depth_mm[height.valid]
     if depth.size == 0:
         return float("nan"), float("nan")
@@ -231,18 +232,18 @@ def peak_and_area(height: HeightMap, contact: Bools) -> tuple[float, float]:
 
 
 def _peak_mm(depth_mm: Array) -> float:
-    """The 99.9th percentile of depths (n,), out of the few that a sample of them says to be the deepest."""
+    """Return the 99.9th percentile of depths (n,), from the few that a sample of them shows to be the deepest."""
     few = depth_mm[::PEAK_SAMPLED]
     limit = np.partition(few, len(few) * 99 // 100)[len(few) * 99 // 100]
     deepest = depth_mm.take(np.flatnonzero(depth_mm > limit))
-    above = PEAK_SHARE * (len(depth_mm) - 1)  # of all depths, as many lie above the percentile
+    above = PEAK_SHARE * (len(depth_mm) - 1)  # number of depths above the percentile
     if len(deepest) < above + 2:
         return float(np.percentile(depth_mm, 100 * (1 - PEAK_SHARE)))
     return _at_share(np.sort(deepest), 1 - above / (len(deepest) - 1))
 
 
 def _at_share(ordered: Array, share: float) -> float:
-    """What np.percentile says of values (n,) in their order, to the last bit, without its checks."""
+    """Return np.percentile of sorted values (n,), to the last bit, without its checks."""
     place = (len(ordered) - 1) * (100 * share / 100)
     below = int(place)
     low, step = ordered[below], ordered[below + 1] - ordered[below]
@@ -251,7 +252,10 @@ def _at_share(ordered: Array, share: float) -> float:
 
 
 def std_at(height: HeightMap, peak_mm: float) -> float:
-    """Standard deviation in mm of the depths (H, W) from `peak_mm` on: their median; NaN where it is not known."""
+    """Return the standard deviation in mm of the depths (H, W) from `peak_mm` on: their median.
+
+    NaN where it is not known.
+    """
     if height.std_mm is None:
         return float("nan")
     deep = np.flatnonzero(height.depth_mm >= peak_mm)
@@ -259,12 +263,22 @@ def std_at(height: HeightMap, peak_mm: float) -> float:
     return float(median(there)) if there.size and not np.isnan(there).any() else float("nan")
 
 
+def summary(rows: Sequence[FrameResult]) -> dict[str, object]:
+    """Return the number of frames, of each status and flag, and the statuses of those without a map."""
+    return {
+        "frames": len(rows),
+        "statuses": dict(Counter(row.status.split(":")[0] for row in rows)),
+        "bad": {row.frame: row.status for row in rows if row.status != "ok"},
+        "flags": dict(Counter(flag for row in rows for flag in row.flags)),
+    }
+
+
 def table(rows: Iterable[FrameResult]) -> str:
-    """depth.csv: what is not known is left empty."""
+    """Return depth.csv; what is not known is left empty."""
     return csv_text([COLUMNS, *map(cells, rows)])
 
 
 def cells(row: FrameResult) -> tuple[str, ...]:
-    """A row of depth.csv."""
+    """Return a row of depth.csv."""
     numbers = (row.peak_mm, row.contact_area_mm2, row.ms, row.peak_std_mm)
     return (row.frame, row.status, *("" if np.isnan(n) else f"{n:.4f}" for n in numbers), " ".join(row.flags))

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -28,56 +29,56 @@ from tactilevision.recording.model import BadFrame, Recording
 from tactilevision.recording.pictures import iter_frames
 from tactilevision.records.maps import Frame, HeightMap
 
-# Frames through a job: streamed, on all cores, taken up again where they were cut off.
-#
-# A worker writes what a frame gives whole, then notes the frame in the journal, itself and at once. Killing any
-# process at any moment therefore loses no frame, and a second run does only what is left, and again the one frame
-# a worker was at.
+# A worker writes the result of a frame whole, then enters the frame in the journal at once. So killing any process
+# at any moment loses no frame, and a second run does only the rest, including the frames that workers were at.
 
 Row = tuple[str, ...]
 Timed = tuple[list[Row], float]  # rows of a task, and the seconds that it took
 Progress = Callable[[int, int], None]
-CHUNK = 16  # frames that a worker reads for itself, one ahead of the other
+CHUNK = 16  # largest number of frames in a task
 MIN_CHUNK = 4  # frames of a task in a short run, so that each worker has some
-SHIPMENT = 4  # frames of the first tasks for a cluster, until it is known how long one takes
-TASK_S = 1.0  # s of work in a task for a cluster: its hand-over costs some ten milliseconds
-MAX_SHIPMENT = 256  # frames that are done again with a worker that is killed
-AHEAD = 3  # tasks that wait for each worker, so that none is idle
+SHIPMENT = 4  # frames of the first tasks for a cluster, until the time of one is known
+TASK_S = 1.0  # s of work in a task for a cluster: submitting it costs some ten milliseconds
+MAX_SHIPMENT = 256  # largest number of frames in a task for a cluster
+AHEAD = 3  # tasks queued for each worker
 KEPT_BYTES = 31 << 20  # just below the 32 MB from which glibc maps every array anew (mallopt(3))
 GLIBC_KEEPS = ((-3, KEPT_BYTES), (-1, 2 * KEPT_BYTES))  # M_MMAP_, M_TRIM_THRESHOLD: a Dask nanny sets low ones
-FEW = 12  # frames that are done before a second process has started
+FEW = 12  # frames done faster than a second process starts
 
 
 class Job(Protocol):
-    """What becomes of each frame. It is sent to every worker once, so it can be pickled.
+    """Work on each frame; it is pickled and sent to every worker once.
 
-    A call writes the frame's result whole and returns its row of text, the frame's name first. A frame that
-    cannot be used comes back as a row that says so.
+    A call writes the frame's result whole and returns its row of text, the frame's name first, also for a frame
+    that cannot be used.
     """
 
     @property
     def columns(self) -> int:
-        """Cells of a row."""
+        """Number of cells of a row."""
         ...
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """`number` is the frame's place among `Recording.frame_names`."""
+        """Compute one row; `number` is the frame's place among `Recording.frame_names`."""
         ...
 
     def kept(self, row: Row) -> bool:
-        """Whether what the row promises is still on disk. Raises InputError for a row that no call returned."""
+        """Return whether what the row promises is still on disk.
+
+        Raises InputError for a row that no call returned.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Journal:
-    """What is done so far: a file with a fingerprint of the run, then one row of text for each frame."""
+    """File of finished frames: a fingerprint of the run, then one row of text for each frame."""
 
     path: Path
     fingerprint: str
 
     def read(self, job: Job) -> dict[str, Row]:
-        """Rows of an earlier run of this fingerprint, by frame; a row that was cut off in writing is left out."""
+        """Read rows of an earlier run of this fingerprint, by frame; a row cut off in writing is skipped."""
         try:
             lines = read_text(self.path).split("\n")
             rows = [tuple(row) for row in csv.reader(lines[1:-1])]
@@ -88,7 +89,7 @@ class Journal:
         return {row[0]: row for row in rows if len(row) == job.columns and _holds(job, row)}
 
     def begin(self, done: dict[str, Row]) -> None:
-        """Write the journal anew with the rows that hold."""
+        """Write the journal anew with the valid rows."""
         write_text(self.path, self.fingerprint + "\n" + "".join(map(as_line, done.values())))
 
     def add(self, row: Row) -> None:
@@ -96,14 +97,14 @@ class Journal:
         append_text(self.path, as_line(row))
 
     def end(self) -> None:
-        """The run is over and its results are in place."""
+        """Delete the journal: the results are in place."""
         self.path.unlink(missing_ok=True)
 
 
 def _holds(job: Job, row: Row) -> bool:
     try:
         return job.kept(row)
-    except (OSError, InputError):  # damaged: a name too long, or text for a number
+    except (OSError, InputError):  # damaged: a name that is too long, or text for a number
         return False
 
 
@@ -117,15 +118,15 @@ def run_job(
     progress: Progress | None = None,
     begin: Callable[[], None] | None = None,
 ) -> list[Row]:
-    """Every frame's row in the order of the frames; those that the journal holds are not done again.
+    """Compute every frame's row in the order of the frames; those in the journal are not computed again.
 
-    `begin` is called first where nothing is left of an earlier run. `progress` is told what was done before,
-    then after each frame, so that a rate taken from it is this run's own. `cluster` is the address of a Dask
-    scheduler, or its file: its workers see the same folders, and this process alone keeps the journal.
+    `begin` is called first unless an earlier run is resumed. `progress` is called with the frames of the earlier
+    run, then after each frame. `cluster` is the address of a Dask scheduler, or its file: its workers see the same
+    folders, and only this process writes the journal.
     """
     done = journal.read(job)
     if not done:
-        journal.end()  # its rows are of another run: they must not outlive that run's scratch
+        journal.end()  # its rows belong to another run's scratch
         if begin is not None:
             begin()
     journal.begin(done)
@@ -148,7 +149,7 @@ def run_job(
 
 
 def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
-    """A hash of the first frame's map (H, W), in mm: another method or calibration gives another one."""
+    """Hash the first frame's map (H, W), in mm: another method or calibration gives another hash."""
     numbers = range(len(recording.frame_names))
     frame = next((frame for frame in _frames(recording, numbers) if isinstance(frame, Frame)), None)
     if frame is not None:
@@ -158,19 +159,19 @@ def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap
 
 
 def as_line(row: Row) -> str:
-    """A row as a line of CSV."""
+    """Return a row as a line of CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow(row)
     return text.getvalue()
 
 
-_at_work: tuple[Recording, Job, Journal | None] | None = None  # one a process: sent once, not with each frame
+_at_work: tuple[Recording, Job, Journal | None] | None = None  # of this process: sent once, not with each frame
 
 
 def _start_worker(recording: Recording, job: Job, journal: Journal) -> None:
     global _at_work
     if not join_lock(journal.path.parent):
-        os._exit(1)  # the parent has ended, and another run may hold its place
+        os._exit(1)  # the parent has ended, and another run may have the lock
     _on_one_thread()
     _at_work = recording, job, journal
 
@@ -182,7 +183,9 @@ def _start_on_cluster(recording: Recording, job: Job) -> None:
 
 
 def _on_one_thread() -> None:
-    """Also keeps the memory of one frame for the next: else glibc maps every array anew, and clears it."""
+    """Use one thread, and keep the memory of one frame for the next: else glibc maps and clears every array
+    anew.
+    """
     import cv2
 
     cv2.setNumThreads(1)
@@ -199,7 +202,7 @@ def _read_and_do(numbers: list[int]) -> list[Row]:
 
 
 def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | BadFrame]:
-    """The frames of these numbers; one of another kind or size, or beyond a limit, is a bad one, and only that."""
+    """Yield the frames of these numbers; one of another kind or size, or beyond a limit, is a bad one alone."""
     left = deque(numbers)
     while left:
         try:
@@ -227,21 +230,20 @@ def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], work
             yield _do(number, frame, *what)
         return
     with worker_pool(min(workers, -(-len(left) // MIN_CHUNK)), _start_worker, recording, *what) as pool:
-        pending: set[Future[list[Row]]] = set()
-        for future in _tasks(pool, recording, left, chunk=_chunk(len(left), workers)):
-            pending.add(future)
-            if len(pending) >= 3 * workers:
-                ready, pending = wait(pending, return_when=FIRST_COMPLETED)
-                for one in ready:
-                    yield from one.result()
+        tasks = _tasks(pool, recording, left, chunk=_chunk(len(left), workers))
+        pending = set(islice(tasks, AHEAD * workers))
         while pending:
             ready, pending = wait(pending, return_when=FIRST_COMPLETED)
+            pending |= set(islice(tasks, len(ready)))
             for one in ready:
                 yield from one.result()
 
 
 def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: str) -> Iterator[Row]:
-    """Frames whose task ended its workers are tried once more, each alone; one that does it again is named."""
+    """Yield rows from the cluster.
+
+    Frames whose task ended its workers are tried once more, each alone, then named.
+    """
     if not left:
         return
     frames_path = recording.frames_path and recording.frames_path.absolute()
@@ -267,14 +269,14 @@ def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: s
 
 @dataclass
 class _Flight:
-    """Tasks on their way, frames whose task ended its workers, and how many frames make a task of TASK_S."""
+    """Submitted tasks, frames whose task ended its workers, and the number of frames in a task of TASK_S."""
 
     pending: dict[Future[Timed], list[int]] = field(default_factory=dict)
     suspects: list[int] = field(default_factory=list)
     size: int = SHIPMENT
 
     def landed(self) -> Iterator[Row]:
-        """Rows of the tasks that are done, one at least."""
+        """Return rows of the tasks that are done, one at least."""
         for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
             numbers = self.pending.pop(future)
             try:
@@ -289,7 +291,7 @@ class _Flight:
 def _shipments(
     pool: ClusterPool, recording: Recording, left: list[int], *, flight: _Flight
 ) -> Iterator[tuple[list[int], Future[Timed]]]:
-    """Pictures are read by the workers themselves; of a video each frame is sent."""
+    """Yield tasks: pictures are read by the workers themselves; of a video each frame is sent."""
     assert recording.frames_path is not None
     if recording.frames_path.is_dir():
         rest = deque(left)
@@ -307,12 +309,12 @@ def _timed(do: Callable[..., list[Row]], *given: Any) -> Timed:
 
 
 def _chunk(count: int, workers: int) -> int:
-    """Frames of a task, so that workers end at about the same time."""
+    """Return the number of frames of a task, so that workers end at about the same time."""
     return min(max(MIN_CHUNK, count // (4 * workers)), CHUNK)
 
 
 def _tasks(pool: Executor, recording: Recording, left: list[int], *, chunk: int) -> Iterator[Future[list[Row]]]:
-    """Pictures are read by the workers themselves; a video can be read by one process only."""
+    """Return tasks: pictures are read by the workers themselves; a video can be read by one process only."""
     assert recording.frames_path is not None
     if recording.frames_path.is_dir():
         for start in range(0, len(left), chunk):
@@ -334,22 +336,19 @@ def _part(recording: Recording, numbers: list[int]) -> Recording:
 
 
 def _bare(recording: Recording) -> Recording:
-    """Without what no frame needs: it travels to every worker."""
+    """Return the recording without what no frame needs: it travels to every worker."""
     return replace(recording, indenters={}, presses=(), forces=None, stage=None, curves=(), points=(), extra={},
                    settings={}, warnings=())  # fmt: skip
 
 
-# What a run is known by: its frames as they stand on disk, and what else decides its result.
-
-
 def fingerprint_of(recording: Recording, *parts: object) -> str:
-    """Of the recording's place and frames as they stand there, and of what else decides the result."""
-    about = [str(recording.path.resolve()), *recording.frame_names, *as_they_stand(recording), *map(repr, parts)]
+    """Hash the recording's place and frames, and what else determines the result."""
+    about = [str(recording.path.resolve()), *recording.frame_names, *file_states(recording), *map(repr, parts)]
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
-def as_they_stand(recording: Recording) -> Iterator[str]:
-    """Size and time of every picture, or of the video: of one that was changed nothing is taken over."""
+def file_states(recording: Recording) -> Iterator[str]:
+    """Return size and time of every picture, or of the video, so that a changed one is computed again."""
     path, names = recording.frames_path, recording.frame_names
     pictures = () if path is None else [path / name for name in names] if path.is_dir() else [path]
     for file in (*pictures, *recording.flats):

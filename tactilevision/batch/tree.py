@@ -1,6 +1,6 @@
-"""A tree of recordings, bare folders of frames and videos, mixed: every one of them into height maps.
+"""Height maps of a tree of recordings, bare folders of frames and videos.
 
-What cannot be read, a recording as a whole or a frame of it, is listed with the reason and passed over.
+A recording or frame that cannot be read is listed with the reason and skipped.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ class Branch:
     why: str = ""
 
     def path_of(self, row: FrameResult) -> str:
-        """A frame's path in the tree."""
+        """Return a frame's path in the tree."""
         return row.frame if self.name == "." else f"{self.name}/{row.frame}"
 
 
 def find_sources(root: Path | str, *, leave: Path | None = None) -> tuple[Path, ...]:
-    """Recordings, folders that hold pictures, and videos below `root`, by name; nothing inside a recording.
+    """Find recordings, folders that hold pictures, and videos below `root`, by name; nothing inside a recording.
 
-    Hidden folders are left alone, and `leave`, where results go, and links that lead back to where they are.
-    Raises InputError where there is no such folder.
+    Hidden folders, `leave` (for results) and links to folders above are skipped. Raises InputError if there is no
+    such folder.
     """
     root = Path(root)
     if not root.is_dir():
@@ -71,11 +71,10 @@ def reconstruct_tree(
     with_std: bool = False,
     method: str = "",
 ) -> tuple[Branch, ...]:
-    """Height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
+    """Write height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
 
-    `read` opens a source; `light` makes its reconstructor. `method` is another word where they read otherwise.
-    A run that was cut off goes on where it was: sources that it finished are known by their depth.csv. Raises
-    InputError where no source is found.
+    `read` opens a source; `light` makes its reconstructor; `method` names their way of reading. An interrupted run
+    is resumed: finished sources are known by their depth.csv. Raises InputError if no source is found.
     """
     if cluster is not None:
         check_cluster(cluster)
@@ -96,8 +95,8 @@ def _reconstruct(
 ) -> tuple[Branch, ...]:
     found, refused = _opened(root, out, read)
     total = sum(len(recording.frame_names) for recording in found.values())
-    told = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
-    finished = {name: rows for name, rows in told.items() if rows is not None}
+    rows_of = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
+    finished = {name: rows for name, rows in rows_of.items() if rows is not None}
     branches = [Branch(name, rows) for name, rows in finished.items()]
     before = sum(len(branch.rows) for branch in branches)
     if progress is not None:
@@ -120,7 +119,7 @@ def _reconstruct(
 
 
 def _checked(root: Path, every: Sequence[Branch]) -> tuple[Branch, ...]:
-    """All branches; raises InputError where not one of them could be read."""
+    """Return all branches. Raises InputError if none of them could be read."""
     if all(branch.why for branch in every):
         raise InputError(
             "none of its recordings, folders and videos can be read",
@@ -131,7 +130,7 @@ def _checked(root: Path, every: Sequence[Branch]) -> tuple[Branch, ...]:
 
 
 def _opened(root: Path, out: Path, read: Open) -> tuple[dict[str, Recording], list[Branch]]:
-    """The sources below `root` by their path in it, and those that cannot be read."""
+    """Open the sources below `root` by their path in it; return them and those that cannot be read."""
     found: dict[str, Recording] = {}
     refused: list[Branch] = []
     for path in find_sources(root, leave=out):
@@ -158,17 +157,17 @@ def _branch(name: str, recording: Recording, out: Path, *, light: Light, run: Ru
 
 
 def _finished(place: Path) -> Path:
-    """Says, until the whole tree is done, that this branch is."""
+    """Return the file that marks this branch as done until the whole tree is."""
     return place / ".depth-finished"
 
 
 def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[FrameResult, ...] | None:
     try:
-        said = read_text(_finished(place))
+        fingerprint = read_text(_finished(place))
         header, *rows = [
             tuple(map(cell_text, row)) for row in csv.reader(io.StringIO(read_text(place / TABLE), newline=""))
         ]
-        if header != COLUMNS or said != fingerprint_of(recording, way):
+        if header != COLUMNS or fingerprint != fingerprint_of(recording, way):
             return None
         return tuple(FrameResult.of(row) for row in rows)
     except (OSError, ValueError, InputError, csv.Error):
@@ -200,11 +199,11 @@ def _frames_of(folder: Path) -> Path | None:
     try:
         return find_frames(folder)
     except RecordingError:
-        return folder / layout.FRAMES  # what is wrong with it is said when it is read
+        return folder / layout.FRAMES  # reading it reports the error
 
 
 def _table(branches: Sequence[Branch]) -> str:
-    """Every frame under its path in the tree; a source that was passed over is one row."""
+    """List every frame under its path in the tree; a source that could not be read is one row."""
     lines: list[tuple[str, ...]] = [COLUMNS]
     for branch in branches:
         if branch.why:

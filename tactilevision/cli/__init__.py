@@ -1,4 +1,4 @@
-"""The console script `tactilevision`. No logic lives here; it is the one room that may import both packages."""
+"""The console script `tactilevision`: options, one call and what is printed for each command."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ def main() -> int:
     """
     _ready_streams()
     for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ.setdefault(library, "1")  # matrices are small here: threads would only wait for each other
-    heard = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGTERM, _terminate) if heard else None
+        os.environ.setdefault(library, "1")  # matrices are small: threads would only wait for each other
+    handled = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, _terminate) if handled else None
     try:
         code = _run()
-    except (KeyboardInterrupt, Terminated) as stop:  # while this was being imported
+    except (KeyboardInterrupt, Terminated) as stop:  # during imports
         code = 130 if isinstance(stop, KeyboardInterrupt) else 143
         sys.stderr.write(f"{'interrupted' if code == 130 else 'terminated'} before anything was done.\n")
     if code in (130, 143):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C adds nothing but noise
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         exec("")  # noqa: S102 -- with -m, CPython else ends by the signal itself if Ctrl-C came within an exec
-    elif heard:
+    elif handled:
         signal.signal(signal.SIGTERM, before)
     return code
 
 
 def _ready_streams() -> None:
-    """Streams that were closed lead nowhere, and a letter that a terminal lacks is spelt out (\\u03bd)."""
+    """Open closed streams on the null device, and escape letters that a terminal lacks (\\u03bd)."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number; else a file of results would
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which else a file of results would
     sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
     sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -54,10 +54,10 @@ def _run() -> int:
     from tactilevision.cli.console import INTERRUPTED, report_failure
     from tactilevision.errors import InputError
 
-    if "" in sys.argv[1:]:  # as a path it would be the whole folder one stands in
+    if "" in sys.argv[1:]:  # as a path it would be the current folder
         return report_failure(InputError("an argument is empty", remedy="Is a variable of the shell unset?"))
     try:
-        if app(standalone_mode=False) == INTERRUPTED:  # typer makes a number of what Ctrl-C raised
+        if app(standalone_mode=False) == INTERRUPTED:  # typer returns a number after Ctrl-C
             return report_failure(KeyboardInterrupt())
     except BaseException as fault:
         return report_failure(fault)
@@ -65,7 +65,7 @@ def _run() -> int:
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:
-    """SIGTERM unwinds as Ctrl-C does: workers end, and what is unfinished is taken away."""
+    """Raise on SIGTERM as on Ctrl-C, so that workers end and unfinished files are removed."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise Terminated
 

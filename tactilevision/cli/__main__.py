@@ -1,4 +1,4 @@
-"""`python -m tactilevision.cli` does what the console script does."""
+"""Run `python -m tactilevision.cli` as the console script."""
 
 import sys
 

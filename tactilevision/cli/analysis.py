@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tactilevision.cli.measure import beside_the_punch, oldest_first, take
-
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
-    from calibration.inputs.observations import Observations
     from calibration.model.stages import Effect
     from calibration.tasks.compare import Comparison
     from calibration.tasks.session import History, Step
-    from tactilevision.cli.measure import Taken
-    from tactilevision.records.measured import Estimate
 
-ANSWERED = "gentle faces"  # of the certificate's warning about the picture's scale: a diagnosis has its number
 FIND, TRY = "to find what is missing", "to try"  # what a command that is suggested is for
 OWN = ".py"  # how the file of an effect of one's own ends
 
@@ -47,43 +41,6 @@ class Settings:
     prior: bool
     applied: bool = False
     left_out: tuple[str, ...] = ()
-
-
-def taken_with_nu(paths: Sequence[Path], *, cluster: str | None) -> tuple[list[Taken], Estimate | None]:
-    """`with_nu` of recordings read and certified; on a cluster each is a task of its own, which writes nothing."""
-    if cluster is None:
-        return with_nu(take(paths, answered=ANSWERED))
-    from tactilevision.cli.measure import each_on_cluster
-
-    given = oldest_first(paths)
-    read = each_on_cluster(_there, given, cluster=cluster, title="certifying recordings")
-    return _sharpest([(replace(one, recording=here), nu) for (one, nu), here in zip(read, given, strict=True)])
-
-
-def _there(path: Path) -> tuple[Taken, Estimate | None]:
-    """One recording and its nu, as they travel: without what made its maps, which is large."""
-    taken, bulge = beside_the_punch(take([path], answered=ANSWERED)[0])
-    return replace(taken, reconstructor=None), bulge
-
-
-def with_nu(taken: Sequence[Taken]) -> tuple[list[Taken], Estimate | None]:
-    """The recordings as a calibration takes them, and nu as the sharpest of their pictures reads it."""
-    return _sharpest([beside_the_punch(one) for one in taken])
-
-
-def _sharpest(read: Sequence[tuple[Taken, Estimate | None]]) -> tuple[list[Taken], Estimate | None]:
-    known = [bulge for _, bulge in read if bulge is not None and bulge.value is not None and bulge.std]
-    return [one for one, _ in read], min(known, key=lambda bulge: bulge.std or 0.0, default=None)
-
-
-def observed(taken: Sequence[Taken], left_out: Sequence[str] = ()) -> Observations:
-    """The curves of these recordings where there are any, else the certified points, without some presses."""
-    from calibration.inputs.gather import observe_all
-    from calibration.inputs.observations import leave_out
-    from calibration.tasks.calibrate import observe
-
-    sets = [one.measured for one in taken]
-    return leave_out(observe_all(sets) if any(one.curves for one in sets) else observe(sets), left_out)
 
 
 def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dict[str, str]]:
@@ -174,8 +131,8 @@ def commands_of(
     """What a diagnosis suggests to try, as commands: each candidate, and the plain error of an UNKNOWN."""
     from calibration.effects import written
 
-    fitted = {effect.key: written(effect) for effect in found.fitted.model.effects}
+    fitted = {effect.key: written(effect) for effect in found.fits.fitted.model.effects}
     named = [fitted.get(effect.key, effect.key) for effect in found.effects]
-    plain = [found.plain.effect.key] if found.plain is not None else []
+    plain = [found.remainder.plain.effect.key] if found.remainder.plain is not None else []
     sets = [[key] for key in found.candidates] if len(found.candidates) > len(named) else [named]
     return [compare_command(recordings, keys, files, prior=prior) for keys in (*sets, plain) if keys]

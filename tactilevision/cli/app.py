@@ -1,4 +1,4 @@
-"""All commands under one name. Each lives in its own file; this one only gathers them."""
+"""The command line application with all commands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ app = typer.Typer(
 
 
 def alone(command: Callable[..., None], *, into: str = "out", file: bool = False) -> Callable[..., None]:
-    """The command, with its folder of results (or its file) held against other runs from first to last."""
+    """Return the command, which locks its folder (or file) of results against other runs."""
 
     @wraps(command)
     def run(**given: Any) -> None:

@@ -12,7 +12,6 @@ import typer
 
 from tactilevision.cli import console
 from tactilevision.cli.analysis import (
-    ANSWERED,
     LeftOut,
     Private,
     Recordings,
@@ -23,11 +22,8 @@ from tactilevision.cli.analysis import (
     keep_history,
     named_effects,
     next_commands,
-    observed,
-    with_nu,
     write_history,
 )
-from tactilevision.cli.measure import take
 
 if TYPE_CHECKING:
     from calibration.model.stages import Effect
@@ -181,19 +177,13 @@ def _follow(history: History, folder: Path, private: Sequence[Path] | None, form
 
 def _refit(history: History, folder: Path, stage: Path, *, private: Sequence[Path] | None, form: str) -> None:
     """The recordings again, with the steps that stand."""
-    import numpy as np
-
-    from calibration.laws.flat_punch import elastomer_bound
-    from calibration.tasks.compare import compare
     from tactilevision.cli.pictures import FigureFolder
+    from tactilevision.pipeline import certify_recordings, compare_recordings
 
     effects = _effects(history.steps, private)
-    taken, bulge = with_nu(take([Path(name) for name in history.recordings], answered=ANSWERED))
-    rng = np.random.default_rng(history.seed)
-    data = observed(taken, history.left_out)
-    with console.progress_bar("fitting") as progress:
-        bound = elastomer_bound(history.prior)
-        result = compare(data, effects, rng=rng, bulge=bulge, bound=bound, progress=progress)
+    taken = certify_recordings(history.recordings, scale_doubt=False, listener=console)
+    left_out, prior, seed = history.left_out, history.prior, history.seed
+    result = compare_recordings(taken, effects, left_out=left_out, prior=prior, seed=seed, listener=console)
     names = ", ".join(step.key.replace("_", " ") for step in reversed(history.undone))
     state = f"Taken back: {names}. `tactilevision steps {folder} --redo` puts it back."
     if (folder / "diagnosis.json").is_file() or (folder / FOUND / "diagnosis.json").is_file():
@@ -307,24 +297,18 @@ def compare_effects(
     left_out: LeftOut = None,
 ) -> None:
     """Add effects one after the other and watch the error, on presses left out, beside the repeatability."""
-    import numpy as np
-
     from calibration.inputs.deadline import Deadline
-    from calibration.laws.flat_punch import elastomer_bound
-    from calibration.tasks import compare as method
     from calibration.tasks.session import steps_of_comparison
     from tactilevision.cli.pictures import FigureFolder
     from tactilevision.files.writing import staged
+    from tactilevision.pipeline import certify_recordings, compare_recordings
 
     deadline, aside = Deadline.after(time_limit), tuple(left_out or ())
     effects, files = named_effects(chosen)
-    taken, bulge = with_nu(take(recordings, answered=ANSWERED))
-    data = observed(taken, aside)
-    with console.progress_bar("fitting") as progress:
-        rng, bound = np.random.default_rng(seed), elastomer_bound(prior)
-        found = method.compare(
-            data, effects, rng=rng, bulge=bulge, bound=bound, progress=progress, deadline=deadline
-        )
+    taken = certify_recordings(recordings, scale_doubt=False, listener=console)
+    found = compare_recordings(
+        taken, effects, left_out=aside, prior=prior, seed=seed, deadline=deadline, listener=console
+    )
     commands = next_commands(recordings, found, files, prior=prior, left_out=aside)
     title = "Comparison of " + ", ".join(one.recording.name for one in taken)
     passed_over = [f"{key} is left out: {why}" for key, why in found.left_out]

@@ -1,4 +1,4 @@
-"""What the terminal sees: progress, as a bar or as lines, a plain summary, one clear line for a failure."""
+"""Output on the terminal: progress, summary, warnings and errors, and options that commands share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tactilevision.files.writing import write_json
 
 
 class FigureFormat(StrEnum):
-    """The forms of plots.style.FORMS, which is not imported before something is drawn."""
+    """The forms of plots.style.FORMS, which is only imported for drawing."""
 
     PNG = "png"
     SVG = "svg"
@@ -32,16 +32,13 @@ OutOption = Annotated[Path, typer.Option("--out", help="Folder for the results; 
 FormatOption = Annotated[
     FigureFormat,
     typer.Option(
-        "--format", help="Write each figure in this form, too; PNG is always written, and in the report."
+        "--format", help="Also write each figure in this form; PNG is always written, and used in the report."
     ),
 ]
 
 
 def _reached(context: typer.Context, address: str | None) -> str | None:
-    """The address, once a scheduler has answered there: before the light is calibrated, which takes minutes.
-
-    A shell that completes a line waits for no scheduler.
-    """
+    """Return the address after its scheduler has answered, except while a shell completes a line."""
     if address is not None and not context.resilient_parsing:
         from tactilevision.cluster.connect import check_cluster
 
@@ -58,35 +55,35 @@ ClusterOption = Annotated[
         help="A Dask cluster: tcp://HOST:PORT, or its scheduler file.",
     ),
 ]
-WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")]
+WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes; by default one a core.")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
 PriorOption = Annotated[
     bool,
     typer.Option(
-        "--prior/--no-prior", help="Hold Poisson's ratio to what elastomers have, where nothing is stated of it."
+        "--prior/--no-prior", help="Restrict Poisson's ratio to that of elastomers, where nothing is stated."
     ),
 ]
 
 INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal
 TERMINATED = 143  # exit code: 128 and the number of SIGTERM
-BAR_EVERY_S = 0.2  # s between two looks at a bar
-LINE_EVERY_S = 10.0  # s between two lines of progress where there is no terminal: none for what is done sooner
-_FIRST = 10  # lines of a long list that are printed; more would hide the summary above them
+BAR_EVERY_S = 0.2  # s between two updates of a bar
+LINE_EVERY_S = 10  # s between two lines of progress where there is no terminal
+_FIRST = 10  # lines of a long list that are printed
 
 
 class Progress(Protocol):
-    """Told how far a long job is: `done` of `total` steps, and what it is at."""
+    """A function that takes the progress of a long job: `done` of `total` steps, and the current one."""
 
     def __call__(self, done: int, total: int, what: str = "") -> None: ...
 
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
-    """A bar with the remaining time on standard error; where that is no terminal, a line every ten seconds."""
+    """Show a bar with the remaining time on standard error, or, without a terminal, a line every ten seconds."""
     if not sys.stderr.isatty():
-        with _progress_lines(title) as tell:
-            yield tell
+        with _progress_lines(title) as advance:
+            yield advance
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress as Bar, TextColumn, TimeRemainingColumn
@@ -98,7 +95,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
 
         def advance(done: int, total: int, what: str = "") -> None:
             title_now = f"{title} {what}".rstrip()
-            if done > bar.tasks[0].completed + 1:  # found done already: the remaining time counts from here
+            if done > bar.tasks[0].completed + 1:  # done in an earlier run: the remaining time counts from here
                 bar.reset(task, completed=done, total=total, description=title_now)
             bar.update(task, completed=done, total=total, description=title_now)
 
@@ -107,15 +104,15 @@ def progress_bar(title: str) -> Iterator[Progress]:
 
 @contextmanager
 def _progress_lines(title: str) -> Iterator[Progress]:
-    """A line now and then, also while nothing is told: what is at work, how far, and since when."""
+    """Print a line of progress and elapsed time at intervals."""
     began, state = time.monotonic(), [title]
 
-    def tell(done: int, total: int, what: str = "") -> None:
+    def advance(done: int, total: int, what: str = "") -> None:
         counted = f": {done} of {total}" if total > done + 1 or done >= total else ""
         state[0] = f"{title} {what}".rstrip() + counted
 
     with Ticker(lambda: _complain(f"{state[0]}, {time.monotonic() - began:.0f} s"), LINE_EVERY_S):
-        yield tell
+        yield advance
 
 
 def say(*lines: str) -> None:
@@ -126,22 +123,22 @@ def say(*lines: str) -> None:
         except BrokenPipeError:
             raise
         except OSError as fault:
-            _let_go(sys.stdout)
+            _discard(sys.stdout)
             raise OutputError(
                 f"cannot be written: {fault.strerror}", where="standard output", remedy="Send it elsewhere."
             ) from fault
 
 
 def _complain(line: str) -> None:
-    """To standard error, where that can be written: if not, the results and the exit code tell."""
+    """Print to standard error, unless that cannot be written."""
     try:
         typer.echo(as_plain(line), err=True)
     except OSError:
-        _let_go(sys.stderr)
+        _discard(sys.stderr)
 
 
-def _let_go(stream: TextIO) -> None:
-    """Let what a stream could not write go nowhere: Python writes what is left at its end."""
+def _discard(stream: TextIO) -> None:
+    """Discard what a stream could not write, which Python would write again at exit."""
     try:
         stream.flush()
     except OSError:
@@ -149,20 +146,20 @@ def _let_go(stream: TextIO) -> None:
 
 
 def say_first(lines: Sequence[str], rest: Path) -> None:
-    """Print the first of many lines; `rest` is where all of them stand."""
+    """Print the first of many lines; `rest` is the file with all of them."""
     say(*lines[:_FIRST])
     if len(lines) > _FIRST:
         say(f"  ... and {len(lines) - _FIRST} more, all in {rest}")
 
 
-def warn(lines: tuple[str, ...] | list[str]) -> None:
+def warn(lines: Sequence[str]) -> None:
     """Print warnings to standard error, each on its own line."""
     for line in lines:
         _complain(f"warning: {line}")
 
 
 def hand_over(result: Any, path: Path | None) -> None:
-    """Write the result for a program, where one was asked for."""
+    """Write the result for a program, if --json names a file."""
     if path is None:
         return
     try:
@@ -173,9 +170,9 @@ def hand_over(result: Any, path: Path | None) -> None:
 
 
 def report_failure(fault: BaseException) -> int:
-    """Print one clear message and return the exit code; what is no known failure is raised again."""
+    """Print one message and return the exit code; unknown failures are raised again."""
     if isinstance(fault, OSError) and fault.errno == ENOSPC and not fault.filename:  # help, or a file of results
-        _let_go(sys.stdout)
+        _discard(sys.stdout)
         where, remedy = "standard output or a file", "Make room, or send it elsewhere."
         fault = OutputError(f"cannot be written: {fault.strerror}", where=where, remedy=remedy)
     if isinstance(fault, TactilevisionError):
@@ -191,14 +188,14 @@ def report_failure(fault: BaseException) -> int:
         return fault.code if isinstance(fault.code, int) else 1
     if isinstance(fault, BrokenPipeError):
         return 0
-    if isinstance(fault, OSError) and fault.filename:  # a name too long, no permission: the place is at fault
+    if isinstance(fault, OSError) and fault.filename:  # a name too long, or no permission
         _complain(f"error: {str(fault.filename)[:200]}: cannot be used: {fault.strerror}.")
         return InputError.exit_code
-    show = getattr(fault, "show", None)  # a wrong option or argument, worded by the command line's parser
+    show = getattr(fault, "show", None)  # the parser's message of a wrong option or argument
     if callable(show):
         try:
             show()
         except OSError:
-            _let_go(sys.stderr)
+            _discard(sys.stderr)
         return int(getattr(fault, "exit_code", 2))
     raise fault

@@ -1,9 +1,9 @@
-"""Run the commands `depth` and `force`: frames into height maps and forces."""
+"""Commands `depth` and `force`: height maps and forces of frames."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -14,7 +14,7 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
-from tactilevision.records.maps import told
+from tactilevision.records.maps import flag_messages
 
 if TYPE_CHECKING:
     from tactilevision.batch.folder import FrameResult
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
     from tactilevision.records.maps import TractionMap
     from tactilevision.records.measured import Material
-
-
-# `tactilevision depth PATH`: frames into height maps.
 
 
 class MapFormat(StrEnum):
@@ -48,7 +45,11 @@ def depth(
     mm_per_px: source.ScaleOption = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(exists=True, dir_okay=False, help="calibration.json of this recording: holds the faces."),
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            help="calibration.json of this recording: corrects faces.",
+        ),
     ] = None,
     form: Annotated[
         MapFormat, typer.Option("--format", help="One TIFF a frame, or one Zarr store.")
@@ -63,25 +64,25 @@ def depth(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into height maps: depth/NAME.tiff in mm (float32, NaN where invalid), and depth.csv."""
-    from tactilevision.batch.folder import reconstruct_folder
+    from tactilevision.batch.folder import reconstruct_folder, summary
     from tactilevision.batch.tree import reconstruct_tree
 
     warned: list[str] = []
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
-    light = _teller(chosen, warned, path)
+    light = _light(chosen, warned, path)
     how: dict[str, Any] = {"form": form.value, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps = "depth.zarr" if form is MapFormat.ZARR else "depth/NAME.tiff"
     if source.is_tree(path):
         if calibration is not None:
             raise InputError(
-                "a calibration belongs to one recording, not to a tree of them",
+                "a calibration belongs to one recording, not to a tree of recordings",
                 where=path,
-                remedy="Name the recording, or leave --calibration out.",
+                remedy="Name the recording, or omit --calibration.",
             )
         how |= {"read": chosen.open_branch, "light": light, "method": chosen.way}
         with console.progress_bar("frames") as progress:
             branches = reconstruct_tree(path, out, progress=progress, **how)
-        rows, refused = _gathered(branches)
+        rows, refused = _rows_of(branches)
         content = {"passed_over": refused, "faces_certified": False}
         maps = f"SOURCE/{maps}"
     else:
@@ -93,18 +94,18 @@ def depth(
             rows = reconstruct_folder(recording, reconstructor, out, anchor=anchor, progress=progress, **how)
         content = {"passed_over": {}, "faces_certified": anchor.depth_scale is not None}
         _draw(recording, reconstructor, rows, out / "figures", most=pictures, anchor=anchor)
-    _tell(rows, out, maps)
-    console.hand_over(_summary(rows) | content | {"warnings": warned}, json)
+    _say(rows, out, maps)
+    console.hand_over(summary(rows) | content | {"warnings": warned}, json)
     if all(row.status != "ok" for row in rows):
         raise InputError(
-            "no frame became a height map", where=out / "depth.csv", remedy="Its column `status` says why."
+            "no frame became a height map", where=out / "depth.csv", remedy="Its column `status` has the reasons."
         )
 
 
-def _teller(chosen: source.Choice, warned: list[str], root: Path) -> Callable[[Recording], Reconstructor]:
-    """What makes the light of a recording below `root` ready, says what it warns of, and adds that to `warned`."""
+def _light(chosen: source.Choice, warned: list[str], root: Path) -> Callable[[Recording], Reconstructor]:
+    """Return the function that calibrates the light of a recording below `root`, and collects its warnings."""
 
-    def tell(recording: Recording, lines: tuple[str, ...]) -> None:
+    def warn(recording: Recording, lines: tuple[str, ...]) -> None:
         below = recording.path != root and recording.path.is_relative_to(root)
         name = recording.path.relative_to(root).as_posix() if below else recording.name
         words = [f"{name}: {line}" for line in lines]
@@ -112,29 +113,20 @@ def _teller(chosen: source.Choice, warned: list[str], root: Path) -> Callable[[R
         warned.extend(words)
 
     def light(recording: Recording) -> Reconstructor:
-        tell(recording, recording.warnings)
+        warn(recording, recording.warnings)
         reconstructor = chosen.light(recording)
-        tell(recording, reconstructor.warnings)
+        warn(recording, reconstructor.warnings)
         return reconstructor
 
     return light
 
 
-def _gathered(branches: tuple[Branch, ...]) -> tuple[tuple[FrameResult, ...], dict[str, str]]:
-    """The rows of all sources in a tree, frames by their path in it, and why others have none; says both."""
+def _rows_of(branches: tuple[Branch, ...]) -> tuple[tuple[FrameResult, ...], dict[str, str]]:
+    """Return the rows of all sources in a tree, with frames by their path, and why others were skipped."""
     for branch in branches:
         console.say(f"{branch.name}: " + (f"passed over: {branch.why}" if branch.why else _counted(branch.rows)))
     rows = tuple(replace(row, frame=branch.path_of(row)) for branch in branches for row in branch.rows)
     return rows, {branch.name: branch.why for branch in branches if branch.why}
-
-
-def _summary(rows: tuple[FrameResult, ...]) -> dict[str, object]:
-    return {
-        "frames": len(rows),
-        "statuses": dict(Counter(row.status.split(":")[0] for row in rows)),
-        "bad": {row.frame: row.status for row in rows if row.status != "ok"},
-        "flags": dict(Counter(flag for row in rows for flag in row.flags)),
-    }
 
 
 def _counted(rows: tuple[FrameResult, ...]) -> str:
@@ -142,13 +134,13 @@ def _counted(rows: tuple[FrameResult, ...]) -> str:
     return f"{good} of {len(rows)} frames became height maps"
 
 
-def _tell(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
+def _say(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
     console.say(f"{_counted(rows)}: {out}/{maps}, {out / 'depth.csv'}")
     bad = [row for row in rows if row.status != "ok"]
     console.say_first([f"  {row.frame}: {row.status}" for row in bad], out / "depth.csv")
     best = max((row for row in rows if row.status == "ok"), key=lambda row: row.peak_mm, default=None)
     flagged = Counter(flag for row in rows for flag in row.flags)
-    console.warn(told(flagged, len(rows)))
+    console.warn(flag_messages(flagged, len(rows)))
     if best is not None:
         console.say(f"  deepest: {best.frame}, {best.peak_mm:.3f} mm over {best.contact_area_mm2:.1f} mm²")
 
@@ -162,23 +154,20 @@ def _draw(
     most: int,
     anchor: FaceDepthCorrection,
 ) -> None:
-    """The deepest frame of each of the deepest presses, or of stretches of the frames where there are none."""
-    from tactilevision.cli import source as moments
+    """Draw the deepest frame of each of the deepest presses, or of parts of the frames where there are none."""
+    from tactilevision.batch.selection import strongest_frames
     from tactilevision.plots import style
     from tactilevision.plots.height import draw_height_and_frame
     from tactilevision.recording.pictures import read_frame
 
     depth = [row.peak_mm if row.status == "ok" else float("nan") for row in rows]
-    for number in moments.telling(recording, depth, most=most):
+    for number in strongest_frames(recording, depth, most=most):
         frame = read_frame(recording, number)
         height = anchor(reconstructor.height_map(frame))
         figure = draw_height_and_frame(reconstructor.rectified(frame), height)
         path = folder / f"{Path(frame.name).stem}_depth.png"
         style.save_figure(figure, path)
         console.say(f"wrote {path}")
-
-
-# `tactilevision force PATH --calibration calibration.json`: where the force goes, frame by frame.
 
 
 class TractionFormat(StrEnum):
@@ -191,7 +180,7 @@ class TractionFormat(StrEnum):
 def force(
     path: Annotated[Path, typer.Argument(help="A recording, a video, or a folder of frames.")],
     calibration: Annotated[
-        Path | None, typer.Option(help="calibration.json, with E and nu; of a profile its own if left out.")
+        Path | None, typer.Option(help="calibration.json, with E and nu; by default the profile's.")
     ] = None,
     out: console.OutOption = Path("force_out"),
     sensor: source.SensorOption = None,
@@ -208,38 +197,38 @@ def force(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
-    from tactilevision.force.comparison import write_comparison
-    from tactilevision.force.folder import force_folder
+    from tactilevision.force.comparison import shear_summary, whole_residuals, write_comparison
+    from tactilevision.force.folder import force_folder, with_gel
 
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     known = _known_material(chosen, calibration)
-    recording, material, offset = _with_gel(chosen.open(path), known), known.material, known.clock_offset_s
+    recording = with_gel(chosen.open(path), known.path, known.thickness_mm)
     with console.progress_bar("calibrating the light"):
         job = _job(recording, chosen, known, out, form)
     reconstructor, anchor = job.reconstructor, job.anchor
     console.warn([*recording.warnings, *reconstructor.warnings])
     with console.progress_bar("frames") as progress:
-        rows = force_folder(
-            recording, job, clock_offset_s=offset, workers=workers, cluster=cluster, progress=progress
-        )
+        how: dict[str, Any] = {"clock_offset_s": known.clock_offset_s, "workers": workers, "cluster": cluster}
+        rows = force_folder(recording, job, progress=progress, **how)
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")
-    content = {"frames": len(rows), "read": len(read), "material": material.as_json()}
+    content = {"frames": len(rows), "read": len(read), "material": known.material.as_json()}
     content |= {"faces_certified": anchor.depth_scale is not None}
     content |= {"warnings": list(reconstructor.warnings)}
-    left = _left(rows, recording.force_std_N)
-    content |= {"shear": _shear(read), "measured": _beside(left, zero_left=not recording.presses)}
-    beside = write_comparison(recording, rows, folder=out / "beside")
-    if beside is not None:
-        console.say(f"  `tactilevision diagnose {beside}` finds what separates depth and force")
-    content |= {"sensitivity": _figures(recording, job, rows, out / "figures", left=left, most=pictures)}
+    shear, compared = shear_summary(read), whole_residuals(rows, recording.force_std_N)
+    _say_shear(shear)
+    content |= {"shear": shear, "measured": _say_residuals(compared, has_offset=not recording.presses)}
+    written = write_comparison(recording, rows, folder=out / "beside")
+    if written is not None:
+        console.say(f"  `tactilevision diagnose {written}` examines the difference of depth and force")
+    content |= {"sensitivity": _figures(recording, job, rows, out / "figures", compared=compared, most=pictures)}
     console.hand_over(content, json)
 
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """E and nu; the clock's offset and the gel's thickness beside them, where they are said; and where from."""
+    """E and nu, with clock offset, thickness of the gel and file where a calibration.json gives them."""
 
     material: Material
     clock_offset_s: float | None
@@ -248,7 +237,7 @@ class _Known:
 
 
 def _known_material(chosen: source.Choice, calibration: Path | None) -> _Known:
-    """Of the calibration.json that was named, else of the profile. Raises InputError where there is neither."""
+    """Read E and nu from calibration.json, or else the profile. Raises InputError where there is neither."""
     from tactilevision.force.calibrated import read_clock_offset, read_material, read_thickness_mm
 
     if calibration is not None:
@@ -256,39 +245,16 @@ def _known_material(chosen: source.Choice, calibration: Path | None) -> _Known:
         return _Known(read_material(calibration), offset, thickness_mm, calibration)
     profile = chosen.profile
     if profile is None:
-        raise InputError(
-            "E and nu of the gel are not known",
-            where="force",
-            remedy="Name what `calibrate` wrote with --calibration, or a profile with --sensor.",
-        )
+        remedy = "Name the calibration.json of `calibrate` with --calibration, or a profile with --sensor."
+        raise InputError("E and nu of the gel are not known", where="force", remedy=remedy)
     if profile.material is None:
-        raise InputError(
-            "the profile holds no E and nu of its gel",
-            where=profile.path,
-            remedy="Name a calibration.json with --calibration, or make the profile with one.",
-        )
+        remedy = "Name a calibration.json with --calibration, or make the profile with one."
+        raise InputError("the profile holds no E and nu of its gel", where=profile.path, remedy=remedy)
     return _Known(profile.material, None, None, None)
 
 
-def _with_gel(recording: Recording, known: _Known) -> Recording:
-    """The recording; where its gel is not described, with a gel as thick as the calibration's, which is said."""
-    from tactilevision.force.calibrated import check_gel
-    from tactilevision.records.rig import Gel
-
-    gel = recording.sensor.gel
-    if gel is not None:
-        if known.path is not None:
-            check_gel(known.path, gel)
-        return recording
-    if known.thickness_mm is None:
-        return recording
-    said = f"guessed: the gel is {known.thickness_mm:g} mm thick, as the calibration's, and has no sides nearby"
-    sensor = replace(recording.sensor, gel=Gel(known.thickness_mm))
-    return replace(recording, sensor=sensor, warnings=(*recording.warnings, said))
-
-
 def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, form: TractionFormat) -> ForceJob:
-    """What turns a frame into forces: by the profile that was named, or by the recording's own light."""
+    """Return the job that solves forces, by the named profile or by the recording's own light."""
     from tactilevision.force.folder import force_job
 
     sensor = chosen.calibrated(recording)
@@ -307,63 +273,37 @@ def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, 
     return replace(job, anchor=anchor)
 
 
-def _shear(read: list[FrameForce]) -> dict[str, Any]:
-    """In how many of the touched frames the tangential force is known, and the usual reason where it is not."""
-    from collections import Counter
-
-    from tactilevision.force.comparison import touches
-
-    touched = [row for row in read if touches(row)]
-    known = [row for row in touched if np.isfinite(row.resultant_N[0])]
-    why = Counter(words for row in touched if row not in known for words in row.flags.split("; "))
-    reason = next((words for words, _ in why.most_common() if "follow" in words or "shear" in words), "")
-    if touched and not known:
-        console.say(f"  fx and fy are not known: {reason}")
-    elif len(known) < len(touched):
-        console.say(f"  fx and fy are known in {len(known)} of {len(touched)} frames that touch; else {reason}")
-    return {"touched": len(touched), "known": len(known), "why": reason if len(known) < len(touched) else ""}
+def _say_shear(shear: dict[str, int | str]) -> None:
+    """Print in how many frames with contact the tangential force is known, and why not in others."""
+    if shear["known"] == 0 < int(shear["touched"]):
+        console.say(f"  fx and fy are not known: {shear['why']}")
+    elif shear["known"] != shear["touched"]:
+        counted = f"{shear['known']} of {shear['touched']} frames with contact"
+        console.say(f"  fx and fy are known in {counted}; else {shear['why']}")
 
 
-def _beside(found: Residuals | None, *, zero_left: bool) -> dict[str, Any] | None:
+def _say_residuals(compared: Residuals | None, *, has_offset: bool) -> dict[str, Any] | None:
+    """Print and return the summary of the difference from the force sensor."""
     from tactilevision.force.comparison import summary
 
-    if found is None:
+    if compared is None:
         return None
-    said = summary(found)
-    if zero_left:
-        console.say("  the force sensor's zero is in its readings: no presses.csv says when the gel was free")
-    for axis, numbers in said.items():
+    found = summary(compared)
+    if has_offset:
+        console.say("  the force sensor's zero is in its readings: no presses.csv states when the gel was free")
+    for axis, numbers in found.items():
         if numbers["frames"]:
             console.say(
                 f"  f{axis} less the force sensor's: rms {numbers['rms_N']:.3f} N over {numbers['frames']} of "
-                f"{found.touched} frames that touch, "
+                f"{compared.touched} frames with contact, "
                 f"{100 * (numbers['inside_interval95'] or 0):.0f} % inside the 95 % interval of both"
             )
-    for why, count in found.left_out.items():
-        console.say(f"  {count} frames that touch are not compared: {why}")
-    ratio = said["z"]["ratio"]
+    for why, count in compared.left_out.items():
+        console.say(f"  {count} frames with contact are not compared: {why}")
+    ratio = found["z"]["ratio"]
     if ratio is not None and not 0.5 < ratio < 2:
         console.warn([f"fz is {ratio:.2g} of the F/T reading: is this the calibration of another sensor?"])
-    return said
-
-
-def _left(rows: tuple[FrameForce, ...], reading_std_N: Sequence[float] | None) -> Residuals | None:
-    """What is left beside the F/T sensor; contacts that the border cuts count only where there are no others."""
-    from tactilevision.force.comparison import residuals
-    from tactilevision.force.field import CUT
-
-    found = residuals(rows, flagged=(CUT,), reading_std_N=reading_std_N)
-    return found if found is None or found.usable.any() else residuals(rows, reading_std_N=reading_std_N)
-
-
-def _strength(rows: tuple[FrameForce, ...]) -> list[float]:
-    """fz of each frame, NaN for none; of contacts that the border cuts only where there are no others."""
-    from tactilevision.force.field import CUT
-
-    whole = [row.resultant_N[2] if row.read and CUT not in row.flags else float("nan") for row in rows]
-    if any(force > 0 for force in whole):
-        return whole
-    return [row.resultant_N[2] if row.read else float("nan") for row in rows]
+    return found
 
 
 def _figures(
@@ -372,34 +312,34 @@ def _figures(
     rows: tuple[FrameForce, ...],
     folder: Path,
     *,
-    left: Residuals | None,
+    compared: Residuals | None,
     most: int,
 ) -> list[dict[str, Any]]:
-    """Draw the strongest frames, the course of the resultant, what E and nu do to it, and what is left."""
-    from tactilevision.cli import source as moments
-    from tactilevision.plots import force as draw, force as resultants, style
+    """Draw the strongest frames, the resultant over time, its sensitivity to E and nu, and its residual."""
+    from tactilevision.batch.selection import strongest_frames
+    from tactilevision.force.comparison import strength_N
+    from tactilevision.plots import force as draw, style
     from tactilevision.recording.pictures import read_frame
 
-    said: list[dict[str, Any]] = []
-    strength = _strength(rows)
-    for number in moments.telling(recording, strength, most=most):
+    sensitivity: list[dict[str, Any]] = []
+    strength = strength_N(rows)
+    for number in strongest_frames(recording, strength, most=most):
         solved = job.solve(read_frame(recording, number))
         figure = draw.draw_force(solved.found, solved.height, shear=solved.shear)
         style.save_figure(figure, folder / f"{Path(rows[number].frame).stem}_force.png")
     best = int(np.nanargmax(strength)) if np.isfinite(strength).any() else -1
     if best >= 0 and strength[best] > 0:
         solved = job.solve(read_frame(recording, best))
-        said = _sensitivity(job, solved.found, job.sensitivity(solved), folder)
-    style.save_figure(resultants.draw_resultants(rows, recording.presses), folder / "resultants.png")
-    if left is not None:
-        style.save_figure(resultants.draw_residuals(left), folder / "residuals.png")
+        sensitivity = _sensitivity(solved.found, job.sensitivity(solved), folder)
+    style.save_figure(draw.draw_resultants(rows, recording.presses), folder / "resultants.png")
+    if compared is not None:
+        style.save_figure(draw.draw_residuals(compared), folder / "residuals.png")
     console.say(f"figures are in {folder}")
-    return said
+    return sensitivity
 
 
-def _sensitivity(
-    job: ForceJob, found: TractionMap, ranges: tuple[Sensitivity, ...], folder: Path
-) -> list[dict[str, Any]]:
+def _sensitivity(found: TractionMap, ranges: tuple[Sensitivity, ...], folder: Path) -> list[dict[str, Any]]:
+    """Draw and print the change of fz over the intervals of E and nu."""
     from tactilevision.plots import force as draw, style
 
     if not ranges:

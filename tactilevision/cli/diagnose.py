@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -14,7 +12,6 @@ import typer
 
 from tactilevision.cli import console, pictures as keep
 from tactilevision.cli.analysis import (
-    ANSWERED,
     Private,
     Recordings,
     Seed,
@@ -23,11 +20,8 @@ from tactilevision.cli.analysis import (
     commands_of,
     keep_history,
     named_effects,
-    observed,
-    taken_with_nu,
 )
 from tactilevision.cli.compare import forget_found, keep_calibration
-from tactilevision.cli.measure import with_what_was_read
 
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
@@ -35,9 +29,8 @@ if TYPE_CHECKING:
     from calibration.model.stages import Effect
     from calibration.report.diagnosis_report import Drawn, Evidence
     from calibration.report.drawing import Card, ResidualMap
-    from calibration.report.report import Picture
+    from calibration.report.page import Picture
     from calibration.tasks.session import Step
-    from tactilevision.cli.measure import Taken
     from tactilevision.cli.pictures import FigureFolder
 
 
@@ -64,48 +57,45 @@ def diagnose(
     time_limit: TimeLimit = None,
 ) -> None:
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
-    import numpy as np
-
-    from calibration.inputs.deadline import Deadline, Watch
-    from calibration.laws.flat_punch import elastomer_bound
+    from calibration.inputs.deadline import Deadline
     from calibration.report.diagnosis_report import summary
-    from calibration.tasks import diagnose as method
     from calibration.tasks.session import Step
     from tactilevision.cli.pictures import FigureFolder
-    from tactilevision.cluster.pool import step_pool
     from tactilevision.files.writing import staged, write_json
+    from tactilevision.pipeline import certify_recordings, diagnose_recording, height_residuals
 
-    deadline, bound = Deadline.after(time_limit), elastomer_bound(prior)
+    deadline = Deadline.after(time_limit)
     (sure, sure_files), (own, own_files) = named_effects(known), named_effects(private)
-    taken, bulge = taken_with_nu(recordings, cluster=cluster)
-    with step_pool(workers, cluster) as each, console.progress_bar("diagnosing:") as progress:
-        watch, data = Watch(progress, deadline, each), observed(taken)
-        asked = partial(method.diagnose, data, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
-        alone = asked(np.random.default_rng(seed))
-    found, files = _with_what_was_read(alone, taken), sure_files | own_files
+    taken = certify_recordings(recordings, scale_doubt=False, cluster=cluster, listener=console)
+    found = diagnose_recording(
+        taken,
+        effects=own,
+        known=sure,
+        prior=prior,
+        seed=seed,
+        deadline=deadline,
+        workers=workers,
+        cluster=cluster,
+        listener=console,
+    )
+    files = sure_files | own_files
     steps = [*(Step(effect.key, files.get(effect.key, "")) for effect in sure), *steps_of(found, files)]
     commands = commands_of(recordings, found, files, prior=prior)
-    surfaces = reliefs(taken)
+    surfaces = height_residuals(taken)
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
     with staged(out) as stage:
         write_json(stage / "diagnosis.json", content)
         keep_history(recordings, steps, stage, out=out, settings=Settings(seed, prior, apply))
         if apply:
             keep_calibration(out, stage)
-            write_json(stage / "calibration.json", found.after.as_json())
+            write_json(stage / "calibration.json", found.material.after.as_json())
         title = "Diagnosis of " + ", ".join(one.recording.name for one in taken)
         figures = FigureFolder(stage, form)
         write_diagnosis(found, figures, title=title, private=own, reliefs=surfaces, commands=commands)
     forget_found(out)
-    console.warn(alone.after.warnings)
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content, json)
-
-
-def _with_what_was_read(found: Diagnosis, taken: Sequence[Taken]) -> Diagnosis:
-    before, after = (with_what_was_read(one, taken, answered=ANSWERED) for one in (found.before, found.after))
-    return replace(found, before=before, after=after)
 
 
 def steps_of(found: Diagnosis, files: Mapping[str, str]) -> list[Step]:
@@ -114,11 +104,11 @@ def steps_of(found: Diagnosis, files: Mapping[str, str]) -> list[Step]:
     from calibration.report.misfit import error_fall_of_sight
     from calibration.tasks.session import Step
 
-    named = {e.key: e for e in found.fitted.model.effects}
+    named = {e.key: e for e in found.fits.fitted.model.effects}
     errors, added = found.errors, [e.key for e in found.effects if e.key in named]
     steps = [
         Step(written(named[key]), files.get(key, ""), errors.before, errors.after, *held, errors.floor)
-        for key, held in zip(added, pairwise(found.held_out), strict=True)
+        for key, held in zip(added, pairwise(found.errors.held_out_N), strict=True)
     ]
     for fall in error_fall_of_sight(found):
         keys = [e.key for e in found.effects if e.key not in named]
@@ -172,12 +162,15 @@ def evidence(
     curves = force_curves(fits)
     fall = error_fall_of_diagnosis(found)
     plain = plain_card(found)
-    before_after = {BASE: found.before.youngs_modulus, after_words(found): found.after.youngs_modulus}
+    before_after = {
+        BASE: found.material.before.youngs_modulus,
+        after_words(found): found.material.after.youngs_modulus,
+    }
     with console.progress_bar("drawing") as progress:
         return Evidence(
             misfit=[
                 *_of_odd_presses(found, folder),
-                *keep.keep_presses(curves, found.base.data.gel.thickness_mm, folder),
+                *keep.keep_presses(curves, found.fits.base.data.gel.thickness_mm, folder),
                 *_strips(found, fits, folder),
             ],
             fall=keep.keep_falls([*([fall] if len(fall.models) > 1 else []), *error_fall_of_sight(found)], folder),
@@ -194,14 +187,14 @@ def shown_fits(found: Diagnosis) -> dict[str, Fit]:
     """The plain law's fit, and the last one's where effects of the force were added."""
     from calibration.report.misfit import BASE
 
-    named = [e.key.replace("_", " ") for e in found.effects if e.key in found.fitted.model.keys]
-    return {BASE: found.base} | ({f"+ {' + '.join(named)}": found.fitted} if named else {})
+    named = [e.key.replace("_", " ") for e in found.effects if e.key in found.fits.fitted.model.keys]
+    return {BASE: found.fits.base} | ({f"+ {' + '.join(named)}": found.fits.fitted} if named else {})
 
 
 def _strips(found: Diagnosis, fits: dict[str, Fit], folder: FigureFolder) -> list[Picture]:
     from calibration.report.misfit import residual_strips
 
-    scored = [found.covariates_before, found.covariates][: len(fits)]
+    scored = [found.search.covariates_before, found.search.covariates][: len(fits)]
     return keep.keep_strips(residual_strips(fits, scored), folder)
 
 
@@ -277,34 +270,6 @@ def _drawn(card: Card, folder: FigureFolder) -> Drawn:
     name = _words(card.overlay.key)
     words = f"Orange: what is left without it; black: what {name} explains of it; blue: what is left with {name}."
     return Drawn(card, folder.keep(draw_overlay(card.overlay), f"candidates/{card.key}.png", caption=words))
-
-
-def reliefs(taken: Sequence[Taken]) -> list[ResidualMap]:
-    """What the height maps of each recording with frames leave."""
-    from calibration.report.drawing import Surface, residual_map
-
-    found = []
-    for one in taken:
-        if one.certificate is None or one.recording.sensor.gel is None:
-            continue
-        surfaces = []
-        for point in one.certificate.points:
-            evidence = one.certificate.evidence.get(point.press)
-            if not point.accepted or evidence is None or evidence.height_map is None or evidence.footprint is None:
-                continue
-            indenter = one.recording.indenters[point.indenter]
-            surfaces.append(
-                Surface(
-                    evidence.height_map,
-                    evidence.footprint.centre_mm,
-                    indenter.radius_mm,
-                    point.depth_mm,
-                    indenter.bevel,
-                )
-            )
-        left = residual_map(surfaces, one.recording.sensor.gel)
-        found += [left] if left is not None else []
-    return found
 
 
 def _words(key: str) -> str:

@@ -1,4 +1,4 @@
-"""`tactilevision live --camera 0`: frames as they come into depth, contact and force."""
+"""Command `live`: depth, contact and force of frames as they come."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from tactilevision.files.runs import output_lock
 if TYPE_CHECKING:
     from tactilevision.heightmap.reconstructor import Reconstructor
     from tactilevision.robots.camera import Audit, Shot, Source
-    from tactilevision.robots.live import Counts, Stream, Told
+    from tactilevision.robots.live import Counts, LiveResult, Stream
 
-EVERY_S = 1.0  # s between two lines on the terminal
+EVERY_S = 1  # s between two lines on the terminal
 TABLE = "live.csv"
 
 
 class Format(StrEnum):
-    """What a camera sends: `camera.sources.FORMATS`."""
+    """Formats of a camera: `robots.camera.FORMATS`."""
 
     MJPEG = "mjpeg"
     RAW = "raw"
@@ -46,20 +46,20 @@ def live(
     indenter: Annotated[
         str | None, typer.Option(help="Look for the face of this indenter of the profile.")
     ] = None,
-    form: Annotated[Format | None, typer.Option("--format", help="What the camera is to send.")] = None,
-    rate: Annotated[float, typer.Option(min=0.1, help="Frames a second of a video or folder.")] = 30.0,
+    form: Annotated[Format | None, typer.Option("--format", help="Format of the camera's frames.")] = None,
+    rate: Annotated[float, typer.Option(min=0.1, help="Frames a second of a video or folder.")] = 30,
     every: Annotated[
-        bool, typer.Option("--every", help="Of a video or folder read every frame, however long it takes.")
+        bool, typer.Option("--every", help="Read every frame of a video or folder, however long it takes.")
     ] = False,
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="Stop after so long.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="Stop after so many seconds.")] = None,
     preview: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Show a page on this port of this machine; 0: a free one.")
+        int | None, typer.Option(min=0, max=65535, help="Serve a page on this local port; 0: a free one.")
     ] = None,
     foxglove: Annotated[
         bool, typer.Option("--foxglove", help="Serve Foxglove on this machine: pictures, maps, wrench.")
     ] = False,
-    mcap: Annotated[Path | None, typer.Option(help="Write the same into this MCAP file.")] = None,
+    mcap: Annotated[Path | None, typer.Option(help="Write the same to this MCAP file.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for live.csv; made if missing.")] = None,
     json: console.JsonOption = None,
 ) -> None:
@@ -67,11 +67,11 @@ def live(
     from tactilevision.robots.preview import check_installed
 
     if foxglove or mcap is not None:
-        check_installed()  # before the camera is looked at
+        check_installed()
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
 
-    def listeners(stack: ExitStack) -> tuple[list[Callable[[Told, float], None]], Path | None]:
+    def listeners(stack: ExitStack) -> tuple[list[Callable[[LiveResult, float], None]], Path | None]:
         return _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap), _table(stack, out)
 
     _play(opened, listeners, until=(frames, seconds), every=every, json=json)
@@ -79,33 +79,33 @@ def live(
 
 def _play(
     opened: _Opened,
-    listeners: Callable[[ExitStack], tuple[list[Callable[[Told, float], None]], Path | None]],
+    listeners: Callable[[ExitStack], tuple[list[Callable[[LiveResult, float], None]], Path | None]],
     *,
     until: tuple[int | None, float | None],
     every: bool,
     json: Path | None,
 ) -> None:
-    """Audit what was opened, then read it frame by frame `until` so many frames or seconds; say both."""
+    """Audit the source, then read it frame by frame `until` so many frames or seconds, and print both."""
     from tactilevision.robots.camera import Newest, audit
     from tactilevision.robots.live import Counts, run
 
     found = audit(opened.first, timed=not opened.source.waits)
-    _tell_audit(opened, found)
+    _say_audit(opened, found)
     counts, newest = Counts(), Newest(opened.source, every=every)
     try:
         with ExitStack() as stack:
-            teller = _Teller(counts, opened.stream, *listeners(stack), *until)
-            run(stack.enter_context(newest), opened.stream, counts=counts, tell=teller)
-    finally:  # also where the camera went, or Ctrl-C was typed
-        _tell_end(counts, newest.came, newest.dropped)
-        console.hand_over(_as_json(counts, found, newest.dropped), json)
+            reporter = _Reporter(counts, opened.stream, *listeners(stack), *until)
+            run(stack.enter_context(newest), opened.stream, counts=counts, report=reporter)
+    finally:  # also where the camera has gone, or after Ctrl-C
+        _say_end(counts, newest.came, newest.dropped)
+        console.hand_over(counts.as_json() | {"dropped": newest.dropped, "audit": found.as_json()}, json)
     if not counts.read:
         raise InputError("no frame could be read", where="live", value=counts.why or f"{newest.came} frames came")
 
 
 @dataclass(frozen=True, slots=True)
 class _Opened:
-    """A source, its first shots for the audit, and the stream that its frames go through."""
+    """A source, its first shots for the audit, its stream and its warnings."""
 
     source: Source
     first: list[Any]
@@ -126,15 +126,11 @@ def _open(
         return _Opened(device, first, Stream(_calibrated(chosen, indenter), even_so=chosen.even_so), device.doubts)
     if form is not None:
         raise InputError(
-            "only a camera is told what to send", where="--format", value=form.value, remedy="Leave it out."
+            "only a camera has a format of frames", where="--format", value=form.value, remedy="Omit it."
         )
     if "://" in camera:
-        raise InputError(
-            "streams of a network are not read",
-            where="--camera",
-            value=camera,
-            remedy="Name a camera's number, a video or a folder of pictures; in code, hand frames to Stream.",
-        )
+        remedy = "Name a camera's number, a video or a folder of pictures; in code, pass frames to Stream."
+        raise InputError("network streams are not supported", where="--camera", value=camera, remedy=remedy)
     recording = chosen.open(Path(camera))
     plain = chosen.profile is None
     stream = Stream(chosen.light(recording) if plain else _calibrated(chosen, indenter), even_so=chosen.even_so)
@@ -149,11 +145,8 @@ def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
     from tactilevision.recording.model import faults_of_reference
 
     if chosen.profile is None:
-        raise InputError(
-            "a camera needs a calibrated sensor",
-            where="live",
-            remedy="Make one with `tactilevision calibrate-sensor`, and name it with --sensor FILE.tvs.",
-        )
+        remedy = "Make one with `tactilevision calibrate-sensor`, and name it with --sensor FILE.tvs."
+        raise InputError("a camera needs a calibrated sensor", where="live", remedy=remedy)
     sensor = CalibratedSensor(chosen.profile, indenter=indenter)
     flats = list_references(chosen.reference)
     if not flats:
@@ -162,8 +155,8 @@ def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
         return sensor.with_reference([read_image(path) for path in flats])
 
 
-def _tell_audit(opened: _Opened, found: Audit) -> None:
-    """What the first frames say of the camera, of the reference, and of the sensor."""
+def _say_audit(opened: _Opened, found: Audit) -> None:
+    """Print the audit of the camera, and warnings of the reference and the sensor, by the first frames."""
     from tactilevision.records.maps import Frame
 
     reader = opened.stream.reconstructor
@@ -176,9 +169,9 @@ def _tell_audit(opened: _Opened, found: Audit) -> None:
 
 def _shows(
     stack: ExitStack, stream: Stream, preview: int | None, *, foxglove: bool, mcap: Path | None
-) -> list[Callable[[Told, float], None]]:
-    """What each moment is handed to: a page, Foxglove, a file; open until the stack ends."""
-    found: list[Callable[[Told, float], None]] = []
+) -> list[Callable[[LiveResult, float], None]]:
+    """Open the page, Foxglove and its file until the stack ends; return the functions that take each result."""
+    found: list[Callable[[LiveResult, float], None]] = []
     if preview is not None:
         from tactilevision.robots.preview import Preview
 
@@ -194,7 +187,7 @@ def _shows(
 
 
 def _table(stack: ExitStack, out: Path | None) -> Path | None:
-    """live.csv with its header, in a folder that is held until the stack ends; None where none is asked for."""
+    """Begin live.csv in a folder that is locked until the stack ends; None without --out."""
     from tactilevision.files.writing import write_text
     from tactilevision.robots.live import COLUMNS
 
@@ -206,40 +199,40 @@ def _table(stack: ExitStack, out: Path | None) -> Path | None:
 
 
 @dataclass
-class _Teller:
-    """Hands each frame to what shows it, the table, and now and then the terminal; says when it is enough."""
+class _Reporter:
+    """Report each result to the views, the table, and every second the terminal; return False at the end."""
 
     counts: Counts
     stream: Stream
-    shows: list[Callable[[Told, float], None]]
+    shows: list[Callable[[LiveResult, float], None]]
     table: Path | None
     frames: int | None
     seconds: float | None
-    spoken_s: float = 0.0
+    printed_s: float = 0.0
     named: bool = False
 
-    def __call__(self, told: Told) -> bool:
+    def __call__(self, result: LiveResult) -> bool:
         from tactilevision.files.writing import append_text
         from tactilevision.records.maps import LIGHT
         from tactilevision.robots.preview import words
 
-        if LIGHT in told.moment.height.flags and not self.named:
-            self.named = True  # once: it takes longer than a frame
-            console.warn(_faults(self.stream.reconstructor, told.shot))
+        if LIGHT in result.moment.height.flags and not self.named:
+            self.named = True  # once, as it takes longer than a frame
+            console.warn(_faults(self.stream.reconstructor, result.shot))
         for show in self.shows:
-            show(told, self.counts.rate_Hz)
+            show(result, self.counts.rate_Hz)
         if self.table is not None:
-            append_text(self.table, told.as_row())
+            append_text(self.table, result.as_row())
         now_s = time.monotonic()
-        if now_s - self.spoken_s >= EVERY_S:
-            self.spoken_s = now_s
-            console.say("; ".join(words(told, rate_Hz=self.counts.rate_Hz)))
+        if now_s - self.printed_s >= EVERY_S:
+            self.printed_s = now_s
+            console.say("; ".join(words(result, rate_Hz=self.counts.rate_Hz)))
         enough = self.frames is not None and self.counts.read >= self.frames
         return not (enough or (self.seconds is not None and now_s - self.counts.began_s >= self.seconds))
 
 
 def _faults(reader: Reconstructor, shot: Shot) -> list[str]:
-    """What happened since the reference to the picture of a shot, by name."""
+    """Return the changes of the scene between the reference and a shot."""
     from tactilevision.heightmap.scene_faults import scene_faults
     from tactilevision.records.maps import Frame
 
@@ -249,30 +242,15 @@ def _faults(reader: Reconstructor, shot: Shot) -> list[str]:
     return [f"{shot.name}: {fault.sentence}" for fault in found]
 
 
-def _tell_end(counts: Counts, came: int, dropped: int) -> None:
-    from tactilevision.records.maps import told
+def _say_end(counts: Counts, came: int, dropped: int) -> None:
+    from tactilevision.records.maps import flag_messages
 
     if counts.read:
         console.say(
             f"{counts.read} frames read of {came} that came, {dropped} dropped, {counts.rate_Hz:.1f} a second; "
-            f"95 of 100 were known within {counts.age95_ms:.1f} ms of coming",
+            f"95 % had a result within {counts.age95_ms:.1f} ms of arrival",
             *counts.lines(),
         )
-        console.warn(told(counts.flags, counts.read))
+        console.warn(flag_messages(counts.flags, counts.read))
     if counts.refused:
         console.warn([f"{counts.refused} frames were refused, the last because {counts.why}"])
-
-
-def _as_json(counts: Counts, found: Audit, dropped: int) -> dict[str, Any]:
-    from tactilevision.robots.live import EDGES_MS
-
-    return {
-        "frames": counts.read,
-        "dropped": dropped,
-        "refused": counts.refused,
-        "rate_Hz": counts.rate_Hz,
-        "age95_ms": counts.age95_ms,
-        "flags": dict(counts.flags),
-        "histogram": [[float(edge), int(count)] for edge, count in zip(EDGES_MS, counts.histogram, strict=True)],
-        "audit": found.as_json(),
-    }

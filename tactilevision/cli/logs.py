@@ -1,4 +1,4 @@
-"""Run the commands `import`, `export` and `lerobot`: robots' logs and data sets."""
+"""Commands `import`, `export` and `lerobot`: robots' logs and data sets."""
 
 from __future__ import annotations
 
@@ -10,10 +10,7 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.cli.source import check_scale
-from tactilevision.errors import InputError
 from tactilevision.robots.messages import Clock
-
-# `tactilevision import LOG --frames TOPIC --out RECORDING`: a robot's log into a recording.
 
 
 def import_log(
@@ -23,7 +20,7 @@ def import_log(
     out: Annotated[Path, typer.Option("--out", help="Folder of the recording; made if missing.")],
     frames: Annotated[
         str | None,
-        typer.Option(metavar="TOPIC", help="Pictures: Image or CompressedImage; the only such topic if left out."),
+        typer.Option(metavar="TOPIC", help="Pictures: Image or CompressedImage; the only such topic if omitted."),
     ] = None,
     wrench: Annotated[str | None, typer.Option(metavar="TOPIC", help="Forces: WrenchStamped.")] = None,
     clock: Annotated[Clock, typer.Option(help="Times of the headers, or those of the log.")] = Clock.HEADER,
@@ -36,10 +33,10 @@ def import_log(
     ] = None,
     json: console.JsonOption = None,
 ) -> None:
-    """Turn a log of ROS 1, ROS 2 or MCAP into a recording: frames, forces and their times. No ROS is needed."""
-    from tactilevision.robots.log_import import ImportSettings, import_log, the_picture_topic
+    """Convert a log of ROS 1, ROS 2 or MCAP to a recording: frames, forces and their times. No ROS is needed."""
+    from tactilevision.robots.log_import import ImportSettings, import_log, parse_rotation, the_picture_topic
 
-    turn = _rotation(rotation)
+    turn = None if rotation is None else parse_rotation(rotation)
     frames = frames or the_picture_topic(log)
     settings = ImportSettings(frames, wrench, clock, sensor, mm_per_px, turn)
     found = import_log(log, out, settings)
@@ -52,35 +49,8 @@ def import_log(
     console.hand_over(asdict(found), json)
 
 
-def _rotation(text: str | None) -> tuple[tuple[float, float, float], ...] | None:
-    import numpy as np
-
-    from tactilevision.recording.read_tables import turns
-
-    if text is None:
-        return None
-    try:
-        a, b, c, d, e, f, g, h, i = (float(part) for part in text.split(","))
-    except ValueError as fault:
-        raise InputError("nine numbers with commas between are needed", where="--rotation", value=text) from fault
-    rows = (a, b, c), (d, e, f), (g, h, i)
-    if not turns(np.array(rows)):
-        raise InputError(
-            "these nine numbers do not turn without stretching",
-            where="--rotation",
-            value=text,
-            remedy="Rows have length 1 and stand at right angles: the picture's x, y and z in the wrench's axes.",
-        )
-    return rows
-
-
-# `tactilevision export RECORDING --depth FOLDER --out FILE`: depth and force as a log of ROS.
-
-
 def export_log(
-    path: Annotated[
-        Path, typer.Argument(metavar="RECORDING", help="The recording that the frames' times are in.")
-    ],
+    path: Annotated[Path, typer.Argument(metavar="RECORDING", help="The recording, which has the frames' times.")],
     out: Annotated[Path, typer.Option("--out", help="FILE.mcap, FILE.bag (ROS 1), or a ROS 2 folder to make.")],
     depth: Annotated[Path | None, typer.Option(help="The folder that `tactilevision depth` wrote.")] = None,
     force: Annotated[Path | None, typer.Option(help="The folder that `tactilevision force` wrote.")] = None,
@@ -88,7 +58,7 @@ def export_log(
     frame_id: Annotated[str, typer.Option(help="Frame of reference of all messages.")] = "gel_pad",
     json: console.JsonOption = None,
 ) -> None:
-    """Write depth (Image, 32FC1, metres) and force (WrenchStamped) into a log. No ROS is needed."""
+    """Write depth (Image, 32FC1, metres) and force (WrenchStamped) to a log. No ROS is needed."""
     from tactilevision.robots.log_export import export_log
 
     found = export_log(source.Choice(sensor).open(path), out, depth=depth, force=force, frame_id=frame_id)
@@ -98,27 +68,24 @@ def export_log(
     console.hand_over(asdict(found), json)
 
 
-# `tactilevision lerobot DATASET --camera KEY --sensor FILE.tvs`: depth and force beside frames.
-
-
 def lerobot(
     dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="A data set of LeRobot, version 3.")],
     camera: Annotated[str, typer.Option(metavar="KEY", help="The tactile camera: observation.images.tactile.")],
     sensor: Annotated[Path, typer.Option(help="The sensor's profile (.tvs).")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the new data set; made if missing.")],
-    shrink: Annotated[int, typer.Option(min=1, help="Depth as means of so many pixels squared.")] = 4,
+    shrink: Annotated[int, typer.Option(min=1, help="Depth as means of blocks of so many pixels squared.")] = 4,
     json: console.JsonOption = None,
 ) -> None:
-    """Write a data set that also has depth, contact and force; frames are kept as they are."""
+    """Write a data set with depth, contact and force added; frames are unchanged."""
     from tactilevision.profile.sensor import load_sensor
     from tactilevision.robots.lerobot import annotate
     from tactilevision.robots.lerobot_dataset import read_dataset
 
     source, reader = read_dataset(dataset, camera), load_sensor(sensor)
     with console.progress_bar("frames") as progress:
-        found = annotate(source, reader, out, shrink=shrink, tell=progress)
+        found = annotate(source, reader, out, shrink=shrink, progress=progress)
     console.say(f"{found.frames} frames of {found.episodes} episodes, {found.in_contact} in contact: {out}")
     console.say("new features: " + ", ".join(found.features))
-    unread = [f"{found.not_read} frames were not read: their flags say why"] if found.not_read else []
+    unread = [f"{found.not_read} frames were not read: see their flags"] if found.not_read else []
     console.warn([*found.warnings, *unread])
     console.hand_over(asdict(found), json)

@@ -1,4 +1,4 @@
-"""Write the pictures of a calibration and of its misfit, with captions, to a folder."""
+"""Figures of a calibration and of its residuals, written with captions to a folder."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibration.report.report import Picture
+from calibration.report.page import Picture
 from tactilevision.cli.console import Progress
 from tactilevision.files.writing import plain_name
-from tactilevision.plots import calibration as indentation, style
-from tactilevision.plots.calibration import draw_press
+from tactilevision.plots import calibration as indentation, misfit, style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,25 +24,22 @@ if TYPE_CHECKING:
     from tactilevision.records.misfit import ErrorFall, ForceCurves, ResidualStrips
 
 
-# The pictures of a calibration, written into its folder and handed to the report.
-
-
 @dataclass(frozen=True, slots=True)
 class FigureFolder:
-    """Where the figures of a report go: each as PNG, and in `form` beside it where that is another."""
+    """The folder of a report's figures, each as PNG, and in `form` where that is another."""
 
     path: Path
     form: str = "png"
 
     def keep(self, figure: Figure, name: str, *, caption: str = "") -> Picture:
-        """Write a figure as NAME.png, and give it to the report."""
+        """Write a figure as NAME.png, and return it for the report."""
         path = self.path / name
         style.save_figure(figure, path, form=self.form)
         return Picture(style.data_uri(path), caption)
 
 
 def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folder: FigureFolder) -> list[Picture]:
-    """Force against depth with the fitted law, and E over nu."""
+    """Draw force against depth with the fitted law, and E over nu."""
     from calibration.report.drawing import drawn_points, fitted_lines
 
     fitted = result.fitted
@@ -56,26 +52,25 @@ def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folde
 
 
 def _material(result: CalibrationResult, folder: FigureFolder) -> Picture:
-    """E over nu: the joint region and the routes where there are any, else the curve with its intervals."""
-    words = "One punch fixes the curve; what is known of ν picks the part of it."
+    """Draw E over nu: the joint region and the routes where there are any, else the curve with its intervals."""
+    words = "One punch determines the curve; what is known of ν selects the part of it."
     if not result.routes:
         plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
         return folder.keep(indentation.draw_material(*plain), "material.png", caption=words)
     from calibration.result.uncertainty import joint_picture
-    from tactilevision.plots.calibration import draw_joint
 
     seen = joint_picture(result)
     routes = [(band.name, band.interval, band.used) for band in seen.bands]
-    words += " The region holds both at 95 %; where friction is unknown it reaches down to a gel that sticks,"
-    words += " where no edge is stated up to a rounded one."
-    drawn = draw_joint(seen.curve, seen.region, best=seen.best, routes=routes)
+    words += " The region contains both at 95 %; where friction is unknown it includes a gel that sticks,"
+    words += " where no edge is stated a rounded one."
+    drawn = indentation.draw_joint(seen.curve, seen.region, best=seen.best, routes=routes)
     return folder.keep(drawn, "material.png", caption=words)
 
 
 def of_presses(
     recording: Recording, certificate: Certificate, *, folder: FigureFolder, progress: Progress
 ) -> list[Picture]:
-    """One strip for each press that left evidence."""
+    """Draw each press that has evidence."""
     from tactilevision.errors import RecordingError
     from tactilevision.recording.pictures import read_frame
     from tactilevision.sensors.rectification import rectify
@@ -89,24 +84,24 @@ def of_presses(
                 try:
                     rgb = rectify(recording.sensor, read_frame(recording, evidence.frame_index).rgb)
                 except RecordingError:
-                    rgb = None  # a torn frame has no picture; the strip says so
-            figure = draw_press(evidence, point, rgb=rgb)
+                    rgb = None  # a damaged frame
+            figure = indentation.draw_press(evidence, point, rgb=rgb)
             words = "; ".join(finding.text for finding in evidence.findings)
             name = f"presses/{picture_name(point.press, number)}"
-            caption = f"Press {point.press}: " + (words or "nothing against it.")
+            caption = f"Press {point.press}: " + (words or "no objection.")
             pictures.append(folder.keep(figure, name, caption=caption))
         progress(number, len(certificate.points))
     return pictures
 
 
 def picture_name(label: str, number: int) -> str:
-    """A file's name for the picture of a press: a label may be any text, also one that a folder cannot hold."""
+    """Return the file's name of the picture of a press, whose label may be any text."""
     plain = plain_name(label)
     return f"{plain}.png" if plain == label else f"{number:03d}_{plain}.png"
 
 
 def of_history(rows: Sequence[HistoryRow], folder: FigureFolder) -> None:
-    """E over time."""
+    """Draw E over time."""
     names = [row.date or row.recording for row in rows]
     drawn = indentation.draw_history(
         names, [row.youngs_modulus for row in rows], moved=[row.moved for row in rows]
@@ -114,109 +109,96 @@ def of_history(rows: Sequence[HistoryRow], folder: FigureFolder) -> None:
     folder.keep(drawn, "history.png")
 
 
-# Pictures of models against measurements, kept in a folder, each with a caption that names its colours.
+# Figures of models against measurements, with captions that name their colours.
 
-TELLING = 4  # presses that are shown first: as many as a screen holds
-SHEET = 6  # presses on a sheet of all of them
-BESIDE = (
-    " Plain bars: the gel beside the faces, each fall of it over the expected one, times the certified depth. "
+SHOWN = 4  # presses in the first figure
+SHEET = 6  # presses on a sheet
+OUTSIDE = (
+    " Plain bars: the gel outside the faces, its measured over its expected fall, times the certified depth. "
     "Hatched: the faces themselves, of whose depth steep walls hide a part."
 )
-SHEETS = 12  # sheets at most; of more presses the most telling are shown
+SHEETS = 12  # sheets at most; of more presses those with the largest differences are shown
 
 
 def keep_falls(falls: Sequence[ErrorFall], folder: FigureFolder) -> list[Picture]:
-    """How the error falls: of the force, and of the picture's depth where that was looked at."""
-    from tactilevision.plots.misfit import draw_error_fall
-
+    """Draw the error of each model: of the force, and of the picture's depth where that was examined."""
     kept = []
     for fall in falls:
         name = "error.png" if fall.unit == "N" else "error_depth.png"
         band = ", shaded its 95 % interval" if fall.band is not None else ""
-        of = "the force" if fall.unit == "N" else "the depth that the picture reads, beside the certified one"
-        repeats = f"dashed: the repeatability, how far like presses scatter{band}"
-        words = f"{coloured(fall.models)} Error of {of}, rms; {repeats}.{BESIDE if fall.faces else ''}"
-        kept.append(folder.keep(draw_error_fall(fall), name, caption=words))
+        of = "the force" if fall.unit == "N" else "the reconstructed depth, compared with the certified one"
+        repeats = f"dashed: the repeatability, the scatter of equal presses{band}"
+        words = f"{coloured(fall.models)} Error of {of}, rms; {repeats}.{OUTSIDE if fall.faces else ''}"
+        kept.append(folder.keep(misfit.draw_error_fall(fall), name, caption=words))
     return kept
 
 
 def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder) -> list[Picture]:
-    """The presses that tell most in time and depth, and all of them as force over depth."""
-    from tactilevision.plots.misfit import draw_overview, draw_presses
-
+    """Draw the presses with the largest differences in time and depth, and all of them as force over depth."""
     kept = []
     if curves.whole:
-        shown = curves.telling(TELLING)
-        chosen = "on which most changes" if len(curves.models) > 1 else "that the model misses most"
+        shown = curves.most_changed(SHOWN)
+        chosen = "that change most" if len(curves.models) > 1 else "with the largest residuals"
         words = (
             f"The {len(shown)} presses {chosen}. Black dots: measured. {coloured(curves.models)} "
-            "On the right what each model leaves, on one scale."
+            "On the right the residual of each model, on one scale."
         )
-        kept.append(folder.keep(draw_presses(curves, shown), "presses.png", caption=words))
+        kept.append(folder.keep(misfit.draw_presses(curves, shown), "presses.png", caption=words))
     words = (
         f"All presses: force over depth against depth over thickness. {radii_coloured(curves)} Black: the model."
     )
-    return [*kept, folder.keep(draw_overview(curves, thickness_mm), "secant.png", caption=words)]
+    return [*kept, folder.keep(misfit.draw_overview(curves, thickness_mm), "secant.png", caption=words)]
 
 
 def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progress) -> list[Picture]:
-    """Sheets of all presses, for those who want to see each; the most telling where they are very many."""
-    from tactilevision.plots.misfit import draw_presses
-
+    """Draw sheets of all presses, or of those with the largest differences where they are very many."""
     if not curves.whole:
         return []
-    shown = curves.telling(SHEET * SHEETS)
+    shown = curves.most_changed(SHEET * SHEETS)
     sheets = [shown[k : k + SHEET] for k in range(0, len(shown), SHEET)]
     kept = []
     for number, sheet in enumerate(sheets, start=1):
         words = f"Presses {sheet[0].label} to {sheet[-1].label}. Black dots: measured. {coloured(curves.models)}"
-        kept.append(folder.keep(draw_presses(curves, sheet), f"presses/sheet_{number:02d}.png", caption=words))
+        kept.append(
+            folder.keep(misfit.draw_presses(curves, sheet), f"presses/sheet_{number:02d}.png", caption=words)
+        )
         progress(number, len(sheets), "presses")
     return kept
 
 
 def keep_strips(shown: ResidualStrips, folder: FigureFolder) -> list[Picture]:
-    """What is left against everything recorded."""
-    from tactilevision.plots.misfit import draw_strips
-
+    """Draw the residuals against everything recorded."""
     if not shown.strips:
         return []
     words = (
-        "Measured less modelled force, the most telling first, all on one scale. "
+        "Measured less modelled force, the most significant first, all on one scale. "
         f"{coloured(shown.models, ends=True)} "
         "Pale dots: single readings; bars: 95 % intervals of the bins' means. "
-        "p that a dependence is chance, for all panels; a trend is one of the presses' means that rise or fall."
+        "p-values account for all panels; a trend is one of the presses' means that rise or fall."
     )
-    return [folder.keep(draw_strips(shown), "residuals.png", caption=words)]
+    return [folder.keep(misfit.draw_strips(shown), "residuals.png", caption=words)]
 
 
 def keep_moduli(names: Sequence[str], moduli: Sequence[Estimate], folder: FigureFolder) -> list[Picture]:
-    """Young's modulus under each model."""
-    from tactilevision.plots.misfit import draw_moduli
-
+    """Draw Young's modulus under each model."""
     words = f"Young's modulus with its 95 % interval. {coloured(names)}"
-    return [folder.keep(draw_moduli(names, moduli), "modulus.png", caption=words)]
+    return [folder.keep(misfit.draw_moduli(names, moduli), "modulus.png", caption=words)]
 
 
 def coloured(models: Sequence[str], *, ends: bool = False) -> str:
-    """Which colour is which model, in words; with `ends` the first and the last alone."""
-    from tactilevision.plots.misfit import model_colours
-    from tactilevision.plots.style import COLOUR_WORDS
-
+    """Return the colours of the models in words; with `ends` of the first and the last alone."""
     names = [name.replace("+ ", "with " if place == 1 else "and with ", 1) for place, name in enumerate(models)]
-    pairs = list(zip(model_colours(len(models)), names, strict=True))
+    pairs = list(zip(misfit.model_colours(len(models)), names, strict=True))
     if ends and len(pairs) > 2:
-        pairs = [pairs[0], (pairs[-1][0], "with all that was added")]
-    said = "; ".join(f"{COLOUR_WORDS[colour]}: {name}" for colour, name in pairs)
+        pairs = [pairs[0], (pairs[-1][0], "the full model")]
+    said = "; ".join(f"{style.COLOUR_WORDS[colour]}: {name}" for colour, name in pairs)
     return f"{said[0].upper()}{said[1:]}." if said else ""
 
 
 def radii_coloured(curves: ForceCurves) -> str:
-    """Which colour is which radius, in words."""
-    from tactilevision.plots.misfit import radius_colours
-    from tactilevision.plots.style import COLOUR_WORDS
-
+    """Return the colours of the radii in words."""
     said = "; ".join(
-        f"{COLOUR_WORDS[colour]}: a = {radius:g} mm" for radius, colour in radius_colours(curves.radii_mm).items()
+        f"{style.COLOUR_WORDS[colour]}: a = {radius:g} mm"
+        for radius, colour in misfit.radius_colours(curves.radii_mm).items()
     )
     return f"Measured, {said}."

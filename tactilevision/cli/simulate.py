@@ -12,18 +12,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console
-from tactilevision.cli.measure import Taken, beside_the_punch, take
 from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from concurrent.futures import Executor
     from contextlib import AbstractContextManager
 
     from calibration.tasks.validate import Validation
     from tactilevision.mechanics.tables.cases import Grid
     from tactilevision.mechanics.tables.solve import Progress
-    from tactilevision.records.measured import Estimate, Material, Pair
 
 
 # `tactilevision simulate OUT`: a recording with known truth.
@@ -201,16 +198,11 @@ def validate(
     some seconds each.
     """
     from calibration.tasks import validate as report
-    from calibration.tasks.calibrate import observe
-    from calibration.tasks.validate import validate as compare
     from tactilevision.files.writing import staged, write_json
+    from tactilevision.pipeline import validate_recording
 
     _check_presses(path)
-    taken, bulge = beside_the_punch(take([path])[0])
-    data = observe([taken.measured])
-    material = _material(taken, calibration, bulge)
-    with console.progress_bar("finite elements") as progress:
-        found = compare(data, material, progress=progress)
+    found = validate_recording(path, calibration=calibration, listener=console)
     content = report.as_json(found)
     with staged(out) as stage:
         write_json(stage / "validation.json", content)
@@ -234,40 +226,6 @@ def _check_presses(path: Path) -> None:
             where=path,
             remedy=f"Name the recording itself, with --calibration {path / CALIBRATION}.",
         )
-
-
-def _material(taken: Taken, calibration: Path | None, bulge: Estimate | None) -> Material:
-    """As stated, as found beside the points, or calibrated now: at the middle of what is not fixed."""
-    from tactilevision.force.calibrated import read_material
-
-    beside = taken.recording.path / CALIBRATION
-    if calibration is not None or beside.is_file():
-        return read_material(calibration or beside)
-    from calibration.tasks.calibrate import calibrate
-
-    clock = taken.certificate.clock_offset if taken.certificate else None
-    result = calibrate(taken.measured, clock_offset=clock, bulge=bulge)
-    if result.material is not None:
-        return result.material
-    return _middle(result.poisson_ratio.interval95, result.youngs_modulus_of_nu)
-
-
-def _middle(interval: Pair | None, modulus_of_nu: Sequence[Pair]) -> Material:
-    """Where the data leave nu open: the middle of its interval, and E at the fitted stiffness there.
-
-    The two vary together along E(nu), by the interval's width.
-    """
-    import numpy as np
-
-    from tactilevision.records.measured import Material
-
-    nus, moduli = np.array(modulus_of_nu).T
-    low, high = interval if interval is not None else (nus[0], nus[-1])
-    nu = (low + high) / 2
-    console.warn([f"the data do not fix nu: the middle of its interval, {nu:.3f}, is taken, and E that fits it"])
-    ends = np.array([np.interp((low, high), nus, moduli), (low, high)])
-    std = np.diff(ends)[:, 0] / 3.92
-    return Material(float(np.interp(nu, nus, moduli)), min(nu, 0.4999), np.outer(std, std))
 
 
 def _draw(found: Validation, folder: Path, form: str) -> None:

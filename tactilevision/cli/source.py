@@ -1,14 +1,12 @@
-"""Open frames of a recording or folder and build their reconstructor for several commands."""
+"""Options that several commands share: frames of a recording or folder, and their reconstructor."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from tactilevision.cli import console
@@ -22,8 +20,6 @@ if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
 
 
-# What several commands begin with: frames of a recording or a bare folder, and the way from them to depth.
-
 SensorOption = Annotated[
     str | None,
     typer.Option(
@@ -34,13 +30,13 @@ SensorOption = Annotated[
 ReferenceOption = Annotated[
     Path | None,
     typer.Option(
-        help="A frame of the untouched gel, or a folder of them; of a bare folder the first frame if left out."
+        help="A frame of the untouched gel, or a folder of them; for a bare folder by default its first frame."
     ),
 ]
 
 
 def check_scale(mm_per_px: float | None) -> float | None:
-    """The value of --mm-per-px. Raises InputError for one that no camera has on a gel."""
+    """Return the value of --mm-per-px. Raises InputError for an implausible one."""
     from tactilevision import sensors
 
     if mm_per_px is not None:
@@ -53,27 +49,25 @@ ScaleOption = Annotated[
     typer.Option(
         "--mm-per-px",
         callback=check_scale,
-        help="Scale of the (rectified) frames; of a bare folder guessed from the sensor if left out.",
+        help="Scale of the (rectified) frames; for a bare folder by default guessed from the sensor.",
     ),
 ]
 MethodOption = Annotated[
     str | None,
-    typer.Option(
-        help="polynomial, auto, lookup, network, or a file that `train` made; left out: the best there is."
-    ),
+    typer.Option(help="polynomial, auto, lookup, network, or a file of `train`; by default the best available."),
 ]
 BallOption = Annotated[
     float | None,
-    typer.Option(min=0.01, max=1000.0, help="Of ball presses without a table: the radius of all balls."),
+    typer.Option(min=0.01, max=1000.0, help="Radius of all balls, for ball presses without a table."),
 ]
 EvenSoOption = Annotated[
-    bool, typer.Option("--even-so", help="Go on though the light's calibration fails its own balls.")
+    bool, typer.Option("--even-so", help="Continue although the light's calibration fails its own balls.")
 ]
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What was said of sensor, untouched gel, light and scale; all of it may be left out."""
+    """Options for sensor, untouched gel, light and scale, each of which may be omitted."""
 
     sensor: str | None = None
     reference: Path | None = None
@@ -83,7 +77,7 @@ class Choice:
 
     @cached_property
     def profile(self) -> Profile | None:
-        """The sensor profile that was named. Raises InputError where it cannot be used with the rest."""
+        """Return the named sensor profile. Raises InputError where other options contradict it."""
         from tactilevision.profile.storage import SUFFIX, read_profile
 
         if self.sensor is None or not self.sensor.lower().endswith(SUFFIX):
@@ -91,13 +85,13 @@ class Choice:
         for option, value in (("--method", self.method), ("--mm-per-px", self.mm_per_px)):
             if value is not None:
                 raise InputError(
-                    "is said by the sensor profile already", where=option, value=value, remedy="Leave it out."
+                    "is determined by the sensor profile", where=option, value=value, remedy="Omit it."
                 )
         return read_profile(self.sensor)
 
     @property
     def way(self) -> str:
-        """What decides how frames are read: the method's name or content, or the profile's; and the scale."""
+        """Return what determines the maps: name or hash of method or profile, and the scale."""
         from tactilevision.photometric.catalogue import PHOTOMETRIC
         from tactilevision.photometric.storage import digest
 
@@ -110,7 +104,7 @@ class Choice:
     def open(self, path: Path, *, needs_frames: bool = True) -> Recording:
         """Read a recording, or a bare folder of frames whose sensor is named.
 
-        Not `needs_frames`: one that holds ball presses alone will do.
+        Unless `needs_frames`, ball presses alone suffice.
         """
         from tactilevision.recording.folder import read_folder
         from tactilevision.recording.model import require
@@ -134,18 +128,16 @@ class Choice:
         return recording
 
     def open_branch(self, path: Path) -> Recording:
-        """A source in a tree: without a profile, a recording knows its own sensor and reference."""
+        """Open a source in a tree; without a profile, a recording has its own sensor and reference."""
         from tactilevision.recording import layout
 
         own = self.profile is None and (path / layout.SETTINGS).is_file()
         return Choice(method=self.method, even_so=self.even_so).open(path) if own else self.open(path)
 
     def light(self, recording: Recording) -> Reconstructor:
-        """Calibrate the light from the recording's own references, or use the method or profile that was named.
+        """Calibrate the light on the recording's own references, or use the named method or profile.
 
-        Left out, balls decide how the light is fitted. A certificate keeps to the polynomial: its scale is the
-        bevel's, and on one sample it saw the touch 2 um earlier with another fit.
-        Not `even_so`: raises InputError for a calibration that fails its own balls.
+        Unless `even_so`, raises InputError for a calibration that fails its own balls.
         """
         from tactilevision.heightmap.ball_validation import check_fit, unfit_warnings
         from tactilevision.heightmap.build import build_reconstructor
@@ -160,7 +152,7 @@ class Choice:
         return made
 
     def calibrated(self, recording: Recording) -> CalibratedSensor | None:
-        """The profile's sensor, once it has looked at some of the frames; None where no profile was named."""
+        """Return the profile's sensor, checked on some of the frames; None where no profile was named."""
         if self.profile is None:
             return None
         from tactilevision.profile.sensor import sensor_for
@@ -168,15 +160,15 @@ class Choice:
         return sensor_for(recording, self.profile)
 
     def _is_recording(self, path: Path) -> bool:
-        """Whether recording.toml says all that is needed, or is asked for because there is nothing else."""
+        """Return whether `path` is to be read as a recording, with its recording.toml."""
         from tactilevision.recording import layout
 
-        if not path.exists() or any(path.glob(f"*/{layout.SETTINGS}")):  # the reader says what is meant
+        if not path.exists() or any(path.glob(f"*/{layout.SETTINGS}")):  # the reader explains
             return self.sensor is None
         return self.sensor is None and (path / layout.SETTINGS).is_file()
 
     def _has_own_reference(self) -> bool:
-        """Whether a saved method was named, which brings a picture of the untouched gel along."""
+        """Return whether a saved method was named, which has a picture of the untouched gel."""
         return self.method is not None and Path(self.method).with_suffix(".npz").is_file()
 
     def _of_recording(self, path: Path) -> Recording:
@@ -195,7 +187,7 @@ def open_balls(path: Path, chosen: Choice, ball_radius_mm: float | None) -> Reco
 
     if chosen.profile is not None:
         raise InputError(
-            "a profile is made of a sensor that has none yet",
+            "a profile cannot be made from a profile",
             where="--sensor",
             value=chosen.sensor,
             remedy="Name the kind of sensor, or a TOML file.",
@@ -212,7 +204,7 @@ def open_balls(path: Path, chosen: Choice, ball_radius_mm: float | None) -> Reco
 
 
 def is_tree(path: Path) -> bool:
-    """Whether frames have to be looked for below `path`: not a recording, a video, or one folder of pictures."""
+    """Return whether `path` is a tree of recordings or folders of frames."""
     from tactilevision.batch.tree import find_sources
 
     return path.is_dir() and find_sources(path) not in ((path,), ())
@@ -221,9 +213,9 @@ def is_tree(path: Path) -> bool:
 def open_face_correction(
     recording: Recording, reconstructor: Reconstructor, *, calibration: Path | None
 ) -> tuple[Reconstructor, FaceDepthCorrection]:
-    """Return what reads walls as faces certified by `calibration` teach, and what holds the faces of presses.
+    """Return the reader with walls as `calibration` teaches them, and the correction of faces by it.
 
-    A warning where it knows too few.
+    With a warning where it certifies too few.
     """
     from tactilevision.press.certified_faces import (
         NO_CORRECTION,
@@ -240,33 +232,9 @@ def open_face_correction(
     anchor = face_depth_correction(recording, faces, walls=taught.taught)
     if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
-        own = "the picture's own" + ("" if taught is reconstructor else ", with walls as these faces teach them")
+        own = "those of the picture" + ("" if taught is reconstructor else ", with the walls' law of these faces")
         console.warn([f"{points} certifies too few faces of this recording: depths are {own}"])
     else:
         console.warn([anchor.doubt] if anchor.doubt else [])
-        console.say("faces are as deep as the certificate beside the calibration has them")
+        console.say("depths of faces are corrected by the certificate next to the calibration")
     return taught, anchor
-
-
-# Which of many frames are worth a picture.
-
-
-def telling(recording: Recording, size: Sequence[float], *, most: int) -> list[int]:
-    """Numbers of at most `most` frames, in order: the one of greatest `size` (NaN: none) of each press, the
-    greatest of these; where no presses or times are known, of each of `most` stretches of the frames."""
-    values = np.asarray(size, dtype=float)
-    best = []
-    for part in _parts(recording, max(min(most, len(values)), 1)):
-        known = part[np.isfinite(values[part])]
-        if known.size:
-            best.append(int(known[np.argmax(values[known])]))
-    best.sort(key=lambda number: -values[number])
-    return sorted(best[:most])
-
-
-def _parts(recording: Recording, most: int) -> list[np.ndarray[tuple[int], np.dtype[np.intp]]]:
-    times = recording.frame_times_s
-    presses = [np.flatnonzero((times >= press.start_s) & (times <= press.end_s)) for press in recording.presses]
-    if any(part.size for part in presses):
-        return presses
-    return np.array_split(np.arange(len(recording.frame_names)), most)

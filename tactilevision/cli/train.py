@@ -1,4 +1,4 @@
-"""Run the commands `train` and `calibrate-sensor`: a photometric method and a profile."""
+"""Commands `train` and `calibrate-sensor`: a photometric method, and a sensor profile."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tactilevision.cli import console, source, source as sources
+from tactilevision.cli import console, source as sources
 from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,54 +20,44 @@ if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
 
 
-# `tactilevision train RECORDING`: ball presses into a photometric method with its card.
-
-
 def train(
     recording: Annotated[
-        Path, typer.Argument(help="A recording, or a folder of ball presses and flats, gs_sdk's too.")
+        Path, typer.Argument(help="A recording, or a folder of ball presses and flats, also of gs_sdk.")
     ],
     method: Annotated[str, typer.Option(help="polynomial, auto, lookup or network.")] = "auto",
     out: Annotated[
-        Path, typer.Option("--out", help="The method's file; its card and figure lie beside it.")
+        Path, typer.Option("--out", help="The method's file; its card and figure are written next to it.")
     ] = Path("method.npz"),
-    licence: Annotated[str, typer.Option(help="Of the method's file, for its card.")] = "not stated",
+    licence: Annotated[str, typer.Option(help="Licence of the method's file, for its card.")] = "not stated",
     guide: Annotated[
         bool,
-        typer.Option("--guide", help="First draw the balls' circles on a page; writes a profile, too."),
+        typer.Option("--guide", help="First mark the balls' circles on a page; also writes a profile."),
     ] = False,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Of the guide's page; 0: any free one.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the guide's page; 0: a free one.")] = 0,
     sensor: sources.SensorOption = None,
     reference: sources.ReferenceOption = None,
     mm_per_px: sources.ScaleOption = None,
     ball_radius_mm: sources.BallOption = None,
 ) -> None:
-    """Calibrate a photometric method, to be used later with --method FILE.
+    """Calibrate a photometric method for --method FILE.
 
-    Its card says how far it is off; a figure shows balls held out, and flat steps that the recording's own presses
-    certify, by depth and by contact size.
+    Its card states its errors; a figure shows held-out balls, and flat steps certified by the recording's own
+    presses, by depth and by contact size.
     """
     from tactilevision.heightmap.build import build_reconstructor
     from tactilevision.photometric.card import provenance
     from tactilevision.photometric.catalogue import PHOTOMETRIC
 
     if method not in PHOTOMETRIC:
-        raise InputError(
-            "no photometric method of that name",
-            where="--method",
-            value=method,
-            remedy="Known are " + ", ".join(PHOTOMETRIC) + ".",
-        )
+        remedy = "Known are " + ", ".join(PHOTOMETRIC) + "."
+        raise InputError("no photometric method of that name", where="--method", value=method, remedy=remedy)
     chosen = sources.Choice(sensor, reference, None, mm_per_px)
     if guide:
         _guide(recording, chosen, ball_radius_mm, method=method, port=port)
     source = _read(recording, chosen, ball_radius_mm)
     if not source.balls:
-        raise InputError(
-            "no ball presses to train on",
-            where=recording / "reference" / "ball",
-            remedy="Press a ball twenty times, all over. In a bare folder --ball-radius-mm states the radius.",
-        )
+        remedy = "Press a ball at twenty places. For a bare folder state the radius with --ball-radius-mm."
+        raise InputError("no ball presses to train on", where=recording / "reference" / "ball", remedy=remedy)
     with console.progress_bar("calibrating the light"):
         made = build_reconstructor(source, method)
     console.warn([*source.warnings, *made.warnings])
@@ -76,7 +66,7 @@ def train(
     known, certified = _certified(source, made)
     kept = _with_walls(source, made, made.referenced, certified)
     if getattr(kept, "walls", None) is not None:
-        known["flat_steps_walls"] = "as read before these faces taught the walls' law"
+        known["flat_steps_walls"] = "as read before the walls' law was fitted to these faces"
     card = made.referenced.card.extended(known | provenance(data, licence=licence))
     _save(kept.with_card(card), out, network=method == "network")
     shown = {name: value for name, value in card.to_json().items() if not isinstance(value, dict | list)}
@@ -90,15 +80,14 @@ def _read(path: Path, chosen: sources.Choice, ball_radius_mm: float | None) -> R
     from tactilevision.recording.read import read_recording
 
     if chosen == sources.Choice() and ((path / layout.SETTINGS).is_file() or not path.exists()):
-        return read_recording(path)  # one without frames serves
+        return read_recording(path)  # frames are not needed
     return sources.open_balls(path, chosen, ball_radius_mm)
 
 
 def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, method: str, port: int) -> None:
-    """Serve the page until a person is done; the table of balls is then as drawn."""
+    """Serve the page until the person has finished and the table of balls is written."""
     from tactilevision.files.runs import output_lock
-    from tactilevision.profile.ball_guide import Guide, Session
-    from tactilevision.profile.ball_labels import start_table
+    from tactilevision.profile.ball_guide import Guide, Session, start_table
 
     start_table(path, ball_radius_mm)
     with console.progress_bar("looking for balls"):
@@ -106,27 +95,27 @@ def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, 
             _read(path, chosen, ball_radius_mm), method="polynomial" if method == "network" else method
         )
     with output_lock(session.table, file=True), Guide(session, port=port) as page:
-        console.say(f"draw the circles at {page.address}", "Ctrl-C ends without writing them")
+        console.say(f"mark the circles at {page.address}", "Ctrl-C ends without writing them")
         page.wait()
     console.say(f"wrote {session.table}")
 
 
 def _save_profile(source: Recording, made: Reconstructor, out: Path) -> None:
-    """The sensor's profile beside the method: light alone, no E and nu."""
+    """Write the sensor's profile, without E and nu, next to the method."""
     from tactilevision.profile.make import make_profile
     from tactilevision.profile.storage import SUFFIX, write_profile
 
     try:
         with console.progress_bar("making the profile"):
             write_profile(make_profile(source, made), out.with_suffix(SUFFIX))
-    except InputError as fault:  # the method stands without it
+    except InputError as fault:  # the method is written without it
         console.warn([f"no profile: {fault}"])
         return
     console.say(f"wrote {out.with_suffix(SUFFIX)}, for --sensor")
 
 
 def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], tuple[Certified, ...]]:
-    """What the recording's own certified presses say of the method, for its card, and they; doubts are told."""
+    """Return the errors on the recording's certified presses, for the card, and these presses; print doubts."""
     from tactilevision.heightmap.ball_validation import told
     from tactilevision.press.certified_faces import scale_warning
     from tactilevision.press.step_validation import flat_steps
@@ -153,7 +142,7 @@ def _with_walls(
 
 
 def _save(method: ReferencedMethod, out: Path, *, network: bool) -> None:
-    """The method's file, and its card and figure beside it."""
+    """Write the method's file, and its card and figure next to it."""
     from tactilevision.photometric.storage import save_method
 
     path = save_method(method, out)
@@ -167,9 +156,6 @@ def _save(method: ReferencedMethod, out: Path, *, network: bool) -> None:
     console.say("wrote " + ", ".join(str(path.with_suffix(suffix)) for suffix in (".npz", *also)))
 
 
-# `tactilevision calibrate-sensor PATH`: whatever there is of a sensor into one file, its profile.
-
-
 def calibrate_sensor(
     path: Annotated[
         Path, typer.Argument(help="A recording, a folder of ball presses and flats, or one of frames.")
@@ -180,23 +166,23 @@ def calibrate_sensor(
     sensor: Annotated[
         str | None, typer.Option(help="For a bare folder: a sensor's name, or a TOML file with a [sensor] table.")
     ] = None,
-    reference: source.ReferenceOption = None,
-    method: source.MethodOption = None,
-    mm_per_px: source.ScaleOption = None,
-    ball_radius_mm: source.BallOption = None,
+    reference: sources.ReferenceOption = None,
+    method: sources.MethodOption = None,
+    mm_per_px: sources.ScaleOption = None,
+    ball_radius_mm: sources.BallOption = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="calibration.json, with E and nu; made here if left out and if possible.")
+        Path | None, typer.Option(help="calibration.json, with E and nu; by default computed here if possible.")
     ] = None,
-    light_only: Annotated[bool, typer.Option("--light-only", help="Leave E and nu out: depth, no force.")] = False,
-    serial: Annotated[str | None, typer.Option(help="The unit's serial number, where no file says it.")] = None,
+    light_only: Annotated[bool, typer.Option("--light-only", help="Omit E and nu: depth, no force.")] = False,
+    serial: Annotated[str | None, typer.Option(help="The unit's serial number, where no file states it.")] = None,
     json: console.JsonOption = None,
 ) -> None:
-    """Make a sensor profile: light, rectification, untouched gel, E and nu, in one file for --sensor FILE.tvs."""
+    """Write a sensor profile for --sensor FILE.tvs: light, rectification, untouched gel, E and nu."""
     from tactilevision.profile.make import make_profile
     from tactilevision.profile.storage import check_name, read_profile, write_profile
 
     check_name(out)
-    chosen = source.Choice(sensor, reference, method, mm_per_px)
+    chosen = sources.Choice(sensor, reference, method, mm_per_px)
     recording = _open(path, chosen, ball_radius_mm, serial)
     with console.progress_bar("calibrating the light"):
         reconstructor = chosen.light(recording)
@@ -207,33 +193,33 @@ def calibrate_sensor(
         made = make_profile(recording, reader, calibration=known.content, face_law=known.face_law)
         write_profile(made, out)
     found = read_profile(out)
-    console.say(f"wrote {out}: {found.name}, {found.date}, {out.stat().st_size / 1e6:.1f} MB", *_told(found))
+    console.say(f"wrote {out}: {found.name}, {found.date}, {out.stat().st_size / 10**6:.1f} MB", *_contents(found))
     console.hand_over(_as_json(found), json)
 
 
 _SHEAR = {
     "markers": "fx and fy from the markers",
-    "texture": "fx and fy from the gel's grain",
-    "nothing": "fz alone, as nothing on the gel can be followed",
+    "texture": "fx and fy from the gel's texture",
+    "nothing": "fz alone, as the gel shows no pattern to follow",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """Content of calibration.json; what reads faces as certified ones teach, and how deep these are over that."""
+    """Content of calibration.json, the reader that certified faces taught, and their law of true over read depth."""
 
     content: dict[str, Any] | None = None
     reader: Reconstructor | None = None
     face_law: DepthScale | None = None
 
 
-def _open(path: Path, chosen: source.Choice, ball_radius_mm: float | None, serial: str | None) -> Recording:
-    recording = source.open_balls(path, chosen, ball_radius_mm)
+def _open(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, serial: str | None) -> Recording:
+    recording = sources.open_balls(path, chosen, ball_radius_mm)
     return recording if serial is None else replace(recording, sensor=replace(recording.sensor, serial=serial))
 
 
 def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path | None) -> _Known:
-    """E, nu and certified faces: of the calibration.json that was named, or of the recording's presses."""
+    """Return E, nu and certified faces of a calibration.json, or of the recording's presses."""
     from tactilevision.force.calibrated import check_gel, material_of, read_calibration
     from tactilevision.press.certified_faces import Certified, read_certified
 
@@ -245,16 +231,15 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         return _Known(content, *_taught(recording, reconstructor, read_certified(calibration)))
     if not (recording.presses and recording.forces is not None and recording.sensor.gel is not None):
         return _Known()
-    from tactilevision.cli.calibrate import LawName, calibrate_one
-    from tactilevision.cli.measure import take
+    from tactilevision.pipeline import calibrate_each
 
-    outcome = calibrate_one(take([recording.path])[0], LawName.DEFAULT)
+    outcome = calibrate_each([recording.path], listener=console)[0]
     if outcome.result is None:
-        console.warn([f"E and nu are left out: {outcome.fault}"])
+        console.warn([f"E and nu are omitted: {outcome.fault}"])
         return _Known()
-    points = outcome.taken.points
+    points = outcome.certified.points
     certified = [Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted]
-    return _Known(outcome.content, *_taught(recording, reconstructor, certified, said=outcome.taken.warnings))
+    return _Known(outcome.content, *_taught(recording, reconstructor, certified, said=outcome.certified.warnings))
 
 
 def _taught(
@@ -275,25 +260,25 @@ def _taught(
     return taught, with_scatter(found.depth_scale, taught.taught)
 
 
-def _told(profile: Profile) -> list[str]:
-    """What the profile holds, and what it does not, with what would add it."""
+def _contents(profile: Profile) -> list[str]:
+    """Return what the profile holds, and how to add what it lacks."""
     card, gel, material = profile.method.card, profile.sensor.gel, profile.material
     off = card.held_out_direction_error_deg
     balls = f"{card.balls} ball presses" if card.balls else "no ball presses"
     lines = [
-        f"  light: {profile.method.name}, {balls}" + (f"; {off:.1f} deg off on balls left out" if off else "")
+        f"  light: {profile.method.name}, {balls}" + (f"; error {off:.1f} deg on held-out balls" if off else "")
     ]
     if gel is None:
-        lines.append("  gel: not described; [sensor.gel] of a TOML file adds it")
+        lines.append("  gel: not described; add [sensor.gel] to a TOML file")
     if material is None:
         lines.append("  no E and nu, so no force: --calibration calibration.json adds them")
     else:
         E, nu = material.youngs_modulus_MPa, material.poisson_ratio
         lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given; {_SHEAR[profile.followed]}")
     if getattr(profile.method, "walls", None) is not None:
-        lines.append("  certified faces taught the walls' law: any flat face gains from it")
+        lines.append("  the walls' law is fitted to certified faces, and used for any flat face")
     if profile.face_law is not None:
-        lines.append("  flat faces are as deep as certified ones, where an indenter is looked for")
+        lines.append("  depths of flat faces follow the certified ones where an indenter is named")
     return lines
 
 

@@ -1,8 +1,7 @@
-"""Run the command `view`: show, compare, film and export height maps."""
+"""Command `view`: show, compare, film and export height maps."""
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +11,7 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
-from tactilevision.files.documents import cell_text
+from tactilevision.records.constants import KILO
 from tactilevision.records.maps import MEANING
 
 if TYPE_CHECKING:
@@ -20,91 +19,12 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from matplotlib.figure import Figure
 
+    from tactilevision.batch.selection import Maps
     from tactilevision.heightmap.reconstructor import Reading, Reconstructor
     from tactilevision.plots.viewer import Window
     from tactilevision.recording.model import Recording
     from tactilevision.records.maps import Frame, HeightMap
     from tactilevision.records.measured import Bytes
-
-
-# Height maps that `depth` has written, as `view` looks through them.
-
-
-class Maps:
-    """The TIFF files of a folder of results by their names; `root` holds depth/ and depth.csv."""
-
-    def __init__(self, root: Path, mm_per_px: float | None = None) -> None:
-        from tactilevision.batch.folder import MAPS
-        from tactilevision.recording.pictures import list_images
-
-        self.root, self.folder, self._scale = root, root / MAPS, mm_per_px
-        self.names = [name for name in list_images(self.folder) if is_tiff(Path(name))]
-
-    def number(self, name: str) -> int:
-        """The place of a map by its file's name, or its frame's. Raises InputError where there is none."""
-        stems = [Path(one).stem for one in self.names]
-        for known in (self.names, stems):
-            for asked in (name, Path(name).stem):
-                if asked in known:
-                    return known.index(asked)
-        remedy = f"It has {self.names[0]} to {self.names[-1]}."
-        raise InputError("has no such map", where=self.folder, value=name, remedy=remedy)
-
-    def named(self, name: str) -> tuple[HeightMap, None]:
-        """The map (H, W), in mm, with its deviation where `depth --std` kept one; no picture."""
-        from tactilevision.batch.folder import STDS
-
-        file = self.names[self.number(name)]
-        height, beside = read_map(self.folder / file, self._scale), self.root / STDS / file
-        if beside.is_file():
-            std_mm = read_map(beside, self._scale).depth_mm
-            if std_mm.shape == height.depth_mm.shape:
-                height = replace(height, std_mm=std_mm)
-        return height, None
-
-    def stretch(self, what: str) -> list[int]:
-        """Numbers of frames to film: a film needs frames, and raises InputError here."""
-        raise InputError("a film needs frames, not depth TIFFs", where="--film", value=what)
-
-    def best(self) -> tuple[HeightMap, None]:
-        """The deepest, by depth.csv; else the first."""
-        from tactilevision.batch.folder import TABLE
-
-        deepest, peak_mm = self.names[0], 0.0
-        with (self.root / TABLE).open(newline="", encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                said = row.get("peak_mm") or "nan"
-                if said.replace(".", "", 1).isdecimal() and float(said) > peak_mm:
-                    deepest, peak_mm = cell_text(row["frame"]), float(said)
-        return self.named(deepest)
-
-
-def find_maps(path: Path, mm_per_px: float | None = None) -> Maps | None:
-    """The maps in a folder of results, or in its depth/; None where `path` is neither."""
-    from tactilevision.batch.folder import MAPS, TABLE
-
-    for root in (path, path.parent):
-        if (root / TABLE).is_file() and (root / MAPS).is_dir() and path in (root, root / MAPS):
-            found = Maps(root, mm_per_px)
-            return found if found.names else None
-    return None
-
-
-def is_tiff(path: Path) -> bool:
-    """Whether it is called as a depth TIFF is."""
-    return path.suffix.lower() in (".tif", ".tiff")
-
-
-def read_map(path: Path, mm_per_px: float | None) -> HeightMap:
-    """A depth TIFF (H, W), in mm; `mm_per_px` overrides its own scale."""
-    from tactilevision.files.tiff import read_tiff
-
-    return read_tiff(path, mm_per_px=None if mm_per_px is None else (mm_per_px, mm_per_px))
-
-
-# `tactilevision view PATH`: look at a height map, hold two against each other, film a press, export.
-
-TRIED = 12  # frames to find the deepest among where none is named
 
 
 def view(
@@ -115,9 +35,9 @@ def view(
         ),
     ],
     out: console.OutOption = Path("view_out"),
-    frame: Annotated[str | None, typer.Option(help="Name of the frame; the deepest of a few if left out.")] = None,
+    frame: Annotated[str | None, typer.Option(help="Name of the frame; the deepest of a few if omitted.")] = None,
     minus: Annotated[
-        str | None, typer.Option(help="Another frame's name, or depth TIFF: also draw the map less this one.")
+        str | None, typer.Option(help="Another frame's name, or depth TIFF: also draw the difference to it.")
     ] = None,
     film: Annotated[
         str | None, typer.Option(help="Film this press, or FIRST:LAST frame, or `all`; an MP4, else a GIF.")
@@ -135,10 +55,10 @@ def view(
         ),
     ] = None,
     terms: Annotated[
-        bool, typer.Option("--terms", help="Also draw which part of the depth's deviation is the largest where.")
+        bool, typer.Option("--terms", help="Also draw the largest term of the depth's deviation at each place.")
     ] = False,
     html: Annotated[
-        bool, typer.Option("--html", help="Also write one page with a surface to turn; it needs no other file.")
+        bool, typer.Option("--html", help="Also write a self-contained page with a surface to turn.")
     ] = False,
     window: Annotated[
         bool,
@@ -148,6 +68,7 @@ def view(
     ] = False,
 ) -> None:
     """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""
+    from tactilevision.batch.selection import find_maps, is_tiff, read_map
     from tactilevision.files.exports import export as write
     from tactilevision.plots import style
 
@@ -160,16 +81,17 @@ def view(
     else:
         chosen = source.Choice(sensor, reference, method, mm_per_px)
         opened = find_maps(path, mm_per_px) or _Opened(path, chosen)
-        filmed = [] if film is None else opened.stretch(film)
+        if film is not None:
+            filmed = _filmed(opened, film)
         height, rgb = opened.best() if frame is None else opened.named(frame)
     console.warn([f"{height.name}: {MEANING[flag]}" for flag in height.flags])
-    told = _terms(height, opened) if terms else {}
+    deviations = _terms(height, opened) if terms else {}
     other = None if minus is None else _other(minus, opened, mm_per_px)
     figures = _draw(height, rgb, other)
-    if told:
+    if deviations:
         from tactilevision.plots.height import draw_terms
 
-        figures["terms"] = draw_terms(height, told)
+        figures["terms"] = draw_terms(height, deviations)
     stem = Path(height.name).stem
     for name, figure in figures.items():
         path_out = out / f"{stem}_{name}.png"
@@ -189,7 +111,7 @@ def view(
 
 
 def _window(height: HeightMap, opened: _Opened | Maps | None, other: HeightMap | None) -> Window:
-    """The window on all frames beside this one; on a depth TIFF alone there is one frame."""
+    """Return the window on all frames, or on a depth TIFF alone."""
     from tactilevision.plots.viewer import Window
 
     if opened is None:
@@ -199,8 +121,7 @@ def _window(height: HeightMap, opened: _Opened | Maps | None, other: HeightMap |
 
 
 def _check(forms: list[str], *, screen: bool) -> None:
-    """Whether all forms are known, and a screen is there where one is needed; before anything is drawn."""
-    from tactilevision.errors import InputError
+    """Raise InputError for unknown forms, or where a window needs a screen and there is none."""
     from tactilevision.files.exports import EXPORTS
     from tactilevision.plots import style
 
@@ -208,12 +129,8 @@ def _check(forms: list[str], *, screen: bool) -> None:
         style.check_screen()
     unknown = [form for form in forms if form not in EXPORTS]
     if unknown:
-        raise InputError(
-            "no such format of height maps",
-            where="--export",
-            value=unknown[0],
-            remedy="Known are " + ", ".join(EXPORTS) + ".",
-        )
+        remedy = "Known are " + ", ".join(EXPORTS) + "."
+        raise InputError("no such format of height maps", where="--export", value=unknown[0], remedy=remedy)
 
 
 def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict[str, Figure]:
@@ -233,25 +150,24 @@ def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict
 
 
 def _terms(height: HeightMap, opened: _Opened | Maps | None) -> dict[str, npt.NDArray[np.float32]]:
-    """The terms of a map's deviation, told on the way. Raises InputError where nothing is known of them."""
-    from tactilevision.errors import InputError
+    """Return the terms of a map's deviation, and print their rms. Raises InputError where they are not known."""
     from tactilevision.heightmap.deviation import contributions_mm
 
     found = opened.read(height.name).terms_mm() if isinstance(opened, _Opened) else {}
     if not found:
         raise InputError(
-            "nothing is known of what the depth's deviation is made of",
+            "the terms of the depth's deviation are not known",
             where="--terms",
             value=height.name,
             remedy="Name a frame of a recording whose light was calibrated on balls.",
         )
     for name, rms_mm in contributions_mm(height, found).items():
-        console.say(f"  {name:14s} {1e3 * rms_mm:6.1f} um in the contact")
+        console.say(f"  {name:14s} {KILO * rms_mm:6.1f} um in the contact")
     return found
 
 
 class _Opened:
-    """Frames with the way from them to depth, made when it is needed first: names are checked before."""
+    """Frames and their reconstructor, which is made when it is first needed, after names are checked."""
 
     def __init__(self, path: Path, chosen: source.Choice) -> None:
         self.recording: Recording = chosen.open(path)
@@ -259,7 +175,7 @@ class _Opened:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all frames."""
+        """Return the names of all frames."""
         return self.recording.frame_names
 
     @cached_property
@@ -269,11 +185,19 @@ class _Opened:
         console.warn([*self.recording.warnings, *made.warnings])
         return made
 
+    def number(self, name: str) -> int:
+        """Return the number of a frame by its name."""
+        from tactilevision.batch.selection import frame_number
+
+        return frame_number(self.recording, name)
+
     def named(self, name: str) -> tuple[HeightMap, Bytes]:
+        """Return the map and the rectified picture of a frame."""
         frame = self._frame(name)
         return self.reconstructor.height_map(frame), self.reconstructor.rectified(frame)
 
     def read(self, name: str) -> Reading:
+        """Return the map of a frame and what it rests on."""
         return self.reconstructor.read(self._frame(name))
 
     def _frame(self, name: str) -> Frame:
@@ -281,71 +205,15 @@ class _Opened:
 
         return read_frame(self.recording, self.number(name))
 
-    def number(self, name: str) -> int:
-        from tactilevision.errors import InputError
-
-        names = self.recording.frame_names
-        stems = [Path(one).stem for one in names]
-        if name not in names and name not in stems:
-            raise InputError(
-                "has no such frame",
-                where=self.recording.path,
-                value=name,
-                remedy=f"It has {names[0]} to {names[-1]}.",
-            )
-        return names.index(name) if name in names else stems.index(name)
-
-    def stretch(self, what: str) -> list[int]:
-        """Numbers of the frames of a press, of a stretch FIRST:LAST, or of all."""
-        import numpy as np
-
-        from tactilevision.errors import InputError
-
-        recording = self.recording
-        if what == "all":
-            return list(range(len(recording.frame_names)))
-        if ":" in what:
-            first, last = (self.number(name) for name in what.split(":", 1))
-            return list(range(min(first, last), max(first, last) + 1))
-        press = next((one for one in recording.presses if one.press == what), None)
-        if press is None:
-            raise InputError(
-                "there is no such press",
-                where="--film",
-                value=what,
-                remedy="Name a press, FIRST:LAST frame, or `all`.",
-            )
-        times = recording.frame_times_s
-        inside = np.flatnonzero((times >= press.start_s) & (times <= press.end_s))
-        if not inside.size:
-            raise InputError("no frame was taken during the press", where="--film", value=what)
-        return [int(number) for number in inside]
-
     def best(self) -> tuple[HeightMap, Bytes]:
-        """The deepest of a few; frames that cannot be read are passed over, all of them cannot."""
-        import numpy as np
+        """Return the deepest of a few frames."""
+        from tactilevision.batch.selection import deepest_frame
 
-        from tactilevision.errors import InputError
-        from tactilevision.recording.pictures import read_frame
-
-        found: list[tuple[float, int]] = []
-        last: InputError | None = None
-        for row in dict.fromkeys(np.linspace(0, len(self.recording.frame_names) - 1, TRIED).astype(int).tolist()):
-            try:
-                height = self.reconstructor.height_map(read_frame(self.recording, row))
-            except InputError as fault:
-                last = fault
-                continue
-            known = height.depth_mm[height.valid]
-            found.append((float(np.percentile(known, 99.9)) if known.size else -1.0, row))
-        if not found:
-            assert last is not None
-            raise last
-        return self.named(self.recording.frame_names[max(found)[1]])
+        return self.named(self.names[deepest_frame(self.recording, self.reconstructor)])
 
 
 def _other(minus: str, opened: _Opened | Maps | None, mm_per_px: float | None) -> HeightMap:
-    from tactilevision.errors import InputError
+    from tactilevision.batch.selection import is_tiff, read_map
 
     if is_tiff(Path(minus)) and Path(minus).is_file():
         return read_map(Path(minus), mm_per_px)
@@ -354,8 +222,16 @@ def _other(minus: str, opened: _Opened | Maps | None, mm_per_px: float | None) -
     return opened.named(minus)[0]
 
 
+def _filmed(opened: _Opened | Maps, what: str) -> list[int]:
+    """Return the numbers of the frames to film. Raises InputError where there are no frames."""
+    from tactilevision.batch.selection import frames_of
+
+    if not isinstance(opened, _Opened):
+        raise InputError("a film needs frames, not depth TIFFs", where="--film", value=what)
+    return frames_of(opened.recording, what)
+
+
 def _film(opened: _Opened | Maps | None, what: str, numbers: list[int], out: Path) -> None:
-    from tactilevision.errors import InputError
     from tactilevision.force.comparison import Readings
     from tactilevision.plots.viewer import Shot, draw_film, write_film
     from tactilevision.recording.pictures import iter_frames

@@ -1,4 +1,4 @@
-"""`tactilevision workbench`: compare, diagnose and steps in a browser on this machine."""
+"""Command `workbench`: compare, diagnose and steps in a browser on this machine."""
 
 from __future__ import annotations
 
@@ -11,21 +11,18 @@ import typer
 
 from tactilevision.cli import console
 from tactilevision.cli.analysis import (
-    ANSWERED,
     Private,
     Seed,
     named_effects,
     next_commands,
-    observed,
-    with_nu,
     write_history,
 )
-from tactilevision.cli.measure import Taken, take
 
 if TYPE_CHECKING:
     from calibration.tasks.session import History
     from calibration.workbench.bench import Shown
     from calibration.workbench.opened import Frames, Opened
+    from tactilevision.pipeline import CertifiedRecording
 
 Opening = Annotated[
     list[Path] | None, typer.Argument(metavar="RECORDING...", help="Recordings of one sensor; none with --state.")
@@ -33,7 +30,7 @@ Opening = Annotated[
 State = Annotated[
     Path | None,
     typer.Option(
-        "--state", metavar="FOLDER", help="Go on where an analysis stood: what a workbench or compare wrote."
+        "--state", metavar="FOLDER", help="Continue an analysis: the folder that workbench or compare wrote."
     ),
 ]
 
@@ -45,10 +42,10 @@ def workbench(
     private: Private = None,
     prior: console.PriorOption = True,
     seed: Seed = 0,
-    port: Annotated[int, typer.Option(help="Of the page on 127.0.0.1; 0: any that is free.")] = 0,
+    port: Annotated[int, typer.Option(help="Port of the page on 127.0.0.1; 0: a free one.")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
 ) -> None:
-    """See where the model fails, add what is missing, watch the error fall: in the browser, on this machine."""
+    """Find where the model fails, add effects, and see the error fall, in the browser on this machine."""
     from calibration.workbench.bench import Bench
     from calibration.workbench.server import Server, plotly
 
@@ -58,14 +55,16 @@ def workbench(
     _check_steps(history, opened)
     bench = Bench(opened, history, export=_export, keep=lambda kept: write_history(kept, out, out), out=out)
     with Server(bench, port) as server:
-        console.say(f"the workbench is at {server.address}", "its state is kept in " + str(out), "Ctrl-C ends it")
+        console.say(
+            f"the workbench is at {server.address}", "its state is written to " + str(out), "Ctrl-C ends it"
+        )
         if browser:
             typer.launch(server.address)
         bench.work()
 
 
 def _history(recordings: Sequence[Path], state: Path | None, *, seed: int, prior: bool) -> History:
-    """What was kept, or a new one. Raises InputError for both a state and recordings, and for neither."""
+    """Return the saved history, or a new one. Raises InputError for both a state and recordings, or neither."""
     from calibration.tasks.session import History, load_history
     from tactilevision.errors import InputError
 
@@ -81,19 +80,20 @@ def _history(recordings: Sequence[Path], state: Path | None, *, seed: int, prior
 
 
 def _opened(history: History, private: Sequence[Path] | None) -> Opened:
-    """The recordings as compare takes them, with the reasons of what was rejected."""
+    """Return the recordings as `compare` uses them."""
     from calibration.laws.flat_punch import elastomer_bound
     from calibration.workbench.opened import Opened, file_marks
+    from tactilevision.pipeline import certify_recordings, observed, sharpest_poisson_ratio
 
     paths = tuple(Path(name) for name in history.recordings)
     marks = file_marks(paths)
-    taken, bulge = with_nu(take(paths, answered=ANSWERED))
+    taken = certify_recordings(paths, scale_doubt=False, listener=console)
     own, files = named_effects(private)
     return Opened(
         paths=paths,
         measured=tuple(one.measured for one in taken),
         data=observed(taken),
-        bulge=bulge,
+        bulge=sharpest_poisson_ratio(taken),
         bound=elastomer_bound(history.prior),
         private=tuple(own),
         files=files,
@@ -103,7 +103,7 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
     )
 
 
-def _frames(taken: Taken) -> Frames | None:
+def _frames(taken: CertifiedRecording) -> Frames | None:
     from calibration.workbench.opened import Frames
 
     if taken.reconstructor is None or not taken.recording.frame_names:
@@ -113,14 +113,14 @@ def _frames(taken: Taken) -> Frames | None:
 
 
 def _check_steps(history: History, opened: Opened) -> None:
-    """No file is run because a state names it. Raises InputError for one that is not named on the command line."""
+    """Raise InputError where the state has an effect whose file is not named on the command line."""
     from tactilevision.errors import InputError
 
     labelled = [step for state in history.labels for step in state.steps]
     for step in (*history.steps, *history.undone, *labelled):
         if step.path and step.key not in opened.files:
             raise InputError(
-                "an effect of your own is in this state, and its file is only run where you name it",
+                "the state has a private effect, whose file is only run if it is named",
                 where="--state",
                 value=step.key,
                 remedy=f"Add --effect FILE.py; it was {step.path}.",
@@ -128,7 +128,7 @@ def _check_steps(history: History, opened: Opened) -> None:
 
 
 def _export(shown: Shown, opened: Opened, out: Path) -> Path:
-    """The report, calibration.json, the history and the script that repeats it, all or none."""
+    """Write the report, calibration.json, the history and the script that repeats it, all or none."""
     from tactilevision.cli.compare import forget_found, keep_calibration, write_comparison
     from tactilevision.cli.pictures import FigureFolder
     from tactilevision.files.writing import staged, write_json

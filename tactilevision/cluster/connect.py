@@ -13,19 +13,19 @@ from typing import Any
 from tactilevision.errors import ClusterError
 from tactilevision.files.documents import read_json
 
-# The versions that decide a result's digits: they must be one on all machines.
+# Versions that determine a result's digits and must be equal on all machines.
 
 PACKAGES = ("tactilevision", "numpy", "scipy", "opencv-contrib-python-headless")
 MISSING = "none"
 
 
 def versions() -> dict[str, str]:
-    """Of this process."""
+    """Return the versions of this process."""
     return {name: _version(name) for name in PACKAGES}
 
 
 def refusal(here: dict[str, str], there: dict[str, str]) -> ClusterError | None:
-    """What is wrong with a worker's versions; None where they are those of this process."""
+    """Return what is wrong with a worker's versions; None if they are those of this process."""
     for name in PACKAGES:
         if there.get(name, MISSING) != here[name]:
             return ClusterError(
@@ -44,16 +44,16 @@ def _version(name: str) -> str:
         return MISSING
 
 
-# A connection to a scheduler that runs already, checked before anything is written.
+# Connection to a running scheduler, checked before anything is written.
 
-ANSWER_S = 20.0  # s until a scheduler that says nothing counts as absent
-LATE_S = 1.0  # s more, for what answers but does not speak as a scheduler does
-WORKER_S = 60.0  # s until a scheduler without a worker counts as idle for good
+ANSWER_S = 20  # s until a silent scheduler counts as absent
+LATE_S = 1  # s more, for what answers but is not a scheduler
+WORKER_S = 60  # s to wait for a first worker
 WHERE = "--cluster"
 
 
 def address_of(where: str) -> str:
-    """The scheduler's address: `where` itself, or what the scheduler's file of that name says."""
+    """Return the scheduler's address: `where` itself, or the content of the scheduler's file of that name."""
     path = Path(where)
     if "://" in where or not (path.suffix or path.exists()):
         return where
@@ -64,17 +64,17 @@ def address_of(where: str) -> str:
         raise ClusterError("there is no such scheduler file", where=WHERE, value=where, remedy=remedy) from fault
     if not isinstance(address, str):
         raise ClusterError(
-            "a scheduler file states `address`", where=where, remedy="Let `dask scheduler` write it."
+            "the scheduler file has no `address`", where=where, remedy="Let `dask scheduler` write it."
         )
     return address
 
 
 def open_client(where: str) -> Any:
-    """A client whose workers have this library in this version. Raises ClusterError where that cannot be had."""
+    """Connect to workers that have this library in this version. Raises ClusterError if there are none."""
     try:
         from distributed import Client
     except ImportError as fault:
-        remedy = "pip install 'tactilevision[cluster]', or leave --cluster out."
+        remedy = "pip install 'tactilevision[cluster]', or omit --cluster."
         what = "a cluster needs dask.distributed, which is not installed"
         raise ClusterError(what, where=WHERE, remedy=remedy) from fault
     address = address_of(where)
@@ -82,7 +82,7 @@ def open_client(where: str) -> Any:
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except (OSError, ValueError) as fault:
-        remedy = "Start one with `dask scheduler`, or leave --cluster out."
+        remedy = "Start one with `dask scheduler`, or omit --cluster."
         raise ClusterError("no Dask scheduler answers", where=WHERE, value=address, remedy=remedy) from fault
     try:
         _check(client, address)
@@ -93,38 +93,38 @@ def open_client(where: str) -> Any:
 
 
 def _check_form(address: str) -> None:
-    """Dask itself waits long for a host that cannot be there. Other schemes than these are its own affair."""
+    """Check an address: Dask itself waits long for a host that cannot exist. Other schemes are not checked."""
     scheme, _, rest = address.rpartition("://")
     host, _, port = rest.rpartition(":")
     if scheme not in ("", "tcp", "tls"):
         return
     if not host or not port.isdecimal():
         remedy = "Give tcp://HOST:PORT, or the file that `dask scheduler --scheduler-file` wrote."
-        raise ClusterError("this is no scheduler's address", where=WHERE, value=address, remedy=remedy)
+        raise ClusterError("this is not a scheduler's address", where=WHERE, value=address, remedy=remedy)
     try:
         socket.getaddrinfo(host.strip("[]"), int(port))
     except (OSError, UnicodeError, OverflowError) as fault:
         remedy = "Check its name, or give the number of its address."
         raise ClusterError("no machine of that name is known", where=WHERE, value=host, remedy=remedy) from fault
     if scheme != "tls":
-        with ThreadPoolExecutor(1) as aside:  # a notebook's own thread has a loop already
+        with ThreadPoolExecutor(1) as aside:  # a notebook's main thread has a running loop
             aside.submit(lambda: asyncio.run(_greet(address))).result()
 
 
 async def _greet(address: str) -> None:
-    """Raises ClusterError where something answers that is no Dask, as a web page does, which Dask waits for."""
+    """Raise ClusterError if something other than Dask answers, such as a web page, for which Dask waits."""
     from distributed.comm import connect
 
     try:
         comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S + LATE_S)
     except (OSError, ValueError) as fault:
-        remedy = "Start one with `dask scheduler`, or leave --cluster out. Its dashboard has another port."
+        remedy = "Start one with `dask scheduler`, or omit --cluster. Its dashboard has another port."
         raise ClusterError("no Dask scheduler answers", where=WHERE, value=address, remedy=remedy) from fault
     comm.abort()
 
 
 def check_cluster(where: str) -> None:
-    """Raises ClusterError where `open_client` would, before anything is written."""
+    """Raise ClusterError if `open_client` would, before anything is written."""
     open_client(where).close()
 
 
@@ -136,20 +136,20 @@ def _check(client: Any, address: str) -> None:
         raise ClusterError("the cluster has no workers", where=WHERE, value=address, remedy=remedy) from fault
     here = versions()
     try:
-        told = client.run(_asking())
-    except Exception as fault:  # whatever a foreign worker answers
+        answers = client.run(_asking())
+    except Exception as fault:  # any answer of a foreign worker
         remedy = "Start the workers with the Python and dask of this machine."
         raise ClusterError(
-            "a worker cannot say its versions", where=WHERE, value=str(fault), remedy=remedy
+            "a worker cannot report its versions", where=WHERE, value=str(fault), remedy=remedy
         ) from fault
-    for there in told.values():
+    for there in answers.values():
         different = refusal(here, there)
         if different is not None:
             raise different
 
 
 def _asking() -> Callable[[], dict[str, str]]:
-    """A function that travels by value: a worker without this library can answer it, too, with nothing."""
+    """Return a function that travels by value, so that a worker without this library can answer it too."""
 
     def ask() -> dict[str, str]:
         try:

@@ -20,22 +20,20 @@ from tactilevision.cluster.connect import WHERE, open_client, versions
 from tactilevision.errors import ClusterError, TactilevisionError
 from tactilevision.files.runs import copies_are_safe, worker_pool
 
-# An executor on a Dask cluster that outlives its workers and its scheduler.
-#
-# A task that was lost with a scheduler is handed over again once the scheduler is back. A task is a function of
-# its arguments that writes its result whole under its own name, so a second time does no harm.
+# An executor on a Dask cluster that survives the loss of workers and of the scheduler. A lost task is submitted
+# again once the scheduler is back. A task writes its result whole under its own name, so it may run twice.
 
-RETRIES = 2  # more tries of a task that fails for a fault that may pass, as of a disk
-BACK_S = 600.0  # s that a scheduler may be away before the run gives up
-SWEEP_S = 1.0  # s between two looks at every task, for those that were lost in silence
+RETRIES = 2  # of a task that fails for a temporary fault, as of a disk
+BACK_S = 600  # s that a scheduler may be away before the run gives up
+SWEEP_S = 1.0  # s between two checks for lost tasks
 PAUSE_S = 0.5  # s between two tries to reach a scheduler
-UNTOLD = 20  # tries of a task on workers that have not been told of the run
+UNPREPARED = 20  # tries of a task on workers that have not received the run's data
 
 _log = logging.getLogger(__name__)
 
 
 class EndsWorkers(TactilevisionError):
-    """A task whose worker ended each time that it was tried, or that shared its worker with one."""
+    """A task whose worker ended each time it was tried, or that shared its worker with such a task."""
 
 
 @dataclass(eq=False)
@@ -44,11 +42,11 @@ class _Ticket:
     args: tuple[Any, ...]
     future: Future[Any] = field(default_factory=Future)
     remote: Any = None
-    untold: int = 0
+    unprepared: int = 0
 
 
 class ClusterPool(Executor):
-    """`submit` as any executor has it; `width` workers are there now."""
+    """Executor on a Dask cluster of `width` workers."""
 
     def __init__(self, where: str, start: Callable[..., None] | None = None, given: tuple[Any, ...] = ()) -> None:
         self._where, self._start, self._given = where, start, given
@@ -64,13 +62,13 @@ class ClusterPool(Executor):
 
     @property
     def width(self) -> int:
-        """Workers that are there now, one at least."""
+        """Number of present workers, one at least."""
         with suppress(Exception):  # the scheduler is away
             return max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
         return 1
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Hand a task over; it takes no keywords."""
+        """Submit a task; it takes no keywords."""
         if kwargs:
             raise TypeError("tasks for a cluster take no keywords")
         ticket = _Ticket(fn, args)
@@ -80,7 +78,7 @@ class ClusterPool(Executor):
         return ticket.future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the cluster; it runs on. Tasks that are still there are called back."""
+        """Disconnect from the cluster, which keeps running, and cancel the remaining tasks."""
         if self._closed:
             return
         self._closed = True
@@ -88,7 +86,7 @@ class ClusterPool(Executor):
         self._watcher.join()
         for ticket in self._tickets:
             ticket.future.cancel()
-        with suppress(Exception):  # the scheduler is away, and with it all of this
+        with suppress(Exception):  # the scheduler is away
             self._client.cancel([ticket.remote for ticket in self._tickets])
             self._client.unregister_worker_plugin(self._run)
         with suppress(Exception):  # likewise
@@ -127,7 +125,7 @@ class ClusterPool(Executor):
                 self._bring_back()
 
     def _settle(self, ticket: _Ticket) -> None:
-        """Pass on what became of a task; one that was lost waits for the sweep."""
+        """Deliver the outcome of a task; a lost one waits for the sweep."""
         if _is_lost(ticket) or not ticket.remote.done():
             return
         try:
@@ -147,15 +145,15 @@ class ClusterPool(Executor):
             ticket.future.set_result(outcome) if fault is None else ticket.future.set_exception(fault)
 
     def _meant(self, ticket: _Ticket, fault: Exception) -> Exception | None:
-        """The fault in our words; None where the task was handed over again."""
+        """Return the error in our words; None if the task was submitted again."""
         from distributed import KilledWorker
 
         from tactilevision.cluster.worker import NotBegun
 
         if isinstance(fault, KilledWorker):
             return EndsWorkers(f"a task ended the workers that tried it: {fault.task}")
-        if isinstance(fault, NotBegun) and ticket.untold < UNTOLD:
-            ticket.untold += 1
+        if isinstance(fault, NotBegun) and ticket.unprepared < UNPREPARED:
+            ticket.unprepared += 1
             with self._lock:
                 self._tell()
                 self._hand_over(ticket)
@@ -163,7 +161,7 @@ class ClusterPool(Executor):
         return fault
 
     def _bring_back(self) -> None:
-        """Find the scheduler again, and hand over what was lost."""
+        """Reconnect to the scheduler, and submit lost tasks again."""
         until = time.monotonic() + BACK_S
         if self._client.status != "running":
             _log.warning("the scheduler is away: waiting %.0f s for it; workers may have ended with it", BACK_S)
@@ -189,7 +187,7 @@ class ClusterPool(Executor):
             f"the cluster was lost and has not come back for {BACK_S:.0f} s",
             where=WHERE,
             value=str(fault),
-            remedy="What is done is kept: start the cluster, and run the same command again.",
+            remedy="Finished results are kept: start the cluster, and run the same command again.",
         )
         for ticket in self._tickets:
             if ticket.future.set_running_or_notify_cancel():
@@ -203,10 +201,10 @@ def _is_lost(ticket: _Ticket) -> bool:
 
 @contextmanager
 def cluster_pool(where: str, start: Callable[..., None] | None = None, *given: Any) -> Iterator[ClusterPool]:
-    """The workers of the scheduler at `where`, an address or a scheduler's file.
+    """Connect to the workers of the scheduler at `where`, an address or a scheduler's file.
 
-    `start(*given)` is called once in each, also in those that come later. Raises ClusterError where nobody
-    answers there, there are no workers, or theirs is another version of this library.
+    `start(*given)` is called once in each, also in those that join later. Raises ClusterError if nothing answers,
+    there are no workers, or they have another version of this library.
     """
     pool = ClusterPool(where, start, given)
     theirs = logging.getLogger("distributed.client")
@@ -219,29 +217,30 @@ def cluster_pool(where: str, start: Callable[..., None] | None = None, *given: A
 
 
 def _is_no_farewell(record: logging.LogRecord) -> bool:
-    """Whether Dask's client says more than how it lost its scheduler, which `_bring_back` says."""
+    """Return whether Dask's client reports more than the loss of its scheduler, which `_bring_back` reports."""
     return record.exc_info is None
 
 
-# Independent steps of one analysis, done by other processes of this machine or by a cluster's workers.
-#
-# A step is a function of what it is given and writes nothing, so it may be done twice. The results come in the
-# order of the steps, the bytes that this process would have made. What its worker could not do is done here.
+# Independent steps of one analysis on other processes or a cluster's workers. A step is a pure function, so it may
+# run twice; results are those of this process, in the order of the steps. What a worker cannot do is done here.
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
-MAX_COUNT = 8  # processes where none are asked for: a diagnosis seldom has more steps at a time
-Sent = tuple[bool, object]  # whether it went well; what came of it, or what it raised
+MAX_COUNT = 8  # default number of processes: a diagnosis seldom has more steps at a time
+Sent = tuple[bool, object]  # whether it succeeded; its result, or its exception
 
 
 class Steps:
-    """Many independent steps `act(one)`: each is fetched by a call, which raises what the step raised."""
+    """Independent steps `act(one)`, each fetched by a call, which raises what the step raised."""
 
     def __init__(self, pool: Executor | None = None) -> None:
         self._pool = pool
 
     def __call__(self, act: Callable[[Given], Made], given: Sequence[Given]) -> Iterator[Callable[[], Made]]:
-        """In the order of `given`. What does not travel, as an effect of the user's own file, is done here."""
+        """Yield results in the order of `given`.
+
+        What cannot be sent, as an effect of the user's own file, is computed here.
+        """
         tasks = list[Future[Sent]]()
         if self._pool is not None and len(given) > 1:
             try:
@@ -265,7 +264,7 @@ class Steps:
     def _fetched(self, task: Future[Sent], act: Callable[[Given], Made], one: Given) -> Made:
         try:
             well, came = task.result()
-        except Exception as fault:  # of the worker or on the way, not of the step: it has no say in the result
+        except Exception as fault:  # of the worker or the transport, not of the step
             self._give_up(fault)
             return act(one)
         if not well:
@@ -275,12 +274,12 @@ class Steps:
 
     def _give_up(self, fault: Exception) -> None:
         if self._pool is not None:
-            _log.warning("workers are lost (%s): the rest is done by this process", fault or type(fault).__name__)
+            _log.warning("workers are lost (%s): this process does the rest", fault or type(fault).__name__)
         self._pool = None
 
 
 def _done_there(act: bytes, one: bytes) -> Sent:
-    do, given = pickle.loads(act), pickle.loads(one)  # noqa: S301 -- what this run has sent
+    do, given = pickle.loads(act), pickle.loads(one)  # noqa: S301 -- sent by this run
     try:
         return True, do(given)
     except Exception as fault:
@@ -289,9 +288,9 @@ def _done_there(act: bytes, one: bytes) -> Sent:
 
 @contextmanager
 def step_pool(workers: int | None, cluster: str | None = None) -> Iterator[Steps]:
-    """Steps on so many processes, or on the Dask cluster at this address.
+    """Run steps on so many processes, or on the Dask cluster at this address.
 
-    None: one process a core, MAX_COUNT at most, where they can be copies of this one, else this one alone.
+    None: one process a core, MAX_COUNT at most, if they can be forked, else this one alone.
     Raises ClusterError as `cluster_pool` does.
     """
     if cluster is not None:

@@ -1,4 +1,4 @@
-"""What happens on a worker: it is told once what a run works with, then does one task at a time."""
+"""Worker side of a run: receives the run's data once, then does one task at a time."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ Start = Callable[..., None]
 Given = tuple[Any, ...]
 
 _runs: dict[str, tuple[Start | None, Given]] = {}  # by the run's name: many may share a cluster
-_ready = ""  # the run that this process was made ready for last
+_ready = ""  # the run for which this process was started last
 _one_at_a_time = threading.Lock()  # a worker may have many threads, a reconstructor may not
 
 
 class NotBegun(Exception):
-    """This worker has not been told of the run yet."""
+    """This worker has not received the run's data yet."""
 
 
 class Begin(WorkerPlugin):  # type: ignore[misc]
-    """Tells a worker what a run works with; the scheduler hands it to workers that come later, too."""
+    """Sends a run's data to a worker; the scheduler also sends it to workers that join later."""
 
     def __init__(self, run: str, start: Start | None, given: Given) -> None:
         self.name, self._what = run, (start, given)
 
     def setup(self, worker: Worker) -> None:
-        """Keep it."""
+        """Store the data."""
         _runs[self.name] = self._what
 
     def teardown(self, worker: Worker) -> None:
-        """Forget it."""
+        """Drop the data."""
         _runs.pop(self.name, None)
 
 
-def do(run: str, said: dict[str, str], fn: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-    """`fn(*args)` as the run's own process would. Raises ClusterError where this worker's versions differ."""
+def do(run: str, here: dict[str, str], fn: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+    """Return `fn(*args)` as the run's own process would. Raises ClusterError if this worker's versions differ."""
     global _ready
-    different = refusal(said, versions())
+    different = refusal(here, versions())
     if different is not None:
         raise different
     with _one_at_a_time:

@@ -1,1 +1,1 @@
-"""Where the indenter is, and when its bevel touches: read from height maps and pictures."""
+"""Contact regions, the indenter's footprint and the touch of its bevel, from height maps and pictures."""

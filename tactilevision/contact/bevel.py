@@ -1,4 +1,4 @@
-"""Sample the gel between the punch and its bevel, and find when the bevel touches."""
+"""Onset of the bevel's touch, from the gel between the punch and its bevel."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.contact.footprint import sample
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.robust import mad_std, second_difference_std
 
-# When a signal leaves its smooth course: a broken stick, bent after the break.
+# Onset of a signal's rise from a smooth course (broken stick with a curved rise):
 #
 #     y(x) = b0 + b1 x + b2 x² + A [k d + (1 - k) (√(d² + L²) - L)],   d = max(x - x0, 0),  0 <= k <= 1
 #
-# x is the depth of the punch in mm, y the signal. The smooth part takes up what is there from the start (a tilted
-# punch or a gain that differs between the sides is linear in x); b2 is held small against what x itself spans. Of
-# the growing dent, the gel that a touching edge drags along is linear in d; the wedge that lies on the gel beyond
-# the edge grows in d² until it fills the window that the signal is averaged over, at d about L, and linearly then.
-# The share k tells them apart. For each x0 of a grid the rest is linear least squares; the likelihood over the
-# grid gives x0 and its standard deviation, so a wide or lopsided valley is reported as it is. The noise comes from
-# the residuals, and is taken to be independent between frames.
+# x is the depth of the punch in mm, y the signal. The smooth part contains what does not come from the touch (a
+# tilted punch or a gain that differs between the sides is linear in x); b2 has a prior of 0. Of the dent, the gel
+# that a touching edge drags along is linear in d, with the share k; the wedge beyond the edge grows in d² until it
+# fills the window over which the signal is averaged, at d about L, and linearly then. For each x0 of a grid the
+# rest is linear least squares; mean and standard deviation of x0 are those of the likelihood over the grid. The
+# noise is estimated from the residuals, and is assumed independent between frames.
 
-_BEND = 0.02  # the smooth part may change its slope over the range of x by this, one sigma
-_GRID = 161  # places of the onset that are tried, from a twentieth of the range of depth on
+_BEND = 0.02  # prior std of the smooth part's change of slope over the range of x
+_GRID = 161  # onsets that are tried, from a twentieth of the range of depth on
 
 
 @dataclass(frozen=True, slots=True)
 class Growth:
-    """How the signal grows beyond its onset: the share k, and L in mm (0: linear)."""
+    """Growth of the signal beyond its onset: the share k, and L in mm (0: linear)."""
 
     share: float = 1.0
     fill_mm: float = 0.0
 
     def __call__(self, beyond_mm: npt.ArrayLike) -> Floats:
-        """Growth at depths beyond the onset (any shape); 0 before it."""
+        """Return the growth at depths beyond the onset (any shape); 0 before it."""
         d = np.maximum(np.asarray(beyond_mm, dtype=np.float64), 0.0)
         wedge = np.hypot(d, self.fill_mm) - self.fill_mm
         return np.asarray(self.share * d + (1 - self.share) * wedge, dtype=np.float64)
@@ -49,10 +49,9 @@ _LINEAR = Growth()
 class Onset:
     """x0 and its std; A and its std, the shape of its `growth`; `grown` is the signal at the end; `noise` of y.
 
-    `shared_std` is the part of x0's std that all presses of one bevel have in common: they share the shape.
-
-    `gain` is the fall of chi-square against no onset at all, about the square of the detection's sigmas;
-    `chi2` what is left, at the noise handed in or found.
+    `shared_std` is the part of x0's std that all presses of one bevel have in common, since they share the shape.
+    `gain` is the decrease of chi-square by the onset, about the square of the detection's sigmas; `chi2` is that
+    of the fit, at the given or estimated noise.
     """
 
     at: float
@@ -67,16 +66,16 @@ class Onset:
     shared_std: float = 0.0
 
     def signal(self, x: Floats) -> Floats:
-        """What the onset adds to the smooth course at x."""
+        """Return what the onset adds to the smooth course at x."""
         return np.asarray(self.amplitude * self.growth(x - self.at), dtype=np.float64)
 
 
 def find_onset(
     x: Floats, y: Floats, *, growth: Growth = _LINEAR, amplitude: Pair | None = None, noise: float | None = None
 ) -> Onset | None:
-    """The onset of a rise of y over x (N,), or None where there are too few readings or y only falls.
+    """Find the onset of a rise of y over x (N,); None if there are too few readings or y only falls.
 
-    `amplitude` (mean, std) is what other presses say of A; `noise` of y is estimated where it is not given.
+    `amplitude` (mean, std) is a prior of A from other presses; `noise` of y is estimated if it is not given.
     """
     good = np.isfinite(x) & np.isfinite(y)
     x, y = x[good], y[good]
@@ -85,7 +84,7 @@ def find_onset(
     keep = np.ones(x.size, dtype=bool)
     scatter = noise or _scatter(x, y)
     search = _search(x, y, scatter, growth=growth, amplitude=amplitude)
-    for _ in range(0 if noise else 2):  # again with the noise of the better model, without wild readings
+    for _ in range(0 if noise else 2):  # again with the noise of the better model, without outliers
         best = int(search.chi2.argmin())
         residual = y - _basis(x, search.places[[best]], growth)[0] @ search.coefficients[best]
         scatter = _spread(residual[keep], 5)
@@ -106,7 +105,7 @@ class _Search:
 
 
 def _search(x: Floats, y: Floats, noise: float, *, growth: Growth, amplitude: Pair | None) -> _Search:
-    """Penalised chi-square over a grid of x0, and without any onset."""
+    """Compute the penalised chi-square over a grid of x0, and without any onset."""
     span = float(np.ptp(x))
     places = np.linspace(x.min() + 0.05 * span, x.max(), _GRID)
     design = _basis(x, places, growth) / noise
@@ -114,7 +113,7 @@ def _search(x: Floats, y: Floats, noise: float, *, growth: Growth, amplitude: Pa
     right = design.transpose(0, 2, 1) @ (y / noise)
     constant = float(((y / noise) ** 2).sum())
     normal[:, 2, 2] += (span / _BEND) ** 2
-    normal += 1e-6 * np.eye(4)  # far below any reading: only for readings that are all alike
+    normal += 1e-6 * np.eye(4)  # negligible, except for constant readings
     if amplitude is not None:
         normal[:, 3, 3] += 1 / amplitude[1] ** 2
         right[:, 3] += amplitude[0] / amplitude[1] ** 2
@@ -135,7 +134,7 @@ def _search(x: Floats, y: Floats, noise: float, *, growth: Growth, amplitude: Pa
 
 
 def _basis(x: Floats, places: Floats, growth: Growth) -> Floats:
-    """(places, readings, 4)."""
+    """Return the basis functions (places, readings, 4)."""
     after = growth(x[None, :] - places[:, None])
     smooth = np.broadcast_to(np.stack([np.ones_like(x), x, x * x], axis=-1), (places.size, x.size, 3))
     return np.asarray(np.concatenate([smooth, after[..., None]], axis=-1), dtype=np.float64)
@@ -165,7 +164,7 @@ def _summary(x: Floats, search: _Search, noise: float, growth: Growth) -> Onset 
 
 
 def _scatter(x: Floats, y: Floats) -> float:
-    """Noise of y from second differences along x, which a smooth course hardly touches."""
+    """Return the noise of y from second differences along x, which a smooth course hardly affects."""
     order = np.argsort(x, kind="stable")
     return max(second_difference_std(y[order]), 1e-9 + 1e-6 * float(np.ptp(y)))
 
@@ -176,41 +175,42 @@ def _spread(residual: Floats, parameters: int) -> float:
     return max(robust, 0.7 * float(np.sqrt((residual**2).sum() / freedom)), 1e-12)
 
 
-# The gel along the line from the punch's axis to its bevel, and the signal that tells when the bevel touches.
-#
-# A strip is the mean of a field over the width of that line, against the distance s from the axis: s > 0 on the
-# bevel's side, s < 0 on the mirrored one. The height map's signal is the dent along the bevel's edge, less the
-# same on the mirrored side: the rise beside the punch, the gain and a drifting light are alike on both and
-# cancel. The picture's signal is the change of its colours there, along the change that the touch itself makes.
-# Distances in mm.
+# Signals of the bevel's touch. A strip is the mean of a field over the width of the line from the punch's axis to
+# its bevel, against the distance s from the axis: s > 0 on the bevel's side, s < 0 on the mirrored one. The height
+# map's signal is the dent along the bevel's edge, less the same on the mirrored side: the rise of the gel, the
+# gain and a drifting light are equal on both and cancel. The picture's signal is the change of its colours there,
+# along the change by the touch. Distances in mm.
 
 SIDES: dict[str, Pair] = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "bottom": (0.0, 1.0), "top": (0.0, -1.0)}
 STEP_MM = 0.1  # mm between the places of a strip, about a pixel
-HALF_WIDTH_MM = 1.5  # along a straight edge at twice the radius the gel rises alike within that
-EDGE_MM = 0.15  # to both sides of the bevel's edge: the dent is some pixels wide while it is shallow
-FLANK_MM = (0.6, 1.2)  # from the edge: near enough to share its long-waved noise, far enough to be off the dent
-_CLEAR = (
-    2.0  # stds before a first onset, up to where the picture is taken to be untouched; tests/contact/test_onset
-)
-_LATE = 0.3  # of the growth seen, from which the picture's change is the template
-_MIN_FRAMES = 3  # before the onset, from which a straight course is taken
-_WALL_MM = 0.4  # beyond the punch's edge, where its wall is still steep
+HALF_WIDTH_MM = 1.5  # along a straight edge at twice the radius the gel's rise is even within that
+EDGE_MM = 0.15  # to both sides of the bevel's edge: the width of a shallow dent
+FLANK_MM = (0.6, 1.2)  # from the edge: near enough to share its long-waved noise, outside the dent
+_CLEAR = 2.0  # stds before a first onset, until when the picture counts as untouched; tests/contact/test_onset
+_LATE = 0.3  # of the largest growth, from which the picture's change is the template
+_MIN_FRAMES = 3  # before the onset, for a straight course
+_WALL_MM = 0.4  # beyond the punch's edge: its steep wall
 
 
 def mean_distance_mm(distance_mm: float) -> float:
-    """Distance from the axis, in the mean over the strip's width, of an edge `distance_mm` off at its nearest."""
+    """Return the mean distance from the axis, over the strip's width, of an edge `distance_mm` off at its
+    nearest.
+    """
     return float(np.hypot(distance_mm, HALF_WIDTH_MM / np.sqrt(3)))
 
 
 def strip_places(reach_mm: float) -> Floats:
-    """Distances s (n,) of a strip in mm, symmetric about the axis, out to `reach_mm`."""
+    """Return the distances s (n,) of a strip in mm, symmetric about the axis, out to `reach_mm`."""
     count = int(np.floor(reach_mm / STEP_MM))
     return np.linspace(-count, count, 2 * count + 1) * STEP_MM
 
 
 def strip(field: npt.NDArray[Any], centre_px: Pair, *, px_per_mm: Pair, side: str, reach_mm: float) -> Floats:
-    """Mean of `field` (H, W[, C]) over the strip's width at strip_places(reach_mm), (S[, C]); NaN out of view."""
-    s, t = np.meshgrid(strip_places(reach_mm), np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-9, STEP_MM))
+    """Return the mean of `field` (H, W[, C]) over the strip's width at strip_places(reach_mm), (S[, C]).
+
+    NaN out of view.
+    """
+    s, t = np.meshgrid(strip_places(reach_mm), np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + ROUNDING, STEP_MM))
     along, across = SIDES[side], (-SIDES[side][1], SIDES[side][0])
     x = centre_px[0] + (along[0] * s + across[0] * t) * px_per_mm[0]
     y = centre_px[1] + (along[1] * s + across[1] * t) * px_per_mm[1]
@@ -222,10 +222,10 @@ def strip(field: npt.NDArray[Any], centre_px: Pair, *, px_per_mm: Pair, side: st
 
 
 def height_signal(strips: Floats, s: Floats, *, distance_mm: float, radius_mm: float) -> Floats | None:
-    """Depth (N,) at the bevel's edge less that of its surroundings, less the same on the mirrored side.
+    """Return the depth (N,) at the bevel's edge less that of its surroundings, less the same on the mirrored side.
 
-    The noise of a height map is long-waved (slopes are integrated), the dent of a touching edge is short: the
-    surroundings take the one away and leave the other. None where the edge is out of view.
+    The noise of a height map is long-waved (slopes are integrated) and cancels, the dent of a touching edge is
+    short. None if the edge is out of view.
     """
     here = _dent(strips, s, distance_mm, radius_mm)
     if here is None:
@@ -255,12 +255,12 @@ def _mean(strips: Floats, s: Floats, first: float, last: float) -> Floats | None
 def picture_signal(
     colours: Floats, s: Floats, *, depth_mm: Floats, distance_mm: float, onset: Onset
 ) -> Floats | None:
-    """Change of the colours (N, S, 3) beside the bevel's edge, along the change that follows a first onset.
+    """Return the change of the colours (N, S, 3) next to the bevel's edge, along the change after a first onset.
 
-    Of each colour and place the course before the onset, straight in depth, is taken away; what is left long after
-    it is the template. So a first onset some deviations off leaves the template as it is. Colours weigh by their
-    noise; places do not, since those where a late onset fits best would weigh most. In units of the template: it
-    grows with the depth beyond the touch. None where the touch does not show in the colours.
+    The course of each colour and place before the onset, straight in depth, is subtracted; the mean change long
+    after it is the template, which does not depend on an error of the onset of some deviations. Colours are
+    weighted by their noise, places are not, since those where a late onset fits best would weigh most. In units of
+    the template, growing with the depth beyond the touch. None if the touch does not show in the colours.
     """
     near = np.asarray(np.abs(s - distance_mm) <= FLANK_MM[1])
     traces = colours[:, near].reshape(len(colours), -1).astype(np.float64)

@@ -16,27 +16,27 @@ from tactilevision.records.measured import Bools, Floats, Pair
 from tactilevision.records.rig import Indenter
 from tactilevision.robust import mad_std
 
-# The face's edge, direction by direction: where the depth falls most steeply on the way out.
+# Edge of the face in each direction: the place of the steepest fall of depth outwards.
 #
 # Just outside a sharp punch the surface falls like a square root, so the true slope is -C x^(-1/2) beyond the edge
-# x = 0 and 0 before it. Seen through a blur of any width the steepest place then lies outside the edge, by an
-# amount that the slope's own shape tells: a wall as steep inwards as outwards (a cut-off wall) has its middle at
-# the edge, one with a long outer flank has it inside. The family x^(-1/2) exp(-x/L), blurred, covers both ends;
-# the ratio of the outer to the inner half width names the member and with it the offset. Lengths in mm; directions
-# are angles from x (right) towards y (down).
+# x = 0 and 0 before it. After a blur the steepest place is outside the edge, by an amount that follows from the
+# slope's shape: a wall as steep inwards as outwards (a cut-off wall) has its middle at the edge, one with a long
+# outer flank has the edge inside. The family x^(-1/2) exp(-x/L), blurred, covers both ends; the ratio of the outer
+# to the inner half width determines L and the offset. Lengths in mm; directions are angles from x (right) towards
+# y (down).
 
-_DIRECTIONS = 180  # round the face, in which the steepest place is looked for
+_DIRECTIONS = 180  # round the face
 
 
 def place_px(height: HeightMap, places_mm: Floats) -> Floats:
-    """Pixels (x, y) of places (..., 2) on the pad, mm from its centre."""
+    """Return the pixels (x, y) of places (..., 2) on the pad, mm from its centre."""
     rows, columns = height.depth_mm.shape
     middle = np.array([(columns - 1) / 2, (rows - 1) / 2])
     return np.asarray(np.asarray(places_mm) / np.asarray(height.mm_per_px) + middle, dtype=np.float64)
 
 
 def sample(field: npt.NDArray[Any], places_px: Floats) -> Floats:
-    """Bilinear values of `field` (H, W) or (H, W, C) at places (A, B, 2), px; NaN outside the picture."""
+    """Interpolate `field` (H, W) or (H, W, C) bilinearly at places (A, B, 2), px; NaN outside the picture."""
     grid = places_px.astype(np.float32)
     values = cv2.remap(
         np.asarray(field, dtype=np.float32),
@@ -50,11 +50,11 @@ def sample(field: npt.NDArray[Any], places_px: Floats) -> Floats:
 
 
 def edge_points(height: HeightMap, centre_mm: Pair, radius_mm: float) -> tuple[Floats, Floats, float]:
-    """Edge points (N, 2) in mm round a rough centre and radius, their steepness (N,) in mm per mm, and by how
-    much (mm) they were drawn inwards from the steepest place.
+    """Find edge points (N, 2) in mm round a rough centre and radius, their steepness (N,) in mm per mm, and how
+    far (mm) they were moved inwards from the steepest place.
 
     Searched between half and one and a half radii. Directions whose ray leaves the view or meets invalid pixels at
-    the wall are left out.
+    the wall are excluded.
     """
     step = min(height.mm_per_px) / 2
     radii = np.arange(0.5 * radius_mm, 1.55 * radius_mm, step)
@@ -76,7 +76,7 @@ def edge_points(height: HeightMap, centre_mm: Pair, radius_mm: float) -> tuple[F
 
 
 def _outward_fall(height: HeightMap, centre_mm: Pair, radii: Floats) -> Floats:
-    """-d depth/dr (directions, radii), smoothed over neighbouring directions."""
+    """Return -d depth/dr (directions, radii), smoothed over neighbouring directions."""
     angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     rays = np.stack([np.cos(angle), np.sin(angle)], axis=-1)[:, None, :] * radii[None, :, None]
     depth = np.where(height.valid, height.depth_mm, np.nan)
@@ -87,7 +87,7 @@ def _outward_fall(height: HeightMap, centre_mm: Pair, radii: Floats) -> Floats:
 
 
 def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
-    """How far outside the edge the steepest place lies, from the mean shape of the wall."""
+    """Return the distance of the steepest place outside the edge, from the mean shape of the wall."""
     if not len(at):
         return 0.0
     step = float(radii[1] - radii[0])
@@ -107,7 +107,10 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
 
 
 def _between(rows: Floats, places: Floats) -> Floats:
-    """Values of each of `rows` (n, k) at fractional indices (n, m), straight between; 0 beyond its ends."""
+    """Return the values of each of `rows` (n, k) at fractional indices (n, m), straight between.
+
+    0 beyond its ends.
+    """
     last = rows.shape[1] - 1
     left = np.clip(places.astype(np.intp), 0, last - 1)
     share = places - left
@@ -117,7 +120,7 @@ def _between(rows: Floats, places: Floats) -> Floats:
 
 
 def _half_width(flank: Floats, half: float) -> float:
-    """Steps until a falling flank passes `half`."""
+    """Return the steps until a falling flank passes `half`."""
     below = np.flatnonzero(flank < half)
     if not below.size or below[0] == 0:
         return 0.0 if below.size else float(flank.size)
@@ -127,7 +130,9 @@ def _half_width(flank: Floats, half: float) -> float:
 
 @lru_cache(maxsize=1)
 def _wall_family() -> tuple[Floats, Floats]:
-    """Ratio of outer to inner half width, and offset over the inner half width, over L of the family."""
+    """Return the ratio of outer to inner half width, and offset over the inner half width, over L of the
+    family.
+    """
     step = 0.02
     x = np.arange(-8, 40, step)
     blur = np.exp(-0.5 * np.arange(-6, 6 + step, step) ** 2)
@@ -145,91 +150,86 @@ def _wall_family() -> tuple[Floats, Floats]:
     return np.array(ratios)[order], np.array(offsets)[order]
 
 
-# The indenter's circle in a height map: centre, radius, depth and tilt of its face.
-#
-# A disc-minus-ring filter finds the face, the steepest ring round it gives edge points, a robust circle goes
-# through them, and a plane through the face inside it gives depth and tilt:
+# Footprint of the indenter: a disc-minus-ring filter finds the face, the steepest ring round it gives edge points,
+# to which a circle is fitted robustly, and a plane through the face gives depth and tilt:
 #
 #     depth(x, y) = depth_c + tilt_x (x - x_c) + tilt_y (y - y_c)
 #
-# Lengths in mm, places on the pad. Assumes a flat round face; a ball's or cone's contact gives a circle too, but
-# its tilt and depth are then those of the plane nearest to its tip. Depth is taken from the height map's own zero.
+# Lengths in mm, places on the pad, depth from the height map's zero. Assumes a flat round face; the contact of a
+# ball or a cone gives a circle too, with tilt and depth of the plane nearest to its tip.
 
-_GRID_MM = 0.2  # mm: grid of the rough search, fine against any face
-_RING = (1.2, 1.5)  # of the radius: near enough that a tilted zero plane cancels
-_BESIDE = (1.2, 1.5)  # of the radius: beyond the steep edge
-_ROUND = 180  # directions round the face
-_MIN_RINGS = 3  # of which one may be uneven by itself
+_GRID_MM = 0.2  # mm: grid of the rough search
+_RING = (1.2, 1.5)  # of the radius: beyond the steep edge, near enough that a tilted zero plane cancels
+_MIN_RINGS = 3  # of which one may be uneven
 _INNER = 0.8  # of the radius: the face without its wall
-# share of the edge's correction that is doubtful: blurs differ from a Gaussian by about that
-_CORRECTION_STD = 0.25
-_DETECTION_SIGMA = 6.0  # times the scatter of the filter over the view: about one false alarm in 1e6 views
+_CORRECTION_STD = 0.25  # relative uncertainty of the edge's correction: blurs are not Gaussian
+_DETECTION_SIGMA = 6  # times the scatter of the filter over the view: about one false alarm in 1e6 views
 
 
 def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | None = None) -> Footprint | None:
-    """The face of `indenter`, in mm, in a map (H, W), or None where nothing stands out of the noise.
+    """Find the face of `indenter`, in mm, in a map (H, W); None if nothing exceeds the noise.
 
-    `prior`, a footprint of the same press, saves the search. Works from a depth of some ten times the noise on.
+    `prior`, a footprint of the same press, replaces the search. Needs a depth of some ten times the noise.
     """
     if prior is not None:
         start: tuple[Pair, float] | None = (prior.centre_mm, prior.radius_mm)
     else:
-        # a ball or a cone touches the less the less deep it is pressed: its own radius says nothing
+        # the contact radius of a ball or a cone depends on its depth
         start = _search(height, indenter.radius_mm if indenter.shape == "flat_cylinder" else float("nan"))
     if start is None:
         return None
-    circle, drawn = None, 0.0
-    for _ in range(2):  # the second time round the centre that the first has found
-        points, steepness, drawn = edge_points(height, *start)
+    circle, moved = None, 0.0
+    for _ in range(2):  # the second time round the centre of the first
+        points, steepness, moved = edge_points(height, *start)
         steep = steepness > 0.25 * np.median(steepness) if len(steepness) else np.zeros(0, dtype=bool)
-        arc = 2 * np.pi * start[1] * steep.sum() / 180
+        arc = 2 * np.pi * start[1] * steep.sum() / _DIRECTIONS
         circle = fit_circle(
-            points[steep], start=start, scale_mm=0.5 * max(height.mm_per_px), independent=max(arc / 0.5, 4.0)
+            points[steep], start=start, scale_mm=0.5 * max(height.mm_per_px), independent=max(2 * arc, 4)
         )
         if circle is None or not 0.3 * start[1] < circle.radius_mm < 2.5 * start[1]:
             return None
         start = (circle.centre_mm, circle.radius_mm)
-    return None if circle is None else _describe(height, circle, _CORRECTION_STD * drawn)
+    return None if circle is None else _describe(height, circle, _CORRECTION_STD * moved)
 
 
-def ring_beside(height: HeightMap, face: Footprint, *, away_from: Pair) -> Floats:
-    """Depth (180,) in mm just outside the face, round it from azimuth 0 towards y, beside a mean and a slope.
+def ring_outside(height: HeightMap, face: Footprint, *, away_from: Pair) -> Floats:
+    """Return the depth (180,) in mm just outside the face, from azimuth 0 towards y, less its mean and first
+    harmonic.
 
-    `away_from` (x, y) points to the bevel, whose quarter is NaN. All of it is where less than a third of the way
-    round is in view.
+    `away_from` (x, y) points to the bevel, whose quarter is NaN. All is NaN if less than a third is in view.
     """
-    angle = 2 * np.pi * np.arange(_ROUND) / _ROUND
+    angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     towards = np.c_[np.cos(angle), np.sin(angle)]
-    radii = np.linspace(*_BESIDE, 7) * face.radius_mm
+    radii = np.linspace(*_RING, 7) * face.radius_mm
     places = towards[:, None, :] * radii[None, :, None] + np.asarray(face.centre_mm)
     depth = np.where(height.valid, height.depth_mm, np.nan)
-    beside = sample(depth, place_px(height, places)).mean(axis=1)
-    use = np.isfinite(beside) & (towards @ np.asarray(away_from) < np.cos(np.pi / 4))
-    ring = np.full(_ROUND, np.nan)
-    if use.sum() >= _ROUND / 3:
-        basis = np.c_[np.ones(_ROUND), towards][use]
-        answer, *_ = np.linalg.lstsq(basis, beside[use], rcond=None)
-        ring[use] = beside[use] - basis @ answer
+    outside = sample(depth, place_px(height, places)).mean(axis=1)
+    use = np.isfinite(outside) & (towards @ np.asarray(away_from) < np.cos(np.pi / 4))
+    ring = np.full(_DIRECTIONS, np.nan)
+    if use.sum() >= _DIRECTIONS / 3:
+        basis = np.c_[np.ones(_DIRECTIONS), towards][use]
+        answer, *_ = np.linalg.lstsq(basis, outside[use], rcond=None)
+        ring[use] = outside[use] - basis @ answer
     return ring
 
 
 def shared_ring(rings: Sequence[Floats]) -> Floats:
-    """What rings (180,) in mm have most in common, of any size and sign: their first singular vector.
+    """Return what rings (180,) in mm have most in common, of any size and sign: their first singular vector.
 
-    Shadows of fixed lamps fall to the same sides of every punch. Zero where unknown, or all
-    of it where fewer than three are known.
+    Shadows of fixed lamps fall to the same sides of every punch. Zero where unknown, and if fewer than three rings
+    are known.
     """
     known = [np.nan_to_num(ring) for ring in rings if np.isfinite(ring).any()]
     if len(known) < _MIN_RINGS:
-        return np.zeros(_ROUND)
+        return np.zeros(_DIRECTIONS)
     return np.asarray(np.linalg.svd(np.array(known), full_matrices=False)[2][0])
 
 
 def unevenness_mm(ring: Floats, light: Floats) -> float:
-    """How much the depth just outside a face differs round it, rms in mm of a ring (180,) beside `light`'s share.
+    """Return the rms in mm of the depth just outside a face, a ring (180,), less the share of `light`.
 
-    Beside a disc the gel falls away alike all round; a slot, a burr or a crumb shows there even where the wall is
-    as steep as a disc's. `light` (180,) is what punches other than this one show, too. NaN for an unknown ring.
+    Outside a disc the gel falls evenly all round; a slot, a burr or a crumb shows there even if the wall is as
+    steep as a disc's. `light` (180,) is the ring shared by other punches. NaN for an unknown ring.
     """
     known = np.isfinite(ring)
     if not known.any():
@@ -241,12 +241,10 @@ def unevenness_mm(ring: Floats, light: Floats) -> float:
 
 
 def relief_mm(height: HeightMap, face: Footprint) -> float:
-    """How far the face in a map (H, W) is from flat, rms in mm beside a plane and a dish.
+    """Return the rms in mm of the face in a map (H, W) about a plane and a dish.
 
-    What broke off shows, a tilt does not.
-
-    A dish, alike all round, is what a height map may make of any deep face. Read within _INNER of the radius,
-    clear of the wall. NaN where too little of the face is in view.
+    A broken edge contributes, a tilt does not, nor does a rotationally symmetric dish, which a height map may show
+    on any deep face. Read within _INNER of the radius, inside the wall. NaN if too little of the face is in view.
     """
     (rows, columns), (step_x, step_y) = height.depth_mm.shape, height.mm_per_px
     x = (np.arange(columns) - (columns - 1) / 2) * step_x - face.centre_mm[0]
@@ -261,8 +259,8 @@ def relief_mm(height: HeightMap, face: Footprint) -> float:
 
 
 def _search(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None:
-    """Rough centre and radius: the best answer of a disc-minus-ring filter."""
-    candidates = [radius_mm] if np.isfinite(radius_mm) else list(np.geomspace(0.8, 6.0, 7))
+    """Find a rough centre and radius: the strongest response of a disc-minus-ring filter."""
+    candidates = [radius_mm] if np.isfinite(radius_mm) else list(np.geomspace(0.8, 6, 7))
     found = [(answer, radius) for radius in candidates if (answer := _best_disc(height, radius)) is not None]
     if not found:
         return None
@@ -292,7 +290,7 @@ def _best_disc(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None
 
 
 def _contrast(depth: Floats, known: Floats, radius: float) -> tuple[Floats, Bools]:
-    """Mean over a disc minus mean over the ring round it, and where enough of both is in view."""
+    """Return the mean over a disc minus the mean over the ring round it, and where enough of both is in view."""
     reach = int(np.ceil(_RING[1] * radius))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     distance = np.hypot(x, y)
@@ -321,7 +319,7 @@ def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:
     x, y = x[:, there[1]], y[there[0]]
     face = height.valid[there] & (x**2 + y**2 < reach**2)
     plane, std = _plane(height.depth_mm[there].astype(np.float64), face, (x, y), height.mm_per_px)
-    lever = 0.4 * circle.radius_mm  # rms distance from the middle of the face along one axis
+    lever = _INNER / 2 * circle.radius_mm  # rms distance from the middle of the face along one axis
     return Footprint(
         mask=mask,
         centre_mm=circle.centre_mm,
@@ -337,16 +335,17 @@ def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:
 
 
 def _span(offset: Floats, reach: float) -> tuple[int, int]:
-    """First index within `reach` of the middle, and the first beyond it."""
+    """Return the first index within `reach` of the middle, and the first beyond it."""
     near = np.flatnonzero(np.abs(offset.ravel()) < reach)
     return (int(near[0]), int(near[-1]) + 1) if near.size else (0, 0)
 
 
 def _plane(depth_mm: Floats, face: Bools, offsets: tuple[Floats, Floats], mm_per_px: Pair) -> tuple[Floats, float]:
-    """Plane (depth at the centre, d/dx, d/dy) through the face, and the standard deviation of its depth.
+    """Fit a plane (depth at the centre, d/dx, d/dy) to the face.
 
-    Twice, the second time without what lies beyond 3 sigma. Residuals are alike over the length that their own
-    gradient tells, so the face holds area / (2 pi length^2) independent readings.
+    Return it and the standard deviation of its depth. Twice, the second time without residuals beyond 3 sigma.
+    Their correlation length is their std over that of their gradient, so the face has area / (2 pi length^2)
+    independent readings.
     """
     x, y = np.broadcast_to(offsets[0], face.shape)[face], np.broadcast_to(offsets[1], face.shape)[face]
     if x.size < 10:
@@ -366,5 +365,5 @@ def _plane(depth_mm: Floats, face: Bools, offsets: tuple[Floats, Floats], mm_per
     steps = np.diff(whole, axis=1) / mm_per_px[0]
     rough = float(np.nanstd(steps)) if np.isfinite(steps).any() else 0.0
     length = spread / rough if rough > 0 else max(mm_per_px)
-    independent = max(keep.sum() * np.prod(mm_per_px) / (2 * np.pi * length**2), 3.0)
+    independent = max(keep.sum() * np.prod(mm_per_px) / (2 * np.pi * length**2), 3)
     return plane, spread / float(np.sqrt(independent))

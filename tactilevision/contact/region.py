@@ -1,14 +1,13 @@
-"""Which part of a height map is contact: what is pressed in beyond what noise explains, each region to its edge.
+"""Contact regions of a height map: what is deeper than noise explains, each region bounded by its edge.
 
-Gel slopes down to a contact from far off, so what is deeper than noise is up to four times the contact. At the
-edge of a ball, a cone or a flat face the surface is steepest; beyond it the slope falls off. With g(z) the mean
-slope of a region's surface at depth z,
+Gel slopes down to a contact from far off, so the region deeper than noise is up to four times the contact. The
+surface is steepest at the edge of a ball, a cone or a flat face. With g(z) the mean slope of a region's surface at
+depth z,
 
     edge = the shallowest z with g(z) >= STEEPEST max g
 
-and contact is what lies deeper. On balls of 6 to 60 px in radius and flat steps the area so comes out between .9
-and 1.15 of the true one; of a ball wider than twice the gel is thick, whose rim rises above untouched gel, a fifth
-is missing.
+and contact is what is deeper. For balls of 6 to 60 px in radius and flat steps the area is .9 to 1.15 of the true
+one; for a ball wider than twice the gel's thickness, whose rim rises above untouched gel, a fifth is missing.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ from tactilevision.records.maps import BEYOND_BALLS, BORDER, HeightMap
 from tactilevision.records.measured import Bools, Pair
 from tactilevision.robust import median
 
-STEEPEST = 0.9  # of the greatest mean slope: where the edge is; tests/contact/test_region.py
+STEEPEST = 0.9  # of the greatest mean slope, at the edge; tests/contact/test_region.py
 LEVELS = 20  # of depth, between the shallowest and the deepest of a region
-SMOOTH_PX = 1.0  # px: sigma of the blur before slopes are taken
-REACH_PX = 6  # px, from which the blur and a slope still take something
-SAMPLED = 4  # pixels along each side, of which one tells how much is known of a map
-MIN_SLOPE_PX = 3  # pixels, too few to tell a slope
+SMOOTH_PX = 1.0  # px: sigma of the blur before slopes are computed
+REACH_PX = 6  # px: radius of the blur and the slope's stencil
+SAMPLED = 4  # px: step of the pixels from which the median deviation of a map is taken
+MIN_SLOPE_PX = 3  # least number of pixels for a slope
 
 Array = npt.NDArray[np.floating[Any]]
 Window = tuple[slice, ...]
@@ -38,13 +37,12 @@ WHOLE: Window = (slice(None), slice(None))
 
 
 def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
-    """Mask (H, W) of where something presses.
+    """Return the mask (H, W) of where something presses.
 
-    A region is deeper than the limit of depth. Slow waves of untouched gel go as deep over wide areas. So it
-    counts where enough pixels of it pass the wide limit, by the `error` of the method that made the map. That
-    widens with the stated deviation; slopes and colours do not, and a region counts, too, where enough of it is
-    steeper, or of another colour, than untouched gel is (`strong_evidence`). Specks do not count. Limits:
-    records/contact_thresholds.py.
+    A region is deeper than the limit of depth. Since slow errors of untouched gel go as deep over wide areas, it
+    counts if enough of its pixels pass the wide limit, by the `error` of the method of the map, or if enough of it
+    is steeper, or of another colour, than untouched gel (`strong_evidence`): slopes and colours do not depend on
+    the stated deviation. Specks do not count. Limits: records/contact_thresholds.py.
     """
     found = np.zeros(height.depth_mm.shape, np.bool_)
     noise_mm = map_noise_mm(height)
@@ -79,7 +77,9 @@ def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
 
 
 def in_question(height: HeightMap, noise_mm: float | None = None) -> Bools:
-    """Mask (H, W) of what is deeper than the map is rough: its `noise_mm` (map_noise_mm) where that is known."""
+    """Return the mask (H, W) of what is deeper than the map is rough: its `noise_mm` (map_noise_mm) where
+    known.
+    """
     if not height.valid.any():
         return height.valid
     deepest_mm = cv2.minMaxLoc(height.depth_mm, mask=height.valid.view(np.uint8))[1]
@@ -88,10 +88,10 @@ def in_question(height: HeightMap, noise_mm: float | None = None) -> Bools:
 
 
 def strong_evidence(height: HeightMap, window: Window = WHOLE, *, among: Bools | None = None) -> Bools:
-    """Mask (h, w) of where slope or colour are such as untouched gel hardly has them, whatever depth may be off.
+    """Return the mask (h, w) of slopes or colours that untouched gel hardly has, whatever error the depth has.
 
-    Of a `window` of the map. `among` (h, w): pixels among which alone a steep one is looked for. Empty for a map
-    of which next to nothing is known: its slopes tell nothing either.
+    Of a `window` of the map. `among` (h, w): the pixels searched for steep ones. Empty for a map without
+    information.
     """
     depth = height.depth_mm[window]
     coloured = height.colour_change is not None and height.colour_change.max() > CONTACT.strong_colour_sigma
@@ -115,7 +115,9 @@ def _is_blind(height: HeightMap) -> bool:
 
 
 def _strong(height: HeightMap, places: npt.NDArray[np.intp]) -> Bools:
-    """`strong_evidence` of some pixels (n,), by their places in the flattened map; looked for round them alone."""
+    """Return `strong_evidence` of some pixels (n,), by their places in the flattened map, computed around them
+    alone.
+    """
     among = np.zeros(height.depth_mm.shape, np.bool_)
     among.reshape(-1)[places] = True
     window = _widened(_bounds(among), among.shape)
@@ -125,13 +127,13 @@ def _strong(height: HeightMap, places: npt.NDArray[np.intp]) -> Bools:
 
 
 def _bounds(mask: Bools) -> Window:
-    """The smallest window that holds all pixels of a mask (h, w); empty where there are none."""
+    """Return the smallest window that holds all pixels of a mask (h, w); empty where there are none."""
     left, top, across, down = cv2.boundingRect(mask.view(np.uint8))
     return slice(top, top + down), slice(left, left + across)
 
 
 def _widened(box: Window, shape: tuple[int, ...]) -> Window:
-    """A window of a map of this shape that holds all that takes part in the slopes of a box."""
+    """Return the window of a map of this shape that holds all that enters the slopes of a box."""
     return tuple(
         slice(max(0, side.start - REACH_PX), min(size, side.stop + REACH_PX))
         for side, size in zip(box, shape, strict=True)
@@ -139,18 +141,21 @@ def _widened(box: Window, shape: tuple[int, ...]) -> Window:
 
 
 def at_border(contact: Bools) -> bool:
-    """Whether a contact (H, W) reaches the picture's border."""
+    """Return whether a contact (H, W) reaches the picture's border."""
     return bool(contact[0].any() or contact[-1].any() or contact[:, 0].any() or contact[:, -1].any())
 
 
 def contact_flags(contact: Bools, error: DepthError | None = None) -> tuple[str, ...]:
-    """Flags of a `contact`, a mask (H, W) without unit, by where it lies; `error` is that of the map's method."""
+    """Return the flags of a `contact`, a mask (H, W) without unit, by where it lies.
+
+    `error` is that of the map's method.
+    """
     border = (BORDER,) if at_border(contact) else ()
     return (*border, BEYOND_BALLS) if error and contact.any() and error.beyond_balls(contact) else border
 
 
 def _to_its_edge(height: HeightMap, window: Window, region: Bools) -> Bools:
-    """The part of a `region` (h, w) of the map's `window` that lies behind its steepest line."""
+    """Return the part of a `region` (h, w) of the map's `window` that lies behind its steepest line."""
     if min(region.shape) < MIN_SLOPE_PX:
         return region
     smooth, steepness = _smooth_slope(height.depth_mm[window], height.mm_per_px)
@@ -167,21 +172,22 @@ def _to_its_edge(height: HeightMap, window: Window, region: Bools) -> Bools:
 
 
 def _smooth_slope(depth_mm: Array, mm_per_px: Pair) -> tuple[Array, Array]:
-    """Depth (h, w) mm without its noise, and how steep it is, mm per mm."""
+    """Return the smoothed depth (h, w) mm and its slope, mm per mm."""
     smooth = cv2.GaussianBlur(np.asarray(depth_mm, np.float32), (0, 0), SMOOTH_PX)
     wide = cv2.copyMakeBorder(smooth, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     across, down = wide[1:-1, 2:] - wide[1:-1, :-2], wide[2:, 1:-1] - wide[:-2, 1:-1]
     across *= 0.5 / mm_per_px[0]
     down *= 0.5 / mm_per_px[1]
-    across[:, [0, -1]] *= 2.0  # over one pixel there, not over two
-    down[[0, -1]] *= 2.0
+    across[:, [0, -1]] *= 2  # one-sided differences
+    down[[0, -1]] *= 2
     return smooth, cv2.magnitude(across, down)
 
 
 def _steep_window(depth_mm: Array, mm_per_px: Pair, *, among: Bools | None) -> Window | None:
-    """Window of a map (h, w) in mm that holds all pixels of too steep a smooth slope; None if there are none.
+    """Return the window of a map (h, w) in mm that holds all pixels of too steep a smooth slope.
 
-    A smooth slope is a mean of slopes from one pixel to the next, within REACH_PX, so no steeper than all of them.
+    None if there are none. A smooth slope is a mean of pixel-to-pixel slopes within REACH_PX, so no steeper than
+    the steepest of them.
     """
     depth = np.asarray(depth_mm, np.float32)
     across = cv2.norm(depth[:, 1:], depth[:, :-1], cv2.NORM_INF) / mm_per_px[0]
@@ -190,7 +196,7 @@ def _steep_window(depth_mm: Array, mm_per_px: Pair, *, among: Bools | None) -> W
         return None
     if among is None:
         return WHOLE
-    steps = np.zeros(depth.shape, np.uint8)  # a step of either direction has 1 / sqrt(2) of the limit, or more
+    steps = np.zeros(depth.shape, np.uint8)  # a step in either direction of at least 1 / sqrt(2) of the limit
     limit = CONTACT.strong_slope / np.sqrt(2.0)
     steps[:, 1:] |= ~(cv2.absdiff(depth[:, 1:], depth[:, :-1]) <= np.float32(limit * mm_per_px[0]))
     steps[1:] |= ~(cv2.absdiff(depth[1:], depth[:-1]) <= np.float32(limit * mm_per_px[1]))
@@ -201,8 +207,9 @@ def _steep_window(depth_mm: Array, mm_per_px: Pair, *, among: Bools | None) -> W
 def _surely_mm(
     height: HeightMap, places: npt.NDArray[np.intp], *, error: DepthError | None, noise_mm: float
 ) -> Array | float:
-    """Depth (n,) mm that untouched gel reaches at none of the pixels at `places` (n,) of the flattened map in one
-    picture of two; 0 where no deviation is known."""
+    """Return the depth (n,) mm that untouched gel reaches at none of the pixels at `places` (n,) of the flattened
+    map in one picture of two; 0 if no deviation is known.
+    """
     std_mm = untouched_std(height, error, places=places, noise_mm=noise_mm)
     if std_mm is None:
         return 0.0

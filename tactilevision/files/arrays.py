@@ -18,8 +18,6 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.files.opening import check, open_regular
 
-# Arrays from .npy and .npz files: shapes and types are read from the headers before any number is.
-
 DAMAGED = (ValueError, EOFError, OSError, KeyError, TypeError, AttributeError, SyntaxError, OverflowError,
            MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error, tokenize.TokenError)  # fmt: skip
 
@@ -29,7 +27,7 @@ class DamagedArrayError(InputError):
 
 
 def read_array(data: bytes, *, where: object) -> npt.NDArray[Any]:
-    """The one array of a .npy file, as it is, of any shape, in its unit.
+    """Read the one array of a .npy file, as it is, of any shape, in its unit.
 
     Raises DamagedArrayError where it is damaged or holds objects, InputError where it is too large.
     """
@@ -43,7 +41,7 @@ def read_array(data: bytes, *, where: object) -> npt.NDArray[Any]:
 
 
 def read_arrays(path: Path | str) -> Mapping[str, npt.NDArray[Any]]:
-    """The arrays of a .npz file by their names, as they are, of any shape, in their unit.
+    """Read the arrays of a .npz file by their names, as they are, of any shape, in their unit.
 
     Raises InputError where the file is damaged, holds objects, or unpacks to more than the limit; OSError where
     the file system refuses.
@@ -53,7 +51,7 @@ def read_arrays(path: Path | str) -> Mapping[str, npt.NDArray[Any]]:
 
 
 def unpack_arrays(data: bytes, *, where: object) -> Mapping[str, npt.NDArray[Any]]:
-    """The arrays of the bytes of a .npz file by their names, of any shape, in their unit.
+    """Read the arrays from the bytes of a .npz file by their names, of any shape, in their unit.
 
     Raises InputError as `read_arrays` does.
     """
@@ -82,7 +80,7 @@ def _member(packed: zipfile.ZipFile, about: zipfile.ZipInfo, source: object) -> 
 
 
 def _check_header(file: BinaryIO, where: object) -> None:
-    """Raise where the header states more than the limit: the numbers themselves may be few."""
+    """Raise InputError if the header states objects, or more than the limit."""
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(file)
@@ -96,23 +94,22 @@ def _check_header(file: BinaryIO, where: object) -> None:
     check(size / 1e6, "MAX_ARRAY_MB", what=f"an array of shape {shape}, in MB,", where=where)
 
 
-def _damaged(fault: BaseException, where: object) -> DamagedArrayError:
-    said = " ".join(str(fault).split()) or type(fault).__name__
+def _damaged(fault: BaseException, where: object, what: str = "array") -> DamagedArrayError:
+    message = " ".join(str(fault).split()) or type(fault).__name__
     return DamagedArrayError(
-        f"the array is damaged: {said[:200]}", where=where, remedy="Copy it again from where it came."
+        f"the {what} is damaged: {message[:200]}", where=where, remedy="Copy it again from its source."
     )
 
 
-# Several files in one: a zip that stores them as they are, each looked at before it is read.
-#
-# Nothing is unpacked to disk. A packed or encrypted member, one that stands there twice, and a folder are refused.
+# Archives: zip files of stored members. Nothing is unpacked to disk. Compressed, encrypted and repeated members
+# and folders are refused.
 
-MAX_MEMBERS = 64  # files in one archive; ours hold fewer than ten
+MAX_MEMBERS = 64  # files in one archive; those of this library hold fewer than ten
 _ENCRYPTED = 0x1  # bit of a member's flags
 
 
 def read_archive(path: Path | str) -> dict[str, bytes]:
-    """The files of a zip by their names.
+    """Read the files of a zip by their names.
 
     Raises InputError where it is damaged, too large, or not such an archive; OSError where the file system
     refuses.
@@ -126,10 +123,7 @@ def read_archive(path: Path | str) -> dict[str, bytes]:
         except InputError:
             raise
         except DAMAGED as fault:
-            said = " ".join(str(fault).split()) or type(fault).__name__
-            raise InputError(
-                f"the archive is damaged: {said[:200]}", where=path, remedy="Copy it again from where it came."
-            ) from fault
+            raise _damaged(fault, path, "archive") from fault
 
 
 def _check(members: list[zipfile.ZipInfo], path: Path, *, size: int) -> None:
@@ -137,13 +131,15 @@ def _check(members: list[zipfile.ZipInfo], path: Path, *, size: int) -> None:
     check(total / 1e6, "MAX_ARRAY_MB", what="what it holds, in MB,", where=path)
     names = [about.filename for about in members]
     if len(names) > MAX_MEMBERS or len(set(names)) != len(names):
-        raise InputError("the archive holds more files than ours do, or one twice", where=path, value=len(names))
+        raise InputError(
+            f"the archive holds more than {MAX_MEMBERS} files, or one twice", where=path, value=len(names)
+        )
     for about in members:
         stored = about.compress_type == zipfile.ZIP_STORED and about.compress_size == about.file_size
         named = about.filename and not about.is_dir()
         if not stored or about.flag_bits & _ENCRYPTED or not named:
             raise InputError(
-                "the archive holds what is not stored as it is",
+                "the archive holds a compressed, encrypted or unnamed member",
                 where=path,
                 value=about.filename,
                 remedy="Take the file that `tactilevision calibrate-sensor` wrote.",

@@ -15,13 +15,14 @@ from typing import Any
 from tactilevision.errors import InputError
 from tactilevision.files.opening import check, limit, read_bytes
 
-# TOML and JSON: text of a bounded size, nested not too deeply, with numbers that are finite.
-
 _STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.S)
 
 
 def read_text(path: Path | str) -> str:
-    """UTF-8 text, with or without a byte order mark. Raises InputError, and OSError as `open_regular` does."""
+    """Read UTF-8 text, with or without a byte order mark.
+
+    Raises InputError, and OSError as `open_regular` does.
+    """
     data = read_bytes(path, limit="MAX_TEXT_MB")
     try:
         return data.decode("utf-8-sig")
@@ -30,7 +31,7 @@ def read_text(path: Path | str) -> str:
 
 
 def parse_toml(text: str, *, where: object) -> dict[str, Any]:
-    """The table that a TOML text holds. Raises InputError with the line where it is none, or beyond the limits."""
+    """Parse the table of a TOML text. Raises InputError with the line if it is not one, or beyond the limits."""
     _check_nesting(_STRINGS.sub('""', text), where)
     try:
         return tomllib.loads(text)
@@ -40,14 +41,14 @@ def parse_toml(text: str, *, where: object) -> dict[str, Any]:
         raise InputError(
             f"is not TOML: {fault}",
             where=place,
-            remedy="Text stands in quotes, the name of a table in [brackets]; numbers have a decimal point.",
+            remedy="Put text in quotes, the name of a table in [brackets]; write numbers with a decimal point.",
         ) from fault
     except (ValueError, RecursionError, OverflowError) as fault:
         raise InputError(f"is not TOML: {fault}", where=where) from fault
 
 
 def read_json(path: Path | str) -> dict[str, Any]:
-    """The table that a JSON file holds, its numbers finite.
+    """Read the table of a JSON file, its numbers finite.
 
     Raises InputError where it is no such table, OSError where the file system refuses.
     """
@@ -55,7 +56,7 @@ def read_json(path: Path | str) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
-    """The table that a JSON text holds, its numbers finite. Raises InputError where it is no such table."""
+    """Parse the table of a JSON text, its numbers finite. Raises InputError if it is no such table."""
     check(len(text) / 1e6, "MAX_TEXT_MB", what="its size in MB", where=where)
     try:
         content = json.loads(
@@ -69,18 +70,18 @@ def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A table whose keys stand there once: of two values nobody knows which is meant."""
+    """Return the table, each key once: a repeated key is ambiguous."""
     table = dict(pairs)
     if len(table) < len(pairs):
         twice = next(key for number, (key, _) in enumerate(pairs) if key in dict(pairs[:number]))
-        raise ValueError(f"the key {twice[:40]!r} stands there twice")
+        raise ValueError(f"the key {twice[:40]!r} occurs twice")
     return table
 
 
 def _finite(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
-        raise ValueError(f"{text[:40]} is no finite number")
+        raise ValueError(f"{text[:40]} is not a finite number")
     return number
 
 
@@ -91,7 +92,7 @@ def _whole(text: str) -> int:
 
 
 def _check_nesting(text: str, where: object) -> None:
-    """Raise for brackets within brackets, keys of many parts, and numbers of many digits."""
+    """Raise InputError for deep nesting, keys of many parts, and numbers of many digits."""
     depth = deepest = 0
     for mark in re.findall(r"[\[\]{}]", text):
         depth += 1 if mark in "[{" else -1
@@ -107,23 +108,21 @@ def _check_nesting(text: str, where: object) -> None:
     check(digits, "MAX_DIGITS", what="the digits of a number", where=where)
 
 
-# Cells of CSV tables: text that a spreadsheet would run as a formula is written as text, and read as it was.
-#
-# An apostrophe goes before a text that begins with = + - @ (wide ones, too), a tab or a return, as spreadsheets
-# mark text themselves; numbers stay as they are. Source: OWASP, CSV Injection.
+# Cells of CSV tables. A text that a spreadsheet would run as a formula, since it begins with = + - @ (also in full
+# width), a tab or a return, is written after an apostrophe; reading removes it. Source: OWASP, CSV Injection.
 
-_FORMULA = re.compile(r"'*[=+\-@\t\r＝＋－＠]")  # after marks of its own; the wide signs run, too
+_FORMULA = re.compile(r"'*[=+\-@\t\r＝＋－＠]")
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:
-    """The rows as CSV; None is an empty cell."""
+    """Format the rows as CSV; None is an empty cell."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([_marked(cell) for cell in row] for row in rows)
     return text.getvalue()
 
 
 def cell_text(cell: str) -> str:
-    """What stands in a cell that was read, without the mark that `csv_text` may have put before it."""
+    """Return what a cell holds, without the mark that `csv_text` may have put before it."""
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell
 
 

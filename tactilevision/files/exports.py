@@ -15,22 +15,20 @@ from tactilevision.files.writing import replacing
 from tactilevision.files.zarr_store import write_zarr
 from tactilevision.records.maps import HeightMap
 
-# A height map as a surface in space, for programs that turn it about.
-#
-# Such programs take x, y, z for a right-handed set. The camera looks at the gel from inside; x to its right, y up
-# in its picture and z towards it, which is into the gel, are one: so (x, -y, depth), in mm, (0, 0) the middle of
-# the picture.
+# A height map as a surface in space. Programs for it need right-handed axes. The camera looks at the gel from
+# inside: x to its right, y up in its picture and z towards it, into the gel, are right-handed. So places are
+# (x, -y, depth), in mm, with (0, 0) in the middle of the picture.
 
 AXES = "x right, y up, z into the gel and towards the camera, mm"
 
 
 def about(height: HeightMap) -> str:
-    """One line for a file's head: its axes in mm, and what makes the map (H, W) doubtful."""
+    """Return one line for a file's head: its axes in mm, and the flags of the map (H, W)."""
     return f"height map; {AXES}" + (f"; doubtful: {' '.join(height.flags)}" if height.flags else "")
 
 
 def points_mm(height: HeightMap) -> npt.NDArray[np.float32]:
-    """Places x, y, z (H, W, 3) in mm; z is 0 where the depth is not known."""
+    """Return the places x, y, z (H, W, 3) in mm; z is 0 where the depth is not known."""
     rows, columns = height.depth_mm.shape
     x = (np.arange(columns) - (columns - 1) / 2) * height.mm_per_px[0]
     y = ((rows - 1) / 2 - np.arange(rows)) * height.mm_per_px[1]
@@ -39,11 +37,9 @@ def points_mm(height: HeightMap) -> npt.NDArray[np.float32]:
 
 
 def triangles(height: HeightMap) -> npt.NDArray[np.int32]:
-    """Triangles (T, 3): dimensionless numbers of their pixels, counted row by row among the known.
+    """Return the triangles (T, 3): dimensionless numbers of their pixels, counted row by row among the known.
 
-    Two where four neighbours are known.
-
-    They run anticlockwise as seen from the camera.
+    Two for each four known neighbours, anticlockwise as seen from the camera.
     """
     number = np.cumsum(height.valid.ravel()).reshape(height.valid.shape) - 1
     whole = height.valid[:-1, :-1] & height.valid[:-1, 1:] & height.valid[1:, :-1] & height.valid[1:, 1:]
@@ -51,15 +47,10 @@ def triangles(height: HeightMap) -> npt.NDArray[np.int32]:
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]).astype(np.int32)
 
 
-# NPZ, for numpy: depth_mm (H, W) float32 with NaN where it is not known, std_mm where it is, mm_per_px (x, y).
-#
-# `flags` are the words of flags.py that make the map doubtful, if any.
-
-
 def write_npz(path: Path | str, height: HeightMap) -> None:
-    """Write depth (H, W) in mm, its standard deviation, scale, time and name.
+    """Write depth (H, W) in mm (NaN where unknown), its standard deviation, scale, time, name and flags as NPZ.
 
-    Read back with numpy.load, no pickle in it.
+    numpy.load reads it without pickle.
     """
     content: dict[str, Any] = {
         "depth_mm": masked(height),
@@ -75,14 +66,11 @@ def write_npz(path: Path | str, height: HeightMap) -> None:
         np.savez_compressed(file, **content)
 
 
-# PLY (binary, little-endian): the surface as triangles, for MeshLab, CloudCompare, Blender and Open3D.
-#
-# Pixels of unknown depth are holes. Each vertex carries depth_mm again as a scalar to colour it by.
-# Source: G. Turk, The PLY Polygon File Format (1994).
-
-
 def write_ply(path: Path | str, height: HeightMap) -> None:
-    """Write vertices (x, y, z, depth), in mm, and triangles."""
+    """Write vertices (x, y, z, depth), in mm, and triangles as binary PLY; pixels of unknown depth are holes.
+
+    Source: G. Turk, The PLY Polygon File Format (1994).
+    """
     points = points_mm(height)[height.valid]
     faces = triangles(height)
     vertex = np.zeros(len(points), dtype=[("xyz", "<f4", 3), ("depth", "<f4")])
@@ -106,34 +94,30 @@ def write_ply(path: Path | str, height: HeightMap) -> None:
         temporary.write_bytes(header.encode("ascii") + vertex.tobytes() + face.tobytes())
 
 
-# VTK, the legacy format (binary): a structured grid with depth_mm and std_mm on its points, for ParaView.
-#
-# Depth is NaN where it is not known.
-# Source: VTK File Formats, "Simple Legacy Formats", version 3.0; numbers are big-endian.
-
-
 def write_vtk(path: Path | str, height: HeightMap) -> None:
-    """Write the grid of all pixels (H, W), in mm, the first row first."""
+    """Write the grid of all pixels (H, W), in mm, with depth (NaN where unknown) and std, as binary legacy VTK.
+
+    Source: VTK File Formats, "Simple Legacy Formats", version 3.0; numbers are big-endian.
+    """
     rows, columns = height.depth_mm.shape
     header = (
         f"# vtk DataFile Version 3.0\n{about(height)}\nBINARY\nDATASET STRUCTURED_GRID\n"
         f"DIMENSIONS {columns} {rows} 1\nPOINTS {rows * columns} float\n"
     )
-    parts = [header.encode("ascii"), points_mm(height).astype(">f4").tobytes(), b"\n"]
-    parts.append(f"POINT_DATA {rows * columns}\n".encode("ascii"))
-    scalars = {"depth_mm": masked(height)} | ({} if height.std_mm is None else {"std_mm": height.std_mm})
-    for name, values in scalars.items():
-        parts += [f"SCALARS {name} float 1\nLOOKUP_TABLE default\n".encode("ascii")]
-        parts += [np.asarray(values).astype(">f4").tobytes(), b"\n"]
+    parts = [
+        header.encode(),
+        points_mm(height).astype(">f4").tobytes(),
+        f"\nPOINT_DATA {rows * columns}\n".encode(),
+    ]
+    for name, values in (("depth_mm", masked(height)), ("std_mm", height.std_mm)):
+        if values is not None:
+            head = f"SCALARS {name} float 1\nLOOKUP_TABLE default\n".encode()
+            parts += [head, np.asarray(values).astype(">f4").tobytes(), b"\n"]
     with replacing(path) as temporary:
         temporary.write_bytes(b"".join(parts))
 
 
-# One height map for other programs: EXPORTS, one format a file. A writer takes (path, height).
-
-Writer = Callable[[Path, HeightMap], None]
-
-EXPORTS: dict[str, Writer] = {
+EXPORTS: dict[str, Callable[[Path, HeightMap], None]] = {
     "tiff": write_tiff,
     "npz": write_npz,
     "zarr": write_zarr,

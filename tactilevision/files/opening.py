@@ -15,12 +15,11 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 
-# The limits of what a file may hold, each far beyond what a sensor gives; a user can raise them.
-#
-# TACTILEVISION_MAX_PIXELS=200000000 in the environment, and likewise for each of the other names.
+# Limits of what a file may hold, far beyond what a sensor gives. A variable of the environment raises each:
+# TACTILEVISION_MAX_PIXELS=200000000.
 
 MAX_PIXELS = 50_000_000  # of one picture: 8192 x 6144
-MAX_ARRAY_MB = 2_000  # unpacked, of one .npy or .npz file: a film of floating point maps
+MAX_ARRAY_MB = 2_000  # unpacked, of one .npy or .npz file
 MAX_FILE_MB = 4_000  # of one picture, table or array on disk
 MAX_TEXT_MB = 64  # of one TOML or JSON file; calibrations have less than one
 MAX_COLUMNS = 2_000  # of a table; recordings have some tens
@@ -28,11 +27,13 @@ MAX_DEPTH = 64  # of brackets within brackets, and of the dotted parts of a key;
 MAX_DIGITS = 300  # of one number: 1e308 is the largest that there is
 MAX_NUMBER = 1_000_000_000_000  # of any number in mm, N, s, MPa or px; a time in s since 1970 has ten digits
 MAX_EFFECT_SECONDS = 10  # of one call of a private effect; those of the catalogue take milliseconds
-_NAMES = frozenset(name for name in globals() if name.startswith("MAX_"))
 
 
 def limit(name: str) -> int:
-    """A limit by its name, as the environment has it. Raises InputError where that is no number above 0."""
+    """Return a limit by its name, as the environment states it.
+
+    Raises InputError if that is not a number above 0.
+    """
     stated = os.environ.get(f"TACTILEVISION_{name}")
     if stated is None:
         return int(globals()[name])
@@ -42,7 +43,7 @@ def limit(name: str) -> int:
 
 
 def check(found: float, name: str, *, what: str, where: object) -> None:
-    """Raise InputError where what was found in a file is beyond the limit of this name."""
+    """Raise InputError if a size `found` in a file exceeds the limit of this name."""
     most = limit(name)
     if found > most:
         raise InputError(
@@ -53,7 +54,7 @@ def check(found: float, name: str, *, what: str, where: object) -> None:
         )
 
 
-# Opening a file: regular ones alone, of a size that was looked at first.
+# Opening regular files of bounded size.
 
 _KINDS = {
     stat.S_IFIFO: "a pipe",
@@ -65,14 +66,14 @@ _KINDS = {
 
 
 class IrregularFileError(InputError):
-    """A pipe, a device, a folder or a socket stands where a file should."""
+    """A pipe, a device, a folder or a socket is where a file should be."""
 
 
 def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
     """Open a file for reading bytes; `limit` names the largest size.
 
     Raises IrregularFileError for a pipe, a device, a folder or a socket; InputError for a file beyond the limit;
-    OSError where the file system refuses. It never waits: a pipe is opened without blocking, and told apart.
+    OSError where the file system refuses. It never waits: a pipe is opened without blocking.
     """
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
     try:
@@ -82,7 +83,7 @@ def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
             raise IrregularFileError(
                 f"is {_KINDS.get(kind, 'no regular file')}, not a file",
                 where=path,
-                remedy="Put a file in its place." if kind == stat.S_IFDIR else "Copy what it gives into a file.",
+                remedy="Put a file in its place." if kind == stat.S_IFDIR else "Copy its content into a file.",
             )
         check(about.st_size / 1e6, limit, what="its size in MB", where=path)
         return os.fdopen(handle, "rb")
@@ -91,32 +92,32 @@ def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
         raise
 
 
-def check_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> None:
-    """The same looks at a file that another library will open by its name."""
-    open_regular(path, limit=limit).close()
+def check_regular(path: Path | str) -> None:
+    """Check a file, as `open_regular` does, that another library will open by its name."""
+    open_regular(path).close()
 
 
 def read_bytes(path: Path | str, *, limit: str = "MAX_FILE_MB") -> bytes:
-    """All of a regular file. Raises as `open_regular` does."""
+    """Read all of a regular file. Raises as `open_regular` does."""
     with open_regular(path, limit=limit) as file:
         return file.read()
 
 
-# Names that stand in files: none leads out of its folder, by "..", an absolute path or a link.
+# Names in files: none leads out of its folder, by "..", an absolute path or a link.
 
 MAX_NAME = 255  # bytes of a file's name; file systems take no more
 _OUTWARD = re.compile(r"^[/\\~]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
-# controls but the tab, line breaks, what turns the direction of text; Python has undecodable bytes as the last
+# control characters but the tab, line breaks, changes of the text's direction, surrogates of undecodable bytes
 _UNPLAIN = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 def is_plain(text: str) -> bool:
-    """Whether a table or a message can hold it: no line break, no escape, no NUL, and UTF-8."""
+    """Return whether a table or a message can hold it: no line break, escape or NUL, and UTF-8."""
     return _UNPLAIN.search(text) is None
 
 
 def as_plain(text: str) -> str:
-    """The same lines with every other unplain letter spelt out (\\x1b), so that it steers no terminal."""
+    """Return the same lines with every other control character spelt out (\\x1b), safe to print."""
     return "\n".join(_UNPLAIN.sub(lambda found: ascii(found[0])[1:-1], line) for line in text.split("\n"))
 
 
@@ -132,9 +133,9 @@ def check_plain(name: str, *, where: object) -> None:
 
 
 def inside(folder: Path, name: str, *, where: object) -> Path:
-    """`folder / name`. Raises InputError where that leads out of the folder, is too long, or is not plain.
+    """Return `folder / name`. Raises InputError if that leads out of the folder, is too long, or is not plain.
 
-    `where` is the file that says so.
+    `where` is the file that holds the name.
     """
     path = folder / name
     check_plain(name, where=where)
@@ -145,13 +146,13 @@ def inside(folder: Path, name: str, *, where: object) -> Path:
             "a name leads out of its folder",
             where=where,
             value=name,
-            remedy=f"Name a file within {folder}; copy it there if it lies elsewhere.",
+            remedy=f"Name a file within {folder}; copy it there if it is elsewhere.",
         )
     return path
 
 
 def _linked(folder: Path, name: str) -> bool:
-    """Whether a part of the way from the folder to the file is a link."""
+    """Return whether a part of the way from the folder to the file is a link."""
     place = os.fspath(folder)
     for part in re.split(r"[/\\]", name):
         place = os.path.join(place, part)
@@ -164,11 +165,11 @@ def _within(path: Path, folder: Path) -> bool:
     return path.resolve().is_relative_to(folder.resolve())
 
 
-# Numbers that files state: finite, and below what any sensor gives; truth values and text are none.
+# Numbers in files: finite, and below what any sensor gives.
 
 
 def number(value: object, *, what: str, where: object) -> float | None:
-    """A number of a parsed document, in its unit; None where there is none (null).
+    """Return a number of a parsed document, in its unit; None if there is none (null).
 
     Raises InputError where it is text, a truth value or a list, not finite, or beyond the limit MAX_NUMBER.
     """
@@ -183,7 +184,7 @@ def number(value: object, *, what: str, where: object) -> float | None:
 
 
 def read_cells(cells: Sequence[str], *, where: object) -> list[float]:
-    """The numbers of a row of text, in their units; an empty cell is NaN.
+    """Read the numbers of a row of text, in their units; an empty cell is NaN.
 
     Raises InputError for text that is none, and as `check_numbers` does.
     """
@@ -198,7 +199,7 @@ def read_cells(cells: Sequence[str], *, where: object) -> list[float]:
 def check_numbers(values: npt.NDArray[np.number], *, what: str, where: object) -> None:
     """Raise InputError where a number of an array, of any shape and in any unit, is infinite or too large.
 
-    NaN passes: whether a gap may be there is for the reader to say.
+    NaN passes: the reader decides whether a gap is allowed.
     """
     if values.dtype in (np.int64, np.uint64):
         values = values.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Check a picture by its header, decode it, and detect whether the decoder invented a part."""
+"""Check a picture by its header, decode it, and detect damage that the decoder filled."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.files.opening import check
 
-# The size of a picture from its header, before anything is unpacked; and what decoders would do to its colours.
+# Headers: the size of a picture before it is unpacked, its colours and its orientation.
 #
 # PNG: IHDR (ISO 15948, 11.2.2), acTL and eXIf (11.3.8, 11.3.4.6 of its third edition). JPEG: SOF (ITU T.81,
 # B.2.2), APP1 (Exif 2.3, 4.5.4). TIFF: tags 254, 256, 257, 262, 274 (TIFF 6.0, p. 36, 18, 37, 36). BMP: the
@@ -27,6 +27,8 @@ from tactilevision.files.opening import check
 _PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
 _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
 _BIG_TIFF = {b"II+\0": "<", b"MM\0+": ">"}
+_ORDERS = _TIFF | _BIG_TIFF  # order of bytes by the first four
+_DAMAGED = (struct.error, IndexError, KeyError, OverflowError)
 _FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers of JPEG that state a size
 _WHOLE = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 16: "Q", 17: "q"}  # types of TIFF for whole numbers
 _GREY = frozenset((0, 4))  # colour types of PNG: grey, without and with transparency
@@ -35,24 +37,24 @@ _OS2_HEADER = 12  # bytes of BMP's oldest header, whose sides have 16 bits
 _SECOND = 254  # tag of TIFF: what kind of copy
 _SPACE = 262  # tag of TIFF: what kind of colours
 _TURN = 274  # tag of TIFF: the orientation
-_READ_SPACES = (0, 1, 2, 3, 5, 6)  # of tag 262: grey, RGB, palette, inks, YCbCr: decoders make RGB of them
+_READ_SPACES = (0, 1, 2, 3, 5, 6)  # of tag 262: grey, RGB, palette, inks, YCbCr, which decoders convert to RGB
 _PALETTE = 3  # colour type of PNG, and of tag 262
-_MARK = 0xFF  # of JPEG: what a marker begins with
-_APP1 = 0xE1  # of JPEG: the marker of what may hold Exif's tags
-_UPRIGHT = 1  # of tag 274: as it lies
+_MARK = 0xFF  # of JPEG: the first byte of a marker
+_APP1 = 0xE1  # of JPEG: the marker of the segment that may hold Exif's tags
+_UPRIGHT = 1  # of tag 274: not turned
 _FORMS = {False: (2, 12, "I"), True: (8, 20, "Q")}  # directories small and big: bytes of head, entry; numbers
 _MAX_ENTRIES = 4096  # of a directory that are looked at
 
 
 class UnknownPictureError(InputError):
-    """The bytes are no picture of a kind that is read, or their header is damaged."""
+    """The bytes are not a picture of a supported format, or their header is damaged."""
 
 
 def check_picture(data: bytes, *, where: object) -> None:
     """Raise InputError where a picture's header states more pixels than the limit.
 
-    Raises UnknownPictureError where there is no header that states a size: decoders of other kinds (GIF, WebP,
-    JPEG 2000) take gigabytes for a few bytes.
+    Raises UnknownPictureError without a header that states a size: decoders of other formats (GIF, WebP, JPEG
+    2000) take gigabytes for a few bytes.
     """
     size = picture_size(data)
     if size is None:
@@ -60,18 +62,18 @@ def check_picture(data: bytes, *, where: object) -> None:
             "the picture is no PNG, JPEG, TIFF or BMP, or its header is damaged",
             where=where,
             value=bytes(data[:8]),
-            remedy="Save it as PNG, or copy it again from where it came.",
+            remedy="Save it as PNG, or copy it again from its source.",
         )
     check(size[0] * size[1], "MAX_PIXELS", what=f"a picture of {size[0]} x {size[1]} pixels", where=where)
 
 
 def is_grey(data: bytes) -> bool:
-    """Whether a PNG holds no colours; decoders make colours of grey with transparency."""
+    """Return whether a PNG holds no colours; decoders make colours of grey with transparency."""
     return data.startswith(_PNG) and len(data) > 25 and data[25] in _GREY
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in px as the header has them; None where it is of another kind, or cut short."""
+    """Return width and height in px from the header; None if it is of another kind, or cut short."""
     try:
         if data.startswith(_PNG):
             width, height = struct.unpack_from(">II", data, 16)
@@ -82,17 +84,17 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
             old = struct.unpack_from("<I", data, 14)[0] == _OS2_HEADER
             width, height = struct.unpack_from("<HH" if old else "<ii", data, 18)
             return abs(int(width)), abs(int(height))
-        if data[:4] in _TIFF or data[:4] in _BIG_TIFF:
+        if data[:4] in _ORDERS:
             return _tiff(data)
-    except (struct.error, IndexError, KeyError, OverflowError):
+    except _DAMAGED:
         return None
     return None
 
 
 def why_no_colours(data: bytes) -> str:
-    """What keeps decoders from the colours that the sensor saw, "" for nothing.
+    """Return what keeps decoders from the colours that the sensor saw, "" for nothing.
 
-    Of bytes whose header `check_picture` has passed.
+    For bytes that `check_picture` has passed.
     """
     space = 2
     if data.startswith(_PNG) and len(data) > 25:
@@ -100,22 +102,22 @@ def why_no_colours(data: bytes) -> str:
     elif data.startswith(_BMP) and len(data) > 30:
         old = int.from_bytes(data[14:18], "little") == _OS2_HEADER
         space = _PALETTE if data[24 if old else 28] <= 8 else space
-    elif data[:4] in _TIFF or data[:4] in _BIG_TIFF:
+    elif data[:4] in _ORDERS:
         space = _directory(data, None)[0].get(_SPACE, space)
         if space not in _READ_SPACES:
-            return "its numbers are no red, green and blue (TIFF's tag 262)"
-    return "a palette of few colours has replaced its own" if space == _PALETTE else ""
+            return "its numbers are not red, green and blue (TIFF's tag 262)"
+    return "it has a palette of few colours" if space == _PALETTE else ""
 
 
 def upright(data: bytes) -> bytes:
-    """The same, but for a TIFF's tag of orientation, which OpenCV follows in TIFF alone: it is taken as it lies.
+    """Return the same bytes without a TIFF's orientation tag, which OpenCV follows in TIFF alone.
 
-    Of bytes whose header `check_picture` has passed.
+    For bytes that `check_picture` has passed.
     """
-    if data[:4] not in _TIFF and data[:4] not in _BIG_TIFF:
+    if data[:4] not in _ORDERS:
         return data
     lying = bytearray(data)
-    order = (_TIFF | _BIG_TIFF)[data[:4]]
+    order = _ORDERS[data[:4]]
     for tag, kind, place in _entries(data, None):
         if tag == _TURN and kind in _WHOLE and place + struct.calcsize(order + _WHOLE[kind]) <= len(data):
             struct.pack_into(order + _WHOLE[kind], lying, place, _UPRIGHT)
@@ -123,18 +125,18 @@ def upright(data: bytes) -> bytes:
 
 
 def orientation(data: bytes) -> int:
-    """The orientation that a file states (tag 274 of Exif and TIFF), 1 to 8; 1, as it lies, without one."""
+    """Return the orientation that a file states (tag 274 of Exif and TIFF), 1 to 8; 1, unturned, without one."""
     try:
         tiff = _exif(data)
-        order = (_TIFF | _BIG_TIFF)[tiff[:4]]
+        order = _ORDERS[tiff[:4]]
         places = [(kind, place) for tag, kind, place in _entries(tiff, None) if tag == _TURN and kind in _WHOLE]
         return int(struct.unpack_from(order + _WHOLE[places[0][0]], tiff, places[0][1])[0]) if places else _UPRIGHT
-    except (struct.error, IndexError, KeyError, OverflowError):
+    except _DAMAGED:
         return _UPRIGHT
 
 
 def _exif(data: bytes) -> bytes:
-    """What a file tells of itself, as a TIFF has it; a TIFF itself as it is."""
+    """Return a file's Exif, in the form of a TIFF; a TIFF itself as it is."""
     if data.startswith(_PNG):
         place = data.find(b"eXIf", 0, max(data.find(b"IDAT"), 0))
         return data[place + 4 :] if place > 0 else b""
@@ -150,24 +152,26 @@ def _exif(data: bytes) -> bytes:
 
 
 def is_stack(data: bytes) -> bool:
-    """Whether a PNG is a film, or a TIFF holds a second picture, which is neither a smaller copy nor a mask of the
-    first (TIFF 6.0, p. 36: tag 254).
+    """Return whether a PNG is a film, or a TIFF holds a second picture, which is neither a smaller copy nor a mask
+    of the first (TIFF 6.0, p. 36: tag 254).
     """
     if data.startswith(_PNG):
         film = data.find(b"acTL", 0, max(data.find(b"IDAT"), 0))
         return film > 0 and int.from_bytes(data[film + 4 : film + 8], "big") > 1
-    if data[:4] not in _TIFF and data[:4] not in _BIG_TIFF:
+    if data[:4] not in _ORDERS:
         return False
     try:
         after = _directory(data, None)[1]
         return after != 0 and not _directory(data, after)[0].get(_SECOND, 0) & _NO_PICTURE
-    except (struct.error, IndexError, KeyError, OverflowError):
-        return False  # damaged: its decoder says so
+    except _DAMAGED:
+        return False  # damaged: its decoder reports it
 
 
 def is_cut(data: bytes) -> bool:
-    """Whether a PNG or a JPEG lacks its end: decoders fill up what is lost, or reserve what a chunk states."""
-    if data.startswith(_JPEG):  # its data hold no such marks: the end follows the last start of a scan
+    """Return whether a PNG or a JPEG lacks its end: decoders fill up what is lost, or reserve what a chunk
+    states.
+    """
+    if data.startswith(_JPEG):  # the end marker follows the last start of a scan
         return data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda")
     place, kind = len(_PNG), b""
     while data.startswith(_PNG) and kind != b"IEND":
@@ -181,7 +185,7 @@ def is_cut(data: bytes) -> bool:
 def _jpeg(data: bytes) -> tuple[int, int] | None:
     place = 2
     while place + 9 < len(data):
-        if data[place] != 0xFF:  # stray bytes, which decoders pass over
+        if data[place] != 0xFF:  # stray bytes, which decoders skip
             place += 1
             continue
         marker = data[place + 1]
@@ -194,15 +198,16 @@ def _jpeg(data: bytes) -> tuple[int, int] | None:
 
 
 def _tiff(data: bytes) -> tuple[int, int] | None:
-    """Of the first picture in the file, which is the one that is read."""
+    """Return the tags of the first picture in the file, which is the one that is read."""
     found = _directory(data, None)[0]
     return (int(found[256]), int(found[257])) if {256, 257} <= set(found) else None
 
 
 def _directory(data: bytes, start: int | None) -> tuple[dict[int, int], int]:
-    """The tags of the directory at `start` (None: the first) that are read here, and where the next is, 0: none.
+    """Return the tags of the directory at `start` (None: the first) that are read here, and the next one's place,
+    0: none.
 
-    Of a tag that stands twice, the first.
+    The first of a repeated tag counts.
     """
     order, start, count = _head(data, start)
     first, entry, number = _FORMS[data[:4] in _BIG_TIFF]
@@ -216,7 +221,7 @@ def _directory(data: bytes, start: int | None) -> tuple[dict[int, int], int]:
 
 
 def _entries(data: bytes, start: int | None) -> Iterator[tuple[int, int, int]]:
-    """Tag, type and the place of the value of each entry in a directory (`start` None: the first)."""
+    """Yield tag, type and the place of the value of each entry in a directory (`start` None: the first)."""
     order, start, count = _head(data, start)
     first, entry, number = _FORMS[data[:4] in _BIG_TIFF]
     for k in range(min(count, _MAX_ENTRIES)):
@@ -226,41 +231,40 @@ def _entries(data: bytes, start: int | None) -> Iterator[tuple[int, int, int]]:
 
 
 def _head(data: bytes, start: int | None) -> tuple[str, int, int]:
-    """Order of bytes, place, and number of entries of a directory."""
+    """Return order of bytes, place, and number of entries of a directory."""
     big = data[:4] in _BIG_TIFF
-    order = (_TIFF | _BIG_TIFF)[data[:4]]
+    order = _ORDERS[data[:4]]
     if start is None:
         start = int(struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)[0])
     return order, start, int(struct.unpack_from(order + ("Q" if big else "H"), data, start)[0])
 
 
-# One picture from its bytes, and whether the decoder had to make up a part of it.
-#
-# libjpeg, libpng and libtiff report damage to stderr alone, and fill up what is lost. So what they say is listened
-# to instead of shown. Descriptor 2 belongs to the whole program: one picture at a time is decoded.
+# Decoding. libjpeg, libpng and libtiff report damage to stderr alone, and fill up what is lost, so stderr is
+# captured. Descriptor 2 belongs to the whole program: one picture is decoded at a time.
 
 _STDERR = 2  # the descriptor of the standard error stream
-_MOST_HEARD = 4096  # bytes: one line is enough
+_MAX_CAPTURED = 4096  # bytes: one line is enough
 _HARMLESS = re.compile(r"libpng warning|TIFF_Warning|Unknown field|Corrupt JPEG data: \d extraneous bytes|^\s*$")
 _NUMBERS = re.compile(r"[\d.:]+")  # of a line: times differ from one decoding to the next
 _LOCK = Lock()
 
 
 def decode(data: bytes) -> tuple[npt.NDArray[Any] | None, str]:
-    """The picture (H, W) or (H, W, 3 or 4), grey levels in OpenCV's order, or None; and what is said of damage.
+    """Decode the picture (H, W) or (H, W, 3 or 4), grey levels in OpenCV's order, or None.
 
-    Colour profiles, unknown fields and fewer than ten stray bytes, as many cameras leave, are no damage.
+    Return it and messages of damage. Colour profiles, unknown fields and fewer than ten stray bytes, as many
+    cameras leave, are not damage.
     """
-    picture, said = _decode(data)
-    if said:  # a decoder repeats itself; another thread's line of progress is heard once
+    picture, messages = _decode(data)
+    if messages:  # a decoder repeats its messages; those of another thread occur once
         again = {_NUMBERS.sub("", line) for line in _decode(data)[1]}
-        said = [line for line in said if _NUMBERS.sub("", line) in again]
-    return None if picture is None else np.asarray(picture), said[0] if said else ""
+        messages = [line for line in messages if _NUMBERS.sub("", line) in again]
+    return None if picture is None else np.asarray(picture), messages[0] if messages else ""
 
 
 def _decode(data: bytes) -> tuple[npt.NDArray[Any] | None, list[str]]:
-    """The picture, and the lines that were heard meanwhile."""
-    with _LOCK, _listening() as words:
+    """Decode the picture; return it and the lines written to stderr meanwhile."""
+    with _LOCK, _captured_stderr() as words:
         try:
             picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:
@@ -270,20 +274,20 @@ def _decode(data: bytes) -> tuple[npt.NDArray[Any] | None, list[str]]:
 
 
 @contextmanager
-def _listening() -> Iterator[list[bytes]]:
-    """A list that holds, afterwards, what was written to stderr; it stays empty where there is no stderr."""
+def _captured_stderr() -> Iterator[list[bytes]]:
+    """Collect what is written to stderr in a list; it stays empty if there is no stderr."""
     words: list[bytes] = []
     try:
         before = os.dup(_STDERR)
     except OSError:
         yield words
         return
-    with tempfile.TemporaryFile() as heard:
-        os.dup2(heard.fileno(), _STDERR)
+    with tempfile.TemporaryFile() as captured:
+        os.dup2(captured.fileno(), _STDERR)
         try:
             yield words
         finally:
             os.dup2(before, _STDERR)
             os.close(before)
-            heard.seek(0)
-            words.append(heard.read(_MOST_HEARD))
+            captured.seek(0)
+            words.append(captured.read(_MAX_CAPTURED))

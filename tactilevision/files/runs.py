@@ -18,34 +18,33 @@ from pathlib import Path
 from typing import Any, Self
 
 from tactilevision.errors import OutputError, TactilevisionError
-from tactilevision.files.writing import clear_unfinished, make_folder, process_runs, told_as_output
+from tactilevision.files.writing import PAUSE_S, clear_unfinished, make_folder, output_errors, process_runs
 
 if sys.platform != "win32":
     import fcntl
 
 LOCK = ".lock"  # in a folder of results while a run writes there
-_ENDING_S = 10.0  # s: the workers of a killed run have ended long before
+_ENDING_S = 10  # s: the workers of a killed run have ended long before
 _LINGERING_S = 1.0  # s that a process is still listed after the system has freed its locks
-_PAUSE_S = 0.05  # s between two looks at a lock whose run has ended
-_THREADS = Path("/proc/self/task")  # of this process, those of libraries too, one entry each
+_THREADS = Path("/proc/self/task")  # one entry for each thread of this process, also of libraries
 _THREAD_ENDS_S = 0.1  # s after which a thread that was joined is no longer listed
 
-_tickers: set[Ticker] = set()  # that are at work here
-_held: dict[Path, tuple[int, int]] = {}  # lock files, and the process and thread here that hold each
+_tickers: set[Ticker] = set()  # those running in this process
+_held: dict[Path, tuple[int, int]] = {}  # lock files, and the process and thread that hold each
 
 
 @contextmanager
 def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
-    """Hold a folder for results (or, with `file`, one file) against every other run, until all is written.
+    """Lock a folder for results (or, with `file`, one file) until all is written.
 
-    A folder that is missing is made, and taken away again where nothing was written. What a killed run left
-    unfinished is removed. The lock is a file that names the process, held by flock, which the system frees; on a
-    disk without flock the file of a process that has ended counts for nothing. The thread that holds a folder
-    may ask again. Raises OutputError where another process or thread writes there.
+    A missing folder is made, and removed if nothing was written. Unfinished files of a killed run are removed.
+    The lock is a file that names the process, held by flock, which the system frees; on a disk without flock the
+    file of a process that has ended is ignored. The lock is reentrant in its thread. Raises OutputError if another
+    process or thread writes there.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise TactilevisionError(
-            "a worker process imports the script that started it, and so begins the same run again. "
+            "a worker process imports the script that started it, and so starts the same run again. "
             'Put the call under `if __name__ == "__main__":`, or give workers=1.'
         )
     target = Path(target)
@@ -57,15 +56,15 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
         return
     made = [one for one in (folder, *folder.parents) if not one.exists()]
     make_folder(folder)
-    with told_as_output(target):
+    with output_errors(target):
         handle, left = _wait_for(path, target)
     _held[path] = here
     try:
         if left:
             clear_unfinished(folder, deep=not file, wait_s=_LINGERING_S)
         yield
-    except BaseException:  # its workers ended in the midst of what they wrote; the next run finds no lock
-        if not file:  # beside one file others write, from other machines too; and no workers of this run
+    except BaseException:  # workers may have ended while writing, and the next run finds no lock
+        if not file:  # next to one file others write, from other machines too, and no workers of this run
             with contextlib.suppress(OSError):
                 clear_unfinished(folder, deep=True, wait_s=_LINGERING_S)
         raise
@@ -80,9 +79,9 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
 
 
 def join_lock(folder: Path) -> bool:
-    """Hold the lock together with the parent process until this one ends; False where the parent has lost it.
+    """Share the lock of the parent process until this one ends; return False if the parent has lost it.
 
-    So a folder is free only when the workers of a killed run have ended, too.
+    So a folder is free only when the workers of a killed run have ended too.
     """
     try:
         handle = os.open(folder.resolve() / LOCK, os.O_RDWR)
@@ -92,7 +91,7 @@ def join_lock(folder: Path) -> bool:
 
 
 def _wait_for(path: Path, target: Path) -> tuple[int, bool]:
-    """The lock's open file, and whether a killed run had left it."""
+    """Return the lock's open file, and whether a killed run had left it."""
     until = time.monotonic() + _ENDING_S
     while True:
         handle, fresh = _open(path)
@@ -100,18 +99,18 @@ def _wait_for(path: Path, target: Path) -> tuple[int, bool]:
         if _take(handle, fresh=fresh, owner=owner):
             if _is_at(handle, path):
                 _sign(handle, path)
-                if _flock(handle, shared=True) is not False:  # so that the workers may hold it, too
+                if _flock(handle, shared=True) is not False:  # so that the workers may share it
                     return handle, not fresh
-            os.close(handle)  # its run has ended just now and taken it away, or another was quicker
+            os.close(handle)  # its run has just ended and removed it, or another run was faster
             continue
         os.close(handle)
         if _lives(owner) or time.monotonic() > until:
             raise _busy(target, owner)
-        time.sleep(_PAUSE_S)
+        time.sleep(PAUSE_S)
 
 
 def _sign(handle: int, path: Path) -> None:
-    """Say in the file who holds it."""
+    """Write the holder into the file."""
     try:
         os.ftruncate(handle, 0)
         os.pwrite(handle, f"{os.getpid()} {socket.gethostname()} {time.time():.0f}".encode(), 0)
@@ -133,7 +132,7 @@ def _take(handle: int, *, fresh: bool, owner: list[str]) -> bool:
 
 
 def _flock(handle: int, *, shared: bool) -> bool | None:
-    """Whether the system gave the lock; None where the disk or the system has none."""
+    """Return whether the system gave the lock; None if the disk or the system has none."""
     if sys.platform == "win32":
         return None
     try:
@@ -153,13 +152,13 @@ def _is_at(handle: int, path: Path) -> bool:
 
 
 def _read_owner(handle: int) -> list[str]:
-    """Process, machine and time (s) of the run that holds it; nothing while it is being written."""
+    """Return process, machine and time (s) of the run that holds it; nothing while it is being written."""
     said = os.pread(handle, 200, 0).decode(errors="replace").split()
     return said if len(said) == 3 and said[0].isdecimal() and said[2].isdecimal() else []
 
 
 def _lives(owner: list[str]) -> bool:
-    """Whether the process is there; one on another machine counts as living."""
+    """Return whether the process runs; one on another machine counts as running."""
     if not owner:
         return False
     if owner[1] != socket.gethostname():
@@ -176,7 +175,7 @@ def _busy(target: Path, owner: list[str]) -> OutputError:
 
 
 class Ticker:
-    """Calls `act` every so many seconds in a thread of its own, which rests while this process is forked."""
+    """Calls `act` every so many seconds in its own thread, which pauses while this process is forked."""
 
     def __init__(self, act: Callable[[], object], every_s: float) -> None:
         self._act, self._every_s = act, every_s
@@ -198,7 +197,7 @@ class Ticker:
         self._thread.join()
 
     def go_on(self) -> None:
-        """Begin the thread, or begin it again: what is due next stays so."""
+        """Start the thread, or start it again: the next call keeps its time."""
         self._ended.clear()
         self._thread = threading.Thread(target=self._tick, daemon=True)
         self._thread.start()
@@ -211,11 +210,11 @@ class Ticker:
 
 @contextmanager
 def worker_pool(count: int, start: Callable[..., None] | None = None, *given: Any) -> Iterator[Executor]:
-    """So many processes on this machine; `start(*given)` is called once in each.
+    """Start so many processes on this machine; `start(*given)` is called once in each.
 
-    They hear no Ctrl-C: the parent does, and its workers end with it, in the midst of what they were at. What
-    they write must therefore be whole at every moment. Where no other thread runs in this process they are
-    copies of it, which is safe then and saves them every import; else they are started anew.
+    They ignore Ctrl-C: the parent receives it, and its workers end with it at any moment, so their files must be
+    whole at every moment. If no other thread runs in this process they are forked, which saves every import; else
+    they are spawned.
     """
     with _one_thread() as alone:
         context = multiprocessing.get_context("fork" if alone else "spawn")
@@ -235,8 +234,8 @@ def worker_pool(count: int, start: Callable[..., None] | None = None, *given: An
                 raise
     except BrokenExecutor as fault:
         raise TactilevisionError(
-            "a worker process was ended from outside, or ran out of memory. What is done is kept: run the same "
-            "command again, perhaps with fewer workers."
+            "a worker process was ended from outside, or ran out of memory. Finished results are kept: run the "
+            "same command again, perhaps with fewer workers."
         ) from fault
     finally:
         writer.close()
@@ -244,15 +243,17 @@ def worker_pool(count: int, start: Callable[..., None] | None = None, *given: An
 
 
 def copies_are_safe() -> bool:
-    """Whether workers would be copies of this process, since no other thread runs in it."""
+    """Return whether workers may be copies of this process, since no other thread runs in it."""
     with _one_thread() as alone:
         return alone
 
 
 @contextmanager
 def _one_thread() -> Iterator[bool]:
-    """Whether this process has no second thread, of a library neither: tickers and OpenCV's rest meanwhile."""
-    if not _THREADS.is_dir():  # another system: told by nothing
+    """Return whether this process has no second thread, of a library neither: tickers and OpenCV's rest
+    meanwhile.
+    """
+    if not _THREADS.is_dir():  # another system: unknown
         yield False
         return
     cv2, tickers = sys.modules.get("cv2"), list(_tickers)
@@ -274,12 +275,12 @@ def _one_thread() -> Iterator[bool]:
 
 
 class _DeafPool(ProcessPoolExecutor):
-    """Its processes are started deaf to Ctrl-C, which a terminal sends to every process of a command."""
+    """Its processes ignore Ctrl-C, which a terminal sends to every process of a command."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         if sys.platform == "win32":
             return super().submit(fn, *args, **kwargs)
-        # both wait until a new process has read what it is to do: cut off there, it would end with a traceback
+        # both signals wait until a new process has read its task, where they would cause a traceback
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})  # processes inherit it
         try:
             return super().submit(fn, *args, **kwargs)
@@ -290,7 +291,7 @@ class _DeafPool(ProcessPoolExecutor):
 def _start(
     parent: Connection, copied: Connection | None, start: Callable[..., None] | None, given: tuple[Any, ...]
 ) -> None:
-    if copied is not None:  # the parent's end of the pipe, and what else only the parent is to have
+    if copied is not None:  # the parent's end of the pipe, and its locks and tickers
         copied.close()
         _held.clear()
         _tickers.clear()
@@ -303,6 +304,6 @@ def _start(
 
 
 def _end_with(parent: Connection) -> None:
-    """The pipe closes where the parent ends, even killed: each worker watches for itself."""
+    """End this worker with its parent, even a killed one, whose end of the pipe closes."""
     wait([parent])
     os._exit(1)

@@ -20,9 +20,7 @@ from tactilevision.records.measured import Pair
 def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth into the gel") -> None:
     """Write depth (H, W) in mm as float32, NaN where invalid, never clipped.
 
-    The scale goes into the file's own tags.
-
-    `quantity`: what is in place of the depth. What makes the map doubtful (`flags`) goes there, too.
+    Scale, flags and `quantity`, the name of what the map holds, go into the file's tags.
     """
     import tifffile
 
@@ -38,7 +36,7 @@ def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth in
             temporary,
             masked(height),
             description=json.dumps(about),
-            metadata=None,  # else it adds a second description, which other readers complain of
+            metadata=None,  # else it adds a second description, which other readers refuse
             resolution=(10 / height.mm_per_px[0], 10 / height.mm_per_px[1]),
             resolutionunit="CENTIMETER",
         )
@@ -47,7 +45,7 @@ def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth in
 def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
     """Read a TIFF of depths (H, W), in mm; `mm_per_px` overrides the scale in the file.
 
-    Raises InputError where it is no picture of depths, or where no scale is known.
+    Raises InputError for a file that is not such a TIFF, or without a scale.
     """
     import tifffile
 
@@ -60,7 +58,7 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
             depth, about = file.asarray(), file.pages[0].description or ""  # type: ignore[union-attr]
     except InputError:
         raise
-    except Exception as fault:  # tifffile raises an error of its own for each way of being damaged
+    except Exception as fault:  # tifffile raises many kinds of errors for damaged files
         raise InputError(f"cannot be read as a depth TIFF: {fault}", where=path) from fault
     if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
         raise InputError(
@@ -68,28 +66,31 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
             where=path,
             value=f"{depth.shape} {depth.dtype}",
         )
-    told = _told(about)
+    content = _parsed(about)
     check_numbers(depth[np.isfinite(depth)], what="a depth in mm", where=path)
-    scale = mm_per_px or _scale(told, path)
+    scale = mm_per_px or _scale(content, path)
     if scale is None:
-        raise InputError("does not say its scale", where=path, remedy="Give it with --mm-per-px.")
-    positions: Any = told.get("positions", "deformed") if isinstance(told, dict) else "deformed"
-    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told), positions=positions)
+        raise InputError("does not state its scale", where=path, remedy="Give it with --mm-per-px.")
+    flags = content.get("flags")
+    return HeightMap(
+        depth,
+        np.isfinite(depth),
+        scale,
+        name=path.stem,
+        flags=add((), map(str, flags)) if isinstance(flags, list) else (),
+        positions=content.get("positions", "deformed"),
+    )
 
 
-def _told(description: str) -> Any:
+def _parsed(description: str) -> dict[str, Any]:
     try:
-        return json.loads(description)
+        content = json.loads(description)
     except (ValueError, RecursionError):
         return {}
+    return content if isinstance(content, dict) else {}
 
 
-def _flags(about: Any) -> tuple[str, ...]:
-    flags = about.get("flags", ()) if isinstance(about, dict) else ()
-    return add((), map(str, flags)) if isinstance(flags, list) else ()
-
-
-def _scale(about: Any, path: Path) -> Pair | None:
+def _scale(about: dict[str, Any], path: Path) -> Pair | None:
     try:
         x, y = (number(side, what="mm_per_px", where=path) for side in about["mm_per_px"])
     except (ValueError, TypeError, KeyError):
@@ -98,7 +99,7 @@ def _scale(about: Any, path: Path) -> Pair | None:
 
 
 def masked(height: HeightMap) -> npt.NDArray[np.float32]:
-    """Depth (H, W) in mm as float32 with NaN where it is not known."""
+    """Return the depth (H, W) in mm as float32, NaN where it is not known."""
     depth = height.depth_mm.astype(np.float32)
     if not height.valid.all():
         depth[~height.valid] = np.nan

@@ -19,28 +19,28 @@ from typing import Any
 
 from tactilevision.errors import OutputError, Terminated
 
-_UNFINISHED = ".unfinished-"  # what is being written: then the number of the process that writes it
-_PAUSE_S = 0.05  # s between two looks at a process that is ending
+_UNFINISHED = ".unfinished-"  # prefix of a file being written; the number of its process follows
+PAUSE_S = 0.05  # s between two checks of a process that is ending
 _STREAMS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # links to what a process reads and writes
-_LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
+_LONGEST = 60  # letters; usual disks hold names of 255 bytes
 
 
 def plain_name(label: str) -> str:
-    """Any text as part of a file's name that leads out of no folder and that every disk holds."""
+    """Return a text as part of a file's name that leads out of no folder and that every disk holds."""
     return re.sub(r"[^\w .+-]", "_", label)[:_LONGEST].lstrip(".")
 
 
 def make_folder(path: Path | str) -> Path:
     """Make a folder for results, and those it lies in. Raises OutputError where the file system refuses."""
     folder = Path(path)
-    with told_as_output(folder):
+    with output_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 def append_text(path: Path | str, text: str) -> None:
     """Append to a file that is there: one write at its end, so that many processes may do so at a time."""
-    with told_as_output(Path(path)):
+    with output_errors(Path(path)):
         handle = os.open(path, os.O_WRONLY | os.O_APPEND)
         try:
             os.write(handle, text.encode(errors="backslashreplace"))
@@ -49,7 +49,7 @@ def append_text(path: Path | str, text: str) -> None:
 
 
 @contextmanager
-def told_as_output(target: Path) -> Iterator[None]:
+def output_errors(target: Path) -> Iterator[None]:
     """Raise OutputError where the file system refuses what is written to `target`."""
     try:
         yield
@@ -59,11 +59,11 @@ def told_as_output(target: Path) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; on success it is renamed to `path`, else removed.
+    """Yield a temporary path in the folder of `path`; on success it is renamed to `path`, else removed.
 
-    The temporary name keeps the suffix of `path`, since many writers choose the format by it. Missing
-    folders are made. Raises OutputError where the file system refuses (disk full, no permission), and for a
-    device or a pipe, whose place the file would take.
+    The temporary name keeps the suffix of `path`, by which many writers choose the format. Missing folders are
+    made. Raises OutputError where the file system refuses (disk full, no permission), and for a device or a pipe,
+    which the file would replace.
     """
     target = Path(path)
     _check_replaceable(target)
@@ -86,20 +86,20 @@ def replacing(path: Path | str) -> Iterator[Path]:
 
 
 def _check_replaceable(target: Path) -> None:
-    """Raise for /dev/stdout, a device, a pipe or a folder: a file is renamed to its name."""
-    with told_as_output(target):
+    """Raise OutputError for /dev/stdout, a device, a pipe or a folder, which a renamed file would replace."""
+    with output_errors(target):
         there = os.path.lexists(target)
         plain = not target.exists() or target.is_file()
     if there and (not plain or target.absolute().parent in _STREAMS):
-        raise OutputError("is no file that could be replaced", where=target, remedy="Name a file.")
+        raise OutputError("is not a file that can be replaced", where=target, remedy="Name a file.")
 
 
 @contextmanager
 def staged(folder: Path | str) -> Iterator[Path]:
     """Yield an empty folder for results; on success all its files move into `folder`, else none does.
 
-    The moves come last and take no time, so an interrupted run leaves the earlier results as they were.
-    Files of `folder` that the new results do not replace stay. Raises OutputError as `replacing` does.
+    An interrupted run leaves earlier results as they were. Files of `folder` that the new results do not replace
+    stay. Raises OutputError as `replacing` does.
     """
     target = Path(folder)
     try:
@@ -112,7 +112,7 @@ def staged(folder: Path | str) -> Iterator[Path]:
         yield stage
         try:
             _move(stage, target)
-        except (KeyboardInterrupt, SystemExit, Terminated):  # too late: half of what is made must not stay alone
+        except (KeyboardInterrupt, SystemExit, Terminated):  # finish, so that results are not half moved
             _move(stage, target)
             raise
     except OSError as fault:
@@ -129,9 +129,9 @@ def _move(stage: Path, target: Path) -> None:
 
 
 def clear_unfinished(folder: Path, *, deep: bool = False, wait_s: float = 0.0) -> None:
-    """Remove what runs that were killed have left there; of a run that still goes on, nothing.
+    """Remove unfinished files of killed runs from a folder, with `deep` also from those below it.
 
-    With `deep` also in the folders below. Processes that are just ending are waited for, `wait_s` at most.
+    Files of running processes stay; for those that are ending it waits `wait_s` at most.
     """
     until = time.monotonic() + wait_s
     while True:
@@ -139,7 +139,7 @@ def clear_unfinished(folder: Path, *, deep: bool = False, wait_s: float = 0.0) -
         left = [path for path in found if not _cleared(path)]
         if not left or time.monotonic() >= until:
             return
-        time.sleep(_PAUSE_S)
+        time.sleep(PAUSE_S)
 
 
 def _cleared(path: Path) -> bool:
@@ -155,7 +155,7 @@ def _cleared(path: Path) -> bool:
 
 
 def process_runs(process: int) -> bool:
-    """Whether there is a process of that number, which has not ended (a zombie has)."""
+    """Return whether there is a process of that number that has not ended (a zombie has)."""
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
@@ -168,7 +168,7 @@ def process_runs(process: int) -> bool:
 
 
 def unfinished() -> str:
-    """How names of what this process has not finished begin."""
+    """Return the prefix of the names of files that this process has not finished."""
     return f"{_UNFINISHED}{os.getpid()}-"
 
 
@@ -179,17 +179,17 @@ def write_text(path: Path | str, text: str) -> None:
 
 
 def write_json(path: Path | str, content: object) -> None:
-    """Write JSON that every parser accepts: NaN and infinities become null. Keys keep their order."""
+    """Write JSON that every parser accepts: NaN and infinities become null. The order of keys is kept."""
     write_text(path, as_json(content))
 
 
 def as_json(content: object) -> str:
-    """The text that `write_json` writes."""
+    """Return the text that `write_json` writes."""
     return json.dumps(_finite(content), indent=2, allow_nan=False) + "\n"
 
 
 def pack_arrays(arrays: Mapping[str, Any], *, small: bool) -> bytes:
-    """The bytes of a .npz file of `arrays`, the same for the same ones; `small` takes longer to read."""
+    """Return the bytes of a .npz file of `arrays`, the same for the same ones; `small` takes longer to read."""
     import numpy as np
 
     packed = io.BytesIO()
@@ -198,7 +198,7 @@ def pack_arrays(arrays: Mapping[str, Any], *, small: bool) -> bytes:
 
 
 def write_archive(path: Path | str, files: Mapping[str, bytes]) -> None:
-    """Write `files` by their names into one zip, stored as they are; the same content gives the same bytes."""
+    """Write `files` by their names into one uncompressed zip; the same content gives the same bytes."""
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as packed:
         for name, content in files.items():
             about = zipfile.ZipInfo(name)  # dated 1980
@@ -224,8 +224,8 @@ def _umask() -> int:
     return mask
 
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room: on the disk, of the user, in the file
-_PART = re.compile(r"\d+ requested and \d+ written")  # numpy says so without a number of the system's
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room on the disk, in the quota, in the file
+_PART = re.compile(r"\d+ requested and \d+ written")  # numpy's message of a full disk, which has no errno
 
 
 def _refused(target: Path, fault: OSError) -> OutputError:

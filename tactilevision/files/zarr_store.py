@@ -1,6 +1,6 @@
 """Write a height map, or fields of many frames, as a Zarr store of format 2.
 
-Every frame is one chunk and so one file, written whole by whoever has it: many processes fill one store.
+Every frame is one chunk and so one file, written whole: many processes fill one store.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.tiff import masked
-from tactilevision.files.writing import told_as_output, unfinished
+from tactilevision.files.writing import output_errors, unfinished
 from tactilevision.records.maps import HeightMap
 
 Singles = npt.NDArray[np.float32]
@@ -41,7 +41,7 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
         "positions": height.positions,
         "flags": list(height.flags),
     }
-    with told_as_output(path):
+    with output_errors(path):
         group = _new_group(scratch, about)
         for name, values in fields.items():
             array = group.create_array(
@@ -61,7 +61,7 @@ def begin_frames(
     about: Mapping[str, Any],
 ) -> None:
     """Make a store of `fields` (name: unit), (frames, rows, columns) float32 of NaN, and of `frame`, the names."""
-    with told_as_output(scratch), _own_threads():
+    with output_errors(scratch), _own_threads():
         group = _new_group(scratch, about)
         for name, unit in fields.items():
             array = group.create_array(
@@ -75,11 +75,11 @@ def begin_frames(
 
 
 def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) -> None:
-    """One frame's fields; (rows, columns) each. Written as zarr writes a chunk, without its threads."""
-    with told_as_output(scratch):
+    """Write one frame's fields; (rows, columns) each, as zarr writes a chunk, without its threads."""
+    with output_errors(scratch):
         for name, values in fields.items():
             folder = scratch / name
-            made = (folder / ".zarray").stat()  # a cluster's worker sees many runs into one place
+            made = (folder / ".zarray").stat()  # a cluster's worker may write many stores to one path
             codec = _codec(str(folder), (made.st_ino, made.st_mtime_ns))
             chunk = folder / ".".join([str(number)] + ["0"] * values.ndim)
             partial = chunk.with_name(f"{chunk.name}.{uuid.uuid4().hex}.partial")
@@ -88,9 +88,9 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
 
 
 def end_frames(scratch: Path, path: Path) -> None:
-    """Put the finished store in its place, without what writers that were killed have left in it."""
+    """Move the finished store to its place, without partial files of killed writers."""
     _codec.cache_clear()
-    with told_as_output(path):
+    with output_errors(path):
         for left in list(scratch.rglob("*.partial")):
             left.unlink()
         _move(scratch, path)
@@ -98,7 +98,7 @@ def end_frames(scratch: Path, path: Path) -> None:
 
 @lru_cache(maxsize=16)
 def _codec(folder: str, made: tuple[int, int]) -> Any:
-    """What packs a field's chunks. Raises InputError where zarr is missing."""
+    """Return the codec of a field's chunks. Raises InputError if zarr is missing."""
     _zarr()
     import numcodecs  # type: ignore[import-untyped]  # comes with zarr
 
@@ -115,9 +115,9 @@ def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
 
 
 def settle(path: Path) -> None:
-    """Put right what a run that was killed between the two renames of `_move` has left."""
+    """Restore the store of a run that was killed between the two renames of `_move`."""
     old = _old(path)
-    with told_as_output(path):
+    with output_errors(path):
         if old.exists() and not path.exists():
             os.replace(old, path)
     shutil.rmtree(old, ignore_errors=True)
@@ -137,9 +137,9 @@ def _old(path: Path) -> Path:
 
 @contextmanager
 def _own_threads() -> Iterator[None]:
-    """End zarr's threads with what began them here, so that workers can be forked (files/runs.py)."""
+    """End zarr's threads if they were started inside, so that workers can be forked (files/runs.py)."""
     _zarr()
-    if _loop_and_thread() is not None:  # begun by others, who may be using them
+    if _loop_and_thread() is not None:  # started by others, who may be using them
         yield
         return
     try:
@@ -149,12 +149,12 @@ def _own_threads() -> Iterator[None]:
         if begun is not None:
             loop, thread = begun
             loop.call_soon_threadsafe(loop.stop)
-            thread.join()  # zarr itself waits .2 s, and fails on a machine that is busier
+            thread.join()  # zarr itself waits .2 s, which is too short on a busy machine
             import_module(ZARR_THREADS).cleanup_resources()
 
 
 def _loop_and_thread() -> tuple[Any, Any] | None:
-    """What zarr has at work beside this thread; None of a version that keeps it elsewhere, too."""
+    """Return zarr's event loop and thread; None of a version that keeps them elsewhere."""
     with suppress(ImportError, AttributeError):
         sync = import_module(ZARR_THREADS)
         if sync.loop[0] is not None and sync.iothread[0] is not None:

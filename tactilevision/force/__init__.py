@@ -1,1 +1,1 @@
-"""From the shape of the gel's surface to the force on it: compliance, inverse, and their standard deviations."""
+"""Force on the gel from the shape of its surface: compliance, inverse, standard deviations."""

@@ -1,4 +1,4 @@
-"""The material out of calibration.json, with its covariance, and what a wrong one would do to a force."""
+"""Read the material and its covariance from calibration.json; sensitivity of a force to them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tactilevision.errors import InputError
 from tactilevision.files.documents import read_json
 from tactilevision.files.opening import check_numbers, number
 from tactilevision.force.field import ForceField
+from tactilevision.records.constants import NU_MAX, TINY, Z95
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
 from tactilevision.records.measured import Floats, Material
 from tactilevision.records.rig import Gel
 
-MAX_POISSON = 0.4999  # Poisson's ratio beyond which a layer counts as incompressible
-SAME_GEL = 0.01  # of the thickness: gels that differ by more are not the same
+SAME_GEL = 0.01  # of the thickness: largest difference of one gel
 _UNITS = {"youngs_modulus_MPa": ("MPa",), "poisson_ratio": ("1", "")}  # as `calibrate` writes them
 
 
@@ -32,13 +32,13 @@ class Sensitivity:
     force_N: Floats
 
     def change_percent(self, found: TractionMap) -> tuple[float, float]:
-        """By how much fz moves at either end, in percent of `found`."""
+        """Return the change of fz at either end, in percent of `found`."""
         now = found.resultant_N[2]
         low, high = (100 * (float(force) / now - 1) if now > 0 else 0.0 for force in self.force_N[:, 2])
         return low, high
 
     def as_json(self, found: TractionMap) -> dict[str, Any]:
-        """For a program: the parameter's interval, the forces at its ends, and the change against `found`."""
+        """Return the parameter's interval, the forces at its ends, and the change from `found`."""
         return {
             "parameter": self.parameter,
             "unit": self.unit,
@@ -49,26 +49,28 @@ class Sensitivity:
 
 
 def read_material(path: Path | str) -> Material:
-    """E, nu and their covariance from calibration.json; where no covariance stands there, from the two std.
+    """Read E, nu and their covariance from calibration.json.
 
-    A value that the calibration could not fix (null) is taken at the middle of its interval, its std from the
-    interval's width. An incompressible gel counts as nu = .4999. Raises InputError for a file that is not a
-    calibration, or holds no number for E or nu, or one that no gel has.
+    Without a covariance, from the two standard deviations. A value that the calibration did not determine (null)
+    is the middle of its interval, its std that of the interval's width. For an incompressible gel nu is .4999.
+    Raises InputError for a file that is not a calibration or holds no possible number for E or nu.
     """
     return material_of(read_calibration(path), where=path)
 
 
 def material_of(content: Mapping[str, Any], *, where: object) -> Material:
-    """As `read_material`, of the content of calibration.json; `where` is the file, for what errors say."""
+    """Read the material, as `read_material` does, from the content of calibration.json.
+
+    `where` names the file in errors.
+    """
     modulus, modulus_std = _estimate(content, "youngs_modulus_MPa", where)
     poisson, poisson_std = _estimate(content, "poisson_ratio", where)
     covariance = _covariance(content, where)
     if covariance is None:
         covariance = np.diag([modulus_std**2, poisson_std**2])
     check_numbers(covariance, what="the covariance of E and nu", where=where)
-    incompressible = MAX_POISSON < poisson <= 0.5
     try:
-        return Material(modulus, MAX_POISSON if incompressible else poisson, covariance)
+        return Material(modulus, NU_MAX if NU_MAX < poisson <= 0.5 else poisson, covariance)
     except InputError as fault:
         raise InputError(fault.what, where=where, value=fault.value, remedy=fault.remedy) from fault
 
@@ -76,26 +78,26 @@ def material_of(content: Mapping[str, Any], *, where: object) -> Material:
 def material_sensitivity(
     field: ForceField, found: TractionMap, height: HeightMap, shear: ShearMap | None = None
 ) -> tuple[Sensitivity, ...]:
-    """Resultants (N) of a map (H, W) with E, then nu, at the ends of the material's own 95 % interval.
+    """Return the resultants (N) of a map (H, W) with E, then nu, at the ends of the material's own 95 % interval.
 
-    The other of the two is held; then both vary, as far as they do together (to first order). `found` is what
-    `field` made of the maps; it is proportional to E, and for each end of nu a compliance is made and let go.
+    Each is varied alone, then both together by their covariance (to first order). `found` is what `field` computed
+    from the maps; it is proportional to E, and a compliance is computed for each end of nu.
 
-    Raises InputError where the material has no covariance.
+    Raises InputError if the material has no covariance.
     """
     material = field.material
     if material.covariance is None:
         raise InputError(
-            "the material says nothing of its own uncertainty",
+            "the material has no covariance",
             where="material_sensitivity",
             remedy="Take it from calibration.json, or give Material a covariance.",
         )
-    half = 1.96 * np.sqrt(np.diag(material.covariance))
-    moduli = tuple(max(material.youngs_modulus_MPa + s * half[0], 1e-9) for s in (-1, 1))
-    ratios = tuple(float(np.clip(material.poisson_ratio + s * half[1], 0.0, MAX_POISSON)) for s in (-1, 1))
+    half = Z95 * np.sqrt(np.diag(material.covariance))
+    moduli = tuple(max(material.youngs_modulus_MPa + s * half[0], TINY) for s in (-1, 1))
+    ratios = tuple(float(np.clip(material.poisson_ratio + s * half[1], 0.0, NU_MAX)) for s in (-1, 1))
 
     def at(poisson_ratio: float) -> tuple[float, float, float]:
-        changed = replace(material, poisson_ratio=poisson_ratio, covariance=None)  # its deviation is not asked for
+        changed = replace(material, poisson_ratio=poisson_ratio, covariance=None)  # no deviation is needed
         again = ForceField(field.gel, changed, field.mm_per_px, settings=field.settings)
         return again(height, shear).resultant_N
 
@@ -109,12 +111,12 @@ def material_sensitivity(
 
 
 def _both(ends_N: Floats, values: Floats, covariance: Floats) -> Sensitivity:
-    """`ends_N` (2, 2, 3) by parameter and end, `values` (2, 2).
+    """Combine both parameters: `ends_N` (2, 2, 3) by parameter and end, `values` (2, 2).
 
-    A stiffness that is well known while E and nu are not shows here: the two then move the force by little.
+    The change is small where the stiffness is well known although E and nu are not.
     """
     slope = (ends_N[:, 1] - ends_N[:, 0]) / np.maximum(values[:, 1] - values[:, 0], 1e-12)[:, None]
-    half = 1.96 * np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", slope, covariance, slope), 0))
+    half = Z95 * np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", slope, covariance, slope), 0))
     now = ends_N[0].mean(axis=0)  # the force is proportional to E
     return Sensitivity("both together", "", (float("nan"), float("nan")), np.stack([now - half, now + half]))
 
@@ -135,19 +137,19 @@ def _estimate(content: Mapping[str, Any], key: str, path: object) -> tuple[float
         if isinstance(interval, list) and len(interval) == 2:
             low, high = (number(end, what=f"the interval of {key}", where=path) for end in interval)
             if low is not None and high is not None:
-                return (low + high) / 2, (high - low) / 3.92
+                return (low + high) / 2, (high - low) / (2 * Z95)
         if entry.get("why"):
-            raise InputError(f"{key} is not fixed: {entry['why']}", where=path, remedy="Calibrate again.")
+            raise InputError(f"{key} is not determined: {entry['why']}", where=path, remedy="Calibrate again.")
     raise InputError(f"{key} is missing", where=path, remedy="Take the calibration.json that `calibrate` wrote.")
 
 
 def read_calibration(path: Path | str) -> dict[str, Any]:
-    """The content of calibration.json. Raises InputError where it cannot be read."""
+    """Read the content of calibration.json. Raises InputError if it cannot be read."""
     try:
         return read_json(path)
     except (OSError, InputError) as fault:
         raise InputError(
-            "is not a calibration that can be read",
+            "is not a readable calibration",
             where=path,
             value=str(fault),
             remedy="Make one with `tactilevision calibrate`.",
@@ -155,7 +157,7 @@ def read_calibration(path: Path | str) -> dict[str, Any]:
 
 
 def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
-    """(2, 2) of E and nu, from {"of": names, "matrix": rows} or from the rows alone with E and nu first."""
+    """Read (2, 2) of E and nu, from {"of": names, "matrix": rows} or from the rows alone with E and nu first."""
     entry = content.get("covariance")
     names = ["youngs_modulus_MPa", "poisson_ratio"]
     if isinstance(entry, dict):
@@ -170,12 +172,12 @@ def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
     except (TypeError, ValueError, IndexError) as fault:
         if entry is None:
             return None
-        raise InputError("the covariance is no matrix of numbers", where=path, value=str(entry)[:40]) from fault
+        raise InputError("the covariance is not a matrix of numbers", where=path, value=str(entry)[:40]) from fault
     if not np.isfinite(matrix).all():
         return None
     if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > 1.000001 * np.sqrt(matrix[0, 0] * matrix[1, 1]):
         raise InputError(
-            "the covariance of E and nu is none: no deviations have it",
+            "the covariance of E and nu is not positive semidefinite",
             where=path,
             value=matrix.tolist(),
             remedy="Take the calibration.json that `calibrate` wrote.",
@@ -184,26 +186,29 @@ def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
 
 
 def check_gel(path: Path | str, gel: Gel) -> None:
-    """Raises InputError where calibration.json was made on a gel of another thickness: it is another sensor's."""
+    """Raise InputError if calibration.json was made on a gel of another thickness: it is another sensor's."""
     thickness = read_thickness_mm(path)
     if thickness is not None and abs(thickness / gel.thickness_mm - 1) > SAME_GEL:
         raise InputError(
             "is the calibration of another gel",
             where=path,
             value=f"{thickness:g} mm thick, this one {gel.thickness_mm:g} mm",
-            remedy="Calibrate this sensor; E and nu go with one gel.",
+            remedy="Calibrate this sensor: E and nu belong to one gel.",
         )
 
 
 def read_thickness_mm(path: Path | str) -> float | None:
-    """Thickness of the gel that calibration.json was made on; None: not in it."""
+    """Read the thickness of the gel from calibration.json; None if it is not in it."""
     made_on = read_calibration(path).get("gel")
     thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else made_on
     return number(thickness, what="the thickness of the gel", where=path)
 
 
 def read_clock_offset(path: Path | str) -> float | None:
-    """F/T clock minus camera clock from a calibration.json that `read_material` accepts; None: not in it."""
+    """Read F/T clock minus camera clock from a calibration.json that `read_material` accepts.
+
+    None if it is not in it.
+    """
     stated = read_calibration(path).get("clock_offset_s")
     value = stated.get("value") if isinstance(stated, dict) else stated
     return number(value, what="clock_offset_s", where=path)

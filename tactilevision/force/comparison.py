@@ -14,17 +14,18 @@ from tactilevision.force.field import CUT
 from tactilevision.force.frame import FrameForce, nothing_touches
 from tactilevision.recording.model import Recording
 from tactilevision.recording.write import write_recording
+from tactilevision.records.constants import Z95
 from tactilevision.records.measured import Curve, Floats
 from tactilevision.records.rig import Press
-
-# The F/T sensor's reading at the camera's times, its zero taken where no press is under way.
 
 STUCK = 5  # equal readings at the extreme: a sensor at the end of its range
 
 
 class Readings:
-    """What the force/torque sensor says beside the camera; `clock_offset_s` (F/T minus camera) stands in where the
-    recording does not state it."""
+    """Force/torque readings at camera times, zeroed between presses.
+
+    `clock_offset_s` (F/T minus camera) is used if the recording states none.
+    """
 
     def __init__(self, recording: Recording, clock_offset_s: float | None = None) -> None:
         stated = recording.clock_offset_s
@@ -33,7 +34,7 @@ class Readings:
         self._zero = None if recording.forces is None else self._free(recording)
 
     def at(self, time_s: float) -> Floats:
-        """Force (3,) at a camera time, NaN outside the readings."""
+        """Return the force (3,) at a camera time, NaN outside the readings."""
         if self.forces is None or not np.isfinite(time_s):
             return np.full(3, np.nan)
         now, times = time_s + self.offset, self.forces.time_s
@@ -46,13 +47,14 @@ class Readings:
         return np.asarray(read - np.array(zero))
 
     def press_at(self, time_s: float) -> Press | None:
-        """The press that is under way."""
+        """Return the press under way at a time."""
         return next((press for press in self.presses if press.start_s <= time_s <= press.end_s), None)
 
     def clipped(self, press: Press) -> bool:
-        """Whether the F/T sensor stood at the end of its range: STUCK and more equal readings at its extreme.
+        """Return whether the F/T sensor stood at the end of its range: STUCK and more equal readings at its
+        extreme.
 
-        Noise never repeats the same number so often, and a sensor at rest in the air is not at its extreme.
+        Noise does not repeat a number so often, and a sensor at rest is not at its extreme.
         """
         if self.forces is None:
             return False
@@ -63,7 +65,10 @@ class Readings:
         return bool((at_end.sum(axis=0) >= STUCK).any())
 
     def _free(self, recording: Recording) -> Floats | None:
-        """(G, 4) middle time and median force of every gap between presses; None where presses are not listed."""
+        """Return (G, 4) middle time and median force of every gap between presses.
+
+        None if presses are not listed.
+        """
         assert recording.forces is not None
         if not recording.presses:
             return None
@@ -78,25 +83,25 @@ class Readings:
         return np.array(rows) if rows else None
 
 
-# Resultants beside the force/torque sensor's: what is left, and against what it stands out.
+# Resultants compared with the force/torque sensor's.
 #
 #     residual = force from the picture - reading;   pull = residual / standard deviation of both
 #
-# Frames in which nothing touches are left out: they compare nothing with nothing. Where the deviations are right,
-# 95 % of the pulls lie within 1.96. A ratio that changes with depth points to the height map or to the gel's law,
-# one that changes with the place to the gel's sides or the light, one with the press to the F/T sensor's zero.
+# Frames without contact are excluded. With correct deviations 95 % of the pulls are within 1.96. A ratio that
+# changes with depth indicates the height map or the gel's law, with the place the gel's sides or the light, with
+# the press the F/T sensor's zero.
 
 AXES = ("x", "y", "z")
-MIN_N = 0.05  # a ratio of smaller forces says nothing
+MIN_N = 0.05  # N: the least force of a ratio
 NO_READING = "the force sensor has no reading at their time"
-AT_ITS_END = "the force sensor stood at the end of its range in their press"
+AT_ITS_END = "the force sensor was at the end of its range in their press"
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
     """Frames with both forces: `row` (N,) in the recording; `force_N`, `measured_N` and `std_N` of their
-    difference (N, 3), NaN: unknown; `depth_mm`, `time_s`, `press` (N,), `place_mm` (N, 2); `usable` (N,): nothing
-    is known against them. `left_out`: how many of the `touched` frames are not compared, by why."""
+    difference (N, 3), NaN: unknown; `depth_mm`, `time_s`, `press` (N,), `place_mm` (N, 2); `usable` (N,): not
+    flagged. `left_out`: how many of the `touched` frames are not compared, by reason."""
 
     row: npt.NDArray[np.intp]
     force_N: Floats
@@ -124,7 +129,7 @@ class Residuals:
 
     @property
     def direction_deg(self) -> Floats:
-        """Of the reading along the gel (N,), clockwise from x as the camera sees it; NaN where it is small."""
+        """Direction of the tangential reading (N,), clockwise from x in the picture; NaN where it is small."""
         x, y = self.measured_N[:, 0], self.measured_N[:, 1]
         return np.where(np.hypot(x, y) > MIN_N, np.degrees(np.arctan2(y, x)), np.nan)
 
@@ -132,8 +137,9 @@ class Residuals:
 def residuals(
     rows: Sequence[FrameForce], *, flagged: Sequence[str] = (), reading_std_N: Sequence[float] | None = None
 ) -> Residuals | None:
-    """What can be compared; None where nothing can. `flagged`: words that make a frame unusable;
-    `reading_std_N` (3,) of one reading, None where it is not known.
+    """Return what can be compared; None if nothing can. `flagged`: words that make a frame unusable.
+
+    `reading_std_N` (3,) of one reading, None if unknown.
     """
     touched = [(number, row, _why_not(row, flagged)) for number, row in enumerate(rows) if touches(row)]
     kept = [(number, row) for number, row, why in touched if why != NO_READING]
@@ -157,39 +163,61 @@ def residuals(
 
 
 def touches(row: FrameForce) -> bool:
-    """Whether the frame was read, and something touches in it."""
+    """Return whether the frame was read, and something touches in it."""
     return row.read and not nothing_touches(row) and bool(np.isfinite(row.resultant_N[2]))
 
 
 def _why_not(row: FrameForce, flagged: Sequence[str]) -> str:
-    """Why a frame that touches is not compared; empty where it is."""
+    """Return why a frame that touches is not compared; empty if it is."""
     if not np.isfinite(row.measured_N[2]):
         return NO_READING
     return AT_ITS_END if row.reading_clipped else next((word for word in flagged if word in row.flags), "")
 
 
 def summary(found: Residuals) -> dict[str, dict[str, float | int | None]]:
-    """By axis: frames, rms and median residual in N, and the share of readings inside the 95 % interval; along z
-    the ratio over all and over the deepest third."""
-    said: dict[str, dict[str, float | int | None]] = {}
+    """Summarise by axis: frames, rms and median residual in N, and the share of readings inside the 95 % interval.
+
+    Along z the ratio over all and over the deepest third.
+    """
+    by_axis: dict[str, dict[str, float | int | None]] = {}
     for k, name in enumerate(AXES):
-        left, std = found.residual_N[found.usable, k], found.std_N[found.usable, k]
-        known = np.isfinite(left)
-        if not known.any():
-            said[name] = {"frames": 0, "rms_N": None, "median_N": None, "inside_interval95": None}
-            continue
-        said[name] = {
+        residual, std = found.residual_N[found.usable, k], found.std_N[found.usable, k]
+        known = np.isfinite(residual)
+        some = bool(known.any())
+        by_axis[name] = {
             "frames": int(known.sum()),
-            "rms_N": float(np.sqrt(np.mean(left[known] ** 2))),
-            "median_N": float(np.median(left[known])),
-            "inside_interval95": float(np.mean(np.abs(left[known]) < 1.96 * std[known])),
+            "rms_N": float(np.sqrt(np.mean(residual[known] ** 2))) if some else None,
+            "median_N": _median(residual),
+            "inside_interval95": float(np.mean(np.abs(residual[known]) < Z95 * std[known])) if some else None,
         }
     ratio, deep = found.ratio, found.depth_mm >= np.quantile(found.depth_mm, 2 / 3)
-    said["z"] |= {
+    by_axis["z"] |= {
         "ratio": _median(ratio[found.usable]),
         "ratio_deepest_third": _median(ratio[deep & found.usable]),
     }
-    return said
+    return by_axis
+
+
+def whole_residuals(rows: Sequence[FrameForce], reading_std_N: Sequence[float] | None = None) -> Residuals | None:
+    """Return `residuals` without contacts cut by the border, unless there are no others."""
+    found = residuals(rows, flagged=(CUT,), reading_std_N=reading_std_N)
+    return found if found is None or found.usable.any() else residuals(rows, reading_std_N=reading_std_N)
+
+
+def strength_N(rows: Sequence[FrameForce]) -> list[float]:
+    """Return fz of each frame, NaN for none, without contacts cut by the border unless there are no others."""
+    every = [row.resultant_N[2] if row.read else float("nan") for row in rows]
+    whole = [float("nan") if CUT in row.flags else force for row, force in zip(rows, every, strict=True)]
+    return whole if any(force > 0 for force in whole) else every
+
+
+def shear_summary(rows: Sequence[FrameForce]) -> dict[str, int | str]:
+    """Return how many touching frames there are, in how many fx and fy are known, and the usual reason else."""
+    touched = [row for row in rows if touches(row)]
+    unknown = [row for row in touched if not np.isfinite(row.resultant_N[0])]
+    why = Counter(words for row in unknown for words in row.flags.split("; "))
+    reason = next((words for words, _ in why.most_common() if "follow" in words or "shear" in words), "")
+    return {"touched": len(touched), "known": len(touched) - len(unknown), "why": reason}
 
 
 def _median(values: Floats) -> float | None:
@@ -197,18 +225,15 @@ def _median(values: Floats) -> float | None:
     return float(np.median(known)) if known.size else None
 
 
-# The picture's depth against the force sensor's reading, as a recording of curves for `tactilevision diagnose`.
-#
-# Each press becomes a curve of the contact's depth, as the height map has it, against the sensor's force, with the
-# place of the pressure for the press's own where the protocol states none. So whatever separates the two, by
-# depth, place, direction, time or press, meets the same residual panels and the same effects as a calibration
-# does. `picture_fz_N` and its deviation are columns of their own.
+# The comparison as a recording of curves for `tactilevision diagnose`: of each press the contact's depth in the
+# height map against the sensor's force, and the place of the pressure if the protocol states none. `picture_fz_N`
+# and its standard deviation are columns.
 
-MIN_COUNT = 4  # frames of a press that make a curve
+MIN_COUNT = 4  # frames of a curve
 
 
 def write_comparison(recording: Recording, rows: Sequence[FrameForce], *, folder: Path) -> Path | None:
-    """Write the recording of curves into `folder`; None where no press has enough frames with both."""
+    """Write the recording of curves into `folder`; return None if no press has enough frames with both forces."""
     presses, curves = [], []
     for press in recording.presses:
         seen = [row for row in rows if row.press == press.press and _whole(row)]
@@ -218,7 +243,7 @@ def write_comparison(recording: Recording, rows: Sequence[FrameForce], *, folder
     if not curves:
         return None
     write_recording(
-        replace(recording, path=folder, name=f"{recording.name}, picture beside sensor", presses=tuple(presses),
+        replace(recording, path=folder, name=f"{recording.name}, picture and sensor", presses=tuple(presses),
                 curves=tuple(curves), points=(), forces=None, stage=None, frames_path=None, frame_names=(),
                 frame_times_s=np.zeros(0), flats=(), balls=(), extra={}, depth_source="vision", depth_std_mm=None)
     )  # fmt: skip
@@ -226,7 +251,7 @@ def write_comparison(recording: Recording, rows: Sequence[FrameForce], *, folder
 
 
 def _whole(row: FrameForce) -> bool:
-    """Both forces are there, and neither a cut contact nor a slip of the map on a free gel."""
+    """Return whether both forces are known, the contact is not cut, and the map of a free gel did not slip."""
     touches = row.read and not nothing_touches(row) and CUT not in row.flags
     return touches and bool(np.isfinite([row.depth_mm, *row.measured_N]).all()) and row.measured_N[2] > MIN_N
 

@@ -1,4 +1,4 @@
-"""Return the compliance of the gel's surface, and convert it to and from stored arrays."""
+"""Compliance of the gel's surface, and its conversion to and from stored arrays."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from tactilevision.force.inverse import Cells
 from tactilevision.force.kernel import REACH, WAVES, CellCompliance, layer_cells
 from tactilevision.force.lateral_boundaries import LOAD_MM, STATION_MM, VERSION, SideTable, side_table
 from tactilevision.force.nodes import NodeGrid
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats, Material, Pair
 from tactilevision.records.rig import Gel
 
-# The gel as the inverse sees it: the unbounded layer's exact compliance, and what the gel's free sides add.
+# The unbounded layer's exact compliance, and the contribution of the gel's free sides:
 #
-#     C = C_layer (Fourier, exact) + C_sides (finite elements, smooth: felt within about two thicknesses of a side)
+#     C = C_layer (Fourier, exact) + C_sides (finite elements, smooth: within about two thicknesses of a side)
 #
-# Superposition: the layer's own stress acts on the place where the side is; the side is free, so the opposite
-# traction is put on it (`force/sides/`). Only that smooth part is discretised coarsely. E scales both; both are
-# made for one nu.
+# Superposition: the opposite of the layer's stress at the side acts on the free side (lateral_boundaries.py). Only
+# that smooth part is discretised coarsely. E scales both; both are computed for one nu.
 
-POISSON_STEP = 1e-3  # of Poisson's ratio, over which the compliance's slope is taken
-SIDE_POISSON_STEP = 4e-3  # the table is right to some 1e-4 of itself
+POISSON_STEP = 1e-3  # step in Poisson's ratio of the compliance's derivative
+SIDE_POISSON_STEP = 4e-3  # the same of the sides, whose table has a relative error of some 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class Slopes:
-    """What the compliance's slope in nu is made of: of the layer itself, and the sides for a smaller nu."""
+    """Derivative of the layer's compliance by nu, and the sides for a smaller nu."""
 
     layer: CellCompliance
     sides: SideTable | None
@@ -42,9 +42,9 @@ class Slopes:
 
 @dataclass(frozen=True)
 class GelCompliance:
-    """Compliance between cells at modulus 1 MPa; `inside` (rows, columns) says which cells lie on the gel.
+    """Compliance between cells at modulus 1 MPa; `inside` (rows, columns): the cells on the gel.
 
-    `kept` is its slope in nu, made before (kept_compliance.py); None: made when it is asked for.
+    `kept` is its stored derivative by nu; None: computed when needed.
     """
 
     gel: Gel
@@ -60,17 +60,20 @@ class GelCompliance:
         return self.layer.grid
 
     def block(self, receivers: Cells, sources: Cells) -> Floats:
-        """(3 R, 3 S), x of all, y of all, z of all."""
+        """Return the block (3 R, 3 S), x of all, y of all, z of all."""
         block = self.layer.block(receivers, sources)
         return block if self.sides is None else self.sides.add(block, self.grid, receivers, sources)
 
     def normal_block(self, cells: Cells) -> Floats:
-        """(C, C), depth by pressure."""
+        """Return the block (C, C) of depth by pressure."""
         block = self.layer.normal_block(cells)
         return block if self.sides is None else self.sides.add_normal(block, self.grid, cells=cells)
 
     def depth(self, cells: Cells, traction: Floats) -> Floats:
-        """Depth (rows, columns) everywhere that `traction` (3 or 1, C) at `cells` makes; sides left out."""
+        """Return the depth (rows, columns) everywhere that `traction` (3 or 1, C) at `cells` makes.
+
+        Sides are neglected.
+        """
         rows, columns = self.grid.shape
         shape, waves = self._depth_waves
         fields = np.zeros((len(traction), rows * columns), dtype=np.float32)
@@ -85,13 +88,13 @@ class GelCompliance:
     def _depth_waves(self) -> tuple[tuple[int, int], npt.NDArray[np.complex64]]:
         """Shape of the transform, and (3, ky, kx): depth by t_x, t_y, t_z."""
         rows, columns = self.grid.shape
-        # a convolution of length 2 n - 1 wraps round only where nothing is read
+        # a convolution of length 2 n - 1 wraps only outside the part that is read
         shape = (fft.next_fast_len(2 * rows - 1, real=True), fft.next_fast_len(2 * columns - 1, real=True))
         table = self.layer.table.reshape(2 * rows - 1, 2 * columns - 1, 3, 3)[:, :, 2].astype(np.float32)
         return shape, np.stack([fft.rfft2(table[..., k], shape) for k in range(3)])
 
     def by_poisson(self, cells: Cells, parts: int) -> Floats:
-        """Derivative of the cells' own block by nu, (parts C, parts C)."""
+        """Return the derivative of the cells' own block by nu, (parts C, parts C)."""
         slope = self._poisson_slope
         layer = slope.normal_block(cells) if parts == 1 else slope.block(cells, cells)
         here = self._of_sides(self.sides, cells, layer)
@@ -100,7 +103,7 @@ class GelCompliance:
         return np.asarray(layer + (here - self._of_sides(self._sides_lower, cells, layer)) / SIDE_POISSON_STEP)
 
     def prepare_slope(self) -> None:
-        """Make now what `by_poisson` needs."""
+        """Compute what `by_poisson` needs."""
         self.slopes  # noqa: B018
 
     @property
@@ -122,7 +125,7 @@ class GelCompliance:
 
     @cached_property
     def _sides_lower(self) -> SideTable | None:
-        """The sides for a smaller nu; made only where a contact feels them."""
+        """The sides for a smaller nu; computed only for a contact near them."""
         if self.kept is not None:
             return self.kept.sides
         return side_table(self.gel, self.grid, poisson_ratio=self.poisson_ratio - SIDE_POISSON_STEP)
@@ -138,7 +141,7 @@ class GelCompliance:
 
 
 class CalibratedGel(Protocol):
-    """What a sensor that was calibrated for force knows; None: not known, or not made yet."""
+    """A sensor calibrated for force; None: unknown, or not computed yet."""
 
     @property
     def gel(self) -> Gel | None: ...
@@ -156,12 +159,12 @@ class CalibratedGel(Protocol):
 def gel_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: bool = True) -> GelCompliance:
     """Build, or read from the cache, the compliance of `gel` for the cells of `grid`.
 
-    Raises InputError where no cell lies on the gel.
+    Raises InputError if no cell is on the gel.
     """
     inside = on_gel(gel, grid)
     if not inside.any():
         raise InputError(
-            "no part of the view lies on the gel",
+            "no part of the view is on the gel",
             where="gel_compliance",
             value=gel,
             remedy="Check radius_mm or size_mm of [sensor.gel].",
@@ -172,33 +175,26 @@ def gel_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: boo
 
 
 def on_gel(gel: Gel, grid: NodeGrid) -> Bools:
-    """Mask (rows, columns) of the cells that lie wholly on the gel."""
+    """Return the mask (rows, columns) of the cells that lie wholly on the gel."""
     half = grid.spacing_mm / 2
     x, y = np.abs(grid.x_mm)[None, :] + half, np.abs(grid.y_mm)[:, None] + half
     if gel.shape == "disc" and gel.radius_mm is not None:
         return np.asarray(np.hypot(x, y) <= gel.radius_mm)
     if gel.shape == "rectangle" and gel.size_mm is not None:
-        return np.asarray((x <= gel.size_mm[0] / 2 + 1e-9) & (y <= gel.size_mm[1] / 2 + 1e-9))
+        return np.asarray((x <= gel.size_mm[0] / 2 + ROUNDING) & (y <= gel.size_mm[1] / 2 + ROUNDING))
     return np.ones(grid.shape, dtype=bool)
 
 
-# A gel's compliance as arrays, so that what takes a second, or half a minute with free sides, is made once.
-#
-# The key names all that the numbers depend on. Arrays of another key are not used: the compliance is made anew.
+# A gel's compliance as arrays, since it takes a second, or half a minute with free sides. The key names all that
+# the numbers depend on; arrays of another key are not used.
 
 Arrays = Mapping[str, npt.NDArray[Any]]
-KEY, LAYER, LAYER_SLOPE, SIDES, SIDES_LOWER, STATIONS = (
-    "key",
-    "layer",
-    "layer_slope",
-    "sides",
-    "sides_lower",
-    "stations",
-)
+KEY, LAYER, LAYER_SLOPE = "key", "layer", "layer_slope"
+SIDES, SIDES_LOWER, STATIONS = "sides", "sides_lower", "stations"
 
 
 def as_arrays(made: GelCompliance) -> dict[str, npt.NDArray[Any]]:
-    """All that is worked out of a compliance, mm/MPa at modulus 1 MPa, under its key; of any shape."""
+    """Return all that is computed of a compliance, mm/MPa at modulus 1 MPa, under its key; of any shape."""
     slopes = made.slopes
     arrays: dict[str, npt.NDArray[Any]] = {
         KEY: np.array(_key(made.gel, made.grid, made.poisson_ratio)),
@@ -213,9 +209,9 @@ def as_arrays(made: GelCompliance) -> dict[str, npt.NDArray[Any]]:
 
 
 def of_arrays(arrays: Arrays, gel: Gel, *, grid: NodeGrid, poisson_ratio: float, where: object) -> GelCompliance:
-    """The compliance that `as_arrays` gave, mm/MPa, of any shape; another gel's, or version's, is made anew.
+    """Restore the compliance from `as_arrays`, mm/MPa, of any shape.
 
-    Raises InputError where the arrays have the key and do not fit it.
+    Another gel's, or version's, is computed anew. Raises InputError if the arrays have the key and do not fit it.
     """
     if KEY not in arrays or str(arrays[KEY]) != _key(gel, grid, poisson_ratio):
         return gel_compliance(gel, grid, poisson_ratio=poisson_ratio)
@@ -245,7 +241,7 @@ def _check(arrays: Arrays, name: str, shape: tuple[int, ...], where: object) -> 
 
 
 def _key(gel: Gel, grid: NodeGrid, poisson_ratio: float) -> str:
-    """All that the numbers depend on."""
+    """Return all that the numbers depend on."""
     outline = gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, round(poisson_ratio, 9)
     steps = VERSION, WAVES, REACH, POISSON_STEP, SIDE_POISSON_STEP, STATION_MM, LOAD_MM
     return repr((*outline, grid.shape, grid.spacing_mm, *steps))

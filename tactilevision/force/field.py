@@ -1,24 +1,26 @@
-"""Height map (and shear) -> map of traction with its resultant: the step that live code calls for every frame.
+"""Map of traction and its resultant from a height map and shear: the step that live code calls for every frame.
 
 Set up once for a gel, a material and a view; each call narrows the contact, solves for the tractions, corrects for
-large depth and propagates what is not known. A call changes nothing but the first, which learns the view's size.
+large depth and propagates the uncertainties. Only the first call may change it: it learns the view's size.
 
-Standard deviation of the resultant: noise of the depth and shear through the linear map; errors of depth and
-shear that the whole contact shares, pushed through the same map as one; the material's own covariance; MODEL_STD
-of the resultant for cells and mask (rms error over random contacts without noise, benchmarks), and FEW_CELLS more
-where the contact is hardly wider than a cell (balls on nonlinear elements: 6 % high on 3 cells); where no shear is
-measured, the share of friction's full effect that is not known; where the contact is cut by a border, the force
-that would lie there if the border's pressure went on for half its width; and the force that a hole of the map
-beside it may hide.
+Terms of the resultant's standard deviation:
+- noise of depth and shear, propagated through the linear map;
+- errors of depth and shear that the whole contact shares, propagated as one;
+- the material's covariance;
+- MODEL_STD of the resultant for cells and mask (rms error over random contacts without noise, benchmarks), and
+  FEW_CELLS where the contact is hardly wider than a cell (balls on nonlinear elements: 6 % high on 3 cells);
+- without shear, the uncertain share of friction's full effect;
+- for a contact cut by a border, the force beyond it if its pressure continued for half the contact's width;
+- the force that a hole of the map may hide.
 
-Friction stiffens a punch of a/h .8 by 4 %, one of a/h 1.3 by 11 %, and more as it goes deep. Where shear is
-measured it shows itself; where it is not, with s the share of its full effect, LIKELY_SHARE +- SHARE_STD,
+Friction stiffens a punch of a/h .8 by 4 %, one of a/h 1.3 by 11 %, and more with depth. Measured shear contains
+its effect. Without shear, with s the share of its full effect, LIKELY_SHARE +- SHARE_STD,
 
     force = linear, frictionless force (1 + s (stuck - 1)) (1 + s (deep - 1)),
 
-stuck the same depth's force over the frictionless one if the gel stuck, deep the correction for large depth. On
-nonlinear elements (neo-Hooke; punches a/h .37 to 1.7, balls; w/h to .2) s = 1 is within 3 % where nothing slips or
-mu is .3 and more, s = .7 at mu = .15, s = 0 without friction.
+stuck the force of a sticking gel over the frictionless one at the same depth, deep the correction for large depth.
+On nonlinear elements (neo-Hooke; punches a/h .37 to 1.7, balls; w/h to .2) s = 1 is within 3 % where nothing slips
+or mu is .3 and more, s = .7 at mu = .15, s = 0 without friction.
 """
 
 from __future__ import annotations
@@ -41,11 +43,11 @@ from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
 from tactilevision.records.measured import Floats, Material, Pair
 from tactilevision.records.rig import Gel
 
-# of the force, for fx, fy, fz: what cells and linear theory leave wrong; benchmarks.force
+# of the force, for fx, fy, fz: error of cells and linear theory; benchmarks.force
 MODEL_STD = np.array([0.002, 0.002, 0.008])
 FEW_CELLS = 0.08  # of the normal force over the root of the number of cells
-BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one cannot be told from it
-STILL = 2.0  # thicknesses from a contact, beyond which the gel lies still
+BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one is not detected
+STILL = 2.0  # thicknesses from a contact, beyond which the gel does not move
 MAX_OF_VIEW = 0.9  # of the view: gel that covers less is flagged as small
 NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
 CUT = "contact cut by the border of the view or the gel"
@@ -54,13 +56,12 @@ SMALL_GEL = "gel smaller than the view"
 
 @dataclass(frozen=True, slots=True)
 class ForceSettings:
-    """How forces are found. None of these is set by case.
+    """Settings of a force field.
 
-    `spacing_mm` of the cells; `depth_std_mm` of one pixel where the height map does not state it (None: from the
-    map itself); `depth_correlation_px` over which pixels share their error (None: a whole contact shares it, as in
-    a map integrated from slopes); `adhesive` lets the gel be pulled;
-    `sides` accounts for the gel's free sides; `large_depth` for its large strain (False: linear elasticity
-    throughout); `cell_std` also works out the deviation of every single traction.
+    `spacing_mm` of the cells; `depth_std_mm` of one pixel if the height map states none (None: from the map);
+    `depth_correlation_px` over which pixels share their error (None: over a whole contact, as in a map integrated
+    from slopes); `adhesive` allows negative pressure; `sides` accounts for the gel's free sides; `large_depth` for
+    its large strain (False: linear elasticity); `cell_std` computes the standard deviation of every traction.
     """
 
     spacing_mm: float = 0.5
@@ -73,9 +74,9 @@ class ForceSettings:
 
 
 class ForceField:
-    """`ForceField(gel, material, mm_per_px)(height, shear)`, or `ForceField(sensor)` for a calibrated sensor.
+    """Map from depth and shear to traction: `ForceField(gel, material, mm_per_px)(height, shear)`.
 
-    shear None leaves fx and fy unknown (NaN).
+    `ForceField(sensor)` for a calibrated sensor. Without shear fx and fy are NaN.
     """
 
     def __init__(
@@ -110,55 +111,54 @@ class ForceField:
     def __call__(
         self, height: HeightMap, shear: ShearMap | None = None, *, measured: MeasuredForce | None = None
     ) -> TractionMap:
-        """Traction on the gel at the moment of `height`.
+        """Return the traction on the gel at the moment of `height`.
 
-        Raises InputError where the maps do not fit the field (another sensor's scale or size).
+        Raises InputError for maps of another scale or size.
         """
         if not isinstance(height, HeightMap):
             raise InputError(
                 "a force field takes a height map",
                 where="ForceField",
                 value=type(height).__name__,
-                remedy="Make one with reconstructor.height_map(rgb), or HeightMap(...) of depths of your own.",
+                remedy="Make one with reconstructor.height_map(rgb), or HeightMap(...) of other depths.",
             )
-        if self.compliance is None:
-            self.compliance = self._set_up(height.depth_mm.shape)
-        found = self._free(self.compliance, height, shear)
+        found = self._free(self._prepared(height), height, shear)
         return found if measured is None else constrain(found, measured)
 
-    def touched(self, height: HeightMap) -> bool:
-        """Whether anything may touch: quick, so that a free gel costs no shear. Raises as a call does."""
+    def _prepared(self, height: HeightMap) -> GelCompliance:
         if self.compliance is None:
             self.compliance = self._set_up(height.depth_mm.shape)
-        seen = observe(self.compliance.grid, height, shear=None, noise=self._noise, inside=self.compliance.inside)
+        return self.compliance
+
+    def touched(self, height: HeightMap) -> bool:
+        """Return whether anything may touch: quick, so that a free gel needs no shear. Raises as a call does."""
+        own = self._prepared(height)
+        seen = observe(own.grid, height, shear=None, noise=self._noise, inside=own.inside)
         return len(candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, known=seen.known)) > 0
 
     def without_contact(self, height: HeightMap) -> TractionMap:
-        """The tractions of a map in which nothing touches: zero, to within what would not show."""
-        if self.compliance is None:
-            self.compliance = self._set_up(height.depth_mm.shape)
-        grid = self.compliance.grid
-        seen = observe(grid, height, shear=None, noise=self._noise, inside=self.compliance.inside)
-        return _nothing(grid, height, (*seen.flags, NO_CONTACT), self._unseen_N(grid, seen))
+        """Return the tractions of a map in which nothing touches: zero, to within the detection limit."""
+        own = self._prepared(height)
+        seen = observe(own.grid, height, shear=None, noise=self._noise, inside=own.inside)
+        return _nothing(own.grid, height, (*seen.flags, NO_CONTACT), self._unseen_N(own.grid, seen))
 
     def _unseen_N(self, grid: NodeGrid, seen: Observation) -> float:
-        """Force of the least contact that would show."""
+        """Return the force of the least contact that would be detected."""
         reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
         deepest = -float(seen.displacement_mm[-1].min())
         least = max(CONTACT.patch_sigma * float(np.median(seen.depth_std_mm)), deepest)
         return 2 * grid.spacing_mm * reduced * least
 
     def _fits(self, made: GelCompliance, view_px: tuple[int, int] | None) -> bool:
-        """Whether a compliance that was made before is one for these settings and this view."""
+        """Return whether a compliance that was made before is one for these settings and this view."""
         seen = view_px is None or view_px == made.grid.view_px
         return seen and self.settings.sides and made.grid.spacing_mm == self.settings.spacing_mm
 
     def _set_up(self, view_px: tuple[int, ...]) -> GelCompliance:
         grid = lay_grid((view_px[0], view_px[1]), self.mm_per_px, spacing_mm=self.settings.spacing_mm)
-        nu, sides = self.material.poisson_ratio, self.settings.sides
-        made = gel_compliance(self.gel, grid, poisson_ratio=nu, sides=sides)
+        made = gel_compliance(self.gel, grid, poisson_ratio=self.material.poisson_ratio, sides=self.settings.sides)
         if self.material.covariance is not None:
-            made.prepare_slope()  # so that no later frame has to wait for it
+            made.prepare_slope()  # so that no frame waits for it
         return made
 
     def _free(self, compliance: GelCompliance, height: HeightMap, shear: ShearMap | None) -> TractionMap:
@@ -179,14 +179,14 @@ class ForceField:
         return self._report(compliance, seen, found, height, tuple(flags))
 
     def _overlooked(self, compliance: GelCompliance, seen: Observation, cells: Cells, found: Solution) -> Cells:
-        """Cells of weak contacts that the displacement by a deep one hides."""
+        """Return the cells of weak contacts that the displacement by a deep one hides."""
         reach = int(np.ceil(BESIDE * self.gel.thickness_mm / compliance.grid.spacing_mm))
         near = np.zeros(compliance.grid.shape, dtype=np.uint8)
         near.flat[cells] = 1
         near = cv2.dilate(near, np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8))
         moved = compliance.depth(found.cells, found.traction)
-        left = seen.displacement_mm[-1] - moved
-        return overlooked_cells(left, moved, std_mm=seen.depth_std_mm, usable=seen.known & (near == 0))
+        residual = seen.displacement_mm[-1] - moved
+        return overlooked_cells(residual, moved, std_mm=seen.depth_std_mm, usable=seen.known & (near == 0))
 
     def _solve(self, compliance: GelCompliance, seen: Observation, cells: Cells) -> Solution:
         u = seen.displacement_mm.reshape(len(seen.displacement_mm), -1)[:, cells]
@@ -234,7 +234,7 @@ class ForceField:
     def _seen_variance(
         self, grid: NodeGrid, seen: Observation, found: Solution, weights: Floats, noise: Floats
     ) -> Floats:
-        """Variance (6,) of force and moment, N² and (N mm)², by the errors of what is seen.
+        """Return the variance (6,) of force and moment, N² and (N mm)², by the errors of what is seen.
 
         `noise` (parts C,) mm is that of each cell alone; a whole contact shares the rest.
         """
@@ -247,7 +247,7 @@ class ForceField:
         return np.asarray(variance)
 
     def _stiffening(self, compliance: GelCompliance, seen: Observation, found: Solution) -> tuple[Floats, Floats]:
-        """Factor (C,) on the linear tractions, and how its logarithm grows with the share of friction's effect."""
+        """Return the factor (C,) on the linear tractions, and its log-derivative by friction's share."""
         deep = np.ones(len(found.cells))
         if self.settings.large_depth:
             deep = depth_factors(
@@ -264,7 +264,9 @@ class ForceField:
         return np.prod(1 + LIKELY_SHARE * more, axis=0), np.sum(more / (1 + LIKELY_SHARE * more), axis=0)
 
     def _sticking(self, compliance: GelCompliance, seen: Observation, found: Solution) -> float:
-        """By how much of itself the normal force would be greater if the gel had not slipped at all, linearly."""
+        """Return by what fraction the normal force would be greater if the gel had not slipped at all,
+        linearly.
+        """
         depth = seen.displacement_mm[-1].ravel()[found.cells]
         held = np.stack([0 * depth, 0 * depth, depth])
         stuck = solve_all(
@@ -280,7 +282,9 @@ class ForceField:
     def _material_variance(
         self, compliance: GelCompliance, found: Solution, weights: Floats, total: Floats
     ) -> Floats:
-        """Variance (6,) of force and moment that the calibration's own covariance of (E, nu) implies."""
+        """Return the variance (6,) of force and moment that the calibration's own covariance of (E, nu)
+        implies.
+        """
         covariance = self.material.covariance
         if covariance is None:
             return np.zeros(6)
@@ -293,14 +297,14 @@ class ForceField:
 
 
 def _share(grid: NodeGrid, found: Solution, alike_mm: float) -> float:
-    """How much of an error that is alike over `alike_mm` remains in the mean over the contact."""
+    """Return the share of an error that is constant over `alike_mm` that remains in the mean over the contact."""
     width = 2 * float(np.sqrt(len(found.cells) * grid.cell_mm2 / np.pi))
     return min(1.0, alike_mm / width)
 
 
 def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poisson_ratio: float) -> float:
-    """Force of the cells whose pressure is within two deviations of none: noise that may not pull can only
-    push.
+    """Return the force of the cells whose pressure is within two deviations of none: noise that may not pull only
+    pushes.
     """
     pressure = found.traction[-1]
     noise = std_mm / (grid.spacing_mm * (1 - poisson_ratio**2))
@@ -308,8 +312,8 @@ def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poi
 
 
 def _nothing(grid: NodeGrid, height: HeightMap, flags: tuple[str, ...], unseen_N: float) -> TractionMap:
-    """No contact: zero force along each axis, to within a punch of one cell's radius, pressed in by what a
-    candidate needs.
+    """Return zero force along each axis, to within a punch of one cell's radius pressed in by what a candidate
+    needs.
     """
     fields = np.zeros((3, grid.shape[0] * grid.shape[1]))
     total, std = np.zeros(6), np.array([unseen_N] * 3 + [np.nan] * 3)

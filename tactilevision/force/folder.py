@@ -1,6 +1,6 @@
-"""All frames of a recording into tractions and resultants, with the F/T reading beside where there is one.
+"""Tractions and resultants of all frames of a recording, with the F/T readings.
 
-Streamed on all cores and taken up again where it was cut off (jobs.py).
+Streamed on all cores and resumed where a run was interrupted (jobs.py).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
 from tactilevision.files.runs import output_lock
 from tactilevision.files.writing import write_text
+from tactilevision.force.calibrated import check_gel
 from tactilevision.force.comparison import Readings
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import ForceField, ForceSettings
@@ -27,6 +28,7 @@ from tactilevision.recording.model import Recording, is_bare
 from tactilevision.recording.pictures import read_flats
 from tactilevision.recording.write import table_cell
 from tactilevision.records.measured import Bytes, Material
+from tactilevision.records.rig import Gel
 from tactilevision.sensors.rectification import rectify
 from tactilevision.shear.displacement import Untouched, read_untouched
 
@@ -45,11 +47,11 @@ def force_folder(
     cluster: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[FrameForce, ...]:
-    """Write the tractions of every frame (store.py) and resultants.csv; returns its rows in the frames' order.
+    """Write the tractions of every frame and resultants.csv; return its rows in the frames' order.
 
-    `job` is what `force_job` gives. `clock_offset_s` (F/T minus camera) stands in where the recording does not
-    state it. `cluster` as in batch/folder.py. A frame that cannot be read is listed with the reason. An unfinished
-    run of the same job goes on.
+    `job` comes from `force_job`. `clock_offset_s` (F/T minus camera) is used if the recording states none.
+    `cluster` as in batch/folder.py. A frame that cannot be read is listed with the reason. An unfinished run of
+    the same job is resumed.
     """
     if cluster is not None:
         check_cluster(cluster)
@@ -86,7 +88,7 @@ def _solve(
         progress=progress,
         begin=lambda: store.begin(names),
     )
-    rows = tuple(beside(FrameForce.of(row), readings) for row in done)
+    rows = tuple(with_reading(FrameForce.of(row), readings) for row in done)
     store.end(names, [number for number, row in enumerate(rows) if row.read])
     write_text(store.out / TABLE, table(rows))
     journal.end()
@@ -104,11 +106,11 @@ def force_job(
     untouched: Untouched | None = None,
     compliance: GelCompliance | None = None,
 ) -> ForceJob:
-    """All that a frame needs, made once: compliance, the untouched gel, and where tractions go.
+    """Prepare what every frame needs: compliance, the untouched gel, and where tractions go.
 
-    Shear is followed from the first frame of the untouched gel among the recording's references, or from
-    `untouched`; without one, fx and fy stay unknown. `compliance` is the gel's where it was made before. Raises
-    InputError where the sensor's gel is not described.
+    Shear is measured from the first frame of the untouched gel among the recording's references, or from
+    `untouched`; without one, fx and fy are unknown. `compliance` is the gel's if it was computed before. Raises
+    InputError if the sensor's gel is not described.
     """
     sensor = recording.sensor
     if sensor.gel is None:
@@ -129,14 +131,31 @@ def force_job(
     return ForceJob(field, reconstructor, untouched or _untouched(recording), store)
 
 
+def with_gel(recording: Recording, calibration: Path | None, thickness_mm: float | None) -> Recording:
+    """Return the recording with a gel as thick as the calibration's, and a warning, where it describes none.
+
+    Raises InputError where its own gel is not that of the file `calibration`.
+    """
+    gel = recording.sensor.gel
+    if gel is not None:
+        if calibration is not None:
+            check_gel(calibration, gel)
+        return recording
+    if thickness_mm is None:
+        return recording
+    guess = f"guessed: the gel is {thickness_mm:g} mm thick, as the calibration's, and has no sides nearby"
+    sensor = replace(recording.sensor, gel=Gel(thickness_mm))
+    return replace(recording, sensor=sensor, warnings=(*recording.warnings, guess))
+
+
 def untouched_frame(recording: Recording) -> Bytes | None:
-    """The first reference picture of the untouched gel, rectified; None where the recording has none."""
+    """Return the first reference picture of the untouched gel, rectified; None if the recording has none."""
     flats = read_flats(replace(recording, flats=recording.flats[:1]))
     return rectify(recording.sensor, flats[0]) if flats else None
 
 
-def beside(row: FrameForce, readings: Readings) -> FrameForce:
-    """The row with the F/T reading and the press of its time."""
+def with_reading(row: FrameForce, readings: Readings) -> FrameForce:
+    """Add the F/T reading and the press of its time to a row."""
     press = readings.press_at(row.time_s)
     if press is None:
         return replace(row, measured_N=triple(readings.at(row.time_s)))
@@ -146,7 +165,7 @@ def beside(row: FrameForce, readings: Readings) -> FrameForce:
 
 
 def table(rows: Sequence[FrameForce]) -> str:
-    """resultants.csv: what is not known is left empty."""
+    """Return resultants.csv; what is not known is left empty."""
     return csv_text([COLUMNS, *map(_cells, rows)])
 
 
@@ -163,7 +182,7 @@ def _untouched(recording: Recording) -> Untouched | None:
 
 
 def _what_decides(job: ForceJob) -> tuple[object, ...]:
-    """Whatever would give a frame another force."""
+    """Return all that would change a frame's force."""
     field, material = job.field, job.field.material
     covariance = None if material.covariance is None else material.covariance.tolist()
     follows = job.untouched is not None and job.untouched.shows

@@ -16,7 +16,7 @@ from tactilevision.batch.jobs import Row
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.opening import read_cells
-from tactilevision.files.writing import replacing, told_as_output
+from tactilevision.files.writing import output_errors, replacing
 from tactilevision.files.zarr_store import Singles, begin_frames, end_frames, settle, write_frame
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
 from tactilevision.force.field import NO_CONTACT, ForceField
@@ -27,11 +27,11 @@ from tactilevision.recording.model import BadFrame
 from tactilevision.records.maps import BEYOND_BALLS, MEANING, Frame, HeightMap, ShearMap, TractionMap, add
 from tactilevision.shear.displacement import NOTHING_TO_FOLLOW, Untouched
 
-# Tractions of many frames on disk: filled by many processes a frame at a time, then put in place as a whole.
+# Tractions of many frames on disk, written by many processes a frame at a time, then moved to their place.
 #
 # tractions.npz     good frames: frame (N,) names, t_x, t_y, t_z (N, rows, columns) float32 in MPa, mm_per_px,
 #                   first_mm
-# tractions.zarr    of all frames, NaN where a frame gave none: the same fields; scale and place as attributes
+# tractions.zarr    all frames, NaN for a frame without tractions: the same fields; scale and place as attributes
 
 FIELDS = ("t_x", "t_y", "t_z")
 Form = Literal["npz", "zarr"]
@@ -39,7 +39,7 @@ Form = Literal["npz", "zarr"]
 
 @dataclass(frozen=True, slots=True)
 class TractionStore:
-    """Where tractions go: `out`/tractions.FORM, by way of a scratch beside it."""
+    """Store of tractions `out`/tractions.FORM, written to a scratch next to it first."""
 
     out: Path
     form: Form
@@ -56,7 +56,7 @@ class TractionStore:
         return self.out / f".tractions.{self.form}-unfinished"
 
     def settle(self) -> None:
-        """Put right what killed runs have left, those in the other form, too."""
+        """Clean up after killed runs, also those in the other form."""
         if self.form == "zarr":
             settle(self.path)
             replace(self, form="npz").scratch.unlink(missing_ok=True)
@@ -70,14 +70,14 @@ class TractionStore:
             begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
             return
         shape = (len(frames), len(FIELDS), *self.grid.shape)
-        with told_as_output(self.scratch):
+        with output_errors(self.scratch):
             np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
-            if hasattr(os, "posix_fallocate"):  # a full disk is told now, not by a signal that ends a worker
+            if hasattr(os, "posix_fallocate"):  # a full disk raises here instead of killing a worker by a signal
                 with self.scratch.open("r+b") as file:
                     os.posix_fallocate(file.fileno(), 0, self.scratch.stat().st_size)
 
     def write(self, number: int, fields: dict[str, Singles]) -> None:
-        """One frame's fields, (rows, columns) each."""
+        """Write one frame's fields, (rows, columns) each."""
         if self.form == "zarr":
             write_frame(self.scratch, number, fields=fields)
             return
@@ -86,7 +86,7 @@ class TractionStore:
         stack.flush()
 
     def exists(self) -> bool:
-        """Whether the scratch is there."""
+        """Return whether the scratch is there."""
         return self.scratch.exists()
 
     def end(self, frames: Sequence[str], good: Sequence[int]) -> None:
@@ -115,8 +115,6 @@ class TractionStore:
         return {"mm_per_px": [step, step], "first_mm": [float(self.grid.x_mm[0]), float(self.grid.y_mm[0])]}
 
 
-# One frame of a recording into forces: depth, then, where something touches, shear, then tractions.
-
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
 NOTHING = (float("nan"),) * 3  # N: a force that is not known
 Triple = tuple[float, float, float]
@@ -124,11 +122,11 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class FrameForce:
-    """What one frame says, or `why` it says nothing; `flags` in words.
+    """The force of one frame, or `why` there is none; `flags` in words.
 
-    `depth_mm` is the greatest depth of what touches, `place_mm` the middle of the pressure on the pad,
-    `measured_N` the F/T sensor's force at the time; NaN where not known. `reading_clipped`: in its press the F/T
-    sensor stood at its end.
+    `depth_mm` is the greatest depth of the contact, `place_mm` the centre of pressure on the pad, `measured_N` the
+    F/T sensor's force at the time; NaN: unknown. `reading_clipped`: the F/T sensor was at the end of its range in
+    the press.
     """
 
     frame: str
@@ -146,11 +144,11 @@ class FrameForce:
 
     @property
     def read(self) -> bool:
-        """Whether there is a force, be it none at all."""
+        """Whether there is a force, also 0."""
         return not self.why
 
     def as_row(self) -> Row:
-        """As text, every digit kept, without what is put beside it later."""
+        """Return the row as text, every digit kept, without what is added later."""
         numbers = (
             self.time_s,
             *self.resultant_N,
@@ -163,7 +161,7 @@ class FrameForce:
 
     @classmethod
     def of(cls, row: Row) -> Self:
-        """From its row of text. Raises InputError where a cell is no number."""
+        """Read a row of text. Raises InputError if a cell is not a number."""
         n = read_cells(row[1:14], where=row[0])
         return cls(row[0], n[0], (n[1], n[2], n[3]), (n[4], n[5], n[6]), (n[7], n[8], n[9]), n[10], (n[11], n[12]),
                    row[14], row[15])  # fmt: skip
@@ -171,7 +169,7 @@ class FrameForce:
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """One frame with all that was made of it, for a drawing."""
+    """Maps of one frame, for a plot."""
 
     height: HeightMap
     shear: ShearMap | None
@@ -180,10 +178,10 @@ class Solved:
 
 @dataclass(frozen=True)
 class ForceJob:
-    """Frames into forces (streaming.Job). Not thread-safe, as the reconstructor is not.
+    """Job that computes the forces of frames. Not thread-safe, as the reconstructor is not.
 
-    `untouched` None: no reference, so that fx and fy stay unknown. `anchor` puts certified faces where they were.
-    Frames in which nothing touches cost no shear.
+    `untouched` None: no reference, so fx and fy are unknown. `anchor` corrects the depth of certified faces. Shear
+    is computed only for frames with contact.
     """
 
     field: ForceField
@@ -194,7 +192,7 @@ class ForceJob:
     anchor: FaceDepthCorrection = NO_CORRECTION
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """Keep the tractions; the row holds the resultant, or why there is none."""
+        """Store the tractions; return the row of the resultant, or why there is none."""
         if isinstance(frame, BadFrame):
             return FrameForce(frame.name, frame.time_s, why=f"unreadable: {frame.why}").as_row()
         try:
@@ -207,13 +205,19 @@ class ForceJob:
         return as_force(found, frame).as_row()
 
     def solve(self, frame: Frame) -> Solved:
-        """Raises InputError for a frame that cannot be read, ConvergenceError where the contact never settles."""
+        """Solve for the forces.
+
+        Raises InputError for a frame that cannot be read, ConvergenceError if the contact does not settle.
+        """
         solved = self._solved(frame, self.reconstructor.height_map(frame))
         doubts = tuple(MEANING[flag] for flag in add(solved.height.flags, self._beyond_balls(solved.height)))
         return replace(solved, found=replace(solved.found, flags=(*solved.found.flags, *doubts)))
 
     def _beyond_balls(self, height: HeightMap) -> tuple[str, ...]:
-        """The flag of a contact whose depth is extrapolated; what a border cuts, the field says itself."""
+        """Return the flag of a contact whose depth is extrapolated.
+
+        A cut by the border is flagged by the field itself.
+        """
         if not self.field.touched(height):
             return ()
         error = self.reconstructor.error
@@ -229,7 +233,7 @@ class ForceJob:
         return Solved(height, shear, self.field(height, shear))
 
     def sensitivity(self, solved: Solved) -> tuple[Sensitivity, ...]:
-        """What the material's own 95 % interval does to the force; nothing where it states none."""
+        """Return how the material's 95 % interval changes the force; nothing if it states none."""
         if self.field.material.covariance is None:
             return ()
         return material_sensitivity(self.field, solved.found, solved.height, solved.shear)
@@ -240,13 +244,13 @@ class ForceJob:
         return Solved(height, None, replace(found, flags=flags))
 
     def kept(self, row: Row) -> bool:
-        """Whether the store that holds the frame's tractions is there."""
+        """Return whether the store that holds the frame's tractions is there."""
         FrameForce.of(row)
         return bool(row[15]) or self.store.exists()
 
 
 def as_force(found: TractionMap, frame: Frame) -> FrameForce:
-    """The numbers of a map of tractions."""
+    """Return the numbers of a map of tractions."""
     pressure = np.maximum(np.nan_to_num(found.t_z), 0)
     total = float(pressure.sum())
     place = NOTHING[:2]
@@ -262,5 +266,5 @@ def as_force(found: TractionMap, frame: Frame) -> FrameForce:
 
 
 def nothing_touches(row: FrameForce) -> bool:
-    """Whether the frame was read and shows a gel that is free."""
+    """Return whether the frame was read and shows a gel that is free."""
     return row.read and NO_CONTACT in row.flags

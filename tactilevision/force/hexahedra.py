@@ -11,13 +11,13 @@ from scipy import sparse
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel
 
-# Triquadratic hexahedra for a nearly incompressible solid: displacement Q2, pressure P1 within each element.
+# Triquadratic hexahedra for a nearly incompressible solid: displacement Q2, discontinuous pressure P1.
 #
 #     K = Int 2 mu eps : eps + B^T (M/lambda)^-1 B,      B = Int p div u,  M = Int p p
 #
-# The pressure (1, x, y, z about the element's middle) has no neighbours, so it is solved for inside each element:
-# the pair is stable and does not lock as nu -> .5. Modulus 1 MPa. Quadrature 3 x 3 x 3.
-# Nodes of an element: index = a + 3 b + 9 c for the places (a, b, c) in {0, 1, 2}^3 along its own axes.
+# The pressure (1, x, y, z about the element's middle) is condensed inside each element; the pair is stable and
+# does not lock as nu -> .5. Modulus 1 MPa. Quadrature 3 x 3 x 3. Nodes of an element: index = a + 3 b + 9 c for
+# the places (a, b, c) in {0, 1, 2}^3 along its own axes.
 #
 # Source: Hughes, The Finite Element Method (1987), section 4.4 and table 4.3; Boffi, Brezzi, Fortin, Mixed Finite
 # Element Methods (2013), section 8.7 (Q2/P-1).
@@ -25,18 +25,18 @@ from tactilevision.records.rig import Gel
 Elements = npt.NDArray[np.intp]
 # places and weights of the three-point Gauss rule on (-1, 1)
 GAUSS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
-GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 9  # of the same rule; they sum to 2
+GAUSS_WEIGHT = np.array([5, 8, 5]) / 9  # of the same rule; they sum to 2
 
 
 def quadratic(xi: Floats) -> tuple[Floats, Floats]:
-    """Values and slopes (3, N) of the three quadratic functions on [-1, 1] at `xi` (N,)."""
+    """Return the values and slopes (3, N) of the three quadratic functions on [-1, 1] at `xi` (N,)."""
     values = np.stack([xi * (xi - 1) / 2, 1 - xi**2, xi * (xi + 1) / 2])
     return values, np.stack([xi - 0.5, -2 * xi, xi + 0.5])
 
 
 def shape_functions() -> tuple[Floats, Floats, Floats]:
-    """At the 27 points: values (27 points, 27 nodes), slopes (27, 27, 3) by the element's own axes, weights
-    (27,).
+    """Return values (27 points, 27 nodes), slopes (27, 27, 3) by the element's own axes and weights (27,) at the
+    27 points.
     """
     value, slope = quadratic(GAUSS)
     values = np.einsum("ip,jq,kr->rqpkji", value, value, value).reshape(27, 27)
@@ -49,8 +49,9 @@ def shape_functions() -> tuple[Floats, Floats, Floats]:
 
 
 def stiffness(nodes_mm: Floats, elements: Elements, *, poisson_ratio: float) -> sparse.csc_matrix:
-    """K (3 N, 3 N) of `nodes_mm` (N, 3) and `elements` (M, 27) at modulus 1 MPa; unknown 3 n + i is node n
-    along i.
+    """Return K (3 N, 3 N) of `nodes_mm` (N, 3) and `elements` (M, 27) at modulus 1 MPa.
+
+    Unknown 3 n + i is node n along i.
     """
     parts = [
         _element_matrices(nodes_mm[chunk], poisson_ratio) for chunk in np.array_split(elements, _chunks(elements))
@@ -67,7 +68,7 @@ def _chunks(elements: Elements) -> int:
 
 
 def _element_matrices(corners: Floats, poisson_ratio: float) -> Floats:
-    """(m, 81, 81) of elements with node places `corners` (m, 27, 3)."""
+    """Return (m, 81, 81) of elements with node places `corners` (m, 27, 3)."""
     values, slopes, weights = shape_functions()
     jacobian = np.einsum("pna,mni->mpia", slopes, corners)
     measure = np.linalg.det(jacobian) * weights
@@ -93,10 +94,9 @@ def _element_matrices(corners: Floats, poisson_ratio: float) -> Floats:
     return np.asarray(matrix + lame * projected)
 
 
-# A block of gel in hexahedra: a rectangle in rows and columns, a disc as a square core with four petals round it.
-#
-# Nodes are numbered layer by layer, from the free face z = 0 to the base z = h. Elements shrink towards the free
-# face and the sides, where the correction lives; geometry is quadratic, so that a disc's side is round.
+# Mesh of a gel: a rectangle in rows and columns, a disc as a square core with four petals round it. Nodes are
+# numbered layer by layer, from the free face z = 0 to the base z = h. Elements are smaller towards the free face
+# and the sides; geometry is quadratic, so that a disc's side is round.
 
 Indices = npt.NDArray[np.intp]
 DEPTHS = np.array([0.0, 0.15, 0.45, 1.0])  # ends of the elements through the thickness
@@ -117,12 +117,12 @@ class GelMesh:
 
     @property
     def free(self) -> Indices:
-        """Unknowns that are not held at the base."""
+        """Unknowns that are not fixed at the base."""
         return np.arange(3 * self.per_layer * (len(self.depths_mm) - 1))
 
 
 def gel_mesh(gel: Gel, element_mm: float) -> GelMesh:
-    """Mesh of a gel that has sides (disc or rectangle) with elements about `element_mm` wide."""
+    """Mesh a gel that has sides (disc or rectangle) with elements about `element_mm` wide."""
     if gel.shape == "disc" and gel.radius_mm is not None:
         patches = _disc(gel.radius_mm, element_mm)
     elif gel.size_mm is not None:
@@ -141,14 +141,17 @@ def gel_mesh(gel: Gel, element_mm: float) -> GelMesh:
 
 
 def _rectangle(size_mm: tuple[float, float], element_mm: float) -> Floats:
-    """Node places (2 n + 1, 2 m + 1, 2) of the whole plane, x fastest."""
+    """Return the node places (2 n + 1, 2 m + 1, 2) of the whole plane, x fastest."""
     axes = [_graded(max(4, int(np.ceil(length / element_mm)))) * length / 2 for length in size_mm]
     x, y = np.meshgrid(*axes)
     return np.stack([x, y], axis=-1)
 
 
 def _graded(count: int) -> Floats:
-    """Places of quadratic nodes on [-1, 1], closer together towards both ends; middles halve their elements."""
+    """Return the places of quadratic nodes on [-1, 1], closer together towards both ends.
+
+    Middles halve their elements.
+    """
     even = np.linspace(-1, 1, count + 1)
     ends = even + 0.6 * np.sin(np.pi * even) / np.pi
     return np.sort(np.concatenate([ends, (ends[1:] + ends[:-1]) / 2]))
@@ -174,7 +177,7 @@ def _disc(radius_mm: float, element_mm: float) -> list[Floats]:
 
 
 def _merge(patches: list[Floats]) -> tuple[Floats, Indices]:
-    """Places (N, 2) without doubles and nine-node quads (M, 9), x fastest within each."""
+    """Merge equal places (N, 2); return them and nine-node quads (M, 9), x fastest within each."""
     places = np.concatenate([p.reshape(-1, 2) for p in patches])
     scale = np.abs(places).max()
     _, first, number = np.unique(np.round(places / scale, 9) + 0.0, axis=0, return_index=True, return_inverse=True)
@@ -193,14 +196,17 @@ def _merge(patches: list[Floats]) -> tuple[Floats, Indices]:
 
 
 def _outline(quads: Indices) -> Indices:
-    """Sides (S, 3) of the quads that no other quad shares, counter-clockwise (x right, y up) round the element."""
+    """Return the sides (S, 3) of the quads that no other quad shares, counter-clockwise (x right, y up) round the
+    element.
+    """
     sides = np.concatenate([quads[:, list(side)] for side in ((0, 1, 2), (2, 5, 8), (8, 7, 6), (6, 3, 0))])
     _, number, count = np.unique(sides[:, 1], return_inverse=True, return_counts=True)
     return np.asarray(sides[count[number] == 1])
 
 
 def face_values(mesh: GelMesh, places_mm: Floats) -> tuple[Indices, Floats]:
-    """Nodes (P, 9) of the face's element that each place lies in, and their shape functions (P, 9) there.
+    """Return the nodes (P, 9) of the face's element that each place lies in, and their shape functions (P, 9)
+    there.
 
     Raises ValueError for a place outside the mesh.
     """
@@ -220,7 +226,7 @@ def face_values(mesh: GelMesh, places_mm: Floats) -> tuple[Indices, Floats]:
 
 
 def _local(corners: Floats, place: Floats) -> Floats:
-    """Coordinates in [-1, 1]^2 of a place in a nine-node quad, by Newton's method."""
+    """Return the coordinates in [-1, 1]^2 of a place in a nine-node quad, by Newton's method."""
     local = np.zeros(2)
     for _ in range(12):
         value, slope = quadratic(local)
@@ -244,9 +250,6 @@ def _product(local: Floats) -> Floats:
     return np.outer(value[:, 1], value[:, 0]).ravel()
 
 
-# The free side of a gel's mesh: quadrature points on it, and the way from tractions there to nodal forces.
-
-
 @dataclass(frozen=True, slots=True)
 class WallPoints:
     """`places_mm` (Q, 2) and outward `normals` (Q, 2) along the outline; `depths_mm` (L,) of the levels.
@@ -263,7 +266,7 @@ class WallPoints:
 
 
 def wall_points(mesh: GelMesh) -> WallPoints:
-    """Three by three points on every element's side on the wall."""
+    """Return three by three points on every element's side on the wall."""
     value, slope = quadratic(GAUSS)
     corners = mesh.nodes_mm[mesh.edges, :2]
     places = np.einsum("np,eni->epi", value, corners).reshape(-1, 2)
@@ -271,13 +274,9 @@ def wall_points(mesh: GelMesh) -> WallPoints:
     length = np.hypot(*along.T)
     normals = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[:, None]
     nodes = np.unique(mesh.edges)
-    number = {int(n): k for k, n in enumerate(nodes)}
     spread = np.zeros((len(nodes), len(places)))  # nodal share of a unit line load at each point
-    for e, edge in enumerate(mesh.edges):
-        for n in range(3):
-            for p in range(3):
-                q = 3 * e + p
-                spread[number[int(edge[n])], q] += value[n, p] * GAUSS_WEIGHT[p] * length[q]
+    node, point = np.searchsorted(nodes, mesh.edges)[:, :, None], np.arange(len(places)).reshape(-1, 1, 3)
+    spread[node, point] = value * GAUSS_WEIGHT * length.reshape(-1, 1, 3)
     depths, level_share = _levels(mesh.depths_mm)
     free = len(mesh.depths_mm) - 1
     weights = np.zeros((len(depths), free, len(nodes), 3, len(places), 3))
@@ -288,7 +287,9 @@ def wall_points(mesh: GelMesh) -> WallPoints:
 
 
 def _levels(depths_mm: Floats) -> tuple[Floats, Floats]:
-    """Quadrature depths (L,) and the share (L, node levels) of each in the nodal levels, times its length."""
+    """Return the quadrature depths (L,) and the share (L, node levels) of each in the nodal levels, times its
+    length.
+    """
     value, _ = quadratic(GAUSS)
     places, share = [], np.zeros((3 * (len(depths_mm) // 2), len(depths_mm)))
     for element in range(len(depths_mm) // 2):

@@ -15,26 +15,25 @@ from tactilevision.force.nodes import NodeGrid
 from tactilevision.records.contact_thresholds import CONTACT, cell_limit_mm
 from tactilevision.records.measured import Bools, Floats
 
-# Which cells may carry force: an outer guess from the depth, narrowed by the force itself.
+# Cells that may carry force: candidates from the depth, narrowed by the force itself.
 #
-# Outer guess: cells deeper than three standard deviations and than a share of the deepest. The edge of a contact
-# is at least a third as deep as its middle (Hertz: a half; flat punch: all). So this loses no contact down to a
-# tenth of the depth of the deepest one. Limits: records/contact_thresholds.py. Of the patches they form, those
-# count whose deepest cell stands out by five deviations. Counted in the deviations of each place, it must also
-# sink more than the gel rises anywhere. Beside a punch the gel rises by an eighth of the punch's depth at most, so
-# a map that rises more than it sinks shows its own error there. Cells of a slow error are alike, so that a view
-# holds a few hundred places at most that may err apart from each other. Of such, five deviations are exceeded by
-# chance once in thousands of frames. Narrowed: no cell pulls, so cells of negative pressure are left out until
-# none is. A cell that carries less than FAINTEST of the greatest pressure is left out as well: it is the ringing
-# of the contact's edge, which a square cell cannot follow.
+# Candidates are deeper than three standard deviations and than a share of the deepest
+# (records/contact_thresholds.py). The edge of a contact is at least a third as deep as its middle (Hertz: a half;
+# flat punch: all), so no contact down to a tenth of the deepest is lost. Patches of candidates count if their
+# deepest cell exceeds five deviations and, in deviations of each place, the greatest rise: outside a punch the gel
+# rises by an eighth of its depth at most, so a map that rises more shows its own error. A slow error leaves a few
+# hundred independent places in a view, of which five deviations are exceeded by chance once in thousands of
+# frames. Narrowing: pressure is positive, so cells of negative pressure are excluded until there are none, and so
+# are cells below FAINTEST of the greatest pressure, which are ringing at the contact's edge.
 
-FAINTEST = 0.02  # of the greatest pressure: the ringing of a contact's edge lies below
-TINY = 1e-12  # mm: keeps a cell without deviation from a division by 0
-DOUBT = 0.3  # of a contact's displacement of the gel beside it: linear theory against large depth
+FAINTEST = 0.02  # of the greatest pressure: bound of the ringing at a contact's edge
+TINY = 1e-12  # mm: avoids a division by 0 for a cell without deviation
+DOUBT = 0.3  # of a contact's displacement of the gel around it: linear theory against large depth
 
 
 def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.NDArray[np.intp]:
-    """Flat indices of the cells that may touch, by depth and its standard deviation (rows, columns) in mm.
+    """Return the flat indices of the cells that may touch, by depth and its standard deviation (rows, columns) in
+    mm.
 
     Empty where nothing does.
     """
@@ -42,53 +41,47 @@ def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.ND
     if seen.size == 0:
         return np.zeros(0, dtype=np.intp)
     deep = known & (depth_mm > cell_limit_mm(std_mm, float(seen.max())))
-    neighbours = uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9
-    deep &= neighbours > CONTACT.cell_neighbours - 0.5
-    patches, count = label(deep)
-    if count == 0:
-        return np.zeros(0, dtype=np.intp)
     pull = depth_mm / (std_mm + TINY)
-    sure = maximum(pull, patches, np.arange(count + 1)) > max(CONTACT.patch_sigma, -float(pull[known].min()))
-    sure[0] = False
-    return np.flatnonzero(sure[patches])
+    return _patches(deep, pull, max(CONTACT.patch_sigma, -float(pull[known].min())))
 
 
 def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usable: Bools) -> npt.NDArray[np.intp]:
-    """Flat indices of the cells (rows, columns) of a weak contact beside a deep one.
+    """Return flat indices of the cells (rows, columns) of a weak contact next to a deep one.
 
-    There the depth `left_mm` over that one's own (`moved_mm`) stands out.
-
-    `usable` leaves out what is near the deep contact. A patch must stand out of its deviation and of what the deep
-    contact's displacement may be wrong by, and by more of the two than any place rises: the map's own slow error
-    is as often a rise.
+    There the residual depth `left_mm` over the displacement by the deep one (`moved_mm`) is significant. `usable`
+    excludes what is near the deep contact. A patch must exceed its deviation plus the error of the deep contact's
+    displacement, by a larger factor than any place rises: the map's slow error is as often a rise.
     """
     if not usable.any():
         return np.zeros(0, dtype=np.intp)
     doubt = DOUBT * float(np.abs(moved_mm[usable]).max())
     deep = usable & (left_mm > CONTACT.cell_sigma * std_mm + doubt)
-    if np.count_nonzero(deep) < CONTACT.cell_neighbours:
-        return np.zeros(0, dtype=np.intp)
-    deep &= uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > CONTACT.cell_neighbours - 0.5
+    share = left_mm / (CONTACT.patch_sigma * std_mm + doubt + TINY)
+    return _patches(deep, share, max(1.0, -float(share[usable].min())))
+
+
+def _patches(deep: Bools, score: Floats, least: float) -> npt.NDArray[np.intp]:
+    """Return indices of the cells in patches of `deep` cells, without isolated ones, that score above `least`."""
+    deep = deep & (uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > CONTACT.cell_neighbours - 0.5)
     patches, count = label(deep)
     if count == 0:
         return np.zeros(0, dtype=np.intp)
-    share = left_mm / (CONTACT.patch_sigma * std_mm + doubt + TINY)
-    sure = maximum(share, patches, np.arange(count + 1)) > max(1.0, -float(share[usable].min()))
+    sure = maximum(score, patches, np.arange(count + 1)) > least
     sure[0] = False
     return np.flatnonzero(sure[patches])
 
 
-def pulling(pressure: Floats, std: float = 0.0) -> Bools:
-    """Mask (C,) of the pressures (MPa) of an active set that are to be left out; `std` of one, alike."""
-    return np.asarray(pressure < max(FAINTEST * float(np.max(pressure, initial=0.0)), std))
+def pulling(pressure: Floats) -> Bools:
+    """Return the mask (C,) of the pressures (MPa) of an active set that are to be excluded."""
+    return np.asarray(pressure < FAINTEST * float(np.max(pressure, initial=0.0)))
 
 
 def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
-    """A quarter of the graph Laplacian of the cells (C,): R, dimensionless (C, C).
+    """Return a quarter of the graph Laplacian of the cells (C,): R, dimensionless (C, C).
 
     x R x is the squared step to the neighbours.
 
-    The edge of the set is free, so a constant traction is not rough and its sum is not pulled down.
+    The edge of the set is free, so a constant traction is not rough and its sum is unbiased.
     """
     rows, columns = shape
     order = np.full((rows + 1) * (columns + 1), -1, dtype=np.intp)
@@ -99,43 +92,41 @@ def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
     for step in (1, columns + 1):
         other = order[place + step]
         first, second = np.flatnonzero(other >= 0), other[other >= 0]
-        matrix[first, second] = matrix[second, first] = -0.25
-        matrix[first, first] += 0.25
-        matrix[second, second] += 0.25
-    return matrix
+        matrix[first, second] = matrix[second, first] = -1
+        matrix[first, first] += 1
+        matrix[second, second] += 1
+    return matrix / 4
 
 
 def at_border(cells: npt.NDArray[np.intp], usable: Bools) -> Bools:
-    """Mask (C,) of the cells beside one of which nothing is known: at the border of the view, gel or map."""
+    """Return the mask (C,) of the cells with an unknown neighbour: at the border of the view, gel or map."""
     inside = np.pad(usable, 1)
     row, column = np.divmod(cells, usable.shape[1])
     beyond = [inside[row + 1 + dy, column + 1 + dx] for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]
     return np.asarray(~np.logical_and.reduce(beyond))
 
 
-# Surface displacement -> traction on the cells that touch.
+# Traction on the touching cells from the surface displacement.
 #
 #     (C + a I + R) x = u,        t = x + a (C + a I + R)^-1 x            (iterated Tikhonov, order 2)
 #
 # C the compliance between the touching cells, R = r_c L per component c with L their roughness. C is the energy's
-# own matrix, so the unknown shape of the traction inside a cell costs little force; the second step gives back
-# what a takes from the slow components, so that the resultant is not pulled down.
+# own matrix, so the unknown shape of the traction inside a cell causes a small error of the force; the second step
+# corrects the bias of a in the slow components, and so of the resultant.
 #
 # Weights, from the cell and from the noise alone:
 #     a   = SUBCELL d/E*                              a traction that is not constant over a cell of width d
-#     r_c = SUBCELL_STEP d/E* + sigma_c/tau_c         the same between cells, and where noise meets signal: the
-#     filter
-#                                                    lambda/(lambda + sigma/tau) halves a wave just where the noise
-#                                                     sigma of u equals the displacement lambda tau of the
-#                                                     traction's rms
-# SUBCELL and SUBCELL_STEP have no unit: d/E* is the only compliance of a cell that is small against the
-# thickness. They were chosen once, on 24 random contacts (Hertz, flat punch, ridge, two at a time) on one layer
-# without and with noise; the benchmark draws others, and other gels, cells and noise.
-# No cell pulls (contact.py). Standard deviations are of the linear map t = F u with the contact's cells held.
+#     r_c = SUBCELL_STEP d/E* + sigma_c/tau_c         the same between cells, plus noise over signal: the filter
+#                                                     lambda/(lambda + sigma/tau) is one half where the noise sigma
+#                                                     of u equals the displacement lambda tau of the traction's rms
+# SUBCELL and SUBCELL_STEP are dimensionless, since d/E* is the only compliance of a cell that is small against the
+# thickness. They were chosen on 24 random contacts (Hertz, flat punch, ridge, two at a time) on one layer without
+# and with noise; the benchmark samples others, and other gels, cells and noise. Standard deviations are of the
+# linear map t = F u with fixed cells.
 
 SUBCELL = 0.42  # of d/E*: traction that is uneven over a cell; chosen on 24 random contacts, see above
 SUBCELL_STEP = 0.10  # of d/E*: the same between cells; chosen on the same contacts
-MAX_ITERATIONS = 40  # rounds in which cells leave the contact, at most
+MAX_ITERATIONS = 40  # rounds of narrowing
 Cells = npt.NDArray[np.intp]
 
 
@@ -148,11 +139,11 @@ class Compliance(Protocol):
         ...
 
     def block(self, receivers: Cells, sources: Cells) -> Floats:
-        """(3 R, 3 S), x of all, y of all, z of all."""
+        """Return the block (3 R, 3 S), x of all, y of all, z of all."""
         ...
 
     def normal_block(self, cells: Cells) -> Floats:
-        """(C, C), depth by pressure."""
+        """Return the block (C, C) of depth by pressure."""
         ...
 
 
@@ -168,25 +159,29 @@ class Solution:
     subcell: float
 
     def gain(self, weights: Floats) -> Floats:
-        """weights (K, nC) @ M^-1."""
+        """Return weights (K, nC) @ M^-1."""
         return np.asarray(lapack.dpotrs(self.factor, weights.T, lower=1)[0].T)
 
     def propagate(self, weights: Floats, std_mm: Floats) -> Floats:
-        """Covariance (K, K) of weights (K, nC) @ traction, for displacements with `std_mm` (nC,)."""
+        """Return the covariance (K, K) of weights (K, nC) @ traction, for displacements with `std_mm` (nC,)."""
         once = self.gain(weights)
         full = (once + self.subcell * self.gain(once)) * std_mm
         return np.asarray(full @ full.T)
 
     def shift(self, weights: Floats, moved_mm: Floats, component: int = -1) -> Floats:
-        """What weights (K, nC) @ traction gains (K,) where one component of all cells' displacement is greater by
-        `moved_mm` (C,) at once: the last, depth, or another."""
+        """Return the change (K,) of weights (K, nC) @ traction where one component of all cells' displacement
+        grows by `moved_mm` (C,) at once: the last, depth, or another.
+        """
         whole = np.zeros_like(self.traction)
         whole[component] = moved_mm
         once = lapack.dpotrs(self.factor, whole.ravel(), lower=1)[0]
         return np.asarray(weights @ (once + self.subcell * lapack.dpotrs(self.factor, once, lower=1)[0]))
 
     def cell_std(self, std_mm: Floats) -> Floats:
-        """Standard deviation (n, C) of each traction; that the components are coupled is left out (2 % of it)."""
+        """Return the standard deviation (n, C) of each traction.
+
+        The components' coupling (2 % of it) is neglected.
+        """
         count, found = len(self.cells), np.empty_like(self.traction)
         lower = np.tril(self.factor)
         for k in range(len(found)):
@@ -208,7 +203,7 @@ def solve_normal(
     poisson_ratio: float,
     adhesive: bool = False,
 ) -> Solution:
-    """Pressure alone (MPa), as of a contact without friction, from the depth (C,) of `cells`."""
+    """Solve for pressure alone (MPa), as of a contact without friction, from the depth (C,) of `cells`."""
     whole = compliance.normal_block(cells)
     return _narrow(whole, compliance.grid, cells, depth_mm[None], np.array([std_mm]), poisson_ratio, adhesive)
 
@@ -222,9 +217,9 @@ def solve_all(
     poisson_ratio: float,
     adhesive: bool = False,
 ) -> Solution:
-    """Tractions along x, y, z in MPa from `displacement_mm` (3, C) of the same cells; `std_mm` (3,).
+    """Solve for tractions along x, y, z in MPa from `displacement_mm` (3, C) of the same cells; `std_mm` (3,).
 
-    The contact is narrowed by the pressure alone first: that system is a ninth as large.
+    The contact is first narrowed by the pressure alone, a system a ninth as large.
     """
     if not adhesive:
         first = solve_normal(
@@ -241,9 +236,7 @@ def solve_all(
 def _narrow(
     whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, poisson_ratio: float, adhesive: bool
 ) -> Solution:
-    """Solve, leave out the cells that pull, again, until none does. No cell is left where all of them would
-    pull.
-    """
+    """Solve and exclude the cells of negative pressure until there are none; possibly no cell remains."""
     unit = grid.spacing_mm * (1 - poisson_ratio**2)
     active = np.arange(len(cells))
     rms = _rms_guess(u, unit)
@@ -280,12 +273,12 @@ def _solved(
 
 
 def _rms_guess(u: Floats, unit: float) -> Floats:
-    """Rms of the traction before it is known: a displacement that changes over some cells, tied to the largest."""
+    """Guess the rms of the traction: a displacement that changes over some cells, tied to the largest."""
     size = np.sqrt(np.mean(u**2, axis=1)) / (4 * unit)
     return np.asarray(np.maximum(size, 1e-2 * size.max()) + np.finfo(float).tiny)
 
 
 def _rms(x: Floats, noise: Floats) -> Floats:
-    """Rms of the traction, with what the noise adds taken out, but not below a third of the noise."""
+    """Return the rms of the traction, corrected for the noise, but not below a third of the noise."""
     square = np.mean(x**2, axis=1)
     return np.asarray(np.sqrt(np.maximum(square - noise**2, noise**2 / 10)) + np.finfo(float).tiny)

@@ -13,20 +13,19 @@ from tactilevision.force.nodes import NodeGrid
 from tactilevision.mechanics.layer import surface_compliance
 from tactilevision.records.measured import Floats
 
-# How far one loaded cell moves every other one, on an unbounded layer: the exact compliance, cell to cell.
-#
-# A cell's constant traction and a cell's mean displacement are both the field filtered with the cell's box b, so
+# Exact compliance between cells on an unbounded layer. A cell's constant traction and a cell's mean displacement
+# are both the field filtered with the cell's box b, so
 #
 #     K(x) = d^2/(2 pi)^2 Int C(k) b(k)^2 exp(i k x) d^2k,     b = sinc(kx d/2) sinc(ky d/2),
 #
 # with C the layer's compliance. K depends on the offset alone, is symmetric and positive definite. The integral is
 # a sum over waves up to `WAVES` times the grid's own, on a period that is longer than the view by `REACH`
-# thicknesses: the layer forgets a load within two, so that the images of the period are not felt. The traction is
-# padded with nothing; the displacement is never padded.
-# Modulus 1 MPa: divide by E. (2 rows - 1, 2 columns - 1, 3, 3), mm/MPa, displacement by traction over x, y, z.
+# thicknesses: a load has no effect beyond two, so the periodic images do not matter. The traction is zero-padded;
+# the displacement is not padded. Modulus 1 MPa: divide by E. (2 rows - 1, 2 columns - 1, 3, 3), mm/MPa,
+# displacement by traction over x, y, z.
 
 WAVES = 4  # times the grid's own: shorter ones average out over a cell
-REACH = 8.0  # thicknesses of gel between a load and its next image, so that they do not feel each other
+REACH = 8.0  # thicknesses of gel between a load and its next image
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +36,9 @@ class CellCompliance:
     table: Floats
 
     def block(self, receivers: npt.NDArray[np.intp], sources: npt.NDArray[np.intp]) -> Floats:
-        """(3 R, 3 S): displacement (x of all, y of all, z of all) by traction, for flat indices of cells."""
+        """Return the block (3 R, 3 S): displacement (x of all, y of all, z of all) by traction, for flat indices
+        of cells.
+        """
         rows, columns = self.grid.shape
         r_row, r_column = np.divmod(receivers, columns)
         s_row, s_column = np.divmod(sources, columns)
@@ -47,7 +48,7 @@ class CellCompliance:
         return np.asarray(entries.transpose(2, 0, 3, 1).reshape(3 * len(receivers), 3 * len(sources)))
 
     def normal_block(self, cells: npt.NDArray[np.intp]) -> Floats:
-        """(C, C): depth by pressure alone."""
+        """Return the block (C, C) of depth by pressure alone."""
         rows, columns = self.grid.shape
         row, column = np.divmod(cells, columns)
         wide = 2 * columns - 1
@@ -57,7 +58,7 @@ class CellCompliance:
 
 
 def layer_cells(grid: NodeGrid, *, thickness_mm: float, poisson_ratio: float) -> CellCompliance:
-    """The compliance between all cells of `grid` on an unbounded layer bonded to a rigid base."""
+    """Return the compliance between all cells of `grid` on an unbounded layer bonded to a rigid base."""
     fine = grid.spacing_mm / WAVES
     counts = [
         WAVES * fft.next_fast_len(2 * n + int(np.ceil(REACH * thickness_mm / grid.spacing_mm))) for n in grid.shape
@@ -105,9 +106,7 @@ class LayerStress:
     step_mm: float
 
     def at(self, level: int, offset_mm: Floats) -> Floats:
-        """Stress (P, 3 loads, 3, 3) at `offset_mm` (P, 2) from the load; 0 beyond the grid, where the layer
-        forgets.
-        """
+        """Return the stress (P, 3 loads, 3, 3) at `offset_mm` (P, 2) from the load; 0 beyond the grid."""
         half = self.stress.shape[1] // 2
         place = offset_mm / self.step_mm + half
         low = np.floor(place).astype(np.intp)
@@ -129,28 +128,30 @@ class LayerStress:
 def layer_stress(
     depths_mm: Floats, cell_mm: float, *, thickness_mm: float, poisson_ratio: float, reach_mm: float
 ) -> LayerStress:
-    """Stress (MPa) at `depths_mm` (n,) of a cell `cell_mm` wide that carries the force 1 N (traction 1/cell^2)."""
+    """Return the stress (MPa) at `depths_mm` (n,) of a cell `cell_mm` wide that carries the force 1 N (traction
+    1/cell^2).
+    """
     step = STEP_MM_OF_CELL * cell_mm
     count = fft.next_fast_len(2 * int(np.ceil(1.5 * reach_mm / step)))
     k_y = 2 * np.pi * np.fft.fftfreq(count, step)[:, None]
     k_x = 2 * np.pi * np.fft.fftfreq(count, step)[None, : count // 2 + 1]
     k = np.hypot(k_x, k_y)
-    k[0, 0] = 1e-2 / thickness_mm  # the mean wave: as slow as the numbers stay exact
+    k[0, 0] = 1e-2 / thickness_mm  # the mean wave: as long as accuracy allows
     cosine, sine = k_x / k, k_y / k
     cosine[0, 0], sine[0, 0] = 1.0, 0.0
     box = np.sinc(k_x * cell_mm / (2 * np.pi)) * np.sinc(k_y * cell_mm / (2 * np.pi)) / step**2
     field = np.empty((len(depths_mm), count, count, 3, 6))
     for level, depth in enumerate(depths_mm):
         waves = wave_stress(k, depth, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-        beside = _across(k, depth, thickness_mm)
-        for load, entries in enumerate(_turned(waves, beside, cosine, sine)):
+        across = _across(k, depth, thickness_mm)
+        for load, entries in enumerate(_turned(waves, across, cosine, sine)):
             for which, entry in enumerate(entries):
                 field[level, :, :, load, which] = np.fft.fftshift(fft.irfft2(entry * box, (count, count)))
     return LayerStress(field, step)
 
 
 def wave_stress(k: Floats, depth_mm: float, *, thickness_mm: float, poisson_ratio: float) -> Floats:
-    """(8, ...) real parts: LL, TT, zz, Lz by a normal load, the same by one along L, in that order.
+    """Return (8, ...) real parts: LL, TT, zz, Lz by a normal load, the same by one along L, in that order.
 
     For the normal load LL, TT, zz are real and Lz imaginary (i times the number given); for the load along L
     the other way round with LL, TT, zz = -i times, Lz = 1 times the number given.
@@ -181,20 +182,20 @@ def wave_stress(k: Floats, depth_mm: float, *, thickness_mm: float, poisson_rati
 
 
 def _turned(waves: Floats, across: tuple[Floats, Floats], c: Floats, s: Floats) -> list[list[Waves]]:
-    """Stress entries (as PAIRS) in x, y, z for loads along x, y, z, complex."""
+    """Return the stress entries (as PAIRS) in x, y, z for loads along x, y, z, complex."""
     zero = np.zeros_like(waves[0])
     normal = _rotated(waves[0], waves[1], waves[2], zero, 1j * waves[3], zero, c, s)
     along = _rotated(-1j * waves[4], -1j * waves[5], -1j * waves[6], zero, waves[7], zero, c, s)
-    beside = _rotated(zero, zero, zero, 1j * across[0], zero, across[1], c, s)
-    by_x = [c * one - s * other for one, other in zip(along, beside, strict=True)]
-    by_y = [s * one + c * other for one, other in zip(along, beside, strict=True)]
+    sideways = _rotated(zero, zero, zero, 1j * across[0], zero, across[1], c, s)
+    by_x = [c * one - s * other for one, other in zip(along, sideways, strict=True)]
+    by_y = [s * one + c * other for one, other in zip(along, sideways, strict=True)]
     return [by_x, by_y, normal]
 
 
 def _rotated(
     ll: Waves, tt: Waves, zz: Waves, lt: Waves, lz: Waves, tz: Waves, c: Floats, s: Floats
 ) -> list[Waves]:
-    """xx yy zz xy xz yz of a tensor given along L = (c, s) and T = (-s, c)."""
+    """Return xx yy zz xy xz yz of a tensor given along L = (c, s) and T = (-s, c)."""
     return [
         c * c * ll + s * s * tt - 2 * c * s * lt,
         s * s * ll + c * c * tt + 2 * c * s * lt,
@@ -206,7 +207,7 @@ def _rotated(
 
 
 def _across(k: Floats, depth_mm: float, thickness_mm: float) -> tuple[Floats, Floats]:
-    """sinh(ks)/cosh(kh) and -cosh(ks)/cosh(kh), s = h - z: LT over i and Tz of a load across k."""
+    """Return sinh(ks)/cosh(kh) and -cosh(ks)/cosh(kh), s = h - z: LT over i and Tz of a load across k."""
     down, mirrored = np.exp(-k * depth_mm), np.exp(-k * (2 * thickness_mm - depth_mm))
     below = 1 + np.exp(-2 * k * thickness_mm)
     return (down - mirrored) / below, -(down + mirrored) / below

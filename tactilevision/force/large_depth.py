@@ -1,20 +1,19 @@
-"""What a linear layer misses at large depth: the gel under a contact is thinner, and the contact has stretched.
+"""Correction of the linear layer for large depth: thinner gel under a contact, and a stretched contact.
 
     factor = [a' kappa(nu, a'/h')] / [a kappa(nu, a/h)],    a' = a (1 + e/2),    h' = h - w a^2/(a^2 + h^2)
 
 per patch of touching cells: a = sqrt(area/pi), w the mean depth weighted by the pressure, e the patch's mean
-surface stretch du_x/dx + du_y/dy. A wide patch presses on the whole thickness, so all its depth is taken off; a
-narrow one strains the gel only near by, so little is; the weight joins the two limits. Nothing in it is fitted.
-It is 1 at w = 0.
+surface stretch du_x/dx + du_y/dy. The weight joins two limits: a wide patch thins the gel by its whole depth, a
+narrow one strains it only near by. The factor is 1 at w = 0.
 
-Without shear e is taken for 0, as where the gel sticks. A gel that slides stretches and pushes back as the linear
-layer does: there nothing is to be corrected. Between them lies the share of friction's full effect (field.py).
+Without shear e = 0, as for a sticking gel. A sliding gel stretches and responds as the linear layer does, without
+correction. The share of friction's full effect interpolates (field.py).
 
-Though no number in it is fitted, its form was chosen among others on nonlinear finite elements (neo-Hooke, flat
-punches a/h .5 to 1.33, nu .45 to .48, friction 0, .3 and none slipping): there the linear resultant is 5 % low at
-w/h = .1 and 3 to 19 % at .2, and after it all lie within 2.4 %. Solves that it had never met (balls of 4 and 6 mm,
-punches of 1.1, 3.2 and 5 mm, nu .42 to .48, any friction) lie within 3.4 %, most within 2 %.
-Source of kappa: Hayes et al. (1972), as in tactilevision.mechanics.kappa.
+No number is fitted, but the form was chosen on nonlinear finite elements (neo-Hooke, flat punches a/h .5 to 1.33,
+nu .45 to .48, friction 0, .3 and no slip): there the linear resultant is 5 % low at w/h = .1 and 3 to 19 % at .2,
+the corrected one within 2.4 %. Held-out cases (balls of 4 and 6 mm, punches of 1.1, 3.2 and 5 mm, nu .42 to .48,
+any friction) are within 3.4 %, most within 2 %. Source of kappa: Hayes et al. (1972), as in
+tactilevision.mechanics.kappa.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel
 
-WIDEST = 3.0  # of the thickness: a wider patch is all thickness, and kappa's table ends
-THINNEST = 0.5  # of the thickness: deeper than that no factor is known
+WIDEST = 3  # largest a/h: kappa's table ends there
+THINNEST = 0.5  # largest w/h of a known factor
 
 
 def depth_factors(
@@ -40,9 +39,9 @@ def depth_factors(
     gel: Gel,
     poisson_ratio: float,
 ) -> Floats:
-    """Factor (C,) on the tractions of `cells`.
+    """Return the factor (C,) on the tractions of `cells`.
 
-    `displacement_mm` (3 or 1, rows, columns): x, y, z, or z alone where there is no shear.
+    `displacement_mm` (3 or 1, rows, columns): x, y, z, or z alone without shear.
     """
     touching = np.zeros(grid.shape, dtype=bool)
     touching.flat[cells] = True
@@ -69,7 +68,7 @@ def depth_factors(
 def patch_factor(
     radius_mm: Floats, depth_mm: Floats, *, stretch: Floats, thickness_mm: float, poisson_ratio: float
 ) -> Floats:
-    """The factor of each patch (n,), a ratio; the arrays alike."""
+    """Return the factor of each patch (n,), a ratio, from arrays (n,)."""
     depth = np.clip(depth_mm, 0, THINNEST * thickness_mm)
     thinner = thickness_mm - depth * radius_mm**2 / (radius_mm**2 + thickness_mm**2)
     wider = radius_mm * (1 + np.clip(stretch, -0.5, 0.5) / 2)
@@ -80,6 +79,6 @@ def patch_factor(
 
 
 def surface_stretch(grid: NodeGrid, displacement_mm: Floats) -> Floats:
-    """du_x/dx + du_y/dy (rows, columns), dimensionless."""
+    """Return du_x/dx + du_y/dy (rows, columns), dimensionless."""
     along = np.gradient(displacement_mm[0], grid.spacing_mm, axis=1)
     return np.asarray(along + np.gradient(displacement_mm[1], grid.spacing_mm, axis=0))

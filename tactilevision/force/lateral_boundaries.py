@@ -1,4 +1,4 @@
-"""Tabulate what the gel's free sides add to its compliance, and cache the tables."""
+"""Tabulate the contribution of the gel's free sides to its compliance, and cache the tables."""
 
 from __future__ import annotations
 
@@ -23,16 +23,15 @@ from tactilevision.force.nodes import NodeGrid
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel
 
-# Tables that take seconds to make, kept in the user's cache under a hash of what they depend on.
-#
-# The folder is $TACTILEVISION_CACHE, else $XDG_CACHE_HOME/tactilevision, else ~/.cache/tactilevision. A file that
-# cannot be read is made anew; a folder that cannot be written to costs only the time of the next start.
+# Cache of tables that take seconds to compute, under a hash of what they depend on. The folder is
+# $TACTILEVISION_CACHE, else $XDG_CACHE_HOME/tactilevision, else ~/.cache/tactilevision. A file that cannot be read
+# is computed anew; a folder that cannot be written to is ignored.
 
 VERSION = 1  # part of every hash: raise it when the numbers change
 
 
 def cache_folder() -> Path:
-    """Where tables are kept. Not made before something is written."""
+    """Return the folder that keeps tables; it is made when something is written."""
     own = os.environ.get("TACTILEVISION_CACHE")
     if own:
         return Path(own)
@@ -41,7 +40,7 @@ def cache_folder() -> Path:
 
 
 def kept(name: str, key: object, *, make: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    """The array of `key`, of any shape and in any unit: read where it was kept, else made and kept."""
+    """Return the array of `key`, of any shape and unit: read from the cache, else computed and kept."""
     digest = hashlib.sha256(repr((VERSION, name, key)).encode()).hexdigest()[:20]
     path = cache_folder() / f"{name}-{digest}.npz"
     found = _read(path, repr(key))
@@ -64,30 +63,30 @@ def _read(path: Path, key: str) -> npt.NDArray[Any] | None:
         return None
 
 
-# The sides' part of the compliance, as a table between stations on the gel's face, kept on disk.
+# The sides' part of the compliance, as a table between stations on the gel's face.
 #
-# For a load at station p the unbounded layer puts the traction s(p) on the surface where the gel's side is. The
-# side is free, so the gel answers to -s(p) there with no load on the face: K v = -f(s(p)). The table is v at the
-# stations. The loads of all stations span few shapes once they have travelled to a side, so K is solved for their
-# leading singular vectors only. Between stations the table is interpolated linearly, in source and receiver alike.
-# Stations outside the gel, or nearer to its side than half their load, stand for the nearest place that is not.
+# For a load at station p the unbounded layer has the traction s(p) at the gel's side. The side is free, so -s(p)
+# acts there with no load on the face: K v = -f(s(p)). The table is v at the stations. The loads of all stations
+# span few shapes at a side, so K is solved for their leading singular vectors only. Between stations the table is
+# interpolated linearly, in source and receiver. Stations outside the gel, or nearer to its side than half their
+# load, are moved to the nearest place that is not.
 #
-# Accuracy: the table holds what remains after the exact layer is taken off, at most a few percent of the whole
-# beyond one thickness from a side. Reciprocity is not imposed: how well it holds is a test of the mesh.
+# The table is at most a few percent of the whole beyond one thickness from a side. Reciprocity is not imposed: it
+# is a test of the mesh.
 
 Singles = npt.NDArray[np.float32]
-STATION_MM = 1.25  # mm between the places at which the walls' part is worked out: it is smooth
-LOAD_MM = 0.5  # mm: size of the loads from which the table is made
-FORGETS = 3.5  # thicknesses beyond which a side is not felt
-RANK_TOLERANCE = 1e-4  # of the largest singular value: shapes below it are left out
-AT_ONCE = 32  # shapes that are solved together
+STATION_MM = 1.25  # mm between stations
+LOAD_MM = 0.5  # mm: size of the loads of the table
+FORGETS = 3.5  # thicknesses beyond which a side has no effect
+RANK_TOLERANCE = 1e-4  # of the largest singular value: smaller ones are dropped
+AT_ONCE = 32  # shapes solved together
 MAX_ELEMENTS = 280  # squares of an element's width in the gel's face
 
 
 @dataclass(frozen=True, slots=True)
 class SideTable:
     """`table` (3 S, 3 S), x y z of each station in turn, mm/N at modulus 1 MPa; `rows`, `columns` of stations;
-    `spacing_mm`. Stations are centred on the pad. `near` (S,): whether a station feels a side at all."""
+    `spacing_mm`. Stations are centred on the pad."""
 
     table: Singles
     rows: int
@@ -95,7 +94,7 @@ class SideTable:
     spacing_mm: float
 
     def add(self, block: Floats, grid: NodeGrid, receivers: Cells, sources: Cells) -> Floats:
-        """`block` (3 R, 3 S) of the layer plus the sides' part; the load is a cell's, 1 MPa over its area."""
+        """Add the sides' part to `block` (3 R, 3 S) of the layer; the load is a cell's, 1 MPa over its area."""
         to, to_weights = self._stations(grid, receivers)
         of, of_weights = self._stations(grid, sources)
         part = self._cut(to, of)
@@ -105,7 +104,7 @@ class SideTable:
         return np.asarray(block + grid.cell_mm2 * inner.reshape(block.shape))
 
     def add_normal(self, block: Floats, grid: NodeGrid, *, cells: Cells) -> Floats:
-        """The same for depth by pressure alone."""
+        """Add the sides' part for depth by pressure alone."""
         used, weights = self._stations(grid, cells)
         part = self._cut(used, used)[:, 2, :, 2]
         return block + grid.cell_mm2 * (weights @ part @ weights.T) if part.any() else block
@@ -115,7 +114,9 @@ class SideTable:
         return np.asarray(self.table.reshape(count, 3, count, 3)[to][:, :, of], dtype=np.float64)
 
     def _stations(self, grid: NodeGrid, cells: Cells) -> tuple[Cells, Floats]:
-        """The stations that `cells` lie between and the weights (cells, stations) of linear interpolation."""
+        """Return the stations that `cells` lie between and the weights (cells, stations) of linear
+        interpolation.
+        """
         row, column = np.divmod(cells, grid.shape[1])
         y = np.clip(grid.y_mm[row] / self.spacing_mm + (self.rows - 1) / 2, 0, self.rows - 1.001)
         x = np.clip(grid.x_mm[column] / self.spacing_mm + (self.columns - 1) / 2, 0, self.columns - 1.001)
@@ -131,7 +132,10 @@ class SideTable:
 
 
 def side_table(gel: Gel, grid: NodeGrid, *, poisson_ratio: float) -> SideTable | None:
-    """The table for the stations over `grid`, made or read from the cache; None where no side is near the view."""
+    """Return the table for the stations over `grid`, computed or from the cache.
+
+    None if no side is near the view.
+    """
     rows, columns = (int(np.ceil((n - 1) * grid.spacing_mm / STATION_MM)) + 1 for n in grid.shape)
     places = _admissible(gel, _station_places(rows, columns))
     if gel.shape == "unbounded" or not (_distance(gel, places) < FORGETS * gel.thickness_mm).any():
@@ -143,7 +147,9 @@ def side_table(gel: Gel, grid: NodeGrid, *, poisson_ratio: float) -> SideTable |
 
 
 def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm: float | None = None) -> Singles:
-    """(3 S, 3 S) displacement at `places_mm` (S, 2) that the free sides add to a force of 1 N at each, float32."""
+    """Return (3 S, 3 S) displacement at `places_mm` (S, 2) that the free sides add to a force of 1 N at each,
+    float32.
+    """
     mesh = gel_mesh(gel, element_mm or _element_mm(gel))
     wall = wall_points(mesh)
     near = _distance(gel, places_mm) < FORGETS * gel.thickness_mm
@@ -162,7 +168,7 @@ def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm
         matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
     answers = []
-    for first in range(0, rank, AT_ONCE):  # whole fields are large, and of each only the stations are kept
+    for first in range(0, rank, AT_ONCE):  # whole fields are large; only the stations are kept
         shape = shapes[:, first : min(first + AT_ONCE, rank)]
         right = np.zeros((len(mesh.free), shape.shape[1]))
         right[wall.unknowns] = shape
@@ -176,7 +182,9 @@ def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm
 
 
 def _element_mm(gel: Gel) -> float:
-    """Three fifths of the thickness, or as much as keeps the mesh small enough to factorise in seconds."""
+    """Return an element size of three fifths of the thickness, or the least that keeps the mesh factorised in
+    seconds.
+    """
     if gel.shape == "disc" and gel.radius_mm is not None:
         area = np.pi * gel.radius_mm**2
     else:
@@ -185,7 +193,9 @@ def _element_mm(gel: Gel) -> float:
 
 
 def _wall_forces(mesh: GelMesh, wall: WallPoints, field: LayerStress, places_mm: Floats) -> Floats:
-    """(unknowns on the wall, 3 S): nodal forces of the layer's traction on the wall, by loads at `places_mm`."""
+    """Return (unknowns on the wall, 3 S): nodal forces of the layer's traction on the wall, by loads at
+    `places_mm`.
+    """
     count = len(places_mm)
     total = np.zeros((len(wall.unknowns), count, 3))
     for level in range(len(wall.depths_mm)):
@@ -203,7 +213,7 @@ def _station_places(rows: int, columns: int) -> Floats:
 
 
 def _distance(gel: Gel, places_mm: Floats) -> Floats:
-    """How far each place is from the nearest side; below 0 outside."""
+    """Return the distance of each place from the nearest side; below 0 outside."""
     if gel.shape == "disc" and gel.radius_mm is not None:
         return np.asarray(gel.radius_mm - np.hypot(*places_mm.T))
     if gel.shape == "rectangle" and gel.size_mm is not None:
@@ -212,7 +222,7 @@ def _distance(gel: Gel, places_mm: Floats) -> Floats:
 
 
 def _admissible(gel: Gel, places_mm: Floats) -> Floats:
-    """Each place, or the nearest one that keeps half a load's distance from the side."""
+    """Return each place, or the nearest one that keeps half a load's distance from the side."""
     keep = LOAD_MM / 2
     if gel.shape == "disc" and gel.radius_mm is not None:
         distance = np.hypot(*places_mm.T)
@@ -226,7 +236,7 @@ def _admissible(gel: Gel, places_mm: Floats) -> Floats:
 
 
 def _at_places(mesh: GelMesh, answer: Floats, places_mm: Floats) -> Floats:
-    """(3 P, R): the solutions at places on the free face, interpolated by the elements' own functions."""
+    """Return (3 P, R): the solutions at places on the free face, interpolated by the elements' own functions."""
     nodes, values = face_values(mesh, places_mm)
     unknowns = answer[: 3 * mesh.per_layer].reshape(mesh.per_layer, 3, -1)
     return np.asarray(np.einsum("pn,pnir->pir", values, unknowns[nodes]).reshape(3 * len(places_mm), -1))

@@ -1,7 +1,7 @@
-"""The square cells that tractions live on, and the mean of a picture over each of them.
+"""Square cells of constant traction, and the mean of a picture over each of them.
 
-A cell is `spacing_mm` wide and carries one constant traction; its displacement is the mean over the same cell.
-Cells lie wholly inside the view and are centred on it. Means use the part of each pixel that a cell covers:
+A cell is `spacing_mm` wide; its displacement is the mean over the cell. Cells are wholly inside the view and
+centred on it. Means weigh each pixel by its overlap with the cell:
 
     u_cell = sum_px overlap * valid * u_px / sum_px overlap * valid,      separable: rows @ picture @ columns.T
 """
@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats, Pair
 
 Array = npt.NDArray[np.floating[Any]]
 Singles = npt.NDArray[np.float32]
-KNOWN_SHARE = 0.5  # a cell of which less is known than this counts as unknown
+KNOWN_SHARE = 0.5  # least known share of a known cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,10 @@ class NodeGrid:
 
 
 def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, *, spacing_mm: float) -> NodeGrid:
-    """As many whole cells as fit into the view. Raises InputError on a scale or spacing that makes no grid."""
+    """Lay as many whole cells as fit into the view.
+
+    Raises InputError for a scale or spacing that makes no grid.
+    """
     if not all(np.isfinite(s) and s > 0 for s in mm_per_px):
         raise InputError(
             "forces need the scale in mm per pixel, x and y, above 0",
@@ -58,10 +62,10 @@ def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, *, spacing_mm: float) ->
             remedy="Set sensor.mm_per_px in recording.toml.",
         )
     if not spacing_mm >= max(mm_per_px):
-        raise InputError("the spacing of the forces lies at or above a pixel", where="lay_grid", value=spacing_mm)
+        raise InputError("the spacing of the forces is at least a pixel", where="lay_grid", value=spacing_mm)
     shape = (
-        int(view_px[0] * mm_per_px[1] / spacing_mm + 1e-9),
-        int(view_px[1] * mm_per_px[0] / spacing_mm + 1e-9),
+        int(view_px[0] * mm_per_px[1] / spacing_mm + ROUNDING),
+        int(view_px[1] * mm_per_px[0] / spacing_mm + ROUNDING),
     )
     if min(shape) < 4:
         raise InputError(
@@ -74,18 +78,19 @@ def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, *, spacing_mm: float) ->
 
 
 def cell_means(grid: NodeGrid, picture: Array, *, valid: Bools | None) -> tuple[Floats, Bools]:
-    """Mean of `picture` (H, W) over each cell, in its unit, and a mask of cells that are known well enough.
+    """Return the mean of `picture` (H, W) over each cell, in its unit, and a mask of cells that are known well
+    enough.
 
     Cells that are not known are 0.
     """
     if picture.shape != grid.view_px:
         raise InputError(
-            "the picture has the size that the force field was made for",
+            "the picture has another size than the force field was made for",
             where="cell_means",
             value=(picture.shape, grid.view_px),
         )
     down, along = _overlaps(grid)
-    single = np.asarray(picture, dtype=np.float32)  # a mean over a cell rounds at 1e-7 of it
+    single = np.asarray(picture, dtype=np.float32)
     if valid is None or valid.all():
         return np.asarray(down @ single @ along, dtype=np.float64), np.ones(grid.shape, dtype=bool)
     share = np.asarray(down @ valid.astype(np.float32) @ along, dtype=np.float64)
@@ -95,14 +100,16 @@ def cell_means(grid: NodeGrid, picture: Array, *, valid: Bools | None) -> tuple[
 
 
 def mean_std(grid: NodeGrid, std_mm: float, *, correlation_px: float) -> float:
-    """Standard deviation of a cell's mean where each pixel has `std_mm`, alike over `correlation_px` pixels."""
+    """Return the standard deviation of a cell's mean where each pixel has `std_mm`, correlated over
+    `correlation_px` pixels.
+    """
     pixels = grid.cell_mm2 / (grid.mm_per_px[0] * grid.mm_per_px[1])
     return float(std_mm) / float(np.sqrt(max(1.0, pixels / max(1.0, correlation_px) ** 2)))
 
 
 @lru_cache(maxsize=8)
 def _overlaps(grid: NodeGrid) -> tuple[Singles, Singles]:
-    """(rows, H) and (W, columns): the share of each pixel in each cell, summing to 1 over a cell."""
+    """Return (rows, H) and (W, columns): the share of each pixel in each cell, summing to 1 over a cell."""
     down = _overlap(grid.view_px[0], grid.mm_per_px[1], grid.shape[0], grid.spacing_mm)
     along = _overlap(grid.view_px[1], grid.mm_per_px[0], grid.shape[1], grid.spacing_mm)
     return down.astype(np.float32), np.ascontiguousarray(along.T, dtype=np.float32)

@@ -10,29 +10,25 @@ import numpy.typing as npt
 from scipy.ndimage import binary_fill_holes, distance_transform_edt
 
 from tactilevision.errors import InputError
-from tactilevision.force.inverse import Solution, at_border
+from tactilevision.force.inverse import TINY, Solution, at_border
 from tactilevision.force.nodes import Array, NodeGrid, cell_means, mean_std
 from tactilevision.records.contact_thresholds import CONTACT
 from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.robust import MAD_TO_STD
 
-# What a frame says about each cell: displacement, its standard deviation, and where nothing is known.
-#
-# A camera's height map shows the depth at the place where the surface now is; the compliance speaks of material
-# places X. Where the shear u(X) is known, the depth of the material is read at X + u(X). A map whose `positions`
-# are "undeformed" speaks of X already.
+# A height map has the depth at the present place of the surface, the compliance at material places X. If the shear
+# u(X) is known, the depth is read at X + u(X). A map whose `positions` are "undeformed" is at X already.
 
-MIN_FAR = 50  # cells, fewer do not tell the scatter of the gel that lies still
+MIN_FAR = 50  # cells: fewer do not determine the scatter of gel at rest
 SAME_SCALE = 1e-3  # relative difference of mm per pixel between two maps of one sensor
-TINY = 1e-12  # mm: keeps a cell without deviation from a division by 0
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
     """`displacement_mm` (3 or 1, rows, columns): x, y, z or z alone; `std_mm` of each, from cell to cell; `known`
-    cells; `flags`. `depth_std_mm` (rows, columns) is of the depth itself, errors that a whole contact shares
-    included; `shear_std_mm` that of the shear in the contact, alike over `shear_alike_mm`."""
+    cells; `flags`. `depth_std_mm` (rows, columns) of the depth includes errors that a whole contact shares;
+    `shear_std_mm` is that of the shear in the contact, correlated over `shear_alike_mm`."""
 
     displacement_mm: Floats
     std_mm: Floats
@@ -45,8 +41,8 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class PixelNoise:
-    """What is known of a height map's noise beforehand: `std_mm` of a pixel (None: from the map itself), alike
-    over `correlation_px` (infinite: over a whole contact); `away_mm` from the contact the gel lies still."""
+    """Noise of a height map: `std_mm` of a pixel (None: from the map), correlated over `correlation_px` (infinite:
+    over a whole contact); `away_mm` from the contact the gel is at rest."""
 
     std_mm: float | None
     correlation_px: float
@@ -56,11 +52,9 @@ class PixelNoise:
 def observe(
     grid: NodeGrid, height: HeightMap, *, shear: ShearMap | None, noise: PixelNoise, inside: Bools
 ) -> Observation:
-    """Means over the cells of depth and shear (H, W), in mm.
+    """Average depth and shear (H, W), in mm, over the cells.
 
-    `std_mm` of a pixel's depth stands in where the map has none.
-
-    Raises InputError where the maps do not belong to the grid or carry no number at all.
+    Raises InputError for maps of another grid or without a number.
     """
     _check(grid, height, shear)
     finite = np.isfinite(height.depth_mm) & height.valid
@@ -81,13 +75,16 @@ def observe(
     fields = [_bridged(grid, u, shear.valid, flags) for u in (shear.u_x_mm, shear.u_y_mm)]
     own = _shear_std(grid, shear, depth, known)
     side = mean_std(grid, own, correlation_px=shear.correlation_px)
-    said = tuple(dict.fromkeys([*shear.flags, *flags]))
+    every = tuple(dict.fromkeys([*shear.flags, *flags]))
     alike = shear.correlation_px * float(np.mean(shear.mm_per_px))
-    return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known, said, whole, own, alike)
+    return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known, every, whole, own, alike)
 
 
 def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Array, Bools]:
-    """Depth (H, W), in mm, of the material that was at each pixel of the untouched frame; a mask of known ones."""
+    """Return the depth (H, W), in mm, of the material that was at each pixel of the untouched frame.
+
+    Also the mask of known ones.
+    """
     rows, columns = depth.shape
     u_x, u_y = (np.asarray(u, dtype=np.float32) for u in (shear.u_x_mm, shear.u_y_mm))
     if not shear.valid.all():
@@ -104,9 +101,10 @@ def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Arra
 
 
 def noise_of_cells(depth: Floats, known: Bools) -> float:
-    """Standard deviation of the cells' depths (rows, columns), in their mm, from second differences along rows.
+    """Return the standard deviation of the cells' depths (rows, columns), in their mm, from second differences
+    along rows.
 
-    Robust to the few that touch.
+    Robust to the few in contact.
     """
     step = depth[:, :-2] - 2 * depth[:, 1:-1] + depth[:, 2:]
     usable = step[known[:, :-2] & known[:, 1:-1] & known[:, 2:]]
@@ -114,12 +112,10 @@ def noise_of_cells(depth: Floats, known: Bools) -> float:
 
 
 def unevenness(grid: NodeGrid, depth: Floats, *, known: Bools, away_mm: float) -> float:
-    """Robust size (mm) of the depths (rows, columns) that lie `away_mm` and more from a contact.
+    """Return the robust size (mm) of the depths (rows, columns) that lie `away_mm` and more from a contact.
 
-    A contact is whatever is half as deep as the deepest cell.
-
-    There the gel hardly moves, so this is the map's own slow error; what it does move makes the answer cautious.
-    Where fewer than MIN_FAR cells are so far, the quarter that is farthest stands in.
+    A contact is what is half as deep as the deepest cell. Far from it the gel hardly moves, so this is the map's
+    slow error; the motion errs on the safe side. With fewer than MIN_FAR such cells the farthest quarter is taken.
     """
     distance = _from_deep(grid, depth, known)
     if distance is None:
@@ -131,10 +127,10 @@ def unevenness(grid: NodeGrid, depth: Floats, *, known: Bools, away_mm: float) -
 
 
 def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, away_mm: float) -> float:
-    """By what factor, at least 1, still gel is farther from flat than the map's `std_mm` (rows, columns) says.
+    """Return by what factor, at least 1, untouched gel is farther from flat than the map's `std_mm` (rows,
+    columns).
 
-    Asked of the cells `away_mm` and more from whatever is half as deep as the deepest; where these are fewer than
-    MIN_FAR the map stands for itself.
+    Measured at the cells `away_mm` and more from what is half as deep as the deepest; 1 with fewer than MIN_FAR.
     """
     distance = _from_deep(grid, depth, known)
     if distance is None or np.count_nonzero(distance > away_mm) < MIN_FAR:
@@ -144,7 +140,10 @@ def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, 
 
 
 def _from_deep(grid: NodeGrid, depth: Floats, known: Bools) -> Floats | None:
-    """Distance of the known cells (N,) from the cells half as deep as the deepest, mm; None where none is deep."""
+    """Return the distance of the known cells (N,) from the cells half as deep as the deepest, mm.
+
+    None where none is deep.
+    """
     deepest = float(np.max(depth, where=known, initial=0.0))
     if deepest <= 0:
         return None
@@ -154,9 +153,9 @@ def _from_deep(grid: NodeGrid, depth: Floats, known: Bools) -> Floats | None:
 def _depth_std(
     grid: NodeGrid, height: HeightMap, noise: PixelNoise, depth: Floats, known: Bools
 ) -> tuple[float, Floats]:
-    """Standard deviation from cell to cell, and (rows, columns) of the depth itself.
+    """Return the standard deviation from cell to cell, and (rows, columns) of the depth itself.
 
-    An error that a whole contact shares does not roughen it: from cell to cell only what is seen there counts.
+    An error that a whole contact shares does not differ from cell to cell.
     """
     stated: Array | None = height.std_mm
     if stated is None and noise.std_mm is not None:
@@ -165,19 +164,21 @@ def _depth_std(
         std = max(noise_of_cells(depth, known), unevenness(grid, depth, known=known, away_mm=noise.away_mm))
         return std, np.full(grid.shape, std)
     at_cells = np.asarray(stated[_centres(grid)], dtype=np.float64)
-    usual = float(np.median(at_cells[known])) if known.any() else 0.0
-    at_cells = np.where(np.isfinite(at_cells), at_cells, usual)
+    typical = float(np.median(at_cells[known])) if known.any() else 0.0
+    at_cells = np.where(np.isfinite(at_cells), at_cells, typical)
     share = mean_std(grid, 1.0, correlation_px=noise.correlation_px)
     if share < 1:
-        return share * usual, share * at_cells
+        return share * typical, share * at_cells
     return noise_of_cells(depth, known), at_cells * understated(
         grid, depth, std_mm=at_cells, known=known, away_mm=noise.away_mm
     )
 
 
 def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> float:
-    """Rms of the stated standard deviation where the gel is at least half as deep as anywhere; far away the shear
-    is better known, and of no use."""
+    """Return the rms of the stated standard deviation where the gel is at least half as deep as the deepest.
+
+    Far away it is smaller, and of no use.
+    """
     if np.ndim(shear.std_mm) == 0:
         return float(shear.std_mm)
     at_cells = np.asarray(shear.std_mm)[_centres(grid)]
@@ -188,7 +189,7 @@ def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> 
 
 
 def _centres(grid: NodeGrid) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Indices (rows, 1), (1, columns) of the pixels at the cells' middles."""
+    """Return the indices (rows, 1), (1, columns) of the pixels at the cells' middles."""
     (height, width), (sx, sy) = grid.view_px, grid.mm_per_px
     row = np.round(grid.y_mm / sy + (height - 1) / 2).astype(np.intp)
     column = np.round(grid.x_mm / sx + (width - 1) / 2).astype(np.intp)
@@ -196,7 +197,10 @@ def _centres(grid: NodeGrid) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]
 
 
 def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Floats:
-    """Cell means; a cell without shear takes that of the nearest cell that has it, and the map is flagged."""
+    """Return cell means.
+
+    A cell without shear takes that of the nearest cell that has it, and the map is flagged.
+    """
     means, known = cell_means(grid, field, valid=valid)
     if known.all():
         return means
@@ -206,7 +210,7 @@ def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Fl
 
 
 def _share_known(shear: ShearMap, depth: Array) -> float:
-    """Of the view or of its deep part, whichever is less."""
+    """Return the known share of the view or of its deep part, whichever is less."""
     if shear.valid.all():
         return 1.0
     top = float(depth.max())
@@ -220,7 +224,7 @@ def _check(grid: NodeGrid, height: HeightMap, shear: ShearMap | None) -> None:
             "the height map has another scale than the force field was made for",
             where=height.name,
             value=(height.mm_per_px, grid.mm_per_px),
-            remedy="Make a ForceField for this sensor; a calibration holds for its own alone.",
+            remedy="Make a ForceField for this sensor.",
         )
     if height.depth_mm.shape != grid.view_px:
         raise InputError(
@@ -229,16 +233,13 @@ def _check(grid: NodeGrid, height: HeightMap, shear: ShearMap | None) -> None:
             value=(height.depth_mm.shape, grid.view_px),
         )
     if shear is not None and shear.u_x_mm.shape != grid.view_px:
-        raise InputError("shear and height map have one size", where=height.name, value=shear.u_x_mm.shape)
-
-
-# A contact at the border of what is known: whether it is cut there, and the force that may lie beyond.
+        raise InputError("shear and height map differ in size", where=height.name, value=shear.u_x_mm.shape)
 
 
 def is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
-    """Whether pressure reaches the border: that of its cells, summed, stands out of its own deviation.
+    """Return whether pressure reaches the border: the sum over its cells is significant.
 
-    That holds errors that the whole contact shares, and those of each cell alone.
+    Its deviation includes errors that the whole contact shares, and those of each cell.
     """
     edge = at_border(found.cells, binary_fill_holes(seen.known))
     if not edge.any():
@@ -251,10 +252,10 @@ def is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
 
 
 def force_beyond(grid: NodeGrid, found: Solution, seen: Observation, *, scale: Floats, cut: bool) -> Floats:
-    """Squared force (3,), N², that may lie where nothing is known.
+    """Return the squared force (3,), N², that may lie where nothing is known.
 
-    Beyond the border that cuts a contact, its cells' traction carried on for half the contact's width; in a hole
-    of the map, the mean traction round it, over no more than it.
+    Beyond a border that cuts the contact: its cells' traction continued for half the contact's width. In a hole of
+    the map: the mean traction around it, over the hole's area at most.
     """
     whole = np.asarray(binary_fill_holes(seen.known))
     outer = at_border(found.cells, whole)

@@ -4,11 +4,10 @@
 
     t' = t + P W^T (W P W^T + S)^-1 (f - W t)
 
-W takes tractions to the force. What a measured force corrects is above all an error common to the whole contact
-(the modulus, the scale of the depth), so P is rank one per axis: the pressure as the pattern, scaled to the
-resultant's own standard deviation. S is the variance of the measured force: S = 0 is equality, larger S a
-weight. What was found without it is never thrown away: the mismatch over its expected deviation is the health
-check.
+W maps tractions to the force. A measured force corrects mainly an error common to the whole contact (the modulus,
+the scale of the depth), so P is rank one per axis: the pressure as the pattern, scaled to the resultant's standard
+deviation. S is the variance of the measured force; S = 0 makes it an equality. The mismatch of the unconstrained
+force over its expected deviation is kept as a check.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class MeasuredForce:
-    """Force (fx, fy, fz) and its standard deviation; a standard deviation of 0 makes it an equality."""
+    """Measured force (fx, fy, fz) and its standard deviation; 0 makes it an equality."""
 
     force_N: Triple
     std_N: Triple = (0.0, 0.0, 0.0)
@@ -42,7 +41,7 @@ class MeasuredForce:
 
 
 def wrench_weights(grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.intp]], *, parts: int) -> Floats:
-    """(6, parts * C): force and moment by the tractions; parts is 3, or 1 for the normal one alone."""
+    """Return (6, parts * C): force and moment by the tractions; parts is 3, or 1 for the normal one alone."""
     row, column = np.divmod(cells, grid.shape[1])
     x, y, one, none = grid.x_mm[column], grid.y_mm[row], np.ones(len(cells)), np.zeros(len(cells))
     along_x = np.stack([one, none, none, none, none, -y])
@@ -52,9 +51,9 @@ def wrench_weights(grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.int
 
 
 def constrain(found: TractionMap, measured: MeasuredForce) -> TractionMap:
-    """The map moved towards `measured`, with the mismatch of the free map kept beside it.
+    """Move the map towards `measured`; the mismatch of the free map is kept.
 
-    Axes that the map does not know (NaN) stay so. A map without contact is returned with the mismatch and a flag.
+    Unknown axes (NaN) stay unknown. A map without contact is returned with the mismatch and a flag.
     """
     own, theirs = np.asarray(found.resultant_std_N), np.asarray(measured.std_N)
     mismatch = np.asarray(found.resultant_N) - np.asarray(measured.force_N)
@@ -87,7 +86,7 @@ def constrain(found: TractionMap, measured: MeasuredForce) -> TractionMap:
 
 
 def moment(fields: list[Floats], place: TractionMap) -> Triple:
-    """(mx, my, mz) about the pad's centre, N mm, of tractions on the nodes of `place`."""
+    """Return (mx, my, mz) about the pad's centre, N mm, of tractions on the nodes of `place`."""
     x = place.first_mm[0] + place.mm_per_px[0] * np.arange(fields[0].shape[1])[None, :]
     y = place.first_mm[1] + place.mm_per_px[1] * np.arange(fields[0].shape[0])[:, None]
     cell = place.mm_per_px[0] * place.mm_per_px[1]
@@ -96,5 +95,5 @@ def moment(fields: list[Floats], place: TractionMap) -> Triple:
 
 
 def triple(values: Floats) -> Triple:
-    """Three plain numbers of values (3,), in their N or N mm."""
+    """Return values (3,) as three plain numbers, in their N or N mm."""
     return (float(values[0]), float(values[1]), float(values[2]))

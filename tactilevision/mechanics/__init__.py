@@ -1,1 +1,1 @@
-"""The gel as a solid: a bonded elastic layer and what is pressed into it. Knows neither pictures nor fits."""
+"""Mechanics of the gel: a bonded elastic layer and bodies pressed into it, without pictures or fits."""

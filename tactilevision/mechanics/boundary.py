@@ -1,24 +1,22 @@
-"""How much softer a punch finds the gel near the pad's free side than on a wide layer.
+"""Reduction of a punch's stiffness near the pad's free side, compared with a wide layer.
 
     c(d) = c(infinity) (1 - s),    s = s(d/h; nu, a/h),    d = distance from the punch's edge to the pad's rim.
 
 Tabulated from linear finite elements (mechanics/punch_fem: frictionless sharp punch, pad bonded to its base, side
 free) on concentric discs; ln s is interpolated. s falls by a factor of 3 to 6 with each thickness: at nu = .48,
-a/h = .83 it is 9 % at d = h, 2 % at 2 h, .1 % at 4 h. Range: d/h from .25 (beyond 5, where s < 5e-4, it is
-extended by the last decay), nu in [.30, .499], a/h in [.4, 1.5]; InputError outside. Between nodes
-it is within 3 % of s.
+a/h = .83 it is 9 % at d = h, 2 % at 2 h, .1 % at 4 h. Range: d/h from .25 (beyond 5, where s < 5e-4, the last
+decay is continued), nu in [.30, .499], a/h in [.4, 1.5]; InputError outside. Relative error between nodes: 3 % of
+s.
 
-A face that sticks pushes less gel aside, and so does a deep one: `rim_share` is s times a tabulated ratio, mostly
-.4 to 1, from finite elements of a neo-Hookean gel at four frictions and w/h to .25.
+A sticking face and a deep one displace less gel: `rim_share` is s times a tabulated ratio, mostly .4 to 1, from
+finite elements of a neo-Hookean gel at four frictions and w/h to .25.
 
-Off the centre of the pad the rim is nearer on one side: `off_centre_softening` averages s over the directions.
-That is first order in s, an estimate to be checked by presses at several places where it exceeds a few per cent.
+Off the centre of the pad `off_centre_softening` averages s over the directions. That is first order in s; where it
+exceeds a few per cent, check it by presses at several places.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 from functools import lru_cache
 from pathlib import Path
 
@@ -27,37 +25,39 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact, friction_place
+from tactilevision.mechanics.kappa import load_table
 from tactilevision.mechanics.material import positive
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats, Pair
 
 TABLE = Path(__file__).with_name("boundary_table.npz")
 DISTANCES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)  # d/h, nodes of the table
-# Poisson's ratio, nodes of the table
-POISSON_NODES = (0.3, 0.4, 0.45, 0.48, 0.499)
+POISSON_NODES = (0.3, 0.4, 0.45, 0.48, 0.499)  # Poisson's ratio, nodes of the table
 A_OVER_H_NODES = (0.4, 0.6, 2.5 / 3, 1.2, 1.5)  # a/h, nodes of the table
-RATIO_DISTANCES = (0.25, 0.5, 1.0, 2.0)  # d/h; beyond, where s is small, the last holds
+RATIO_DISTANCES = (0.25, 0.5, 1.0, 2.0)  # d/h; beyond, where s is small, the last value is kept
 RATIO_POISSON = (0.3, 0.45, 0.48, 0.499)  # Poisson's ratio, nodes of the ratios
 RATIO_A_OVER_H = (0.4, 2.5 / 3, 1.5)  # a/h, nodes of the ratios
 RATIO_FRICTIONS = (0.0, 0.15, 0.3, np.inf)  # Coulomb's coefficient, nodes of the ratios
 RATIO_DEPTHS = (0.01, 0.05, 0.1, 0.15, 0.2, 0.25)  # w/h, nodes of the ratios
 DIRECTIONS = 180  # azimuths of the boundary's mean
-SAME_PAD = 1e-9  # relative difference below which two pads are one
 
 
 def softening(
     distance_mm: npt.ArrayLike, *, radius_mm: float, thickness_mm: float, poisson_ratio: float
 ) -> Floats:
-    """s (any shape) for a punch in the middle of a disc whose rim is `distance_mm` from the punch's edge."""
+    """Return s (any shape) for a punch in the middle of a disc whose rim is `distance_mm` from the punch's
+    edge.
+    """
     d = positive("distance_mm", distance_mm) / float(positive("thickness_mm", thickness_mm))
     alpha = float(positive("radius_mm", radius_mm)) / thickness_mm
     for what, low, high, value in (
-        ("the rim lies", DISTANCES[0], np.inf, float(d.min())),
-        ("Poisson's ratio lies", POISSON_NODES[0], POISSON_NODES[-1], poisson_ratio),
-        ("a/h lies", A_OVER_H_NODES[0], A_OVER_H_NODES[-1], alpha),
+        ("d/h", DISTANCES[0], np.inf, float(d.min())),
+        ("Poisson's ratio", POISSON_NODES[0], POISSON_NODES[-1], poisson_ratio),
+        ("a/h", A_OVER_H_NODES[0], A_OVER_H_NODES[-1], alpha),
     ):
-        if not low - 1e-9 <= value <= high + 1e-9:
+        if not low - ROUNDING <= value <= high + ROUNDING:
             raise InputError(
-                f"the table of softening has where {what} in [{low:g}, {high:g}]", where="softening", value=value
+                f"the table of softening is for {what} in [{low:g}, {high:g}]", where="softening", value=value
             )
     along = np.tensordot(_weights(A_OVER_H_NODES, alpha), _table()[0], 1)
     line = np.tensordot(_weights(POISSON_NODES, poisson_ratio), along, 1)
@@ -68,13 +68,13 @@ def softening(
 
 
 def rim_share(depth_mm: npt.ArrayLike, contact: FlatContact, *, poisson_ratio: float) -> Floats:
-    """What the pad's rim takes off P at a depth (any shape), over P on a pad of five thicknesses; 0 from there on.
+    """Return what the pad's rim takes off P at a depth (any shape), over P on a pad of five thicknesses.
 
-    s at this distance, less what it is on such a pad, times the tabulated ratio. Within 10 % of itself. Raises
-    InputError as `softening` does.
+    s at this distance, less s on such a pad, times the tabulated ratio; 0 from five thicknesses on. Relative error
+    10 %. Raises InputError as `softening` does.
     """
     h, a = contact.thickness_mm, contact.radius_mm
-    if contact.pad_radius_mm >= WIDE * h * (1 - SAME_PAD):
+    if contact.pad_radius_mm >= WIDE * h * (1 - ROUNDING):
         return np.zeros_like(np.asarray(depth_mm, dtype=float))
     nu = min(poisson_ratio, POISSON_NODES[-1])
     distances = np.array([contact.pad_radius_mm, WIDE * h]) - a
@@ -93,12 +93,14 @@ def rim_share(depth_mm: npt.ArrayLike, contact: FlatContact, *, poisson_ratio: f
 def off_centre_softening(
     place_mm: Pair, *, pad_radius_mm: float, radius_mm: float, thickness_mm: float, poisson_ratio: float
 ) -> float:
-    """Mean of s over all directions from a punch at `place_mm` (x, y from the pad's centre) to a disc's rim."""
+    """Return the mean of s over all directions from a punch at `place_mm` (x, y from the pad's centre) to a disc's
+    rim.
+    """
     away = float(np.hypot(*place_mm))
     angle = (np.arange(DIRECTIONS) + 0.5) * (2 * np.pi / DIRECTIONS)
     inside = pad_radius_mm**2 - (away * np.sin(angle)) ** 2
     if not (away + radius_mm < pad_radius_mm and (inside > 0).all()):
-        raise InputError("the punch lies on the pad", where="off_centre_softening", value=place_mm)
+        raise InputError("the punch is not on the pad", where="off_centre_softening", value=place_mm)
     rim = np.sqrt(inside) - away * np.cos(angle)
     part = softening(rim - radius_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     return float(part.mean())
@@ -106,21 +108,13 @@ def off_centre_softening(
 
 @lru_cache(maxsize=1)
 def _table() -> tuple[Floats, Floats]:
-    """ln s (a/h, nu, d/h) at small strain, and the ratio (a/h, nu, d/h, friction, w/h)."""
-    with np.load(TABLE, allow_pickle=False) as content:
-        linear, ratio = content["log_softening"].astype(float), content["ratio"].astype(float)
-    card = json.loads(TABLE.with_suffix(".json").read_text(encoding="utf-8"))
-    if fingerprint(linear, ratio) != card["sha256"]:
-        raise InputError("the table differs from its card", where=TABLE, remedy="Reinstall tactilevision.")
+    """Return ln s (a/h, nu, d/h) at small strain, and the ratio (a/h, nu, d/h, friction, w/h)."""
+    linear, ratio = load_table(TABLE, "log_softening", "ratio")
     return linear, ratio
 
 
-def fingerprint(*arrays: Floats) -> str:
-    """Hash of what the table holds."""
-    content = b"".join(np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays)
-    return hashlib.sha256(content).hexdigest()
-
-
 def _weights(nodes: tuple[float, ...], at: float) -> Floats:
-    """Linear interpolation as weights: the tables are nearly straight between nodes, and must not overshoot."""
+    """Return the weights of linear interpolation: the tables are nearly straight between nodes, and must not
+    overshoot.
+    """
     return np.array([np.interp(at, nodes, row) for row in np.eye(len(nodes))])

@@ -1,4 +1,4 @@
-"""Finite elements behind boundary.py's table: what a near rim takes off, at small strain and at depth."""
+"""Finite elements for the table of boundary.py: the effect of a near rim, at small strain and at depth."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from tactilevision.errors import ConvergenceError
 from tactilevision.files.writing import replacing, write_json
 from tactilevision.mechanics import boundary as b
 from tactilevision.mechanics.flat_contact import WIDE
+from tactilevision.mechanics.kappa import fingerprint
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.newton import State, equations, march
 from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem, build
 from tactilevision.records.measured import Floats, Material
 
 EDGE_OVER_H = 1 / 30  # at h/60 the share is 3 % of itself larger at first touch, the same from w/h = .05 on
-FAR = 12.0  # d/h that stands for infinity
+FAR = 12  # d/h in place of infinity
 
 
 def write_table(path: Path = b.TABLE) -> None:
@@ -38,14 +39,14 @@ def write_table(path: Path = b.TABLE) -> None:
         "radius h/30, over the same press on a pad of five thicknesses; default mesh",
         "made_by": "tactilevision.mechanics.boundary_solve.write_table",
         "licence": "MIT",
-        "sha256": b.fingerprint(linear, deep),
+        "sha256": fingerprint(linear, deep),
     })  # fmt: skip
 
 
 def linear_shares(
     a_over_h: tuple[float, ...], poisson_ratios: tuple[float, ...], *, distances: tuple[float, ...]
 ) -> Floats:
-    """s (a/h, nu, d/h) at small strain, the punch frictionless and sharp."""
+    """Return s (a/h, nu, d/h) at small strain, the punch frictionless and sharp."""
     shape = len(a_over_h), len(poisson_ratios), len(distances) + 1
     grid = product(a_over_h, poisson_ratios, (*distances, FAR))
     stiffness = np.array([stiffness_at_touch(nu, a, d_over_h=d) for a, nu, d in grid]).reshape(shape)
@@ -53,7 +54,9 @@ def linear_shares(
 
 
 def stiffness_at_touch(poisson_ratio: float, a_over_h: float, *, d_over_h: float) -> float:
-    """P/(E w) in mm of a sharp sliding punch on a gel of 3 mm whose rim is `d_over_h` from the punch's edge."""
+    """Return P/(E w) in mm of a sharp sliding punch on a gel of 3 mm whose rim is `d_over_h` from the punch's
+    edge.
+    """
     face = GluedFace(3 * a_over_h, slides=True)
     model = build(PunchProblem(Material(1.0, poisson_ratio), face, 3.0, 3 * (a_over_h + d_over_h)))
     (state,) = march(equations(model, by_force=False), [1e-4], log=[])
@@ -61,14 +64,16 @@ def stiffness_at_touch(poisson_ratio: float, a_over_h: float, *, d_over_h: float
 
 
 def depth_ratios() -> Floats:
-    """Ratios (a/h, nu, d/h, friction, w/h) of the share the rim takes off at depth to that at small strain."""
+    """Return the ratios (a/h, nu, d/h, friction, w/h) of the share the rim takes off at depth to that at small
+    strain.
+    """
     grid = list(product(b.RATIO_A_OVER_H, b.RATIO_POISSON, b.RATIO_DISTANCES, b.RATIO_FRICTIONS))
     shape = *map(len, (b.RATIO_A_OVER_H, b.RATIO_POISSON, b.RATIO_DISTANCES, b.RATIO_FRICTIONS)), -1
     return np.array([depth_ratio(*place) for place in grid]).reshape(shape)
 
 
 def depth_ratio(a_over_h: float, poisson_ratio: float, d_over_h: float, friction: float) -> Floats:
-    """The same at one place (w/h,); where one of the two presses ends the last ratio stands."""
+    """Return the ratio at one place (w/h,); where one of the two presses ends, its last value is kept."""
     near, wide = (_forces(poisson_ratio, a_over_h, pad, friction) for pad in (a_over_h + d_over_h, WIDE))
     many = min(len(near), len(wide))
     (small,) = np.diff(linear_shares((a_over_h,), (poisson_ratio,), distances=(WIDE - a_over_h, d_over_h)).ravel())

@@ -1,4 +1,4 @@
-"""A flat punch whose edge is rounded: its contact grows with depth from b = a - rho up to a, on a bonded layer.
+"""Flat punch with a rounded edge on a bonded layer: the contact grows with depth from b = a - rho to a.
 
 The face is f(r) = (r - b)^2/(2 rho) beyond b, which the equation of punch_equation.py takes as its sag s. With phi
 the flat punch's solution at the contact's radius r and psi(y) that for the right-hand side (2/pi) M(y, 1),
@@ -6,13 +6,12 @@ the flat punch's solution at the contact's radius r and psi(y) that for the righ
     w = [s(r) + Int_b/r^1 psi s dx] / phi(1),    P = 2 E* r [w Int phi dx - Int_b/r^1 phi s dx],
     s(x) = (x/rho) [sqrt(x^2 - b^2) - b arccos(b/x)],
 
-exact for a linear, frictionless layer; on a half-space (phi = 1, psi = 0) Sneddon's. What the layer makes of w
-and of what the rounding loses is smooth in nu, r/h and b/r and kept as a polynomial (relative error below 2e-4).
-Beside finite elements that slide (neo-Hooke, nu .48, a/h .5 to 1.17, h 3 mm, w to .6 mm) the force over a sharp
-punch's comes out within .3 % for rho to .2 mm, .8 % for .3 mm, 1.4 % for .5 mm; a half-space's growth is 1, 2.9
-and 5.2 % off. Beside elements of a gel that sticks to the edge it is the half-space's growth that comes out right,
-within .5 % at w to .3 mm and 1.3 % to .6 mm (3 % at a/h .5), where the layer's is up to 4 % off: what the gel
-grips holds it back. `sticking` is how much of it does, between the two.
+exact for a linear, frictionless layer; on a half-space (phi = 1, psi = 0) Sneddon's. The layer's factors on w and
+on the depth lost by the rounding are smooth in nu, r/h and b/r and kept as a polynomial (relative error below
+2e-4). Compared with finite elements that slide (neo-Hooke, nu .48, a/h .5 to 1.17, h 3 mm, w to .6 mm) the force
+over a sharp punch's is within .3 % for rho to .2 mm, .8 % for .3 mm, 1.4 % for .5 mm; a half-space's growth is 1,
+2.9 and 5.2 % off. For a gel that sticks to the edge the half-space's growth is right within .5 % at w to .3 mm and
+1.3 % to .6 mm (3 % at a/h .5), while the layer's is up to 4 % off. `sticking` interpolates between the two.
 Sources: Sneddon, Int. J. Eng. Sci. 3 (1965) 47; Hayes et al., J. Biomech. 5 (1972) 541; Ciavarella, Hills, Monno,
 Proc. IMechE C 212 (1998) 319.
 """
@@ -39,11 +38,11 @@ from tactilevision.records.measured import Floats
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-SHARP_MM = 1e-5  # a smaller rounding is none
-MIN_FLAT = 0.05  # of the radius: a rounder edge than the rest would leave no face
-STEPS = 33  # of the contact's radius, from which its growth is read
-OFFSET = 0.002  # the table's variable is -ln(.5 + OFFSET - nu), in which nu = .5 is nothing special
-RATIOS = (0.05, 5.0)  # r/h, range of the table
+SHARP_MM = 1e-5  # a smaller rounding is ignored
+MIN_FLAT = 0.05  # least flat part of the radius
+STEPS = 33  # of the contact's radius in the spline of its growth
+OFFSET = 0.002  # the table's variable is -ln(.5 + OFFSET - nu), regular at nu = .5
+RATIOS = (0.05, 5)  # r/h, range of the table
 SIZES = (9, 16, 8)  # nodes over nu, ln(r/h) and b/r
 
 
@@ -56,7 +55,8 @@ def rounded_contact(
     poisson_ratio: float,
     sticking: float = 0.0,
 ) -> tuple[Floats, Floats]:
-    """Radius of the contact in mm, and the share of a flat punch's force of that radius, at each depth (N,).
+    """Return the radius of the contact in mm, and the share of a flat punch's force of that radius, at each depth
+    (N,).
 
     `sticking` from 0 (the gel slides over the edge) to 1 (it sticks to it).
     """
@@ -95,7 +95,7 @@ def _growth(
 
 
 def _half_space(r: Floats, b: float | Floats, edge_mm: float) -> Floats:
-    """Depth at which the contact reaches r, and the depth that the rounding loses, (2, n)."""
+    """Return the depth at which the contact reaches r, and the depth that the rounding loses, (2, n)."""
     x = np.sqrt((r - b) * (r + b)) / b
     small = x < 0.05  # where the differences below cancel
     gap = np.where(small, x**3 * (1 / 3 - x**2 * (1 / 5 - x**2 / 7)), x - np.arctan(x))
@@ -106,7 +106,9 @@ def _half_space(r: Floats, b: float | Floats, edge_mm: float) -> Floats:
 
 
 def _of_layer(poisson_ratio: float, ratio: Floats, flat: Floats) -> Floats:
-    """The same on a layer over that on a half-space, (2, n): at r/h = `ratio` and b/r = `flat`, (n,) each."""
+    """Return what a layer makes of both over a half-space, (2, n): at r/h = `ratio` and b/r = `flat`, (n,)
+    each.
+    """
     nu, alpha = _variables(np.array([poisson_ratio]), ratio)
     table = np.tensordot(chebyshev.chebvander(nu, SIZES[0] - 1)[0], _table(), axes=(0, 1))
     over_ratio = chebyshev.chebvander(alpha, SIZES[1] - 1)
@@ -115,7 +117,7 @@ def _of_layer(poisson_ratio: float, ratio: Floats, flat: Floats) -> Floats:
 
 
 def _variables(nu: Floats, ratio: Floats) -> tuple[Floats, Floats]:
-    """nu and r/h as the polynomials know them, from -1 to 1; outside, the nearest."""
+    """Return nu and r/h as the polynomials take them, from -1 to 1; outside, the nearest."""
     ends = -np.log(0.5 + OFFSET), -np.log(OFFSET)
     along = (-np.log(0.5 + OFFSET - np.clip(nu, 0, 0.5)) - ends[0]) / (ends[1] - ends[0])
     low, high = np.log(RATIOS)
@@ -124,7 +126,10 @@ def _variables(nu: Floats, ratio: Floats) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=1)
 def _table() -> Floats:
-    """Coefficients (2, *SIZES) through the exact ratios at Chebyshev's nodes; a quarter of a second, once."""
+    """Return the coefficients (2, *SIZES) through the exact ratios at Chebyshev's nodes.
+
+    Takes a quarter of a second, once.
+    """
     places = [chebyshev.chebpts1(size) for size in SIZES]
     top, bottom = 0.5 + OFFSET, OFFSET
     nus = 0.5 + OFFSET - top ** (1 - (places[0] + 1) / 2) * bottom ** ((places[0] + 1) / 2)
@@ -138,7 +143,7 @@ def _table() -> Floats:
 
 
 def exact_ratios(poisson_ratio: float, ratio: float, *, v: Floats) -> Floats:
-    """What `_of_layer` keeps, without interpolation: at nu, r/h, and b/r = `v` (n,) in (0, 1)."""
+    """Return the ratios of `_of_layer` without interpolation: at nu, r/h, and b/r = `v` (n,) in (0, 1)."""
     x, weights = gauss(NODES)
     u, u_weights = gauss(KERNEL_NODES, KERNEL_END)
     waves = np.cos(np.multiply.outer(x, ratio * u))

@@ -1,4 +1,4 @@
-"""Describe a flat punch on a bonded gel pad, with the coordinate of friction that tables share."""
+"""A flat punch on a bonded gel pad, and the coordinate of friction in tables."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ import numpy as np
 
 from tactilevision.errors import InputError
 
-# A flat punch on a bonded gel pad, as a record that tables and solvers share.
-
-WIDE = 5.0  # thicknesses: a pad that reaches farther acts as an unbounded one
+WIDE = 5.0  # thicknesses: radius from which a pad acts as an unbounded one
 
 
 @dataclass(frozen=True, slots=True)
 class FlatContact:
     """A cylinder of `radius_mm` whose face ends in a quarter circle of `edge_radius_mm` (0: sharp), on a gel disc.
 
-    `friction` is Coulomb's, inf for no slip; `law` the gel's, by its name. Raises InputError for what cannot be.
+    `friction` is Coulomb's, inf for no slip; `law` the gel's, by name. Raises InputError for impossible values.
     """
 
     radius_mm: float
@@ -39,7 +37,7 @@ class FlatContact:
             )
         if not self.radius_mm < self.pad_radius_mm:
             raise InputError(
-                "the punch is as wide as the gel pad",
+                "the punch is not smaller than the gel pad",
                 where="FlatContact",
                 value=self.radius_mm,
                 remedy=f"The pad reaches {self.pad_radius_mm:g} mm from its centre.",
@@ -58,11 +56,9 @@ class FlatContact:
         return self.edge_radius_mm / self.thickness_mm
 
 
-# The coordinate of friction in every table: mu/(mu + 3), finite where the gel sticks.
-
-HALF_FRICTION = 3.0  # far above where friction has all its effect: nearly straight in mu, yet finite for no slip
+HALF_FRICTION = 3  # of mu/(mu + 3), nearly linear up to full friction, yet finite for no slip
 
 
 def friction_place(friction: float) -> float:
-    """mu -> [0, 1), no slip -> 1."""
+    """Map a coefficient of friction to [0, 1); no slip is 1."""
     return 1.0 if math.isinf(friction) else friction / (friction + HALF_FRICTION)

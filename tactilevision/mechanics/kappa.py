@@ -1,4 +1,4 @@
-"""Hayes' factor kappa(nu, a/h): how much stiffer a flat punch finds a bonded layer than a half-space.
+"""Hayes' factor kappa(nu, a/h): stiffness of a bonded layer under a flat punch over that of a half-space.
 
     P = 2 a E w kappa(nu, a/h) / (1 - nu^2)
 
@@ -51,7 +51,7 @@ def kappa(poisson_ratio: float, a_over_h: float) -> float: ...
 @overload
 def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floats: ...
 def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floats:
-    """kappa, dimensionless, from the integral equation.
+    """Return kappa, dimensionless, from the integral equation.
 
     Numbers give a float, arrays an array of their broadcast shape.
     """
@@ -62,7 +62,7 @@ def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floa
 
 
 def kappa_gradient(poisson_ratio: float, a_over_h: float) -> tuple[float, float]:
-    """(d kappa/d nu, d kappa/d(a/h)), as accurate as kappa itself.
+    """Return (d kappa/d nu, d kappa/d(a/h)), as accurate as kappa itself.
 
     With Phi(xi) = Int_0^1 phi cos(xi x) dx and g = 1 - K, symmetry of M gives
     d kappa/d nu = (2/pi) alpha Int g_nu Phi(alpha u)^2 du and
@@ -79,13 +79,13 @@ def kappa_gradient(poisson_ratio: float, a_over_h: float) -> tuple[float, float]
 
 
 def fast_kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> Floats:
-    """kappa from the shipped table, of the arguments' broadcast shape; relative error below 1e-7."""
+    """Return kappa from the shipped table, of the arguments' broadcast shape; relative error below 1e-7."""
     nu, alpha = _checked(poisson_ratio, a_over_h)
     return np.asarray(np.exp(_spline().ev(_stretched(nu), np.log(alpha))))
 
 
 def fast_kappa_gradient(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> tuple[Floats, Floats]:
-    """(d kappa/d nu, d kappa/d(a/h)) of fast_kappa, dimensionless, of their broadcast shape.
+    """Return (d kappa/d nu, d kappa/d(a/h)) of fast_kappa, dimensionless, of their broadcast shape.
 
     Within 3e-5 of kappa_gradient.
     """
@@ -115,7 +115,7 @@ def write_table(path: Path = TABLE) -> None:
             "made_by": "tactilevision.mechanics.kappa.write_table",
             "relative_error": 1e-7,
             "licence": "MIT",
-            "sha256": _fingerprint(log_kappa),
+            "sha256": fingerprint(log_kappa),
         },
     )
 
@@ -136,22 +136,25 @@ def _checked(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> tuple[Flo
     return nu, alpha
 
 
-def _fingerprint(table: Floats) -> str:
-    return hashlib.sha256(np.ascontiguousarray(table, dtype="<f8").tobytes()).hexdigest()
+def fingerprint(*arrays: Floats) -> str:
+    """Hash the arrays of a table."""
+    content = b"".join(np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays)
+    return hashlib.sha256(content).hexdigest()
+
+
+def load_table(path: Path, *names: str) -> list[Floats]:
+    """Load the arrays of these names. Raises InputError if they differ from the card next to the file."""
+    with np.load(path, allow_pickle=False) as content:
+        arrays = [content[name].astype(float) for name in names]
+    card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    if fingerprint(*arrays) != card["sha256"]:
+        raise InputError("the table differs from its card", where=path, remedy="Reinstall tactilevision.")
+    return arrays
 
 
 @lru_cache(maxsize=1)
 def _spline() -> RectBivariateSpline:
     from scipy.interpolate import RectBivariateSpline
 
-    with np.load(TABLE, allow_pickle=False) as content:
-        log_kappa = content["log_kappa"]
-    card = json.loads(TABLE.with_suffix(".json").read_text(encoding="utf-8"))
-    if log_kappa.shape != TABLE_SHAPE or _fingerprint(log_kappa) != card["sha256"]:
-        raise InputError(
-            "the table differs from its card",
-            where=TABLE,
-            value=log_kappa.shape,
-            remedy="Reinstall tactilevision.",
-        )
+    (log_kappa,) = load_table(TABLE, "log_kappa")
     return RectBivariateSpline(*_axes(), log_kappa, kx=5, ky=5)

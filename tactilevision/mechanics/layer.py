@@ -27,8 +27,7 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.material import positive, shear_modulus
 from tactilevision.records.measured import Floats
 
-# u, below which sinh(2u) - 2u comes from its series: the next term left out is below 1e-13 of the sum
-SERIES_BELOW = 0.05
+SERIES_BELOW = 0.05  # u, below which sinh(2u) - 2u is a series: the truncation error is below 1e-13
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +41,10 @@ class LayerCompliance:
 
 
 def layer_compliance(u: npt.ArrayLike, poisson_ratio: float) -> LayerCompliance:
-    """C_zz, C_LL, C_T and c in units of h/mu at u = q h >= 0 (any shape); exact at u = 0 and at nu = .5 too."""
+    """Return C_zz, C_LL, C_T and c in units of h/mu at u = q h >= 0 (any shape).
+
+    Exact at u = 0 and at nu = .5 too.
+    """
     u = np.asarray(u, dtype=float)
     if not (u >= 0).all():
         raise InputError("a wave number lies at or above 0", where="layer_compliance", value=float(np.min(u)))
@@ -51,7 +53,7 @@ def layer_compliance(u: npt.ArrayLike, poisson_ratio: float) -> LayerCompliance:
     k, fall = 3 - 4 * poisson_ratio, np.exp(-2 * u)
     below = k * (1 + fall**2) + (4 * u**2 + 1 + k**2) * fall
     safe = np.where(u > 0, u, 1.0)
-    ramp = np.where(u > 0, -np.expm1(-4 * u) / safe, 4.0)  # (1 - exp(-4u))/u
+    ramp = np.where(u > 0, -np.expm1(-4 * u) / safe, 4)  # (1 - exp(-4u))/u
     share = (1 - poisson_ratio) / below
     coupling = (k * (1 - 2 * poisson_ratio) * np.expm1(-2 * u) ** 2 - 4 * u**2 * fall) / (2 * safe * below)
     return LayerCompliance(
@@ -70,7 +72,8 @@ def surface_compliance(
     poisson_ratio: float,
     thickness_mm: float,
 ) -> npt.NDArray[np.complex128]:
-    """C (..., 3, 3) in mm/MPa for wave numbers of the common shape (...): u_i = C_ij t_j, i and j over x, y, z.
+    """Return C (..., 3, 3) in mm/MPa for wave numbers of the common shape (...): u_i = C_ij t_j, i and j over x,
+    y, z.
 
     Waves are exp(+i k x), the convention of numpy.fft.ifft. At k = 0 the direction does not matter: C is diagonal.
     """
@@ -92,7 +95,10 @@ def surface_compliance(
 
 
 def _compression(u: Floats, k: float, fall: Floats, ramp: Floats) -> Floats:
-    """(2k sinh 2u - 4u) exp(-2u)/u; for small u, where the terms cancel at k = 1, from the series of sinh."""
+    """Return (2k sinh 2u - 4u) exp(-2u)/u.
+
+    For small u, where the terms cancel at k = 1, from the series of sinh.
+    """
     y = 2 * np.minimum(u, SERIES_BELOW)
     excess = y**2 / 3 * (1 + y**2 / 20 * (1 + y**2 / 42 * (1 + y**2 / 72)))
     return np.asarray(np.where(u < SERIES_BELOW, fall * (4 * (k - 1) + 2 * k * excess), k * ramp - 4 * fall))

@@ -10,17 +10,17 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import write_json, write_text
-from tactilevision.mechanics.kappa import fast_kappa, fast_kappa_gradient
+from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.records.measured import Floats, Material
 
-# Moduli of an isotropic gel, and the way between a punch's initial stiffness and Young's modulus.
+# Moduli of an isotropic gel, and Young's modulus from a punch's initial stiffness.
 #
 #     c = P/w at w -> 0 = 2 a E kappa(nu, a/h) / (1 - nu^2)
 #
-# c in N/mm, E in MPa, a punch radius and h layer thickness in mm. Numbers or arrays that broadcast throughout.
-# The stiffness assumes what kappa assumes: small strain, no friction, a sharp edge, a wide layer bonded to a rigid
-# base. Sticking raises c by 1.5 to 4.7 % (nu .45 to .495 at a/h = .83); a rounded edge of .02 a lowers it by 4 %.
-# nu in [0, .5] for stiffness, nu in [0, .5) wherever compressibility is divided by. InputError outside.
+# c in N/mm, E in MPa, a punch radius and h layer thickness in mm; numbers or arrays that broadcast. As for kappa:
+# small strain, no friction, a sharp edge, a wide layer bonded to a rigid base. Sticking raises c by 1.5 to 4.7 %
+# (nu .45 to .495 at a/h = .83); a rounded edge of .02 a lowers it by 4 %. nu in [0, .5], without .5 for the bulk
+# and constrained modulus. InputError outside.
 #
 # Source: Hayes et al., J. Biomech. 5 (1972) 541, eq. 21; Landau, Lifshitz, Theory of Elasticity, section 5.
 
@@ -32,7 +32,7 @@ def contact_stiffness(
     radius_mm: npt.ArrayLike,
     thickness_mm: npt.ArrayLike,
 ) -> Floats:
-    """c = 2 a E kappa / (1 - nu^2), N/mm, any shape."""
+    """Return c = 2 a E kappa / (1 - nu^2), N/mm, any shape."""
     modulus = positive("youngs_modulus_MPa", youngs_modulus_MPa)
     return np.asarray(modulus * _stiffness_of_unit_modulus(poisson_ratio, radius_mm, thickness_mm))
 
@@ -44,58 +44,39 @@ def youngs_modulus(
     radius_mm: npt.ArrayLike,
     thickness_mm: npt.ArrayLike,
 ) -> Floats:
-    """E = c (1 - nu^2) / (2 a kappa), MPa, any shape."""
+    """Return E = c (1 - nu^2) / (2 a kappa), MPa, any shape."""
     stiffness = positive("c_N_per_mm", c_N_per_mm)
     return np.asarray(stiffness / _stiffness_of_unit_modulus(poisson_ratio, radius_mm, thickness_mm))
 
 
-def youngs_modulus_log_gradient(
-    poisson_ratio: npt.ArrayLike, *, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
-) -> dict[str, Floats]:
-    """Partial derivatives of ln E at fixed c, of their broadcast shape: they carry uncertainty to E.
-
-    Keys: `ln_c` (always 1), `poisson_ratio`, `ln_radius`, `ln_thickness`. With s = d ln kappa/d ln(a/h):
-    d ln E/d nu = -2 nu/(1 - nu^2) - d ln kappa/d nu,  d ln E/d ln a = -1 - s,  d ln E/d ln h = s.
-    """
-    nu, radius, thickness = _geometry(poisson_ratio, radius_mm, thickness_mm)
-    alpha = radius / thickness
-    value = fast_kappa(nu, alpha)
-    by_nu, by_alpha = fast_kappa_gradient(nu, alpha)
-    slope = by_alpha * alpha / value
-    return {
-        "ln_c": np.ones_like(value),
-        "poisson_ratio": -2 * nu / (1 - nu**2) - by_nu / value,
-        "ln_radius": -1 - slope,
-        "ln_thickness": slope,
-    }
-
-
 def reduced_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """E* = E / (1 - nu^2), MPa, any shape: what contact on a half-space feels."""
+    """Return E* = E / (1 - nu^2), MPa, any shape: what contact on a half-space feels."""
     return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (1 - _poisson(poisson_ratio) ** 2))
 
 
 def shear_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """mu = E / (2 (1 + nu)), MPa, any shape."""
+    """Return mu = E / (2 (1 + nu)), MPa, any shape."""
     return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (2 * (1 + _poisson(poisson_ratio))))
 
 
 def bulk_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """K = E / (3 (1 - 2 nu)), MPa, any shape; nu < .5."""
+    """Return K = E / (3 (1 - 2 nu)), MPa, any shape; nu < .5."""
     nu = _compressible(poisson_ratio)
     return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (3 * (1 - 2 * nu)))
 
 
 def constrained_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """M = E (1 - nu) / ((1 + nu) (1 - 2 nu)), MPa, any shape: a layer
-    compressed all over gives by h/M; nu < .5."""
+    """Return M = E (1 - nu) / ((1 + nu) (1 - 2 nu)), MPa, any shape: a layer compressed all over gives by h/M.
+
+    nu < .5.
+    """
     nu = _compressible(poisson_ratio)
     modulus = positive("youngs_modulus_MPa", youngs_modulus_MPa)
     return np.asarray(modulus * (1 - nu) / ((1 + nu) * (1 - 2 * nu)))
 
 
 def neo_hooke(youngs_modulus_MPa: float, poisson_ratio: float) -> tuple[float, float]:
-    """(C10 in MPa, D1 in 1/MPa) of W = C10 (I1bar - 3) + (J - 1)^2 / D1 with the same small-strain moduli.
+    """Return (C10 in MPa, D1 in 1/MPa) of W = C10 (I1bar - 3) + (J - 1)^2 / D1 with the same small-strain moduli.
 
     C10 = mu/2 = E / (4 (1 + nu)),  D1 = 2/K = 6 (1 - 2 nu)/E. Source: Abaqus Theory Guide, section 4.6.1.
     """
@@ -106,13 +87,13 @@ def neo_hooke(youngs_modulus_MPa: float, poisson_ratio: float) -> tuple[float, f
 
 
 def moduli_of_neo_hooke(c10_MPa: float, d1_per_MPa: float) -> tuple[float, float]:
-    """(E in MPa, nu) of C10 and D1, the way back: E = 9 K mu/(3K + mu), nu = (3K - 2 mu)/(2 (3K + mu))."""
+    """Return (E in MPa, nu) of C10 and D1, the way back: E = 9 K mu/(3K + mu), nu = (3K - 2 mu)/(2 (3K + mu))."""
     mu, bulk = 2 * float(positive("C10", c10_MPa)), 2 / float(positive("D1", d1_per_MPa))
     return 9 * bulk * mu / (3 * bulk + mu), (3 * bulk - 2 * mu) / (2 * (3 * bulk + mu))
 
 
 def positive(name: str, value: npt.ArrayLike) -> Floats:
-    """`value` as an array of any shape, in its unit; InputError where any of it is not finite and above 0."""
+    """Return `value` as an array of any shape, in its unit; raise InputError if any is not finite and above 0."""
     numbers = np.asarray(value, dtype=float)
     if not (np.isfinite(numbers) & (numbers > 0)).all():
         raise InputError(
@@ -127,14 +108,9 @@ def positive(name: str, value: npt.ArrayLike) -> Floats:
 def _stiffness_of_unit_modulus(
     poisson_ratio: npt.ArrayLike, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
 ) -> Floats:
-    nu, radius, thickness = _geometry(poisson_ratio, radius_mm, thickness_mm)
-    return np.asarray(2 * radius * fast_kappa(nu, radius / thickness) / (1 - nu**2))
-
-
-def _geometry(
-    poisson_ratio: npt.ArrayLike, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
-) -> tuple[Floats, Floats, Floats]:
-    return _poisson(poisson_ratio), positive("radius_mm", radius_mm), positive("thickness_mm", thickness_mm)
+    nu, radius = _poisson(poisson_ratio), positive("radius_mm", radius_mm)
+    alpha = radius / positive("thickness_mm", thickness_mm)
+    return np.asarray(2 * radius * fast_kappa(nu, alpha) / (1 - nu**2))
 
 
 def _poisson(value: npt.ArrayLike) -> Floats:
@@ -148,7 +124,7 @@ def _compressible(value: npt.ArrayLike) -> Floats:
     nu = _poisson(value)
     if (nu >= 0.5).any():
         raise InputError(
-            "at nu = .5 this modulus is infinite",
+            "this modulus is infinite at nu = .5",
             where="mechanics",
             value=0.5,
             remedy="For a nearly incompressible gel take .4999.",
@@ -156,28 +132,31 @@ def _compressible(value: npt.ArrayLike) -> Floats:
     return nu
 
 
-# A fitted gel as a material card for finite element programs, in mm, N, MPa.
+# Material cards for finite element programs, in mm, N, MPa.
 #
-# Small-strain E and nu become a compressible neo-Hooke solid, W = C10 (I1bar - 3) + U(J), with
-# C10 = E/(4 (1 + nu)) and K = E/(3 (1 - 2 nu)). Abaqus and CalculiX take U = (J - 1)^2/D1 with D1 = 2/K; FEBio's
-# uncoupled Mooney-Rivlin takes U = K/2 (ln J)^2, the same to second order in J - 1: the moduli agree, and only
-# a large change of volume, which a gel with nu above .45 hardly knows, tells the two apart.
+# Small-strain E and nu become a compressible neo-Hooke solid, W = C10 (I1bar - 3) + U(J), with C10 = E/(4 (1 +
+# nu)) and K = E/(3 (1 - 2 nu)). Abaqus and CalculiX have U = (J - 1)^2/D1 with D1 = 2/K; FEBio's uncoupled
+# Mooney-Rivlin has U = K/2 (ln J)^2, the same to second order in J - 1. They differ only at a large change of
+# volume, which a gel with nu above .45 does not have.
 #
 # Sources: Abaqus Theory Guide 4.6.1; CalculiX CrunchiX manual, *HYPERELASTIC; FEBio User Manual, Mooney-Rivlin.
 
 
 def abaqus_text(material: Material, *, name: str = "GEL") -> str:
-    """Keywords for an Abaqus input file: *HYPERELASTIC, NEO HOOKE with C10 (MPa) and D1 (1/MPa)."""
+    """Return the keywords for an Abaqus input file: *HYPERELASTIC, NEO HOOKE with C10 (MPa) and D1 (1/MPa)."""
     return f"** units: mm, N, MPa; {_origin(material)}\n" + _keywords(material, name, "*HYPERELASTIC, NEO HOOKE")
 
 
 def calculix_text(material: Material, *, name: str = "GEL") -> str:
-    """Keywords for CalculiX: Abaqus' form; its names hold 80 characters and its comments begin with **."""
+    """Return the keywords for CalculiX: Abaqus' form.
+
+    Its names hold 80 characters and its comments begin with **.
+    """
     return f"** units: mm, N, MPa; {_origin(material)}\n" + _keywords(material, name, "*HYPERELASTIC,NEO HOOKE")
 
 
 def febio_text(material: Material, *, name: str = "gel") -> str:
-    """A <Material> section of an FEBio file: uncoupled Mooney-Rivlin with c1 = C10, c2 = 0, k = K."""
+    """Return a <Material> section of an FEBio file: uncoupled Mooney-Rivlin with c1 = C10, c2 = 0, k = K."""
     c10, _ = neo_hooke(material.youngs_modulus_MPa, material.poisson_ratio)
     bulk = float(bulk_modulus(material.youngs_modulus_MPa, material.poisson_ratio))
     return (
@@ -190,7 +169,7 @@ def febio_text(material: Material, *, name: str = "gel") -> str:
 
 
 def material_record(material: Material) -> dict[str, Any]:
-    """The material as plain numbers for JSON: E, nu, their covariance, and all that follows from them."""
+    """Return the material as plain numbers for JSON: E, nu, their covariance, and all that follows from them."""
     E, nu = material.youngs_modulus_MPa, material.poisson_ratio
     c10, d1 = neo_hooke(E, nu)
     return {

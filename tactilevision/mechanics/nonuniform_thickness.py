@@ -1,15 +1,15 @@
-"""Gel that is not flat: the even thickness on which the punch would be as stiff.
+"""Equivalent uniform thickness of an uneven gel under a punch.
 
-To first order in the unevenness a punch's stiffness answers to the thickness below it by the energy density at the
-bonded base (the shape derivative of the elastic energy; all tangential strain vanishes there):
+To first order in the unevenness the stiffness depends on the thickness by the energy density at the bonded base
+(the shape derivative of the elastic energy; all tangential strain vanishes there):
 
     d(c w^2/2) = -Int W(r) dh(x, y) dA,   W = (sigma_zz^2/M + sigma_rz^2/mu)/2,   h_eq = Int W h dA / Int W dA,
 
-M the constrained and mu the shear modulus; the stresses at the base are those under a frictionless punch on an
-even layer (profile.py's pressure carried through the layer wave by wave). A wedge has no effect to first order
-when the punch stands in its middle; 94 % of what counts lies within a + h of the axis, most of it beside the face
-where nu is near .5. For unevenness of a tenth of h and slopes below .1 what is left is of second order, about a
-per cent of h. nu in [0, .5), a/h in [.05, 10].
+M the constrained and mu the shear modulus; the stresses at the base are those under a frictionless punch on a
+uniform layer (profile.py's pressure, wave by wave). A wedge has no effect to first order if the punch is at its
+middle; 94 % of the weight is within a + h of the axis, most of it outside the face where nu is near .5. For
+unevenness of a tenth of h and slopes below .1 the error is of second order, about a per cent of h. nu in [0, .5),
+a/h in [.05, 10].
 
 Source: Hadamard's formula for a clamped boundary; Sokolowski, Zolesio, Introduction to Shape Optimization (1992).
 """
@@ -25,12 +25,12 @@ from tactilevision.mechanics.punch_equation import gauss, solve_punch
 from tactilevision.records.measured import Bools, Floats, Pair
 
 WAVES = 256  # nodes of the integral over wave numbers
-LAST_WAVE = 40.0  # of u: the stresses at the base fall like u exp(-u)
+LAST_WAVE = 40  # of u: the stresses at the base fall like u exp(-u)
 GRID = 200  # places across the base
 
 
 def base_energy(r_mm: npt.ArrayLike, *, radius_mm: float, thickness_mm: float, poisson_ratio: float) -> Floats:
-    """W(r) (any shape) under a punch at unit depth on a gel of unit Young's modulus, 1/mm^2 times MPa."""
+    """Return W(r) (any shape) under a punch at unit depth on a gel of unit Young's modulus, 1/mm^2 times MPa."""
     from scipy.special import j0, j1
 
     r = np.asarray(r_mm, dtype=float) / float(positive("thickness_mm", thickness_mm))
@@ -49,7 +49,9 @@ def base_energy(r_mm: npt.ArrayLike, *, radius_mm: float, thickness_mm: float, p
 
 
 def base_stress(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats]:
-    """(sigma_zz, sigma_rz) at the base over the surface's pressure wave, at u = q h (n,), up to their signs."""
+    """Return (sigma_zz, sigma_rz) at the base over the surface's pressure wave, at u = q h (n,), up to their
+    signs.
+    """
     k, nu = 3 - 4 * poisson_ratio, poisson_ratio
     lame, one, zero, fall = 2 * nu / (1 - 2 * nu), np.ones_like(u), np.zeros_like(u), np.exp(-u)
     # u_z = (A + B z) exp(-z) + (C + D z) exp(z - u), u_x = i g; rows: u_z, g, their z-derivatives
@@ -81,9 +83,10 @@ def base_stress(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats]:
 def equivalent_thickness(
     thickness_mm: Floats, known: Bools, *, mm_per_px: Pair, centre_mm: Pair, radius_mm: float, poisson_ratio: float
 ) -> float:
-    """h_eq (mm) of a thickness map (H, W), `known` where it is valid, for a punch at `centre_mm` on the pad.
+    """Return h_eq (mm) of a thickness map (H, W), `known` where it is valid, for a punch at `centre_mm` on the
+    pad.
 
-    Raises InputError where the map misses more than a tenth of what counts, or holds a thickness not above 0.
+    Raises InputError if the map lacks more than a tenth of the weight, or has a thickness not above 0.
     """
     height, width = thickness_mm.shape
     x = (np.arange(width) - (width - 1) / 2) * mm_per_px[0] - centre_mm[0]
@@ -99,7 +102,7 @@ def equivalent_thickness(
     whole = float(np.trapezoid(2 * np.pi * grid * energy, grid))
     if seen < 0.9 * whole:
         raise InputError(
-            "the thickness map misses more than a tenth of what the punch feels",
+            "the thickness map lacks more than a tenth of the weight under the punch",
             where="equivalent_thickness",
             value=seen / whole,
         )

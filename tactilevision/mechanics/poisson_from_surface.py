@@ -28,27 +28,27 @@ from tactilevision.mechanics.surface_view import (
     reduce_view,
 )
 from tactilevision.mechanics.tables.punch import TABULATED
+from tactilevision.records.constants import Z95
 from tactilevision.records.measured import Estimate, Floats
 
-# One press in the fit of poisson_from_surface.py, its linear unknowns eliminated: only the joint ones are left.
-#
-# Unknowns of a press, in this order: apparent depth u (mm); relative error of the face's step; tilt of the face
-# along x and y; zero plane: offset (mm), slopes along x and y; its bowl: curvatures along x, across, along y
-# (1/mm), as a light that has drifted unevenly makes it; shift of the centre along x and y (mm).
+# One press, its linear unknowns eliminated, in this order: apparent depth u (mm); relative error of the face's
+# step; tilt of the face along x and y; zero plane: offset (mm), slopes along x and y; its bowl: curvatures along
+# x, across, along y (1/mm), as by an uneven drift of the light; shift of the centre along x and y (mm).
 
-FACE_TILT_STD = 0.02  # slope, one sigma of the face's tilt
-PLANE_STD = (1.0, 0.1, 0.1)  # as good as free: mm, and mm per mm
-FREE_DEPTH_STD = 10.0  # mm, one sigma of a depth that is not known: as good as free
-MIN_BLOCKS = 12  # blocks beside the punch
+FACE_TILT_STD = 0.02  # slope, prior std of the face's tilt
+PLANE_STD = (1.0, 0.1, 0.1)  # nearly free: mm, and mm per mm
+FREE_DEPTH_STD = 10  # mm, prior std of an unknown depth: nearly free
+MIN_BLOCKS = 12  # blocks outside the punch
 UNKNOWNS = 12  # columns of the linear part of the fit
-DEPTH_STEP = 0.001  # w/h that certified depths are rounded to, so that repeats share one cached profile
+DEPTH_STEP = 0.001  # w/h to which certified depths are rounded, so that repeats share one cached profile
 SHAPE_END = 1.5  # thicknesses over which the last error of the shape fades
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """The unknowns that all presses share. `friction_share`: see friction_share of profile.py; `shape` (k,): error
-    of the profile's rise over the depth at the places of the model's shape_error."""
+    """The shared unknowns. `friction_share`: see friction_share of profile.py; `shape` (k,): error of the
+    profile's rise over the depth at the places of the model's shape_error.
+    """
 
     poisson_ratio: float
     thickness_mm: float
@@ -70,35 +70,37 @@ class Press:
 
 
 def prepare(blocks: Blocks, *, blur_mm: float, step_std: float, bowl_std_per_mm: float) -> Press | None:
-    """None where the view shows too little of the gel beside the punch, or neither the face nor a known depth."""
-    beside = ~blocks.face
-    if beside.sum() < MIN_BLOCKS:
+    """Return the view, or None if it shows too little gel outside the punch, or neither the face nor a known
+    depth.
+    """
+    outside = ~blocks.face
+    if outside.sum() < MIN_BLOCKS:
         return None
-    step_std, bowl_std_per_mm = max(step_std, 1e-6), max(bowl_std_per_mm, 1e-7)
+    step_std, bowl_std_per_mm = max(step_std, PINNED), max(bowl_std_per_mm, PINNED / 10)
     if not blocks.face.any():
         depth = blocks.view.certified_depth_mm
         return Press(blocks, depth, blur_mm, step_std, bowl_std_per_mm) if depth > 0 else None
-    far = beside & (np.hypot(blocks.x_mm, blocks.y_mm) > np.quantile(blocks.r_mm, 0.6))
+    far = outside & (np.hypot(blocks.x_mm, blocks.y_mm) > np.quantile(blocks.r_mm, 0.6))
     floor = np.median(blocks.depth_mm[far]) if far.any() else 0.0
     depth = float(np.median(blocks.depth_mm[blocks.face]) - floor)
     return Press(blocks, depth, blur_mm, step_std, bowl_std_per_mm) if depth > 0 else None
 
 
 def true_depth(press: Press, gain: float) -> float:
-    """Depth of the punch: certified where that is known, else the map's own over its gain."""
+    """Return the depth of the punch: certified where that is known, else the map's own over its gain."""
     certified = press.blocks.view.certified_depth_mm
     return certified if np.isfinite(certified) else press.depth_mm / gain
 
 
 def profile(press: Press, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
-    """Depth over the face's depth, a ratio, on the press's radial grid (n,), blurred.
+    """Return the depth over the face's depth, a ratio, on the press's radial grid (n,), blurred.
 
-    `rise_factor` scales the gel beside it.
+    `rise_factor` scales the gel outside the face.
     """
     radius, r = press.blocks.view.radius_mm, press.blocks.r_mm
-    a_over_h = float(np.clip(radius / joint.thickness_mm, *model.a_over_h_range))  # a step of the fit may stray
+    a_over_h = float(np.clip(radius / joint.thickness_mm, *model.a_over_h_range))  # a step of the fit may leave it
     w_over_h = min(true_depth(press, joint.gain) / joint.thickness_mm, model.deepest)
-    if np.isfinite(press.blocks.view.certified_depth_mm):  # then repeats share a profile, to 1e-4 of the depth
+    if np.isfinite(press.blocks.view.certified_depth_mm):  # repeats share a profile, to 1e-4 of the depth
         w_over_h = DEPTH_STEP * round(w_over_h / DEPTH_STEP)
     case = PunchCase(joint.poisson_ratio, a_over_h, w_over_h, friction_of_share(joint.friction_share))
     depth = -_seen(case, model.source, float(r[1] / radius), len(r))
@@ -108,29 +110,29 @@ def profile(press: Press, joint: Joint, *, model: ProfileModel, rise_factor: flo
     step = r[1] - r[0]
     slope = np.gradient(depth, step)
     curvature = np.gradient(slope, step) + slope / np.maximum(r, step)
-    return np.asarray(
-        depth + press.blur_mm**2 / 2 * curvature
-    )  # to second order in the blur, outside the guard band
+    return np.asarray(depth + press.blur_mm**2 / 2 * curvature)  # to second order in the blur
 
 
 @lru_cache(maxsize=256)
 def _seen(case: PunchCase, source: ProfileSource, step_over_a: float, count: int) -> Floats:
-    """seen_profile on the radial grid of a view: most steps of a fit ask for the same case again."""
+    """Return seen_profile on the radial grid of a view; cached, since most steps of a fit need the same case."""
     return seen_profile(step_over_a * np.arange(count, dtype=float), case, source=source)
 
 
 def _shape(r_mm: Floats, press: Press, joint: Joint, model: ProfileModel) -> Floats:
-    """Error of the rise over the depth, linear between the model's places, fading as the profile does."""
+    """Return the error of the rise over the depth, linear between the model's places, fading as the profile
+    does.
+    """
     if not joint.shape:
         return np.zeros(len(r_mm))
-    beside = (r_mm - press.blocks.view.radius_mm) / joint.thickness_mm
+    beyond = (r_mm - press.blocks.view.radius_mm) / joint.thickness_mm
     places = [place for place, _ in model.shape_error]
-    return np.interp(beside, [*places, places[-1] + SHAPE_END], [*joint.shape, 0.0])
+    return np.interp(beyond, [*places, places[-1] + SHAPE_END], [*joint.shape, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
 class WhitePress:
-    """A press whose blocks have been made independent, of unit variance: W (.), W' W = covariance^-1.
+    """A press whose blocks were whitened to unit variance: W (.), W' W = covariance^-1.
 
     `whitener` (n, n) is W; `goal` (n,) the depths; `plain` (n, 9) the columns that do not depend on the
     profile; `mean`, `mean_x`, `mean_y` (n, m) as in Blocks; `std` (UNKNOWNS,) the prior of each unknown.
@@ -157,7 +159,7 @@ def whiten(press: Press, noise: NoiseModel) -> WhitePress:
     turning = [face * blocks.x_mm, face * blocks.y_mm]
     x, y = blocks.x_mm, blocks.y_mm
     plain = [face * press.depth_mm, *turning, np.ones(len(face)), x, y, x**2 / 2, x * y, y**2 / 2]
-    centre, bowl = max(blocks.view.centre_std_mm, 1e-6), press.bowl_std_per_mm
+    centre, bowl = max(blocks.view.centre_std_mm, PINNED), press.bowl_std_per_mm
     face_std = (press.step_std, FACE_TILT_STD, FACE_TILT_STD)
     std = np.array([FREE_DEPTH_STD, *face_std, *PLANE_STD, bowl, bowl, bowl, centre, centre])
     mean, mean_x, mean_y = (inverse @ part.toarray() for part in (blocks.mean, blocks.mean_x, blocks.mean_y))
@@ -167,16 +169,16 @@ def whiten(press: Press, noise: NoiseModel) -> WhitePress:
 
 
 def residual(white: WhitePress, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
-    """What is left after the press's own unknowns have been fitted, (n + UNKNOWNS + 1,), in standard deviations.
+    """Return the residual after the press's own unknowns were fitted, (n + UNKNOWNS + 1,), in standard deviations.
 
-    The last ones are what the priors of the unknowns and the certified depth add.
+    The last UNKNOWNS + 1 are those of the priors and the certified depth.
     """
     matrix, goal = _system(white, joint, model, rise_factor)
     return np.asarray(goal - matrix @ np.linalg.lstsq(matrix, goal, rcond=None)[0])
 
 
 def unknowns(white: WhitePress, joint: Joint, *, model: ProfileModel) -> Floats:
-    """The press's own unknowns (UNKNOWNS,), in the order given above."""
+    """Return the press's own unknowns (UNKNOWNS,), in the order given above."""
     return np.asarray(np.linalg.lstsq(*_system(white, joint, model, 1.0), rcond=None)[0])
 
 
@@ -192,41 +194,42 @@ def _system(white: WhitePress, joint: Joint, model: ProfileModel, rise_factor: f
     return matrix, np.concatenate([white.goal, np.zeros(len(white.std)), [certified]])
 
 
-# Poisson's ratio from the picture: the gel beside a flat punch rises the more, the less it can be compressed.
+# Poisson's ratio from the picture: the less compressible the gel, the more it rises around a flat punch.
 #
 # For every press i and block of the height map (surface_view.py)
 #
 #     depth = g_i + (t_i, s_i).(x, y) + u_i D(r; nu, a/h, w_i/h, mu) + noise,
-#     D = 1 (+ e_i) under the face, -rise/depth at the *seen* radius beside it,
+#     D = 1 (+ e_i) under the face, -rise/depth at the *seen* radius outside it,
 #
-# u_i the depth on the map's own scale (its gain does not matter: only the ratio of rise to depth speaks), g, t, s
-# its zero plane (and its bowl, where the light may drift), e_i the error of the step at the punch's wall, and
-# small shifts of the centre. All these are linear and eliminated for each press; nu, h, mu, the map's gain and
-# what is open of the profile's shape are left, with their priors, for a few steps of least squares. A view without
-# the face needs a certified depth; the gain then links the two. The noise of the block means is estimated from the
-# residuals (variance, correlation length, a white part), and the interval is widened to the scatter that really
-# shows: between presses, between depths (rise over depth is one function at all of them), between directions from
-# the punch (a light that is read wrong errs alike in all presses). It holds for a wide gel, a punch that stands
-# straight within a few hundredths, and depths within the range of the profile's source.
+# u_i the depth on the map's own scale (only the ratio of rise to depth matters, not the gain), g, t, s its zero
+# plane (and its bowl, where the light may drift), e_i the error of the step at the punch's wall, and small shifts
+# of the centre. These are linear and eliminated for each press; nu, h, mu, the map's gain and the errors of the
+# profile's shape are fitted, with their priors, by a few steps of least squares. A view without the face needs a
+# certified depth, which the gain links to it. The noise of the block means is estimated from the residuals
+# (variance, correlation length, a white part), and the interval is widened to the scatter between presses, between
+# depths (rise over depth is one function of them), and between directions from the punch (an error of the light is
+# common to all presses). It holds for a wide gel, a punch that is straight within a few hundredths, and depths
+# within the range of the profile's source.
 #
-# Source: the profile is profile.py's; elimination of linear parameters: Golub, Pereyra, SIAM J. Numer. Anal. 10
-# (1973) 413; widening: White, Econometrica 48 (1980) 817, in clusters.
+# Source: elimination of linear parameters: Golub, Pereyra, SIAM J. Numer. Anal. 10 (1973) 413; clustered
+# covariance: White, Econometrica 48 (1980) 817.
 
 START = 0.45  # Poisson's ratio at the start of the fit
-AT_END = 1e-4  # of nu: a solver stops this near to a bound
-AT_BOUND = 1e-3  # an estimate this near the table's lowest nu belongs to another model
-PINNED = 1e-6  # standard deviation of what is taken as known
-MIN_CLUSTERS = 4  # clusters of errors from which a robust covariance is taken
+AT_END = 1e-4  # of nu: distance from a bound at which a solver stops
+AT_BOUND = 1e-3  # distance from the table's lowest nu within which another model is taken
+PINNED = 1e-6  # standard deviation of a known quantity
+STEP = 1e-4  # of a joint unknown, for derivatives
+MIN_CLUSTERS = 4  # least number of clusters of a robust covariance
 SECTORS = 8  # of directions from the punch
-SAME_DEPTH = 0.1  # of the depth, within which presses are of one depth
-NO_ANSWER_WIDTH = 0.25  # an interval as wide as half the range of nu says nothing
+SAME_DEPTH = 0.1  # relative difference of depths within a cluster
+NO_ANSWER_WIDTH = 0.25  # width of an interval, half the range of nu, beyond which there is no estimate
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceFitSettings:
-    """How the maps are read. Lengths in mm.
+    """Settings of the fit. Lengths in mm.
 
-    `guard_mm` on either side of the punch's edge is left out; the profile is used to `reach` thicknesses beyond
+    `guard_mm` on either side of the punch's edge is excluded; the profile is used to `reach` thicknesses beyond
     it. `blur_mm` is the standard deviation of the map's blur, `step_std` that of the face's depth as a share of it
     (0: the step at the wall is as good as the rest of the map), `gain_std` that of the map's gain,
     `bowl_std_per_mm` that of the zero plane's curvature.
@@ -243,12 +246,12 @@ class SurfaceFitSettings:
 
 @dataclass(frozen=True, slots=True)
 class SurfaceFit:
-    """nu from the picture, with what was fitted beside it.
+    """nu from the picture, with the other fitted parameters.
 
-    `names` and `values`, `covariance` of the joint parameters: poisson_ratio, log_thickness (over the stated
-    one), friction_share (of friction's full effect), gain, then the model's errors of shape. `press_estimates`
-    (n,): nu as each press alone would move it; `effective_samples` counts independent readings; `residual_mm`
-    is the rms of the block means' misfit; `left_out` names the views that were not used.
+    `names` and `values`, `covariance` of the joint parameters: poisson_ratio, log_thickness (over the stated one),
+    friction_share (of friction's full effect), gain, then the model's errors of shape. `press_estimates` (n,): nu
+    by each press alone, to first order; `effective_samples` counts independent readings; `residual_mm` is the rms
+    of the block means' misfit; `left_out` names the unused views.
     """
 
     poisson_ratio: Estimate
@@ -293,10 +296,9 @@ def fit_poisson_ratio(
 ) -> SurfaceFit:
     """Fit nu to the surfaces of any number of presses, of any depths and punch radii, together.
 
-    Where no model is given, finite elements' table is taken for gels that it holds, else linear theory. Views that
-    the model does not reach (too deep, too thin or thick a gel) are left out and named.
-    Raises InputError where no view is left that shows both the face and the gel beside it, or a length is not
-    above 0.
+    The default model is the table of finite elements for gels in its range, else linear theory. Views outside the
+    model's range (of depth or a/h) are excluded and named. Raises InputError if no view shows both the face and
+    the gel outside it, or a length is not above 0.
     """
     settings = settings or SurfaceFitSettings()
     if not (thickness_mm > 0 and thickness_std_mm >= 0):
@@ -350,7 +352,9 @@ def _presses(
 
 
 def _centred(task: _Task, theta: Floats) -> list[SurfaceView]:
-    """The views with the centre that a first fit finds: near the edge the profile bends too much for one step."""
+    """Move the views to the centre that a first fit gives: near the edge the profile is too curved for one
+    step.
+    """
     moved = []
     for press in task.presses:
         view = press.blocks.view
@@ -365,7 +369,7 @@ def _task(
     presses = _presses(views, thickness[0], model, settings)
     if not presses:
         raise InputError(
-            "no height map within the profile's range shows both the face and the gel beside it",
+            "no height map within the profile's range shows both the face and the gel outside it",
             where="fit_poisson_ratio",
             value=len(views),
             remedy="Take a wider view, other depths, or the linear model.",
@@ -399,7 +403,7 @@ def _solve(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> Floats:
     def slopes(values: Floats) -> Floats:
         return np.concatenate([*_slopes(task, values, white), np.diag(1 / task.prior_std)])
 
-    start = np.clip(theta, task.bounds[0] + 1e-6, task.bounds[1] - 1e-6)
+    start = np.clip(theta, task.bounds[0] + PINNED, task.bounds[1] - PINNED)
     scale = np.minimum(task.prior_std, 0.1)
     found = least_squares(everything, start, jac=slopes, bounds=task.bounds, x_scale=scale, ftol=1e-5, xtol=1e-5)
     return np.asarray(found.x)
@@ -418,7 +422,7 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
     depths = _by_depth(white, scores)
     groups = (scores, _by_direction(white, slopes, now), depths)
     shown = max(_clustered(covariance, information, part) for part in groups)
-    if len(depths) < MIN_CLUSTERS:  # no scatter tells what the model has wrong at these depths
+    if len(depths) < MIN_CLUSTERS:  # no scatter shows the model's error at these depths
         systematic = float(np.hypot(systematic, task.model.single_depth_std / np.sqrt(len(depths))))
     own_nu = np.array([part[0, 0] for part in own])
     alone = theta[0] - scores[:, 0] / own_nu
@@ -438,21 +442,24 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
 
 
 def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Floats]:
-    """Derivative of each press's residual by the k joint unknowns, (n + UNKNOWNS + 1, k); inwards at a bound."""
+    """Return the derivative of each press's residual by the k joint unknowns, (n + UNKNOWNS + 1, k).
+
+    Inwards at a bound.
+    """
     base = _residuals(task, theta, white)
     columns = []
     for index in range(len(theta)):
         step = np.zeros(len(theta))
-        step[index] = 1e-4 if theta[index] + 1e-4 <= task.bounds[1][index] else -1e-4
+        step[index] = STEP if theta[index] + STEP <= task.bounds[1][index] else -STEP
         moved = _residuals(task, theta + step, white)
         columns.append([(b - a) / step[index] for a, b in zip(base, moved, strict=True)])
     return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
 
 
 def _by_direction(white: Sequence[WhitePress], slopes: Sequence[Floats], now: Sequence[Floats]) -> Floats:
-    """Scores (SECTORS, k) of the blocks that lie in one direction from the punch, over all presses.
+    """Return the scores (SECTORS, k) of the blocks that lie in one direction from the punch, over all presses.
 
-    A map that reads one light wrong errs alike in one direction in every press.
+    An error of one light is the same in one direction in every press.
     """
     total = np.zeros((SECTORS, slopes[0].shape[1]))
     for press, slope, part in zip(white, slopes, now, strict=True):
@@ -465,9 +472,9 @@ def _by_direction(white: Sequence[WhitePress], slopes: Sequence[Floats], now: Se
 
 
 def _trend(presses: Sequence[Press], estimates: Floats, weights: Floats) -> float:
-    """Half of what nu changes by over the depths, as far as that exceeds what noise and scatter make at 95 %.
+    """Return half of nu's change over the depths, as far as it exceeds what noise and scatter give at 95 %.
 
-    The gel has one nu: a change with depth is what profile or map have wrong, and no depth is known to be right.
+    The gel has one nu: a change with depth is an error of the profile or the map at unknown depths.
     """
     from scipy.stats import t
 
@@ -478,14 +485,14 @@ def _trend(presses: Sequence[Press], estimates: Floats, weights: Floats) -> floa
     away = depth - np.average(depth, weights=weights)
     power = float(weights @ away**2)
     slope = float(weights @ (away * estimates)) / power
-    left = estimates - np.average(estimates, weights=weights) - slope * away
-    scatter = float(weights @ left**2) / (len(depth) - 2)  # 1 where it is the noise's own
+    residuals = estimates - np.average(estimates, weights=weights) - slope * away
+    scatter = float(weights @ residuals**2) / (len(depth) - 2)  # 1 for noise alone
     chance = float(t.ppf(0.975, len(depth) - 2)) ** 2 * max(scatter, 1.0) / power
     return 0.5 * reach * float(np.sqrt(max(slope**2 - chance, 0.0)))
 
 
 def _by_depth(white: Sequence[WhitePress], scores: Floats) -> Floats:
-    """Scores (groups, k) of the presses of about one depth: what a model has wrong there, repeats do not mend."""
+    """Return scores (groups, k) of presses of about one depth: repeats do not reduce a model's error there."""
     depth = np.array([true_depth(press.press, 1.0) for press in white])
     order = np.argsort(depth)
     group = np.concatenate([[0], np.cumsum(np.diff(depth[order]) > SAME_DEPTH * depth[order][1:])])
@@ -495,7 +502,7 @@ def _by_depth(white: Sequence[WhitePress], scores: Floats) -> Floats:
 
 
 def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float:
-    """Half of the 95 % interval of nu that the scatter of groups shows; 0 for fewer than four of them."""
+    """Return half of the 95 % interval of nu that the scatter of groups shows; 0 for fewer than four of them."""
     from scipy.stats import t
 
     count = len(scores)
@@ -507,10 +514,10 @@ def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float
 
 
 def _estimate(value: float, std: float, shown: float, systematic: float, bounds: tuple[float, float]) -> Estimate:
-    half = float(np.hypot(max(1.96 * std, shown), 1.96 * systematic))
+    half = float(np.hypot(max(Z95 * std, shown), Z95 * systematic))
     low, high = max(value - half, 0.0), min(value + half, 0.5)
     if high - low > NO_ANSWER_WIDTH:
-        return Estimate(None, None, (low, high), "1", "the rise beside the punch is lost in the noise of the maps")
+        return Estimate(None, None, (low, high), "1", "the rise around the punch is below the noise of the maps")
     if not bounds[0] + AT_END < value < bounds[1] - AT_END:
         return Estimate(None, None, (low, high), "1", f"the fit lies at the bound of Poisson's ratio, {value:.4f}")
-    return Estimate(float(value), half / 1.96, (low, high), "1")
+    return Estimate(float(value), half / Z95, (low, high), "1")

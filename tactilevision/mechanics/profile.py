@@ -1,4 +1,4 @@
-"""The gel's surface beside a flat punch, and the pressure under it, in linear theory: exact up to quadrature.
+"""The gel's surface around a flat punch, and the pressure under it, in linear theory: exact up to quadrature.
 
 With phi and Phi(xi) = Int_0^1 phi cos(xi x) dx of punch_equation.py, lengths in punch radii, alpha = a/h, r > 1:
 
@@ -10,10 +10,10 @@ and for r < 1
 
     p/p_mean = [phi(1)/sqrt(1 - r^2) - Int_r^1 phi'(t)/sqrt(t^2 - r^2) dt] / (2 kappa).
 
-u_z is into the gel: the *rise* beside the punch is -u_z. Frictionless, sharp edge, small strain, a wide layer; the
+u_z is into the gel: the *rise* around the punch is -u_z. Frictionless, sharp edge, small strain, a wide layer; the
 rise at r = 2a is .097 w at nu = .48, a/h = .83, and .011 w more for each .01 of nu. Depth enters only as a factor;
 at w/h = .13 finite deformation and friction change the rise by some .005 w, which is .005 of nu: finite element
-tables replace this source where that matters (see ProfileSource).
+tables replace this source there (see ProfileSource).
 
 Source: Hayes et al., J. Biomech. 5 (1972) 541, eqs. 13-20; layer.py for L; Sneddon, Mixed Boundary Value Problems
 (1966), section 3.4, for the integrals.
@@ -38,21 +38,22 @@ from tactilevision.mechanics.punch_equation import (
     layer_defect,
     solve_punch,
 )
+from tactilevision.records.constants import NU_MAX
 from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-FULL_FRICTION = 0.3  # Coulomb's coefficient that is taken for full friction
-LIKELY_SHARE = 0.7  # of friction's full effect, where nothing is known: silicone grips most things
-SHARE_STD = 0.3  # of friction's full effect, one sigma, where nothing is known
-REACH = 20.0  # the spline goes as far as r = a + 20 h, where the rise is below 1e-6 w
+FULL_FRICTION = 0.3  # Coulomb's coefficient of full friction
+LIKELY_SHARE = 0.7  # prior mean of the share of friction's full effect: silicone sticks to most things
+SHARE_STD = 0.3  # prior standard deviation of that share
+REACH = 20  # thicknesses: the spline ends at r = a + 20 h, where the rise is below 1e-6 w
 SPLINE_NODES = 100  # of the profile's spline
 
 
 @dataclass(frozen=True, slots=True)
 class PunchCase:
-    """What the surface beside a flat punch depends on, besides the place: pure numbers.
+    """Dimensionless parameters of the surface around a flat punch.
 
     `w_over_h` is the depth over the thickness, `friction` Coulomb's coefficient; infinity: the gel sticks.
     """
@@ -64,11 +65,11 @@ class PunchCase:
 
 
 class ProfileSource(Protocol):
-    """Where the surface beside the punch comes from: `linear_profile`, finite element tables, or one's own.
+    """Source of the surface around the punch: `linear_profile`, finite element tables, or another.
 
     Takes material radii r/a >= 1 (any shape) and a case; returns (rise, u_r) of the same shape, both per unit of
-    depth: rise positive out of the gel, u_r away from the axis. Law and edge radius belong to the source.
-    It is hashable, since what it gave for a case is kept.
+    depth: rise positive out of the gel, u_r away from the axis. Law and edge radius belong to the source. It is
+    hashable, since its results are cached.
     """
 
     def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]: ...
@@ -77,13 +78,16 @@ class ProfileSource(Protocol):
 
 
 def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: float) -> tuple[Floats, Floats]:
-    """(rise, u_r) per unit of depth at r/a >= 1 (any shape), by quadrature; some ten microseconds a point."""
+    """Return (rise, u_r) per unit of depth at r/a >= 1 (any shape), by quadrature.
+
+    Some ten microseconds a point.
+    """
     from scipy.special import j0, j1
 
     r = np.asarray(r_over_a, dtype=float)
     if not (r >= 1).all():
         raise InputError(
-            "the profile beside the punch begins at r = a", where="exact_profile", value=float(r.min())
+            "the profile around the punch begins at r = a", where="exact_profile", value=float(r.min())
         )
     punch = solve_punch(poisson_ratio, a_over_h)
     u, weights = gauss(_kernel_nodes((float(r.max(initial=1.0)) + 1) * a_over_h), KERNEL_END)
@@ -96,14 +100,14 @@ def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: fl
 
 
 def linear_profile(r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
-    """exact_profile from a spline in r (error below 3e-6 of the depth for a/h above .2, 1e-4 below).
+    """Return exact_profile from a spline in r (error below 3e-6 of the depth for a/h above .2, 1e-4 below).
 
-    Rise and u_r over w, dimensionless, of the shape of `r_over_a`; beyond r = a + 20 h both are 0. A
-    ProfileSource; depth and friction of the case play no part in it.
+    Rise and u_r over w, dimensionless, of the shape of `r_over_a`; beyond r = a + 20 h both are 0. A ProfileSource
+    that does not depend on depth and friction.
     """
     s = np.sqrt((np.asarray(r_over_a, dtype=float) - 1) * case.a_over_h)
     if not (s >= 0).all():
-        raise InputError("the profile beside the punch begins at r = a", where="linear_profile")
+        raise InputError("the profile around the punch begins at r = a", where="linear_profile")
     values = _profile_spline(case.poisson_ratio, case.a_over_h)(np.minimum(s, np.sqrt(REACH)))
     values = np.where((s < np.sqrt(REACH))[..., None], values, 0.0)
     return values[..., 0], values[..., 1]
@@ -111,19 +115,19 @@ def linear_profile(r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats
 
 @dataclass(frozen=True, slots=True)
 class ProfileModel:
-    """Where the profile comes from, how well it is known, and where it ends.
+    """Source of the profile, its errors and its range.
 
-    `relative_error` is the standard deviation of its rise, as a share of the rise, that more presses cannot
-    average away; `shape_error` pairs ((r - a)/h, std of the rise over the depth there): what edge, law and solver
-    leave open of its shape; `single_depth_std` is of nu from presses of one depth, where no other depth tells what
-    the profile has wrong there; `frictional` says whether the source knows friction; `deepest` is in thicknesses.
+    `relative_error` is the standard deviation of the rise over the rise, common to all presses; `shape_error`
+    pairs ((r - a)/h, std of the rise over the depth there): error of its shape by edge, law and solver;
+    `single_depth_std` is that of nu from presses of one depth, where no other depth shows the profile's error;
+    `frictional`: whether the source depends on friction; `deepest` is in thicknesses.
     """
 
     source: ProfileSource
     name: str
     relative_error: float
     frictional: bool = False
-    poisson_range: tuple[float, float] = (0.0, 0.4999)
+    poisson_range: tuple[float, float] = (0.0, NU_MAX)
     a_over_h_range: tuple[float, float] = A_OVER_H_RANGE
     deepest: float = 0.3
     shape_error: tuple[tuple[float, float], ...] = ()
@@ -140,17 +144,18 @@ LINEAR = ProfileModel(
 
 
 def friction_share(friction: float) -> float:
-    """How much of friction's effect on the profile a coefficient mu >= 0 has: 0 at none, 1 from mu = .3 on.
+    """Return the share of friction's full effect on the profile at a coefficient mu >= 0: 0 at none, 1 from mu =
+    .3 on.
 
-    With x = mu/.3 below 1: x (1.4 - .4 x), which finite elements at mu = .15 (.5 to .7) support; above, the effect
-    of more friction is below a few parts in ten thousand of the depth.
+    With x = mu/.3 below 1: x (1.4 - .4 x), which agrees with finite elements at mu = .15 (.5 to .7); above, more
+    friction changes the profile by less than a few parts in ten thousand of the depth.
     """
     part = min(friction / FULL_FRICTION, 1.0)
     return part * (1.4 - 0.4 * part)
 
 
 def friction_of_share(share: float) -> float:
-    """The least coefficient of friction that has this share, in [0, 1], of the full effect."""
+    """Return the least coefficient of friction that has this share, in [0, 1], of the full effect."""
     return FULL_FRICTION * (1.4 - float(np.sqrt(1.96 - 1.6 * min(share, 1.0)))) / 0.8
 
 
@@ -163,7 +168,9 @@ def surface_rise(
     poisson_ratio: float,
     source: ProfileSource = linear_profile,
 ) -> Floats:
-    """Rise of the gel (mm, positive out of it; -depth under the face) at *material* radius r >= 0 (any shape)."""
+    """Return the rise of the gel (mm, positive out of it; -depth under the face) at *material* radius r >= 0 (any
+    shape).
+    """
     r = np.asarray(r_mm, dtype=float)
     case = punch_case(depth_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     rise, _ = source(np.maximum(r / radius_mm, 1.0), case)
@@ -179,16 +186,16 @@ def seen_rise(
     poisson_ratio: float,
     source: ProfileSource = linear_profile,
 ) -> Floats:
-    """Rise (mm) at the radius r_mm (any shape) where a camera sees it, as a height map shows it."""
+    """Return the rise (mm) at the radius r_mm (any shape) where a camera sees it, as a height map shows it."""
     case = punch_case(depth_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     return depth_mm * seen_profile(np.asarray(r_mm, dtype=float) / radius_mm, case, source=source)
 
 
 def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = linear_profile) -> Floats:
-    """Rise per unit of depth at the *deformed* radius, (r + u_r)/a (any shape); -1 under the face.
+    """Return the rise per unit of depth at the *deformed* radius, (r + u_r)/a (any shape); -1 under the face.
 
-    The map r -> r + u_r is inverted on a fine grid of material radii; its own slope stays near 1 at depths below a
-    fifth of the thickness.
+    The map r -> r + u_r is inverted on a fine grid of material radii; its slope is near 1 at depths below a fifth
+    of the thickness.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -203,7 +210,10 @@ def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = l
 
 
 def punch_case(depth_mm: float, *, radius_mm: float, thickness_mm: float, poisson_ratio: float) -> PunchCase:
-    """The case of a punch in mm; InputError where a length is not above 0 or the depth reaches the thickness."""
+    """Return the case of a punch in mm.
+
+    Raises InputError if a length is not above 0 or the depth reaches the thickness.
+    """
     radius, thickness = float(positive("radius_mm", radius_mm)), float(positive("thickness_mm", thickness_mm))
     if not 0 <= depth_mm < thickness:
         raise InputError("a depth lies in [0, thickness)", where="punch_case", value=depth_mm)
@@ -211,7 +221,8 @@ def punch_case(depth_mm: float, *, radius_mm: float, thickness_mm: float, poisso
 
 
 def punch_pressure(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: float) -> Floats:
-    """Pressure over its mean, p/p_mean, at r/a in [0, 1) (any shape); it grows like 1/sqrt(1 - r) to the edge.
+    """Return the pressure over its mean, p/p_mean, at r/a in [0, 1) (any shape); it grows like 1/sqrt(1 - r) to
+    the edge.
 
     The mean is P/(pi a^2) = 2 E* kappa w/(pi a).
     """
@@ -227,19 +238,19 @@ def punch_pressure(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: f
 
 
 def _kernel_nodes(reach_over_h: float) -> int:
-    """Enough Gauss nodes to follow cos(alpha u) J0(u r/h): half a node for each radian, and 64 for the kernel."""
+    """Return enough Gauss nodes to follow cos(alpha u) J0(u r/h): half a node a radian, and 64 for the kernel."""
     return int(0.5 * KERNEL_END * reach_over_h) + 64
 
 
 def _half_space(punch: PunchSolution, r: Floats) -> Floats:
-    """Int_0^1 phi(x)/sqrt(r^2 - x^2) dx, by x = r sin(theta), which takes the singular edge away."""
+    """Return Int_0^1 phi(x)/sqrt(r^2 - x^2) dx, by x = r sin(theta), which takes the singular edge away."""
     share, weights = gauss(48)
     end = np.arcsin(1 / r)
     return np.asarray(end * (punch.series(r[..., None] * np.sin(end[..., None] * share)) @ weights))
 
 
 def _coupling_defect(u: Floats, poisson_ratio: float) -> Floats:
-    """L_inf - L(u), written so that nothing cancels."""
+    """Return L_inf - L(u), written so that nothing cancels."""
     k, fall = 3 - 4 * poisson_ratio, np.exp(-2 * u)
     below = k * (1 + fall**2) + (4 * u**2 + 1 + k**2) * fall
     above = fall * ((1 - 2 * poisson_ratio) * (4 * u**2 + (1 + k) ** 2) + 4 * u**2)
@@ -248,7 +259,7 @@ def _coupling_defect(u: Floats, poisson_ratio: float) -> Floats:
 
 @lru_cache(maxsize=64)
 def _profile_spline(poisson_ratio: float, a_over_h: float) -> BSpline:
-    """Both profiles over s = sqrt((r - a)/h), in which the square root at the punch's edge is smooth."""
+    """Return both profiles over s = sqrt((r - a)/h), in which the square root at the punch's edge is smooth."""
     from scipy.interpolate import make_interp_spline
 
     s = np.linspace(0, np.sqrt(REACH), SPLINE_NODES)

@@ -1,7 +1,7 @@
-"""Force against depth of a flat punch, P(w), as finite elements have it: from the table, else solved on the spot.
+"""Force against depth of a flat punch, P(w), by finite elements: from the table, else solved now.
 
-Between solved depths P/w is a spline in sqrt(w), which the first touch of a rounded edge is smooth in. Nothing is
-extrapolated: beyond the deepest equilibrium force and depth are NaN, and `ended` says why there is none.
+Between solved depths P/w is a spline in sqrt(w), in which the first touch of a rounded edge is smooth. Beyond the
+deepest equilibrium force and depth are NaN, and `ended` gives the reason.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.tables.cases import DEPTHS, Case
 from tactilevision.mechanics.tables.punch import punch_force, punch_reach
 from tactilevision.mechanics.tables.solve import solve_case
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats, Material
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ GRID = 400  # depths of the integrated curve
 
 @dataclass(frozen=True, slots=True)
 class PunchCurve:
-    """`depth_mm`, `force_N` (T,) growing; `source` says where they come from, `ended` why they end, if early."""
+    """`depth_mm`, `force_N` (T,) growing, their `source`, and why they `ended`, if early."""
 
     depth_mm: Floats
     force_N: Floats
@@ -35,20 +36,18 @@ class PunchCurve:
     ended: str = ""
 
     def force_at(self, depth_mm: npt.ArrayLike) -> Floats:
-        """Force (N) at depths of any shape; NaN beyond the curve."""
+        """Return the force (N) at depths of any shape; NaN beyond the curve."""
         depth = np.asarray(depth_mm, dtype=float)
-        inside = (depth >= 0) & (depth <= self.depth_mm[-1] * (1 + 1e-9))
-        held = np.clip(
-            depth, self.depth_mm[0], self.depth_mm[-1]
-        )  # below the first depth P/w is taken as constant
-        return np.asarray(np.where(inside, depth * self._secant()(np.sqrt(held)), np.nan))
+        inside = (depth >= 0) & (depth <= self.depth_mm[-1] * (1 + ROUNDING))
+        bounded = np.clip(depth, self.depth_mm[0], self.depth_mm[-1])  # below the first depth P/w is constant
+        return np.asarray(np.where(inside, depth * self._secant()(np.sqrt(bounded)), np.nan))
 
     def depth_at(self, force_N: npt.ArrayLike) -> Floats:
-        """Depth (mm) at forces of any shape; NaN beyond the curve."""
+        """Return the depth (mm) at forces of any shape; NaN beyond the curve."""
         force = np.asarray(force_N, dtype=float)
         depths = np.linspace(0, 1, GRID) ** 2 * self.depth_mm[-1]
         forces = self.force_at(depths)
-        inside = (force >= 0) & (force <= forces[-1] * (1 + 1e-9))
+        inside = (force >= 0) & (force <= forces[-1] * (1 + ROUNDING))
         return np.asarray(np.where(inside, np.interp(force, forces, depths), np.nan))
 
     def _secant(self) -> BSpline:
@@ -59,9 +58,10 @@ class PunchCurve:
 
 
 def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve:
-    """P(w) on first loading to `deepest_mm`, or as deep as the table or the elements get, whichever goes deeper.
+    """Return P(w) on first loading to `deepest_mm`, or as deep as the table or the elements get, whichever goes
+    deeper.
 
-    Raises InputError for depths outside (0, thickness), ConvergenceError where not even the first touch is solved.
+    Raises InputError for depths outside (0, thickness), ConvergenceError if not even the first touch is solved.
     """
     if not 0 < deepest_mm < contact.thickness_mm:
         raise InputError(
@@ -78,13 +78,16 @@ def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> 
 
 
 def tabulated_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve | None:
-    """P(w) to `deepest_mm` or as deep as the table goes; None where it holds no such contact or material."""
+    """Return P(w) to `deepest_mm` or as deep as the table goes.
+
+    None where it holds no such contact or material.
+    """
     try:
         reach = punch_reach(contact, material)
         depths = np.linspace(0.05, 1, 24) ** 2 * min(deepest_mm, reach)
         if reach <= 0:
             return None
-        ended = "" if reach >= deepest_mm * (1 - 1e-9) else "the table ends here"
+        ended = "" if reach >= deepest_mm * (1 - ROUNDING) else "the table ends here"
         return PunchCurve(depths, punch_force(depths, contact, material=material), "table", ended)
     except InputError:
         return None
@@ -94,7 +97,7 @@ def _solved(contact: FlatContact, material: Material, deepest_mm: float) -> Punc
     h = contact.thickness_mm
     if not contact.edge_radius_mm > 0:
         raise InputError(
-            "a sharp edge has no solution of its own beyond small depths",
+            "a sharp edge has no solution beyond small depths",
             where="punch_curve",
             remedy="State an edge radius, say a sixtieth of the gel's thickness.",
         )
@@ -107,7 +110,7 @@ def _solved(contact: FlatContact, material: Material, deepest_mm: float) -> Punc
         a_over_h=contact.a_over_h,
     )
     deepest = deepest_mm / h
-    found = solve_case(case, (*(d for d in DEPTHS if d < deepest * (1 - 1e-9)), deepest))
+    found = solve_case(case, (*(d for d in DEPTHS if d < deepest * (1 - ROUNDING)), deepest))
     if not found.depth.size:
         raise ConvergenceError(f"punch_curve: no equilibrium was found at first touch ({found.ended})")
     force = found.force * found.depth * material.youngs_modulus_MPa * h**2

@@ -24,9 +24,9 @@ from tactilevision.records.measured import Floats
 
 NODES = 64  # of Gauss and Legendre on the punch's radius
 KERNEL_NODES = 320  # of the kernel's integral
-KERNEL_END = 24.0  # (4 u^2) exp(-2u) has fallen to 3e-18 there
+KERNEL_END = 24  # (4 u^2) exp(-2u) has fallen to 3e-18 there
 POISSON_RANGE = (0.0, 0.5)  # Poisson's ratio, range of validity
-A_OVER_H_RANGE = (0.05, 10.0)  # a/h, range of validity
+A_OVER_H_RANGE = (0.05, 10)  # a/h, range of validity
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +50,16 @@ class PunchSolution:
         return legendre_series(self.phi)
 
     def transform(self, xi: Floats) -> Floats:
-        """Int_0^1 phi(x) cos(xi x) dx, xi in 1/a, of any shape."""
+        """Return Int_0^1 phi(x) cos(xi x) dx, xi in 1/a, of any shape."""
         return np.asarray(np.cos(np.multiply.outer(xi, self.x)) @ (self.weights * self.phi))
 
 
 @lru_cache(maxsize=8)
 def gauss(nodes: int, end: float = 1.0) -> tuple[Floats, Floats]:
-    """Gauss-Legendre nodes and weights (n,), dimensionless, on [0, end]; read-only, since they are shared."""
+    """Return Gauss-Legendre nodes and weights (n,), dimensionless, on [0, end].
+
+    Read-only, since they are shared.
+    """
     x, weights = np.polynomial.legendre.leggauss(nodes)
     x, weights = end * (x + 1) / 2, end * weights / 2
     x.setflags(write=False)
@@ -65,7 +68,7 @@ def gauss(nodes: int, end: float = 1.0) -> tuple[Floats, Floats]:
 
 
 def layer_defect(u: Floats, poisson_ratio: float) -> Floats:
-    """1 - K(u), dimensionless, for u of any shape, written so that nothing cancels.
+    """Return 1 - K(u), dimensionless, for u of any shape, written so that nothing cancels.
 
     1 at u = 0 for nu = .5, and ~ 4u^2 exp(-2u)/k for large u.
     """
@@ -76,7 +79,7 @@ def layer_defect(u: Floats, poisson_ratio: float) -> Floats:
 
 
 def layer_defect_slope(u: Floats, poisson_ratio: float) -> Floats:
-    """d(1 - K)/d nu, dimensionless, at fixed u of any shape."""
+    """Return d(1 - K)/d nu, dimensionless, at fixed u of any shape."""
     k = 3 - 4 * poisson_ratio
     fall = np.exp(-2 * u)
     bottom = k * (1 + fall**2) + (4 * u**2 + 1 + k**2) * fall
@@ -97,7 +100,7 @@ def solve_punch(poisson_ratio: float, a_over_h: float, *, nodes: int = NODES) ->
 
 
 def equation_matrix(poisson_ratio: float, a_over_h: float, *, nodes: int = NODES) -> Floats:
-    """1 - (2/pi) M W at the Gauss nodes, (nodes, nodes): applied to phi it gives the right-hand side."""
+    """Return 1 - (2/pi) M W at the Gauss nodes, (nodes, nodes): applied to phi it gives the right-hand side."""
     x, weights = gauss(nodes)
     u, u_weights = gauss(KERNEL_NODES, KERNEL_END)
     waves = np.cos(np.multiply.outer(a_over_h * u, x))
@@ -106,7 +109,7 @@ def equation_matrix(poisson_ratio: float, a_over_h: float, *, nodes: int = NODES
 
 
 def legendre_series(values: Floats) -> Legendre:
-    """The polynomial through values (n,) at the n Gauss nodes of [0, 1]."""
+    """Return the polynomial through values (n,) at the n Gauss nodes of [0, 1]."""
     x, weights = gauss(len(values))
     degree = np.arange(len(values))
     modes = np.polynomial.legendre.legvander(2 * x - 1, len(values) - 1)

@@ -13,10 +13,10 @@ from tactilevision.mechanics.material import positive, reduced_modulus
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE, equation_matrix, gauss, legendre_series
 from tactilevision.records.measured import Floats
 
-# A ball, a cone, or any smooth round body on a bonded layer: frictionless, exact up to quadrature.
+# Frictionless contact of a smooth round body, exact up to quadrature.
 #
 # The body's face f(r) (f(0) = 0) pressed to the depth w touches the gel within r < a, u_z = w - f. The equation of
-# punch_equation.py keeps its kernel and takes another right-hand side,
+# punch_equation.py has the same kernel and another right-hand side,
 #
 #     phi(x) - (2/pi) Int_0^1 M(x, y) phi(y) dy = w - s(a x),     s(x) = x Int_0^x f'(r)/sqrt(x^2 - r^2) dr,
 #
@@ -35,14 +35,14 @@ CURVE_POINTS = 80  # radii of contact along a curve
 
 
 class RoundBody(Protocol):
-    """A smooth convex body of revolution: Ball, Cone, or one's own."""
+    """A smooth convex body of revolution: Ball, Cone, or another."""
 
     def sag(self, x_mm: Floats, /) -> Floats:
-        """s(x) of the module's equation, mm, any shape; 0 at x = 0 and growing."""
+        """Return s(x) of the module's equation, mm, any shape; 0 at x = 0 and growing."""
         ...
 
     def largest_contact_mm(self) -> float:
-        """The contact radius beyond which the body's description ends; infinity where it never does."""
+        """Return the largest contact radius of the body's description, possibly infinity."""
         ...
 
 
@@ -100,7 +100,7 @@ class ContactCurve:
 def contact_at(
     body: RoundBody, contact_radius_mm: float, *, thickness_mm: float, poisson_ratio: float
 ) -> tuple[float, float]:
-    """(depth in mm, force over E in mm^2) at which the contact has this radius; half a millisecond."""
+    """Return (depth in mm, force over E in mm^2) at which the contact has this radius; half a millisecond."""
     x, weights = gauss(NODES)
     alpha = contact_radius_mm / thickness_mm
     right = np.stack([np.ones(NODES), body.sag(contact_radius_mm * x)], axis=1)
@@ -113,7 +113,8 @@ def contact_at(
 def contact_curve(
     body: RoundBody, depth_mm: npt.ArrayLike, *, thickness_mm: float, poisson_ratio: float
 ) -> ContactCurve:
-    """Force and contact radius at depths > 0 (any shape), from 80 solutions and a smooth curve through them.
+    """Return the force and contact radius at depths > 0 (any shape), from 80 solutions and a smooth curve through
+    them.
 
     Interpolated in logarithms, in which the half-space's power laws are straight: relative error below 1e-6.
     """
@@ -140,7 +141,7 @@ def contact_force(
     poisson_ratio: float,
     thickness_mm: float,
 ) -> Floats:
-    """Force (N) at depths > 0 (mm, any shape)."""
+    """Return the force (N) at depths > 0 (mm, any shape)."""
     curve = contact_curve(body, depth_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     return np.asarray(float(positive("youngs_modulus_MPa", youngs_modulus_MPa)) * curve.force_over_E_mm2)
 
@@ -148,7 +149,7 @@ def contact_force(
 def half_space_force(
     body: Ball | Cone, depth_mm: npt.ArrayLike, *, youngs_modulus_MPa: float, poisson_ratio: float
 ) -> Floats:
-    """Hertz' ball (a parabola) and Sneddon's cone: what thin-layer corrections multiply.
+    """Return the force of Hertz' ball (a parabola) or Sneddon's cone, which thin-layer corrections multiply.
 
     In N, of the shape of `depth_mm`.
     """
@@ -160,7 +161,7 @@ def half_space_force(
 
 
 def _bracket(body: RoundBody, depths: tuple[float, float], case: dict[str, float]) -> tuple[float, float]:
-    """Contact radii whose depths enclose those asked for."""
+    """Return the contact radii whose depths enclose those asked for."""
     largest = min(A_OVER_H_RANGE[1] * case["thickness_mm"], body.largest_contact_mm())
     low = high = min(0.1 * case["thickness_mm"], largest)
     while contact_at(body, low, **case)[0] > depths[0]:
@@ -168,18 +169,20 @@ def _bracket(body: RoundBody, depths: tuple[float, float], case: dict[str, float
     while contact_at(body, high, **case)[0] < depths[1]:
         if high >= largest:
             raise InputError(
-                "so deep, the contact outgrows ten thicknesses or the body", where="contact_curve", value=depths[1]
+                "at this depth the contact exceeds ten thicknesses or the body",
+                where="contact_curve",
+                value=depths[1],
             )
         high = min(1.5 * high, largest)
     return 0.9 * low, min(1.05 * high, largest)
 
 
-# Printed thin-layer corrections for a ball and a cone on a bonded layer, which multiply the half-space.
+# Published thin-layer corrections for a ball and a cone on a bonded layer, factors on the half-space's force.
 #
 #     ball:  P = 4/3 E* sqrt(R) w^1.5 (1 + b1 chi + b2 chi^2 + b3 chi^3 + b4 chi^4),     chi = sqrt(R w)/h
 #     cone:  P = (2/pi) E* tan(t) w^2 (1 + c1 chi + ...),                                chi = w tan(t)/h
 #
-# They are quick and well known; round_contact.py is what they approximate. Measured against it at nu = .5:
+# Their errors against the exact solution at nu = .5:
 #
 #     chi                 .1       .3       .5       .7      1.0
 #     Dimitriadis ball   -.2     -2.7     -7.7    -12.6    -16.3 %
@@ -199,17 +202,26 @@ GARCIA_CONE = (0.721, 0.650, 0.491, 0.225)  # coefficients of the series' powers
 
 
 def dimitriadis_ball(chi: npt.ArrayLike) -> Floats:
-    """Dimitriadis et al. (2002), eq. 12: a ball on a bonded incompressible layer; chi (any shape) in [0, 1]."""
+    """Return the factor of Dimitriadis et al. (2002), eq. 12, for a ball on a bonded incompressible layer.
+
+    Chi (any shape) in [0, 1].
+    """
     return _polynomial(chi, DIMITRIADIS_BALL)
 
 
 def garcia_ball(chi: npt.ArrayLike) -> Floats:
-    """Garcia and Garcia (2018) for a ball on a bonded incompressible layer; chi (any shape) in [0, 1]."""
+    """Return the factor of Garcia and Garcia (2018) for a ball on a bonded incompressible layer.
+
+    Chi (any shape) in [0, 1].
+    """
     return _polynomial(chi, GARCIA_BALL)
 
 
 def garcia_cone(chi: npt.ArrayLike) -> Floats:
-    """Garcia and Garcia (2018) for a cone on a bonded incompressible layer; chi (any shape) in [0, 1]."""
+    """Return the factor of Garcia and Garcia (2018) for a cone on a bonded incompressible layer.
+
+    Chi (any shape) in [0, 1].
+    """
     return _polynomial(chi, GARCIA_CONE)
 
 

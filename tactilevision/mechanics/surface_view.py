@@ -16,25 +16,22 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-# One measured surface round a flat punch, reduced to block means that keep all that a smooth profile can show.
-#
 # A height map has far more pixels than independent readings: its noise is correlated over a millimetre. Its pixels
-# are averaged in square blocks, the face and the gel beside it apart; a guard band at the punch's edge, where blur
-# and steep slopes spoil the map, is left out. What a radial profile D(r) predicts for the block means is a matrix
-# times D on a radial grid, exact for every pixel's own radius, so that a fit never has to visit pixels again.
+# are averaged in square blocks, the face and the gel outside it separately; a guard band at the punch's edge, with
+# blur and steep slopes, is excluded. The block means of a radial profile D(r) are a matrix times D on a radial
+# grid, exact for every pixel's radius.
 
 GRID_STEPS = 60  # radial grid points to one punch radius
-FULL_SHARE = 0.25  # a block counts where at least this share of its pixels is valid
+FULL_SHARE = 0.25  # least share of valid pixels in a block
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceView:
     """A height map of the gel under one press.
 
-    `depth_mm` (H, W), positive into the gel; `valid` (H, W) is False where the depth is not known or not the gel's
-    alone: outside the gel, in shadow, under the bevel. `centre_mm` (x, y) of the punch on the pad, whose (0, 0) is
-    the centre of the frame. `certified_depth_mm` is a depth known by other means (the bevel), NaN where there is
-    none.
+    `depth_mm` (H, W), positive into the gel; `valid` (H, W) is False where the depth is unknown or not the gel's:
+    outside the gel, in shadow, under the bevel. `centre_mm` (x, y) of the punch on the pad, whose (0, 0) is the
+    centre of the frame. `certified_depth_mm` is a depth known by other means (the bevel), else NaN.
     """
 
     depth_mm: npt.NDArray[np.floating[Any]]
@@ -71,9 +68,10 @@ class Blocks:
 
 
 def reduce_view(view: SurfaceView, *, block_mm: float, guard_mm: float, reach_mm: float) -> Blocks:
-    """Average a view in blocks of `block_mm`: the face within a - guard, the gel from a + guard to `reach_mm`.
+    """Average a view in blocks of `block_mm`: the face within a - guard, the gel from a + guard to
+    `reach_mm`.
 
-    Raises InputError where the map and the mask differ in shape, or a scale or the radius is not above 0.
+    Raises InputError if the map and the mask differ in shape, or a scale or the radius is not above 0.
     """
     _check(view)
     rows, columns = np.nonzero(view.valid & np.isfinite(view.depth_mm))
@@ -128,7 +126,7 @@ def _blocks(
 def _labels(
     x: Floats, y: Floats, face: Bools, block_mm: float
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Number of each pixel's block, and how many pixels each block has; blocks are centred on the axis."""
+    """Return each pixel's block number, and how many pixels each block has; blocks are centred on the axis."""
     column, row = (np.rint(part / block_mm).astype(int) for part in (x, y))
     width = 2 * int(np.abs(column).max(initial=0)) + 1
     _, label, count = np.unique(2 * (row * width + column) + face, return_inverse=True, return_counts=True)
@@ -136,7 +134,7 @@ def _labels(
 
 
 def _radial(label: npt.NDArray[np.intp], at: Floats, weight: Floats, shape: tuple[int, int]) -> csr_array:
-    """Linear interpolation on the radial grid at position `at` (in steps), summed with weights into blocks."""
+    """Interpolate linearly on the radial grid at position `at` (in steps), summed with weights into blocks."""
     from scipy.sparse import csr_array
 
     low = np.minimum(at.astype(int), shape[1] - 2)
@@ -149,7 +147,7 @@ def _check(view: SurfaceView) -> None:
     where = view.name or "SurfaceView"
     if view.depth_mm.ndim != 2 or view.depth_mm.shape != view.valid.shape:
         raise InputError(
-            "depth_mm and valid are (H, W) alike", where=where, value=(view.depth_mm.shape, view.valid.shape)
+            "depth_mm and valid have one shape (H, W)", where=where, value=(view.depth_mm.shape, view.valid.shape)
         )
     if not min(*view.mm_per_px, view.radius_mm) > 0:
         raise InputError(
@@ -157,38 +155,38 @@ def _check(view: SurfaceView) -> None:
         )
 
 
-# Noise of block means that is correlated from block to block, estimated from what a fit leaves over.
+# Noise of block means, correlated between blocks, estimated from the residuals of a fit.
 #
 #     cov(i, j) = s^2 (1 + sqrt(3) d/L) exp(-sqrt(3) d/L) + white^2/share_i [i = j],     d the blocks' distance.
 #
-# Matern's form of order 3/2: smooth enough for integrated slopes, and never singular. The moments of the residuals
-# give s, L and white: their mean product at each distance, a method of moments with the degrees of freedom
-# corrected.
+# Matern's form of order 3/2: smooth enough for integrated slopes, and never singular. s, L and white follow from
+# the residuals' mean product at each distance, corrected for the degrees of freedom.
 #
 # Source: Matern, Spatial Variation (1960); Cressie, Statistics for Spatial Data (1993), section 2.4.
 
-START_STD_MM = 0.005  # before anything is known; only the weight of weak priors depends on it
-LONGEST = 8.0  # lags up to this many blocks are looked at
-# of the variance: at least this share is taken for white, which keeps the matrix well conditioned
-FLOOR_SHARE = 0.02
+START_STD_MM = 0.005  # of the first fit; only the weight of weak priors depends on it
+LONGEST = 8  # largest lag, in blocks
+FLOOR_SHARE = 0.02  # least white share of the variance, which keeps the matrix well conditioned
 LINEAR_UNKNOWNS = 12  # columns of the linear part of the fit
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseModel:
-    """`std_mm` and `length_mm` of the correlated part, `white_mm` of what each full block has for itself."""
+    """`std_mm` and `length_mm` of the correlated part, `white_mm` of the white part of a full block."""
 
     std_mm: float
     length_mm: float
     white_mm: float
 
     def covariance(self, blocks: Blocks) -> Floats:
-        """(n, n), mm^2."""
+        """Return the covariance (n, n), mm^2."""
         smooth = self.std_mm**2 * matern(_distances(blocks) / self.length_mm)
         return np.asarray(smooth + np.diag(self.white_mm**2 / blocks.share))
 
     def effective_samples(self, blocks: Blocks) -> float:
-        """How many independent readings of the same variance fix a mean as well: 1' R^-1 1, R the correlation."""
+        """Return the number of independent readings of the same variance with an equally certain mean: 1' R^-1 1,
+        R the correlation.
+        """
         matrix = self.covariance(blocks)
         scale = np.sqrt(np.diag(matrix))
         ones = np.ones(len(scale))
@@ -199,13 +197,16 @@ WHITE = NoiseModel(0.0, 1.0, START_STD_MM)
 
 
 def matern(distance: Floats) -> Floats:
-    """Correlation, -1 to 1, at a distance of any shape in parts of the length: dimensionless."""
+    """Return the correlation, -1 to 1, at a distance of any shape in parts of the length: dimensionless."""
     reach = np.sqrt(3) * distance
     return np.asarray((1 + reach) * np.exp(-reach))
 
 
 def estimate_noise(blocks: Sequence[Blocks], misfits: Sequence[Floats], *, block_mm: float) -> NoiseModel:
-    """The noise of all presses together, from their misfits (n,) each, in mm; blocks are `block_mm` apart."""
+    """Estimate the noise of all presses together from their misfits (n,) each, in mm.
+
+    Blocks are `block_mm` apart.
+    """
     edges = (np.arange(LONGEST + 1) + 0.5) * block_mm
     total, pairs, variance, count = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1), 0.0, 0.0
     distance_sum = np.zeros(len(edges) - 1)
@@ -226,7 +227,7 @@ def estimate_noise(blocks: Sequence[Blocks], misfits: Sequence[Floats], *, block
 
 
 def _match(variance: float, products: Floats, lags: Floats, pairs: Floats) -> NoiseModel:
-    """Least squares of s^2 rho(lag/L) to the mean products, over a range of L; what is left at lag 0 is white."""
+    """Fit s^2 rho(lag/L) to the mean products by least squares, over a range of L; the rest at lag 0 is white."""
     best = (np.inf, 0.0, 1.0)
     for length in np.geomspace(lags.min(initial=1.0) / 2, lags.max(initial=1.0), 40):
         shape = matern(lags / length)

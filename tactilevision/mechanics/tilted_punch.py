@@ -1,14 +1,13 @@
-"""A rigid flat punch that stands askew by theta: as deep as which upright one does it press?
+"""Depth of the upright punch with the same force as a rigid flat punch tilted by theta.
 
     w_up/(a theta) = f(x, a/h),    x = w/(a theta),    w the depth of the face's centre
 
-The gel may press on the face but not pull (Signorini): over squares of the face, pressure p >= 0 and
-A p >= w - theta x with equality where p > 0, A the half-space under squares (Love) plus what the bonded layer
-adds. f is 0 for x <= -1 and x from 2 on, where the whole face lies on. The thinner the gel, the later it stiffens.
-`solve` does it for one a/h; `upright` reads the table tilted_punch.csv that `make_table` wrote with it: a/h 0 (the
-half-space) to 2, nu = .48, 65 squares across (33 differ by at most .002, 129 by .0013). Force only; the table
-hardly knows nu.
-Sources: Love, Phil. Trans. R. Soc. A 228 (1929) 377; Polonsky, Keer, Wear 231 (1999) 206 (the iteration).
+The gel may press on the face but not pull (Signorini): over squares of the face, pressure p >= 0 and A p >= w -
+theta x with equality where p > 0, A the compliance of the half-space under squares (Love) plus that of the bonded
+layer. f is 0 for x <= -1, and x from 2 on, where the whole face is in contact. `solve` solves it for one a/h;
+`upright` interpolates the table tilted_punch.csv of `make_table`: a/h 0 (the half-space) to 2, nu = .48, 65
+squares across (33 differ by at most .002, 129 by .0013). Force only; the dependence on nu is negligible. Sources:
+Love, Phil. Trans. R. Soc. A 228 (1929) 377; Polonsky, Keer, Wear 231 (1999) 206 (the iteration).
 """
 
 from __future__ import annotations
@@ -33,19 +32,19 @@ RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)  # a/h, nodes of the table
 PLACES = np.linspace(-1, 2, 31)  # place along the tilt, nodes of the table
 SQUARES = 65  # squares across the face
 NU = 0.48  # Poisson's ratio of the table
-MAX_ITERATIONS = 4000  # iterations at most
+MAX_ITERATIONS = 4000
 CONVERGENCE_TOL = 1e-9  # relative change at which the iteration ends
 
 
 def upright(x: Floats, a_over_h: float) -> Floats:
-    """w_up/(a theta), dimensionless, at x of any shape; a/h beyond the table takes the nearest that it has."""
+    """Return w_up/(a theta), dimensionless, at x of any shape; a/h beyond the table takes the nearest."""
     ratio = np.full(x.shape, float(np.clip(a_over_h, RATIOS[0], RATIOS[-1])))
     inside = np.maximum(_spline().ev(np.clip(x, -1, 2), ratio), 0.0)
     return np.asarray(np.where(x >= 2, x, np.where(x <= -1, 0.0, inside)))
 
 
 def solve(x: Floats, a_over_h: float, *, squares: int = SQUARES) -> Floats:
-    """The same ratio by solving the contact for each x (n,); half a second for thirty on one core."""
+    """Solve the contact for the same ratio at each x (n,); half a second for thirty on one core."""
     side = 2 / squares
     wave = np.fft.rfft2(_influence(squares, side, a_over_h))
     line = (np.arange(squares) + 0.5) * side - 1
@@ -61,7 +60,7 @@ def make_table(path: Path = TABLE) -> None:
         f"{ratio:g},{x:.3f},{f:.5f}" for ratio in RATIOS for x, f in zip(PLACES, solve(PLACES, ratio), strict=True)
     ]
     head = (
-        "# A flat punch askew by theta: upright depth over a theta; made by mechanics.tilted_punch.make_table,\n"
+        "# A flat punch tilted by theta: upright depth over a theta; made by mechanics.tilted_punch.make_table,\n"
         f"# {SQUARES} squares across the face, nu = {NU}, 2026-11-21. a_over_h 0 is the half-space.\n"
     )
     write_text(path, head + "a_over_h,x,upright\n" + "\n".join(rows) + "\n")
@@ -78,7 +77,10 @@ def _spline() -> RectBivariateSpline:
 
 
 def _influence(squares: int, side: float, a_over_h: float) -> Floats:
-    """Depth at each square, wrapped for convolution (2n, 2n), from unit pressure on one; E* = 1, lengths in a."""
+    """Return the depth at each square, wrapped for convolution (2n, 2n), from unit pressure on one.
+
+    E* = 1, lengths in a.
+    """
     from scipy.special import j0
 
     steps = np.minimum(np.arange(2 * squares), 2 * squares - np.arange(2 * squares)) * side
@@ -99,13 +101,15 @@ def _influence(squares: int, side: float, a_over_h: float) -> Floats:
 
 
 def _corner(x: Floats, y: Floats) -> Floats:
-    """Love's antiderivative x ln(y + r) + y ln(x + r)."""
+    """Return Love's antiderivative x ln(y + r) + y ln(x + r)."""
     r = np.hypot(x, y)  # the arguments lie off the squares' centres, so neither logarithm meets 0
     return np.asarray(x * np.log(y + r) + y * np.log(x + r))
 
 
 def _pressed(wave: npt.NDArray[np.complex128], face: Bools, gap: Floats) -> float:
-    """Total pressure where the face (n, n) overlaps by `gap` (n, n): conjugate gradients with p >= 0."""
+    """Return the total pressure where the face (n, n) overlaps by `gap` (n, n), by conjugate gradients with p >=
+    0.
+    """
     size = len(gap)
 
     def depth(p: Floats) -> Floats:

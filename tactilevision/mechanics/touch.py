@@ -1,14 +1,14 @@
-"""How deep the punch is when the bevel beside it first touches the gel.
+"""Depth of the punch when its bevel first touches the gel.
 
-A bevel whose nearest edge lies a height H behind the punch's face, at the distance d from its axis, meets the gel
+A bevel whose nearest edge is a height H behind the punch's face, at the distance d from its axis, meets the gel
 when
 
     w + rise(d, w) = H,     rise = rho(d, w) w at the seen radius,     so  w = H/(1 + rho).
 
-The gel there has risen (d beyond 1.3 a or so), and the touch is early: w < H, by 9 % at d = 2a, nu = .48, a/h =
-.83; close to the punch the gel sinks in and the touch is late. The nearest edge touches first as long as the bevel
+For d beyond about 1.3 a the gel has risen, and the touch is early: w < H, by 9 % at d = 2a, nu = .48, a/h = .83;
+close to the punch the gel sinks in and the touch is late. The nearest edge touches first as long as the bevel
 falls away faster than the gel does beyond it; the profile's steepest rise is .15 w per mm, a bevel of 10 degrees
-.18. Linear in nothing but the profile's source; valid for d > a and H below a quarter of the thickness.
+.18. Valid for d > a and H below a quarter of the thickness.
 """
 
 from __future__ import annotations
@@ -20,17 +20,20 @@ from functools import lru_cache
 import numpy as np
 
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.mechanics.profile import LINEAR, ProfileModel, PunchCase, seen_profile
+from tactilevision.mechanics.profile import FULL_FRICTION, LINEAR, ProfileModel, PunchCase, seen_profile
 from tactilevision.records.rig import Indenter
 
-STEPS = 50  # of the fixed point, at most
-TOLERANCE = 1e-10  # of the height, change of the depth at which the iteration ends
-FRICTIONS = (0.0, 0.3, float("inf"))  # Coulomb's coefficients that span what friction may do
+STEPS = 50  # of the fixed-point iteration
+TOLERANCE = 1e-10  # change of the depth over the height at which the iteration ends
+PLACE_STEP_MM = 0.05  # mm, of the derivative by the bevel's distance
+FRICTIONS = (0.0, FULL_FRICTION, float("inf"))  # Coulomb's coefficients that span the effect of friction
 
 
 @dataclass(frozen=True, slots=True)
 class Touch:
-    """Depth of the punch at first touch, mm, and the gel's rise beside it over that depth, each with its std."""
+    """Depth of the punch at first touch, mm, and the gel's rise at the bevel over that depth, each with its
+    std.
+    """
 
     depth_mm: float
     depth_std_mm: float
@@ -50,20 +53,20 @@ def touch_depth(
 ) -> Touch:
     """Solve w (1 + rho) = H for an indenter whose height and bevel distance are known; friction unknown.
 
-    The standard deviations of nu, of the distance, of the height, of the profile's source, and half the span over
-    friction (where the source knows friction) are carried to the depth.
-    Raises InputError where the indenter lacks a height or a bevel distance, or the bevel would lie under the face.
+    The standard deviations of nu, distance, height and the profile's source, and half the span over friction (if
+    the source depends on it), are propagated to the depth. Raises InputError if the indenter has no height or
+    bevel distance, or the bevel would be under the face.
     """
     height, distance = _placed(indenter, thickness_mm)
 
     def rise(nu: float, place_mm: float, friction: float) -> tuple[float, float]:
         return _solve(height, lambda w: _rho(indenter.radius_mm, place_mm, thickness_mm, nu, (w, friction), model))
 
-    middle = 0.3 if model.frictional else 0.0
+    middle = FULL_FRICTION if model.frictional else 0.0
     depth, rho = rise(poisson_ratio, distance, middle)
-    step = 0.002 if poisson_ratio < 0.49 else -0.002
+    step = 0.002 * (1 if poisson_ratio < 0.49 else -1)
     by_nu = (rise(poisson_ratio + step, distance, middle)[1] - rho) / step
-    by_place = (rise(poisson_ratio, distance + 0.05, middle)[1] - rho) / 0.05
+    by_place = (rise(poisson_ratio, distance + PLACE_STEP_MM, middle)[1] - rho) / PLACE_STEP_MM
     spread = [rise(poisson_ratio, distance, mu)[1] for mu in FRICTIONS] if model.frictional else [rho]
     parts = (
         by_nu * poisson_ratio_std,
@@ -77,7 +80,7 @@ def touch_depth(
 
 
 def _placed(indenter: Indenter, thickness_mm: float) -> tuple[float, float]:
-    """Height of the face over the bevel and the bevel's distance, mm, checked."""
+    """Check and return the height of the face over the bevel and the bevel's distance, mm."""
     height, distance = indenter.height_mm, indenter.bevel_distance_mm
     if height is None or distance is None:
         raise InputError(
@@ -87,7 +90,7 @@ def _placed(indenter: Indenter, thickness_mm: float) -> tuple[float, float]:
         )
     if not (0 < height < thickness_mm and distance > indenter.radius_mm):
         raise InputError(
-            "the height lies between 0 and the gel's thickness, and the bevel beside the face",
+            "the height lies between 0 and the gel's thickness, and the bevel outside the face",
             where=f"indenter.{indenter.name}",
             value=(height, distance),
         )
@@ -108,7 +111,7 @@ def _rho(
 
 
 def _solve(height: float, rho: Callable[[float], float]) -> tuple[float, float]:
-    """Fixed point of w = H/(1 + rho(w)): rho hardly depends on w, so that it contracts fast."""
+    """Return the fixed point of w = H/(1 + rho(w)), which converges fast since rho hardly depends on w."""
     depth = height
     for _ in range(STEPS):
         ratio = rho(depth)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.ball_detection import Ball, ball_slopes, find_ball
+from tactilevision.photometric.ball_detection import MAX_SLOPING_SHARE, Ball, ball_slopes, find_ball
 from tactilevision.photometric.ball_samples import (
     CONTACT,
     RESTING,
@@ -18,51 +18,46 @@ from tactilevision.photometric.ball_samples import (
     ball_samples,
     join,
     resting_samples,
-    told_alike,
     with_noise,
+    with_same_colours,
 )
 from tactilevision.photometric.colour_change import ColourChange, Planes
 from tactilevision.photometric.cross_validation import groups_of, held_out, patch_error
 from tactilevision.photometric.markers import marked
-from tactilevision.photometric.methods.inverse_shading import DRAWN_RIDGE, SHARES, InverseShading
+from tactilevision.photometric.methods.inverse_shading import LAW_RIDGE, SHARES, InverseShading
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, answers_at, colours_by, fit_light
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair
 
-# The circles of balls found anew, by what the other balls say of the light.
+# Refinement of circles by the shading law of the other balls.
 #
-# A ball alone is found without knowing the light (`detection.py`): fifteen answers of colours to slope are fitted
-# beside its centre and contact radius. A light's law that was fitted to other balls (`shading_fit.py`) leaves
-# these three alone to be found,
+# `find_ball` fits fifteen responses of colours to slope along with centre and contact radius. With the shading law
+# fitted to other balls only these three remain unknown,
 #
-#     sum over colours and pixels of rho(u - u_law(p, q, X, Y))  ->  least        |r| < REACH contact radii
+#     sum over colours and pixels of rho(u - u_law(p, q, X, Y))  ->  min          |r| < REACH contact radii
 #
-# with p, q the ball's slopes, u the change of colour, rho square near 0 and linear beyond SOFT. A third of the
-# balls is left out of the law at a time, so that no ball draws the law to its own circle. Twelve balls of a path
-# tracer: centres were .69 px off (rms), after two rounds .28. Balls at one place show a light that shares their
-# circles' shift, so rounds go on until circles stay (`found_balls.py`). On four real sets slopes of balls left out
-# point .1 to .8 degrees better. Assumes that most circles are nearly right to begin with.
+# with p, q the slopes of the ball, u the change of colour, rho quadratic near 0 and linear beyond SOFT. A third of
+# the balls is held out of the law at a time. Centres of twelve path-traced balls: .69 px off (rms), .28 after two
+# rounds. Balls at one place bias the law by an error that they share, so rounds go on until the circles stay. On
+# four real sets the directions of slope of held-out balls improve by .1 to .8 degrees.
 
-REACH = (
-    1.15  # contact radii; further out gel slopes as no half-space does: rendered balls best at 1.15 of 1 to 1.45
-)
-SOFT = 0.05  # change of colour beyond which a misfit counts in proportion only: dust, shine and marks
-MAX_PIXELS = 1000  # pixels of a ball; more only slow the fit down
-MIN_PIXELS = 60  # pixels of a ball; fewer fix no circle
-MAX_MOVE = 0.25  # of the contact radius, from the centre found alone: one ball that ran away had .33
-RADIUS_SHARE = (0.9, 1.1)  # of the contact radius as it was found alone: real ones settle at .91 to .98
-HELD_SHARE = (0.995, 1.005)  # the same, where the light would take it further than that: it stays
-INWARDS = 1e-3  # px from the bounds at which the fit begins: it may not begin on them
-MAX_SHARE = 0.98  # of the ball's radius: where its slopes go upright
+REACH = 1.15  # contact radii; best for rendered balls of 1 to 1.45, as further out gel differs from a half-space
+SOFT = 0.05  # change of colour beyond which residuals count linearly: dust, highlights and marks
+MAX_PIXELS = 1000  # of a ball; more only slow the fit down
+MIN_PIXELS = 60  # of a ball; fewer determine no circle
+MAX_MOVE = 0.25  # of the contact radius, from the centre found alone; a diverged fit had .33
+RADIUS_CHANGE = 0.1  # of the contact radius found alone: real ones converge at .91 to .98
+HELD_CHANGE = 0.005  # the same where the median reaches RADIUS_CHANGE less HELD_CHANGE
+INWARDS = 1e-3  # px from the bounds at which the fit starts
 MAX_STEPS = 15  # of the fit
 
 
 def refined_circle(
     change: Planes, valid: Bools, ball: Ball, *, light: Floats, mm_per_px: Pair, radius_px: Pair
 ) -> Ball:
-    """The `ball` with the centre and contact radius that the `light`'s law makes the best of.
+    """Return the `ball` with centre and contact radius fitted by the shading law `light`.
 
-    `radius_px` are the least and greatest contact radius that it may have. Relative `change` of colour (3, H, W),
-    NaN where it is not known; `valid`, a mask (H, W). The ball as it was where too few pixels tell.
+    `radius_px`: least and greatest contact radius. Relative `change` of colour (3, H, W), NaN where unknown;
+    `valid`, a mask (H, W). With fewer than MIN_PIXELS the ball is returned unchanged.
     """
     from scipy.optimize import least_squares
 
@@ -84,8 +79,8 @@ def refined_circle(
         )
         return np.asarray((colours_by(answers, np.stack([p, q], axis=1)) - colours)[known])
 
-    move = 1.2 * MAX_MOVE * ball.contact_radius_px  # further than is believed, so that running away is seen
-    least, most = radius_px[0], min(radius_px[1], MAX_SHARE * ball.radius_mm / mm_per_px[0])
+    move = 1.2 * MAX_MOVE * ball.contact_radius_px  # beyond MAX_MOVE, so that divergence is detected
+    least, most = radius_px[0], min(radius_px[1], MAX_SLOPING_SHARE * ball.radius_mm / mm_per_px[0])
     found = least_squares(
         misfit,
         (0.0, 0.0, float(np.clip(ball.contact_radius_px, least + INWARDS, most - INWARDS))),
@@ -99,7 +94,7 @@ def refined_circle(
 
 
 def _pixels(valid: Bools, ball: Ball) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Columns and rows (N,) of at most about MAX_PIXELS valid pixels within REACH of the ball's axis."""
+    """Return columns and rows (N,) of about MAX_PIXELS valid pixels at most within REACH of the ball's axis."""
     (x, y), reach = ball.centre_px, REACH * ball.contact_radius_px
     height, width = valid.shape
     top, left = max(0, int(y - reach)), max(0, int(x - reach))
@@ -111,21 +106,18 @@ def _pixels(valid: Bools, ball: Ball) -> tuple[npt.NDArray[np.intp], npt.NDArray
     return columns[take], rows[take]
 
 
-# The balls of all pictures: found one by one, then again by the light that the others tell.
-#
-# Samples are drawn under each ball, and of the untouched gel beside it.
+# Balls of all pictures, and samples under each and of the untouched gel around it.
 
-MIN_BALLS = 3  # presses; a third of them is held out at a time, and no third may be empty
-MIN_REFINED = 6  # balls from which the light tells circles: a law of two or three follows their errors
-AT_BOUND = 0.005  # of the contact radius: a median that near to its bound would go further
+MIN_BALLS = 3  # presses; a third is held out at a time, and no third may be empty
+MIN_REFINED = 6  # balls whose light refines circles: a law of two or three follows their errors
 REFINEMENTS = 6  # rounds at most; on a Mini each leaves .45 of a shift that all circles share
-SETTLED_PX = 0.1  # px that circles move by, the median, where rounds end
-THINNED = 3  # every third sample tells whether circles are better
+SETTLED_PX = 0.1  # px, median change of circles that ends the rounds
+THINNED = 3  # every third sample decides whether circles are better
 
 
 @dataclass(frozen=True, slots=True)
 class BallPicture:
-    """A rectified ball press (H, W, 3); the ball's radius; its centre and contact radius where they are known."""
+    """A rectified ball press (H, W, 3); the ball's radius; its centre and contact radius where known."""
 
     rgb: Bytes
     radius_mm: float
@@ -136,7 +128,7 @@ class BallPicture:
 
 @dataclass(frozen=True, slots=True)
 class FoundBalls:
-    """The balls of all pictures, None where one was left out, and samples under them and of untouched gel."""
+    """The balls of all pictures, None where one was excluded, and samples under them and of untouched gel."""
 
     balls: tuple[Ball | None, ...]
     warnings: tuple[str, ...]
@@ -147,7 +139,7 @@ class FoundBalls:
         return sum(ball is not None for ball in self.balls)
 
 
-Finder = Callable[[int, Planes, Bools], Ball | None]  # by a picture's number, its changes and where they are valid
+Finder = Callable[[int, Planes, Bools], Ball | None]  # of the number of a picture, its changes and their validity
 
 
 def collect_balls(
@@ -158,7 +150,7 @@ def collect_balls(
     *,
     find: Finder | None = None,
 ) -> FoundBalls:
-    """The balls that `find` finds, or `locate`. Raises InputError for too few, naming what was wrong."""
+    """Return the balls by `find`, or by `locate`. Raises InputError for too few, with the faults of the others."""
     balls: list[Ball | None] = []
     faults: list[tuple[str, InputError]] = []
     contact: list[Samples] = []
@@ -172,7 +164,7 @@ def collect_balls(
         try:
             changes, _, valid = change.measure_known(picture.rgb)
             if marks is not None:
-                valid = valid & (marked(picture.rgb, marks) == 0)  # filled, which is no colour of a slope
+                valid = valid & (marked(picture.rgb, marks) == 0)  # filled pixels are no samples
             if find is None:
                 ball: Ball | None = locate(changes, valid, picture=picture, mm_per_px=mm_per_px)
             else:
@@ -188,7 +180,7 @@ def collect_balls(
                 draw(changes, ball, mm_per_px=mm_per_px, number=number, most=share(most), valid=valid, rng=rng)
             )
     check_count(len(contact), len(pictures), faults)
-    warnings = tuple(f"{name} left out: {fault.what}" for name, fault in faults)
+    warnings = tuple(f"{name} excluded: {fault.what}" for name, fault in faults)
     every = with_noise(join(contact), change.noise), with_noise(join(resting), change.noise)
     return FoundBalls(tuple(balls), warnings, every)
 
@@ -200,27 +192,26 @@ def refine_balls(
     mm_per_px: Pair,
     rng: np.random.Generator,
 ) -> FoundBalls:
-    """The same with circles by the light of the other balls, if balls left out are told better by them.
+    """Return the balls with circles refined by the light of the others, if held-out errors are smaller then.
 
-    Rounds go on until the circles stay: balls that share a shift show a light that shares it, and lose it slowly.
-    Where most contacts would come out far smaller or larger than each was found `alone`, radii are held.
+    Where the median contact radius changes by nearly RADIUS_CHANGE from that found `alone`, radii are held.
     """
     if alone.count < MIN_REFINED:
         return alone
-    for shares in (RADIUS_SHARE, HELD_SHARE):
+    for shares in ((1 - RADIUS_CHANGE, 1 + RADIUS_CHANGE), (1 - HELD_CHANGE, 1 + HELD_CHANGE)):
         seen = alone
         for _ in range(REFINEMENTS):
             last, find = seen, _by_light(seen, alone.balls, shares, mm_per_px)
             seen = collect_balls(change, pictures, mm_per_px, rng, find=find)
             if _moved_px(seen.balls, last.balls) < SETTLED_PX:
                 break
-        if shares[0] + AT_BOUND < _radius_change(seen.balls, alone.balls) < shares[1] - AT_BOUND:
+        if shares[0] + HELD_CHANGE < _radius_change(seen.balls, alone.balls) < shares[1] - HELD_CHANGE:
             break
-    return replace(seen, warnings=alone.warnings) if _left_out_error(seen) < _left_out_error(alone) else alone
+    return replace(seen, warnings=alone.warnings) if _held_out_error(seen) < _held_out_error(alone) else alone
 
 
 def _moved_px(balls: Sequence[Ball | None], before: Sequence[Ball | None]) -> float:
-    """How far centres, or radii, lie from those `before`, the median."""
+    """Return the median change of centres, or radii, from those `before`."""
     moved = [
         max(math.dist(one.centre_px, other.centre_px), abs(one.contact_radius_px - other.contact_radius_px))
         for one, other in zip(balls, before, strict=True)
@@ -230,7 +221,7 @@ def _moved_px(balls: Sequence[Ball | None], before: Sequence[Ball | None]) -> fl
 
 
 def _radius_change(balls: Sequence[Ball | None], alone: Sequence[Ball | None]) -> float:
-    """Contact radius over that of the ball found alone, the median."""
+    """Return the median contact radius over that of the ball found alone."""
     pairs = [
         (one, other) for one, other in zip(balls, alone, strict=True) if one is not None and other is not None
     ]
@@ -238,7 +229,7 @@ def _radius_change(balls: Sequence[Ball | None], alone: Sequence[Ball | None]) -
 
 
 def _by_light(seen: FoundBalls, alone: Sequence[Ball | None], shares: Pair, mm_per_px: Pair) -> Finder:
-    pressed = told_alike(*seen.every, min_balls=MIN_BALLS)[0]
+    pressed = with_same_colours(*seen.every, min_balls=MIN_BALLS)[0]
     lights = {
         int(number): light
         for group in groups_of(pressed)
@@ -259,41 +250,41 @@ def _by_light(seen: FoundBalls, alone: Sequence[Ball | None], shares: Pair, mm_p
     return find
 
 
-def _left_out_error(seen: FoundBalls) -> float:
+def _held_out_error(seen: FoundBalls) -> float:
     pressed, resting = (
         samples.where(np.arange(len(samples.press)) % THINNED == 0)
-        for samples in told_alike(*seen.every, min_balls=MIN_BALLS)
+        for samples in with_same_colours(*seen.every, min_balls=MIN_BALLS)
     )
     slopes, _ = held_out(
-        InverseShading(PLACE_PENALTIES[1], SHARES[0]), pressed, untouched_samples=resting, ridge=DRAWN_RIDGE
+        InverseShading(PLACE_PENALTIES[1], SHARES[0]), pressed, untouched_samples=resting, ridge=LAW_RIDGE
     )
     return patch_error(slopes, pressed)
 
 
 def check_count(usable: int, of: int, faults: Sequence[tuple[str, InputError]]) -> None:
-    """Raise InputError for fewer than MIN_BALLS usable presses; each fault is told once, of its first picture."""
+    """Raise InputError for fewer than MIN_BALLS usable presses; each fault is reported once."""
     if usable >= MIN_BALLS:
         return
     alike: dict[str, list[tuple[str, InputError]]] = {}
     for name, fault in faults:
         alike.setdefault(fault.remedy, []).append((name, fault))
     most = sorted(alike.values(), key=len, reverse=True)
-    told = [
+    reasons = [
         (f"{len(some)} as " if len(some) > 1 else "")
         + f"{some[0][0]}: {some[0][1].what}"
         + (f" ({some[0][1].value})" if some[0][1].value is not None else "")
         for some in most
     ]
     raise InputError(
-        f"too few ball presses that can be used; {MIN_BALLS} are the least",
+        f"too few ball presses are usable; at least {MIN_BALLS} are needed",
         where="reference/ball",
-        value=": ".join([f"{usable} of {of}", *(["; ".join(told)] if told else [])]),
+        value=": ".join([f"{usable} of {of}", *(["; ".join(reasons)] if reasons else [])]),
         remedy=most[0][0][1].remedy if most else "Press the ball at more places, over the whole picture.",
     )
 
 
 def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:
-    """The ball of one picture by its relative change of colour (3, H, W), where it is `valid`, a mask (H, W)."""
+    """Return the ball of one picture by its relative `change` of colour (3, H, W) in the mask `valid` (H, W)."""
     image = np.ascontiguousarray(change.transpose(1, 2, 0))
     return find_ball(
         image,

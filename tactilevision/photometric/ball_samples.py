@@ -10,25 +10,25 @@ import numpy.typing as npt
 
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
 from tactilevision.photometric.colour_change import Planes
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Floats, Pair
 
-# Pairs of colour change and slope, out of ball presses: what every photometric method learns from.
+# Pairs of colour change and slope from ball presses.
 
 TYPICAL = 0.2  # slope below which samples weigh alike in the fits
 CONTACT = 9000  # samples under balls, over all presses
 RESTING = 4000  # samples of untouched gel
-INSIDE = 0.93  # of the contact radius: blur mixes the rim with the gel outside, which is not a sphere
-OUTSIDE = 4.0  # contact radii from which the gel is taken for untouched
+INSIDE = 0.93  # of the contact radius: blur mixes the rim with the gel outside
+OUTSIDE = 4  # contact radii beyond which the gel counts as untouched
 
-KEPT = 24  # sets of samples whose sums are kept: contact and rest of all balls, without 3 groups, 3 pairs, 4 sides
+KEPT = 24  # cached sample sets: contact and rest of all balls, without 3 groups, 3 pairs, 4 sides
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """`change` (N, 3), `place` (N, 2) from -1 to 1 over the picture, `slopes` (N, 2), `press` (N,) its number.
 
-    `noise` (N, 3): standard deviation of the changes, None where they are known exactly. A change that is not
-    known, as its colour is overexposed, is NaN.
+    `noise` (N, 3): standard deviation of the changes, None where exact. Changes of overexposed colours are NaN.
     """
 
     change: Floats
@@ -42,38 +42,33 @@ class Samples:
         return Samples(self.change[chosen], self.place[chosen], self.slopes[chosen], self.press[chosen], noise)
 
     def complete(self) -> Samples:
-        """The samples of which all colours are known."""
+        """Return the samples of which all colours are known."""
         known = np.asarray(np.isfinite(self.change).all(axis=1))
         return self if known.all() else self.where(known)
 
     def steepened(self, by: Mapping[int, float]) -> Samples:
-        """As if the balls named, by number, were so many times steeper than stated."""
+        """Return the samples with the slopes of some balls, by number, multiplied by a factor."""
         factor = np.array([by.get(int(number), 1.0) for number in self.press])
         return replace(self, slopes=self.slopes * factor[:, None])
 
     def without(self, colour: int) -> Samples:
-        """The samples as two colours tell them: where the other two are known, `colour` made not to change."""
+        """Return the samples whose other two colours are known, with the change of `colour` set to 0."""
         known = np.asarray(np.isfinite(np.delete(self.change, colour, axis=1)).all(axis=1))
-        kept = self.where(known)
-        change = kept.change.copy()
-        change[:, colour] = 0.0
-        noise = None if kept.noise is None else kept.noise.copy()
-        if noise is not None:
-            noise[:, colour] = 0.0
-        return replace(kept, change=change, noise=noise)
+        kept, others = self.where(known), np.arange(3) != colour
+        noise = None if kept.noise is None else np.where(others, kept.noise, 0.0)
+        return replace(kept, change=np.where(others, kept.change, 0.0), noise=noise)
 
 
 def join(parts: Sequence[Samples]) -> Samples:
-    return Samples(
-        np.concatenate([p.change for p in parts]),
-        np.concatenate([p.place for p in parts]),
-        np.concatenate([p.slopes for p in parts]),
-        np.concatenate([p.press for p in parts]),
+    """Return the samples of all `parts`, without noise."""
+    change, place, slopes = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("change", "place", "slopes")
     )
+    return Samples(change, place, slopes, np.concatenate([part.press for part in parts]))
 
 
-def told_alike(contact: Samples, untouched_samples: Samples, *, min_balls: int) -> tuple[Samples, Samples]:
-    """Samples that the same colours tell: all three or, where these tell fewer than `min_balls`, the best two."""
+def with_same_colours(contact: Samples, untouched_samples: Samples, *, min_balls: int) -> tuple[Samples, Samples]:
+    """Return samples of the same known colours: three or, where fewer than `min_balls` have them, the best two."""
     if len(np.unique(contact.complete().press)) >= min_balls:
         return contact.complete(), untouched_samples.complete()
     overexposed = int(np.argmax(np.isnan(contact.change).sum(axis=0)))
@@ -83,10 +78,7 @@ def told_alike(contact: Samples, untouched_samples: Samples, *, min_balls: int) 
 def ball_samples(
     change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
-    """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats.
-
-    Relative `change` of colour (3, H, W); `valid`, a mask (H, W).
-    """
+    """Return at most `most` random samples inside the contact, of relative `change` (3, H, W), mask `valid`."""
     x, y, distance = _from_axis(valid.shape, ball, mm_per_px)
     inside = (distance < INSIDE * ball.contact_radius_px * mm_per_px[0]) & valid
     index = _draw(inside, most, rng)
@@ -99,29 +91,29 @@ def ball_samples(
 def resting_samples(
     change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
-    """Samples far from the ball, where slope is 0 and what `change` (3, H, W) there is, is noise."""
+    """Return samples far from the ball, where the slope is 0 and `change` (3, H, W) is noise."""
     _, _, distance = _from_axis(valid.shape, ball, mm_per_px)
     index = _draw((distance > OUTSIDE * ball.contact_radius_px * mm_per_px[0]) & valid, most, rng)
     return _at(change, index, np.zeros((len(index[0]), 2)), number)
 
 
 def far_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Bools:
-    """Mask (H, W) of gel that counts as untouched by the ball."""
+    """Return the mask (H, W) of gel that counts as untouched by the ball."""
     return radii_from(ball, shape, mm_per_px=mm_per_px) > OUTSIDE
 
 
 def radii_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Floats:
-    """Distance (H, W) from the ball's axis, in radii of its contact."""
+    """Return the distance (H, W) from the ball's axis, in contact radii."""
     return _from_axis(shape, ball, mm_per_px)[2] / (ball.contact_radius_px * mm_per_px[0])
 
 
 def with_noise(samples: Samples, noise: Planes) -> Samples:
-    """The samples with the relative noise of their changes, out of pictures of it (3, H, W)."""
+    """Return the samples with the relative `noise` (3, H, W) of their changes."""
     return replace(samples, noise=values_at(samples, noise))
 
 
 def values_at(samples: Samples, pictures: Planes) -> Floats:
-    """What `pictures` (3, H, W) show at the places of samples, (N, 3)."""
+    """Return the values (N, 3) of `pictures` (3, H, W) at the places of samples."""
     columns, rows = (
         np.rint(0.5 * (at + 1.0) * (n - 1)).astype(np.intp)
         for at, n in zip(samples.place.T, pictures.shape[:0:-1], strict=True)
@@ -150,31 +142,29 @@ def _at(
     return Samples(changes, place, slopes, np.full(len(place), number))
 
 
-# Whether the light tells both directions of slope apart, from what the balls did to the colours.
+# Observability of both directions of slope.
 #
-# To first order in slope, and in place X, Y (from -1 to 1) for lamps that are near, a colour changes by
+# To first order in slope, and in place X, Y (from -1 to 1) for near lamps, the colours change by
 #
-#     u / sigma = A(X, Y) (p, q),        A = A0 + A1 X + A2 Y        (3, 2), by noise of one pixel
+#     u / sigma = A(X, Y) (p, q),        A = A0 + A1 X + A2 Y        (3, 2), sigma the noise of one pixel
 #
-# Its smaller singular value s says in which direction a slope is hidden worst: one of 1/s stands out of a pixel's
-# noise by one deviation. Two lamps of one colour opposite each other, or lamps of one colour all round, leave a
-# direction without any change (s = 0), however bright they are, and no method can then read it. Where no colour
-# lights the gel from more than half of the circle, two lamps are all there are: the widest gap between the
-# directions in which colours grow brighter says so. Lamps of one colour that face each other have none. Samples
-# are weighed as in the fit. What is of second order in slope is even in it, and does no harm: balls show all
-# directions alike.
+# A slope of 1/s along the direction of the smaller singular value s equals the noise of a pixel. With two lamps of
+# one colour opposite each other, or one colour on all sides, s = 0 and no method can read that direction. Two
+# lamps alone leave a gap of more than half a circle between the directions in which colours brighten. Samples are
+# weighted as in the fit; terms of second order are even in slope and cancel.
 
-MAX_PLACES = 500  # places at which A is looked at
-MIN_NOISE = 1e-9  # relative noise of a colour that is not looked at, whose change is 0
-MIN_SHARE = 0.1  # of the greatest answer: a colour that answers less has no lamp of its own
+MAX_PLACES = 500  # places at which A is evaluated
+MIN_SHARE = 0.1  # of the greatest answer: a colour below has no lamp of its own
 MIN_ANSWER = 1e-6  # change of colour in deviations per unit of slope: none
 
 
 @dataclass(frozen=True, slots=True)
 class Observability:
-    """`best`, `worst`: the slopes that are one pixel's noise along the directions told best and worst, medians
-    over the balls' places; `worst_deg` that direction, from x towards y. `gap_deg`: the widest gap between sides
-    that colours light the gel from, about `dark_deg`; 0 where a colour is overexposed and was not looked at."""
+    """Slopes `best` and `worst` that equal a pixel's noise along the best and worst directions (medians).
+
+    `worst_deg`: the worst direction, from x towards y. `gap_deg`: the widest gap between sides that colours light
+    the gel from, about `dark_deg`; 0 where a colour is overexposed.
+    """
 
     best: float
     worst: float
@@ -184,28 +174,26 @@ class Observability:
 
 
 def slope_observability(samples: Samples) -> Observability:
-    """What the colours of `samples`, whose noise is known, say of each direction of slope."""
+    """Return the observability of slopes by the colours of `samples`, whose noise is known."""
     assert samples.noise is not None
     x, y = samples.place.T
     where = np.stack([np.ones_like(x), x, y], axis=1)
     design = (where[:, :, None] * samples.slopes[:, None, :]).reshape(len(x), 6)
     weights = 1.0 / np.sqrt(np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
-    signal = samples.change / np.maximum(samples.noise, MIN_NOISE)
+    signal = samples.change / np.maximum(samples.noise, TINY)
     answers = np.linalg.lstsq(design * weights[:, None], signal * weights[:, None], rcond=None)[0].reshape(3, 2, 3)
     changes = np.einsum("nm,mkc->nkc", where[:: max(1, len(x) // MAX_PLACES)], answers)
     best, worst = 1.0 / np.maximum(np.median(np.linalg.svd(changes, compute_uv=False), axis=0), MIN_ANSWER)
     least = np.linalg.eigh(np.einsum("nkc,nlc->kl", changes, changes))[1][:, 0]
     gap = (0.0, 0.0) if np.any(samples.noise.max(axis=0) <= 0.0) else _dark_side(changes.mean(axis=0).T)
-    return Observability(
-        float(best), float(worst), float(np.degrees(np.arctan2(least[1], least[0])) % 180.0), *gap
-    )
+    return Observability(float(best), float(worst), float(np.degrees(np.arctan2(least[1], least[0])) % 180), *gap)
 
 
 def _dark_side(changes: Floats) -> Pair:
-    """The widest gap between the sides colours of `changes` (3, 2) are lit from, and its middle, in degrees."""
+    """Return the widest gap between the lit sides of colours of `changes` (3, 2), and its middle, in degrees."""
     answers = np.hypot(*changes.T)
     x, y = -changes[answers > MIN_SHARE * answers.max()].T  # gel that faces a lamp rises away from it
     sides = np.sort(np.degrees(np.arctan2(y, x)))
-    gaps = np.diff(sides, append=sides[0] + 360.0)
+    gaps = np.diff(sides, append=sides[0] + 360)
     widest = int(np.argmax(gaps))
-    return float(gaps[widest]), float((sides[widest] + 0.5 * gaps[widest]) % 360.0)
+    return float(gaps[widest]), float((sides[widest] + 0.5 * gaps[widest]) % 360)

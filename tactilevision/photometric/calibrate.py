@@ -1,4 +1,4 @@
-"""Balls to a calibrated method: balls found, samples drawn, law fitted, error measured on balls held out."""
+"""Calibrate a method on ball presses: detect balls, take samples, fit a law, cross-validate."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from tactilevision.photometric.ball_consistency import (
     coverage_warnings,
     label_warnings,
     odd_balls,
+    outlier_among,
     pressed_reference,
     reference_warnings,
     scale_warnings,
-    second_look,
 )
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import (
@@ -32,8 +32,8 @@ from tactilevision.photometric.ball_samples import (
     Samples,
     far_from,
     slope_observability,
-    told_alike,
     values_at,
+    with_same_colours,
 )
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import ColourChange
@@ -51,7 +51,7 @@ from tactilevision.photometric.cross_validation import (
     scale_uncertainty,
 )
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
+from tactilevision.photometric.methods.polynomial import RIDGES, Polynomial, fit_polynomial
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, fit_two_colours
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import BackgroundSums, Reference, SlopeBackground
@@ -59,15 +59,16 @@ from tactilevision.photometric.shading_law import response_of
 from tactilevision.records.measured import Bytes, Floats, Pair
 
 MAX_SLOPE_NOISE = 0.03  # slope of a pixel's noise, worst direction: real .001 to .006, a tenth as coloured .047
-MAX_EVEN_NOISE = 0.04  # where it is alike in all directions: pure colours, noisy, .033; a fifth as coloured .042
-MAX_NOISE_RATIO = 4.0  # worst over best, beyond which that counts: real 1.8 to 2.7, a tenth as coloured 4.6
-MAX_GAP_DEG = 200.0  # degrees between colours' sides: five real sensors leave 131 to 184, two lamps 250
-RIDGES = (1e-4, 1e-3, 1e-2)  # penalties to choose from, in parts of the terms' power; balls held out choose
+MAX_EVEN_NOISE = (
+    0.04  # the same where alike in all directions: pure colours, noisy, .033; a fifth as coloured .042
+)
+MAX_NOISE_RATIO = 4  # worst over best direction: real 1.8 to 2.7, a tenth as coloured 4.6
+MAX_GAP_DEG = 200  # degrees between the sides of colours: five real sensors leave 131 to 184, two lamps 250
 
 
 @runtime_checkable
 class PictureFitter(Protocol):
-    """A fitter that wants to see the ball pictures themselves before it is given samples of them."""
+    """A fitter that uses the ball pictures themselves as well as samples of them."""
 
     def prepared(
         self, change: ColourChange, pictures: Sequence[Bytes], balls: Sequence[Ball | None], mm_per_px: Pair
@@ -76,11 +77,10 @@ class PictureFitter(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """A method and how far it is to be trusted.
+    """A method and its errors.
 
-    `balls` as found, None where a picture was left out (its reason is among `warnings`); `direction_error_deg`
-    median and `slope_error` rms over balls held out of the fit; `held_out_laws` for each ball a law that never saw
-    it; `other_laws` these, each once.
+    `balls`: None where a picture was excluded (see `warnings`); `direction_error_deg` median and `slope_error` rms
+    over held-out balls; `held_out_laws`: for each ball a law fitted without it; `other_laws`: these, each once.
     """
 
     method: CalibratedMethod
@@ -100,17 +100,17 @@ def calibrate_from_balls(
     fit: Fitter,
     rng: np.random.Generator | None = None,
 ) -> Calibration:
-    """Fit a colour law to ball presses; a third at a time is held out to choose how, and to know the error.
+    """Fit a colour law to ball presses; held-out thirds select the fit and give its error.
 
-    Assumes that inside the contact circle the gel has the ball's shape. Raises InputError for fewer than
-    MIN_BALLS presses that can be used, naming what was wrong with the others.
+    Assumes that inside the contact circle the gel has the ball's shape. Raises InputError for fewer than MIN_BALLS
+    usable presses, with the faults of the others.
     """
     rng, change = rng or np.random.default_rng(0), ColourChange(reference)
     alone = collect_balls(change, pictures, mm_per_px, rng)
     seen = refine_balls(alone, change, pictures, mm_per_px, rng)
     balls, every = list(seen.balls), seen.every
     warnings = [*seen.warnings, *label_warnings([(p.centre_px, p.contact_radius_px) for p in pictures], balls)]
-    pressed, resting = told_alike(*every, min_balls=MIN_BALLS)
+    pressed, resting = with_same_colours(*every, min_balls=MIN_BALLS)
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     best = _best_fit(fit, pressed, resting)
@@ -118,7 +118,7 @@ def calibrate_from_balls(
     light, cover = slope_observability(pressed), 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px, at_contact = pressed_reference(change, [picture.rgb for picture in pictures], alone.balls)
     odd = _odd_warnings(best, balls, pictures, pressed, resting)
-    warnings += reference_warnings(contact_px) or [*_light_doubts(pressed, cover, light), *odd]
+    warnings += reference_warnings(contact_px) or [*_light_warnings(pressed, cover, light), *odd]
     card = replace(
         _card(best, pressed, light),
         balls=seen.count,
@@ -143,9 +143,9 @@ def calibrate_from_balls(
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """A law of all balls, how it was fitted, and its errors at balls held out.
+    """A law of all balls, its fitter, and its errors at held-out balls.
 
-    `held_out` (N, 2): slopes of the samples by `others`, laws that each lack some of the balls.
+    `held_out` (N, 2): slopes of the samples by `others`, laws without some of the balls.
     """
 
     law: ColourLaw
@@ -160,13 +160,13 @@ class _Fit:
 
 
 def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
-    """The law by the way to fit, and its ridge, that is least off at balls left out.
+    """Return the law by the fitter and ridge with the least error at held-out balls.
 
-    Raises InputError where too few balls are told by the same colours.
+    Raises InputError where too few balls have the same known colours.
     """
     white = InputError("two colours are overexposed there", remedy="Dim the light, or press balls elsewhere.")
-    check_count(told := len(np.unique(pressed.press)), told, [("the others", white)])
-    ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
+    check_count(known := len(np.unique(pressed.press)), known, [("the others", white)])
+    ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES[:3])]
     scores = [held_out(fitter, pressed, untouched_samples=resting, ridge=ridge) for fitter, ridge in ways]
     patch_errors = [patch_error(slopes, pressed) for slopes, _ in scores]
     best = int(np.argmin(patch_errors))
@@ -179,7 +179,7 @@ def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
 
 
 def _two_colours(best: _Fit, pressed: Samples, resting: Samples) -> TwoColourLaws:
-    """Laws of two colours each, fitted as the law of three was where that is a polynomial."""
+    """Return laws of two colours each, by the fitter of the law of three where that is a polynomial."""
     as_best = isinstance(best.law, Polynomial)
     fit, ridge = (best.fitter, best.ridge) if as_best else (fit_polynomial, RIDGES[1])
     return fit_two_colours(fit, pressed, resting, ridge=ridge, error=best.patch_error)
@@ -205,7 +205,7 @@ def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
 def _odd_warnings(
     best: _Fit, balls: Sequence[Ball | None], pictures: Sequence[BallPicture], pressed: Samples, resting: Samples
 ) -> list[str]:
-    """Radii that contradict each other, then single odd balls."""
+    """Return warnings of contradictory radii, then of single outliers."""
     radii = contradicting_radii(
         {number: ball.radius_mm for number in map(int, np.unique(pressed.press)) if (ball := balls[number])},
         lambda group, steeper: gains_without(
@@ -221,14 +221,14 @@ def _odd_warnings(
         balls,
         names=[picture.name for picture in pictures],
         unsure={number: held.std for number, held in best.scale.held_out_laws.items()},
-        second_look=lambda suspects: second_look(
+        outlier_among=lambda suspects: outlier_among(
             suspects, best.fitter, contact=pressed, untouched_samples=resting, ridge=best.ridge
         ),
     )
 
 
 def direction_error_deg(slopes: Floats, true: Floats) -> Floats:
-    """Angle (N,) between slopes found and true, both (N, 2)."""
+    """Return the angle (N,) between estimated and true slopes, both (N, 2)."""
     turn = (slopes[:, 0] + 1j * slopes[:, 1]) * (true[:, 0] - 1j * true[:, 1])
     return np.asarray(np.degrees(np.abs(np.angle(turn))))
 
@@ -240,7 +240,7 @@ def _measure_background(
     balls: Sequence[Ball | None],
     mm_per_px: Pair,
 ) -> SlopeBackground:
-    """Bias and noise of the law on the untouched part of the ball pictures."""
+    """Return bias and noise of the law on the untouched part of the ball pictures."""
     evaluate = law.evaluator(change.reference.shape)
     sums = BackgroundSums(change.reference.shape)
     for picture, ball in zip(pictures, balls, strict=True):
@@ -250,40 +250,32 @@ def _measure_background(
     return sums.result(evaluate.noise(change.noise))
 
 
-def _light_doubts(pressed: Samples, cover: Floats, light: Observability) -> list[str]:
-    """Warnings of the stated scale, the share of the picture that balls `cover` (2,), and what `light` tells."""
+def _light_warnings(pressed: Samples, cover: Floats, light: Observability) -> list[str]:
+    """Return warnings of the stated scale, the share of the picture that balls `cover` (2,), and the light."""
     colours = scale_warnings(pressed.change, pressed.slopes)
     return [*colours, *coverage_warnings(cover), *_observability_warnings(light)]
 
 
 def _observability_warnings(light: Observability) -> list[str]:
-    """A direction in which even a gentle slope drowns in a pixel's noise is not told by these lights."""
+    """Return a warning where a direction of slope is lost in noise, or no colour lights one side."""
     uneven = light.worst > MAX_NOISE_RATIO * light.best
+    worst = f"{light.worst:.2g} along {light.worst_deg:.0f} degrees (from x, right, to y, down)"
     if light.worst < (MAX_SLOPE_NOISE if uneven else MAX_EVEN_NOISE):
-        return _dark_side_warnings(light)
+        if light.gap_deg < MAX_GAP_DEG:
+            return []
+        return [
+            f"no colour lights the gel from a side {light.gap_deg:.0f} degrees wide, about {light.dark_deg:.0f} "
+            "degrees (from x, right, to y, down): two lamps? The error of slopes is larger. Light that side in a "
+            "third colour"
+        ]
     if not uneven and light.worst < SLOPE_SOFTENING:
-        return [_faint_colours(light)]
+        return [
+            f"these lights show slopes faintly: one of {worst}, of {light.best:.2g} across it, changes the "
+            "colours by a pixel's noise. Depth is too shallow. Are the lamps' colours nearly alike? Light each "
+            "side in a pure colour"
+        ]
     return [
-        f"these lights hardly tell slopes along {light.worst_deg:.0f} degrees (from x, right, to y, down): one of "
-        f"{light.worst:.2g} changes the colours by a pixel's noise, across it {light.best:.2g} does. Do lamps of "
-        "one colour face each other, or are all of one colour? Light each side in a colour of its own"
-    ]
-
-
-def _faint_colours(light: Observability) -> str:
-    """What to mind where colours tell every direction, and all of them faintly."""
-    return (
-        f"these lights tell slopes faintly: one of {light.worst:.2g} along {light.worst_deg:.0f} degrees (from x, "
-        f"right, to y, down), of {light.best:.2g} across it, changes the colours by a pixel's noise. Depth comes "
-        "out too shallow. Are the lamps' colours nearly alike? Light each side in a pure colour"
-    )
-
-
-def _dark_side_warnings(light: Observability) -> list[str]:
-    """Gel that no colour lights from one side tells slopes to that side by how dark it is, and shadows as well."""
-    if light.gap_deg < MAX_GAP_DEG:
-        return []
-    return [
-        f"no colour lights the gel from a side {light.gap_deg:.0f} degrees wide, about {light.dark_deg:.0f} "
-        "degrees (from x, right, to y, down): two lamps? Slopes are told worse. Light that side in a third colour"
+        f"these lights hardly show slopes of one direction: one of {worst} changes the colours by a pixel's "
+        f"noise, across it {light.best:.2g} does. Do lamps of one colour face each other, or are all of one "
+        "colour? Light each side in a colour of its own"
     ]

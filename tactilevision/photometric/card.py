@@ -1,7 +1,7 @@
-"""The card of a photometric method: what it was made from, how far it is off, and how it is to be read.
+"""Card of a photometric method: provenance, errors, and how to evaluate it.
 
-On disk a card is a JSON table. Each field of `MethodCard` names its key there; keys without a field are kept in
-`other`, so that a card of another version is written as it was read.
+On disk a card is a JSON table whose keys are the fields of `MethodCard`. Other keys are kept in `other`, so that a
+card of another version is written as it was read.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.opening import number
 from tactilevision.records.measured import Pair
 
-MAX_RATIO = 1e6  # of a deviation to the depth itself; more is no deviation, and its square may overflow
+MAX_RATIO = 1e6  # of a deviation to the depth: the square of more may overflow
 PACKAGES = ("numpy", "torch", "kornia", "onnxruntime")
 
 Rows = list[Any]  # (h, w) or (h, w, 3), over blocks of the picture
@@ -48,7 +48,7 @@ def _floats(value: Any) -> tuple[float, ...]:
 
 
 def _ratios(value: Any, most: float = MAX_RATIO) -> Rows:
-    """Rows (h, w) of ratios from 0 to `most`, all as long as the first."""
+    """Return rows (h, w) of ratios from 0 to `most`, all as long as the first."""
     rows = [list(_floats(row)) for row in value]
     if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows):
         raise ValueError("it is no rectangle of numbers")
@@ -66,33 +66,25 @@ _KEYS = {
     "tile_px": "calm_gel_px",
 }  # on disk, of fields whose key is another
 _READERS: dict[str, Callable[[Any], Any]] = {
-    "method": str,
-    "balls": _int,
-    "balls_left_out": _int,
-    "balls_cover": _floats,
-    "sensor": str,
-    "light": list,
+    "str": str,
+    "int": _int,
+    "float": _float,
+    "Pair": _pair,
+    "Rows": list,
+    "tuple[float, ...]": _floats,
+    "dict[str, float]": _numbers,
+    "dict[str, Any]": dict,
+    "Mapping[str, Any]": dict,
     "place_gain_std": _ratios,
     "extrapolated_gain_std": partial(_ratios, most=1.0),
-    "untouched_std_mm": list,
-    "baseline": _numbers,
-    "contact_in_reference_px": _pair,
-    "fitted_by": str,
-    "response": dict,
-    "depth_terms_mm": dict,
-    "tile_px": _int,
-    "format": _int,
-    "sha256": str,
-    "onnx_sha256": str,
-    "onnx_opset": _int,
-}  # JSON value to a field; a number for all others
+}  # JSON value to a field, by the type or the name of the field
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MethodCard:
-    """What is known of one method; None is not known. Slopes and gains have no unit."""
+    """Card of one method; None is unknown. Slopes and gains have no unit."""
 
-    # what it was made from
+    # provenance
     method: str | None = None
     balls: int | None = None
     balls_left_out: int | None = None
@@ -100,7 +92,7 @@ class MethodCard:
     sensor: str | None = None
     light: Rows | None = None  # grey levels of the blocks that it was made in
 
-    # how far it is off
+    # errors
     held_out_direction_error_deg: float | None = None  # median
     held_out_slope_rms: float | None = None
     held_out_relative_error: float | None = None
@@ -112,7 +104,7 @@ class MethodCard:
     leakage_std: float | None = None
     min_slope_noise: float | None = None  # best direction
     max_slope_noise: float | None = None  # worst direction
-    frame_noise: float | None = None  # of the noise that the reference tells
+    frame_noise: float | None = None  # relative to the noise of the reference
     untouched_depth_rms_mm: float | None = None
     untouched_std_mm: Rows | None = None
     depth_terms_mm: dict[str, Any] | None = None  # of ball presses, by term and depth
@@ -120,14 +112,14 @@ class MethodCard:
     contact_in_reference_px: Pair | None = None  # x, y
     balls_at_that_contact: float | None = None  # share of those found
 
-    # how it is to be read
+    # evaluation
     fitted_by: str | None = None
     ridge: float | None = None
     steepest_slope: float | None = None
     response: Mapping[str, Any] | None = None  # of the camera: power, answers
     tile_px: int | None = None  # side of the blocks that untouched gel is averaged over
 
-    # of its files
+    # files
     format: int | None = None
     sha256: str | None = None
     onnx_sha256: str | None = None
@@ -137,46 +129,46 @@ class MethodCard:
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> MethodCard:
-        """The card of a JSON table. Raises InputError for a value of another kind than its key's."""
+        """Return the card of a JSON table. Raises InputError for a value of the wrong type."""
         rest, known = dict(content), dict[str, Any]()
-        for name in _entries():
+        for name, kind in _entries().items():
             key = _KEYS.get(name, name)
             value = rest.pop(key, None)
-            read: Callable[[Any], Any] = _READERS.get(name, _float)
             if value is not None:
                 try:
-                    known[name] = read(value)
+                    known[name] = _READERS.get(name, _READERS[kind])(value)
                 except (TypeError, ValueError, AttributeError) as fault:
                     raise InputError(
                         "the method's card cannot be read",
                         where=key,
                         value=str(value)[:40],
-                        remedy=f"{_why(fault)}. Take the file as it was written, or calibrate anew.",
+                        remedy=f"{_why(fault)}. Restore the original file, or calibrate again.",
                     ) from fault
         return cls(**known, other=rest)
 
     def to_json(self) -> dict[str, Any]:
-        """The card as a JSON table, entries that are not known left out."""
+        """Return the card as a JSON table without unknown entries."""
         known = {_KEYS.get(name, name): getattr(self, name) for name in _entries()}
         return {key: value for key, value in known.items() if value is not None} | dict(self.other)
 
     def extended(self, entries: Mapping[str, Any]) -> MethodCard:
-        """The card with further `entries`, by their keys on disk."""
+        """Return the card with further `entries`, by their keys on disk."""
         return MethodCard.from_json(self.to_json() | dict(entries))
 
 
 def _why(fault: Exception) -> str:
-    """What is wrong with a value, as a sentence without its full stop."""
+    """Return the fault of a value, as a sentence without its full stop."""
     why = fault.what if isinstance(fault, InputError) else str(fault)
     return why[:1].upper() + why[1:]
 
 
-def _entries() -> list[str]:
-    return [one.name for one in fields(MethodCard) if one.name != "other"]
+def _entries() -> dict[str, str]:
+    """Return the types of the fields by name, without `other`."""
+    return {one.name: str(one.type).removesuffix(" | None") for one in fields(MethodCard) if one.name != "other"}
 
 
 def provenance(data: str, *, licence: str) -> dict[str, Any]:
-    """Entries of a card: date, versions, `licence` of the method's file, and the `data` it was made from."""
+    """Return entries of a card: date, versions, `licence` of the file, and `data` it was made from."""
     return {
         "data": data,
         "date": datetime.datetime.now(tz=datetime.UTC).date().isoformat(),

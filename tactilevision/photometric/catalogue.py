@@ -1,4 +1,4 @@
-"""The photometric methods by name: what `--method` and `build_reconstructor(recording, method)` take."""
+"""Photometric methods by name, as for `--method` and `build_reconstructor(recording, method)`."""
 
 from __future__ import annotations
 

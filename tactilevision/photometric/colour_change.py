@@ -18,16 +18,14 @@ from tactilevision.photometric.reference import SATURATED, Reference, darkest_gr
 from tactilevision.photometric.windows import Window, common, inside, means, window_of
 from tactilevision.records.measured import Bools, Bytes, Floats
 
-# Colours that a frame does not tell: they are overexposed in it, or in the picture of the untouched gel.
-#
-# Mostly few pixels lack one, close together: all that is asked of them is asked in the window that holds them.
+# Colours that are overexposed in a frame or in the reference, in the window that holds all of them.
 
 
 @dataclass(frozen=True, slots=True)
 class MissingColours:
-    """In a `window` of a picture: which colours are `missing` (3, h, w), and the `count` (h, w) of them.
+    """The colours `missing` (3, h, w) in a `window` of a picture, and their `count` (h, w).
 
-    `partly` (h, w): two are left, and light enough to tell slopes; `blind` (h, w): fewer do.
+    `partly` (h, w): two colours with enough light remain; `blind` (h, w): fewer do.
     """
 
     window: Window
@@ -37,7 +35,7 @@ class MissingColours:
     blind: Bools
 
     def tiles(self, px: int, size: tuple[int, int]) -> Bytes:
-        """Tiles of `px` by `px` pixels, `size` (w, h) of them, of which some lack a colour: 255 there."""
+        """Return `size` (w, h) tiles of `px` by `px` pixels: 255 where a colour is missing, else 0."""
         tiles = np.zeros(size[::-1], np.uint8)
         if (both := common(self.window, (slice(0, px * size[1]), slice(0, px * size[0])))) is not None:
             lacking = self.count[inside(both, self.window)]
@@ -50,7 +48,7 @@ class MissingColours:
 
 
 class MissingColoursFinder:
-    """Finds them in frames against one reference, whose own are known."""
+    """Find missing colours of frames against one reference."""
 
     def __init__(self, reference: Reference) -> None:
         self.overexposed, self.lit_by_two = reference.overexposed, reference.lit_by_two
@@ -58,7 +56,7 @@ class MissingColoursFinder:
         self.window = None if over is None else window_of(np.asarray(over.any(axis=0)))
 
     def find(self, rgb: Bytes) -> MissingColours | None:
-        """The colours that a frame (H, W, 3) or its reference lacks; None: it tells all of them."""
+        """Return the colours missing in a frame (H, W, 3) or its reference; None for none."""
         windows = [window for window in (_overexposed_window(rgb), self.window) if window is not None]
         if not windows:
             return None
@@ -84,36 +82,34 @@ def _overexposed_window(rgb: Bytes) -> Window | None:
     return down, slice(int(columns[0]), int(columns[-1]) + 1)
 
 
-# Colour change against the untouched gel: the quantity that slope is read from.
+# Colour change against the untouched gel, from which slope follows:
 #
 #     u_c = (I_c / (1 + drift_c) - I0_c) / (I0_c + s)
 #
-# Where lamps have faded apart or stray light stands out, their part is undone first, in light (`drift.py`).
-# Dividing by the local brightness makes u nearly the same function of slope all over the picture; the softening s
-# keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
-# leans over the picture is small, and applied to first order. Marks on the gel are filled from around, in I0 once
-# and in u frame by frame. A colour that is overexposed, in the frame or in I0, says nothing at its pixel
-# (`missing_colours.py`). One that is dark all over the untouched gel says nothing anywhere, and counts as
-# unchanged: u_c = 0.
+# Stray light and separately fading lamps are corrected first, in light (`drift.py`). Division by the local
+# brightness makes u nearly the same function of slope all over the picture; the softening s limits the noise of
+# dark places. The mean drift divides, its gradient is applied to first order. Marks on the gel are filled in I0
+# and in each u. Colours that are overexposed in the frame or in I0 are missing at a pixel. One that is dark all
+# over the untouched gel counts as unchanged: u_c = 0.
 
-SHADOW_PX = 4  # pixels apart that shadows are looked for
-STRIP_PX = 25000  # pixels worked on at once, so that all that is made of them stays in the cache
+SHADOW_PX = 4  # step of the search for shadows
+STRIP_PX = 25000  # pixels processed at once, so that intermediate arrays stay in the cache
 
 Planes = npt.NDArray[np.float32]
 Light = tuple[Planes, Planes]  # down and across: the factor of grey at a place is their product
 
 
 class ChangeMaps:
-    """What makes colour changes of brightness: an untouched picture `mean` (3, h, w), at places x (w,), y (h,)."""
+    """Colour changes against an untouched picture `mean` (3, h, w), at places x (w,), y (h,)."""
 
     def __init__(self, mean: Planes, x: Planes, y: Planes, *, dark: int | None) -> None:
-        """`dark`: the colour that counts as unchanged, None where none does."""
+        """`dark`: number of the colour that counts as unchanged, or None."""
         self.mean, self.x, self.y, self.dark = mean, x, y, dark
         self.scale: Planes = np.empty_like(mean)
         self.update_scale()
 
     def update_scale(self) -> None:
-        """To be called when `mean` has changed."""
+        """Update the scale after a change of `mean`."""
         np.add(self.mean, np.float32(SOFTENING_GREY), out=self.scale)
         np.reciprocal(self.scale, out=self.scale)
         if self.dark is not None:
@@ -243,12 +239,12 @@ class ColourChange:
     def _in_shadow(self, rgb: Bytes, missing: MissingColours | None) -> bool:
         """Whether shadows are to be looked for in all of a frame: few of its pixels tell, unless it is bright."""
         line = rgb.ravel()
-        if np.maximum(line[1:], line[:-1]).min() > self.darkest:  # no two colours beside each other are dark
+        if np.maximum(line[1:], line[:-1]).min() > self.darkest:  # no two adjacent colours are dark
             return False
         return missing is not None or bool(_brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() <= self.darkest)
 
     def follow(self, rgb: Bytes, share: float) -> None:
-        """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""
+        """Move the reference towards `rgb` by `share` of the difference, in place."""
         marks = self.reference.marks
         gel = None if marks is None else np.asarray(1 - marked(rgb, marks), np.uint8)
         for mean, grey in zip(self.maps.mean, cv2.split(rgb), strict=True):
@@ -258,12 +254,12 @@ class ColourChange:
 
     @property
     def level(self) -> Planes:
-        """The untouched picture (3, H, W) that changes are counted from, without its marks."""
+        """The untouched picture (3, H, W), marks filled, that changes refer to."""
         return self.maps.mean
 
     @property
     def scale(self) -> Planes:
-        """Change (3, H, W) of one grey level; 0 of a colour that counts as unchanged."""
+        """Change (3, H, W) per grey level; 0 for a colour that counts as unchanged."""
         scale = self.maps.scale
         if self.maps.dark is not None:
             scale = scale.copy()
@@ -281,13 +277,13 @@ class ColourChange:
 
 
 def _brightest(rgb: Bytes) -> Bytes:
-    """Of the three channels of a picture (H, W, 3), pixel by pixel."""
+    """Return the maximum (H, W) over the channels of a picture (H, W, 3)."""
     red, green, blue = cv2.split(rgb)
     return np.asarray(cv2.max(cv2.max(red, green), blue))
 
 
 def strips(window: Window) -> Iterator[Window]:
-    """The window cut into strips of whole rows, STRIP_PX at most (but one row at least)."""
+    """Yield the window in strips of whole rows, of STRIP_PX at most (but one row at least)."""
     rows, columns = window
     step = max(1, STRIP_PX // (columns.stop - columns.start))
     for top in range(rows.start, rows.stop, step):

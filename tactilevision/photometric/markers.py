@@ -1,17 +1,15 @@
-"""Marks on the gel (printed dots, cuts): found, and filled from around, before slopes are read.
+"""Find marks on the gel (printed dots, cuts), and fill them from around before slopes are computed.
 
-A mark is dark in every colour, whichever way the gel slopes; a shade is dark in one and bright in another. So
+A mark is dark in every colour, whichever way the gel slopes; a shaded slope is dark in one and bright in another.
+So
 
     d = min over colours of (closing(I) - I) / (closing(I) + s)         closing: larger than a mark
 
-and Otsu's threshold of the untouched picture parts marks from gel. A pattern counts as marks when there are enough
-of them, evenly spaced: dirt and grain are not. In a frame the same threshold finds them wherever the gel has
-carried them; patches much larger than a mark (grooves of what is pressed) are left alone.
-Each mark is filled by the quadratic in x and y that fits the gel round it best, weighed by a Gaussian of the
-distance from its centre, so that a dent's slopes go on through it. A mean of what lies round flattens dents.
-Larger holes are filled by such means, push and pull over halved pictures: near the rim the colours beside it,
-deeper in those further off.
-Assumes marks smaller than the closing, a nineteenth of the picture's height.
+and Otsu's threshold of the untouched picture separates marks from gel, if there are enough of them, evenly spaced.
+In a frame the same threshold finds them wherever the gel has carried them; patches much larger than a mark
+(grooves of an object) do not count. Each mark is filled by the quadratic in x and y fitted to the gel around it
+with Gaussian weights, so that slopes continue through it. Larger holes are filled by local means, by push-pull
+over halved pictures. Assumes marks smaller than the closing, a nineteenth of the height of the picture.
 """
 
 from __future__ import annotations
@@ -26,19 +24,19 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tactilevision.records.measured import Bytes, Floats
 
-MIN_COUNT = 12  # spots that make a pattern; fewer may be dirt that happens to lie evenly
-DARK_GREY = 20  # below which a colour says nothing of marks
-SOFTENING_GREY = 20  # s, grey levels: keeps the noise of dark places from passing for marks
+MIN_COUNT = 12  # spots that make a pattern
+DARK_GREY = 20  # below which a colour does not count
+SOFTENING_GREY = 20  # s, grey levels: limits the noise of dark places
 MIN_AREA_PX = 4  # px of a spot; noise and hot pixels make smaller ones
-LARGEST = 2.5  # usual areas that a mark may have: larger patches are grooves of what is pressed
-FAINTEST = 0.05  # darker than the gel beside by less, noise and rounding are
+LARGEST = 2.5  # typical areas of a mark at most: larger patches are grooves of an object
+FAINTEST = 0.05  # relative darkness of a mark at least
 LEVELS = 4  # halvings: a hole of 16 pixels is bridged
-USUAL_PERCENT = 90  # percent of the marks for which the window of the quadratic is wide enough with its margin
-MARGIN_PX = 5  # px of gel beside a mark that its quadratic is fitted to, as on three real sets
-EVERY_PX = 2  # px between those that are fitted: all of them tell real dents no better and cost 1 ms
-RIDGE = 1e-4  # of the sum of weights, added to the normal equations: marks at the border lack a side
-MIN_GEL_PX = 12.0  # px of gel that are fitted, two for each coefficient: fewer tell no quadratic
-TERMS = 6  # coefficients of a quadratic in x and y, which is no judgement
+USUAL_PERCENT = 90  # percentile of mark widths for the window of the quadratic
+MARGIN_PX = 5  # px of gel around a mark that its quadratic is fitted to
+EVERY_PX = 2  # px between fitted pixels: all of them are no better and cost 1 ms
+RIDGE = 1e-4  # of the sum of weights, added to the normal equations, for marks at the border
+MIN_GEL_PX = 12  # fitted px of gel, two for each coefficient
+TERMS = 6  # coefficients of a quadratic in x and y
 
 Indices = npt.NDArray[np.intp]
 Planes = npt.NDArray[np.float32]
@@ -46,8 +44,7 @@ Planes = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """`level` (0 to 255) of darkness that parts marks from gel, their usual `area_px`, and where (H, W) uint8 they
-    are on the untouched gel."""
+    """Threshold `level` (0 to 255) of darkness, typical `area_px`, `mask` (H, W) uint8 on the untouched gel."""
 
     level: float
     area_px: float
@@ -55,7 +52,7 @@ class Marks:
 
 
 def find_marks(rgb: Bytes) -> Marks | None:
-    """The marks of an untouched gel's picture (H, W, 3), or None where there is no pattern of them."""
+    """Return the marks in a picture (H, W, 3) of the untouched gel, or None without a pattern."""
     dark = _darkness(rgb)
     level, spots = cv2.threshold(dark, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     if level < 255 * FAINTEST:
@@ -74,8 +71,10 @@ def find_marks(rgb: Bytes) -> Marks | None:
 
 
 def evenly_spaced(places_px: Floats) -> bool:
-    """Whether spots (N, 2) lie as marks do: enough of them, the coefficient of variation of their distance to
-    the next below a third (spots strewn at random have a half)."""
+    """Return whether there are MIN_COUNT spots (N, 2) or more, evenly spaced.
+
+    The coefficient of variation of their nearest distance is below a third; that of random spots is a half.
+    """
     from scipy.spatial import KDTree
 
     if len(places_px) < MIN_COUNT:
@@ -85,7 +84,7 @@ def evenly_spaced(places_px: Floats) -> bool:
 
 
 def marked(rgb: Bytes, marks: Marks) -> Bytes:
-    """Where (H, W) a frame shows marks, their blurred rim included: 1 there, else 0."""
+    """Return the mask (H, W), 1 or 0, of marks in a frame, including their blurred rim."""
     _, spots = cv2.threshold(_darkness(rgb), marks.level, 1, cv2.THRESH_BINARY)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(spots)
     area = stats[:, cv2.CC_STAT_AREA]
@@ -95,7 +94,7 @@ def marked(rgb: Bytes, marks: Marks) -> Bytes:
 
 
 def fill(planes: Planes, mask: Bytes) -> None:
-    """Fill `planes` (C, H, W) in place where `mask` (H, W) is not 0, from what lies around."""
+    """Fill `planes` (C, H, W) in place where `mask` (H, W) is not 0, by means of their surroundings."""
     share = [1.0 - mask.astype(np.float32)]
     for _ in range(LEVELS):
         share.append(cv2.pyrDown(share[-1]))
@@ -114,7 +113,7 @@ def fill(planes: Planes, mask: Bytes) -> None:
 
 
 def fill_marks(planes: Planes, mask: Bytes) -> None:
-    """Fill `planes` (C, H, W) in place where `mask` (H, W) shows marks: slopes go on through them."""
+    """Fill `planes` (C, H, W) in place at marks in `mask` (H, W), by quadratics."""
     count, labels, stats, centres = cv2.connectedComponentsWithStatsWithAlgorithm(
         mask, 8, cv2.CV_16U, cv2.CCL_DEFAULT
     )
@@ -124,12 +123,12 @@ def fill_marks(planes: Planes, mask: Bytes) -> None:
     half = int(np.percentile(width[1:], USUAL_PERCENT)) // 2 + MARGIN_PX
     x, y = np.rint(centres).astype(np.intp).T
     gel = _around(np.asarray(1 - mask, np.float32), x, y, half)
-    told = (width < 2 * half) & (gel.sum(axis=1) > MIN_GEL_PX)
-    told[0] = True  # the gel itself, which is not filled
+    fitted = (width < 2 * half) & (gel.sum(axis=1) > MIN_GEL_PX)
+    fitted[0] = True  # the gel itself, which is not filled
     hole = mask.view(np.bool_)
-    if not told.all():
+    if not fitted.all():
         fill(planes, mask)
-        hole = told[labels] & hole
+        hole = fitted[labels] & hole
     rows, columns = np.nonzero(hole)
     mark, side = labels[rows, columns].astype(np.intp), 2 * half + 1
     at = (mark * side + rows - y[mark] + half) * side + columns - x[mark] + half
@@ -139,28 +138,27 @@ def fill_marks(planes: Planes, mask: Bytes) -> None:
 
 
 def _around(plane: Planes, x: Indices, y: Indices, half: int) -> Planes:
-    """Every EVERY_PX-th pixel (N, n) of `plane` (H, W) in windows about places x, y (N,); 0 beyond the border."""
+    """Return every EVERY_PX-th pixel (N, n) of `plane` (H, W) in windows about x, y (N,); 0 beyond the border."""
     padded = cv2.copyMakeBorder(plane, half, half, half, half, cv2.BORDER_CONSTANT, value=0)
     windows = sliding_window_view(padded, (2 * half + 1, 2 * half + 1))
     return np.asarray(windows[y, x, ::EVERY_PX, ::EVERY_PX].reshape(len(x), -1))
 
 
 def _quadratics(values: list[Planes], gel: Planes, half: int) -> list[Planes]:
-    """The quadratics (N, side * side) that fit each of `values` (N, n) best where `gel` (N, n) is 1."""
+    """Return the quadratics (N, side * side) fitted to each of `values` (N, n) where `gel` (N, n) is 1."""
     basis, weighted, products = _window(half)
     first, second = np.triu_indices(TERMS)
     normal = np.empty((len(gel), TERMS, TERMS), np.float32)
     normal[:, first, second] = normal[:, second, first] = gel @ products
     normal[:, range(TERMS), range(TERMS)] += RIDGE * (1.0 + normal[:, :1, 0])
-    known = np.stack([(one * gel) @ weighted for one in values], axis=2)
-    found = np.linalg.solve(normal, known)
-    return [np.asarray(np.ascontiguousarray(found[:, :, number]) @ basis) for number in range(len(values))]
+    known = np.stack([(plane * gel) @ weighted for plane in values], axis=2)
+    terms = np.linalg.solve(normal, known)
+    return [np.asarray(np.ascontiguousarray(terms[:, :, number]) @ basis) for number in range(len(values))]
 
 
 @lru_cache(4)
 def _window(half: int) -> tuple[Planes, Planes, Planes]:
-    """A quadratic's terms (6, side * side) in a window; these (n, 6) and their products (n, 21), weighed, where it
-    is fitted."""
+    """Return terms (6, side * side) in a window; weighted terms (n, 6), products (n, 21) at fitted pixels."""
     y, x = np.indices((2 * half + 1, 2 * half + 1)) / half - 1.0
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     fitted = terms[:, ::EVERY_PX, ::EVERY_PX].reshape(TERMS, -1)
@@ -180,7 +178,7 @@ def _darkness(rgb: Bytes) -> Bytes:
         around = cv2.morphologyEx(grey, cv2.MORPH_CLOSE, window)
         depth = cv2.divide(cv2.subtract(around, grey), cv2.add(around, SOFTENING_GREY), scale=255)
         dim = cv2.compare(around, DARK_GREY, cv2.CMP_LT)
-        cv2.min(least, cv2.bitwise_or(depth, dim), dst=least)  # a dim colour has no say
+        cv2.min(least, cv2.bitwise_or(depth, dim), dst=least)  # a dim colour does not count
         unlit = dim if unlit is None else cv2.bitwise_and(unlit, dim)
     assert unlit is not None
     least[unlit > 0] = 0

@@ -1,4 +1,4 @@
-"""Calibrated photometric methods: a rectified frame in, slopes out."""
+"""Calibrated photometric methods: slopes of a rectified frame."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Array = npt.NDArray[np.floating[Any]]
 
 @runtime_checkable
 class ReferencedMethod(PhotometricMethod, PixelMethod, Protocol):
-    """A method that compares a frame with a reference, follows its light, and knows its own error.
+    """A method that compares a frame with a reference, follows its light, and has a known error.
 
     `trusted_blocks` (h, w): blocks of the picture where the law holds, for the zero plane.
     """
@@ -62,13 +62,13 @@ class ReferencedMethod(PhotometricMethod, PixelMethod, Protocol):
 
 
 def as_referenced(method: object) -> ReferencedMethod | None:
-    """The method as one with a reference; None for one that gives slopes alone."""
+    """Return the method if it has a reference, else None."""
     return method if isinstance(method, ReferencedMethod) else None
 
 
 @dataclass
 class CalibratedMethod:
-    """A colour law with the reference it is used against.
+    """A colour law with its reference.
 
     `relative_error` is the law's own held-out error as a part of the slope. `card` says what it was made from.
     `two_colours` read the pixels of which a colour is overexposed; None: nothing does, and they are not valid.
@@ -107,16 +107,13 @@ class CalibratedMethod:
 
     @property
     def current_background(self) -> SlopeBackground:
-        """What is known of untouched gel, as blocks, also where no ball picture told it."""
+        """Bias and noise on untouched gel, by blocks, also without ball pictures."""
         if self.background is not None:
             return self.background
         return BackgroundSums(self.reference.shape).result(self.evaluate.noise(self.change.noise))
 
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
-        """Slopes (H, W) of a rectified frame (H, W, 3) uint8.
-
-        Raises InputError for a frame that cannot be read.
-        """
+        """Return slopes (H, W) of a rectified frame (H, W, 3) uint8. Raises InputError if it cannot be read."""
         reading = self.read(rgb_rectified)
         slopes = reading.slopes
         return replace(slopes, std=self._std(slopes.dz_dx, slopes.dz_dy, reading.lost_share))
@@ -132,7 +129,7 @@ class CalibratedMethod:
         )
 
     def at(self, change: Floats, place: Floats) -> Floats:
-        """Slopes (N, 2) of changes (N, 3) at places (N, 2), by two colours where a change is not known (NaN)."""
+        """Return slopes (N, 2) of changes (N, 3) at places (N, 2), by two colours where a change is NaN."""
         if self.two_colours is None or np.isfinite(change).all():
             return self.law.at(change, place)
         return self.two_colours.at(change, place, otherwise=self.law)
@@ -144,7 +141,7 @@ class CalibratedMethod:
 
     @cached_property
     def tiled_evaluator(self) -> TiledEvaluator | None:
-        """What reads gentle gel in means; None where the method was not settled so (card)."""
+        """Evaluator of gentle gel in means; None where the method was not calibrated for it (card)."""
         px = self.card.tile_px or 1
         return TiledEvaluator(self, px) if 1 < px <= tile_px_for(self) else None
 
@@ -194,15 +191,13 @@ class CalibratedMethod:
             fill(slopes, mask)
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
-        """Move the reference towards a picture of the untouched gel by `share` of their difference."""
+        """Move the reference towards a picture of the untouched gel by `share` of the difference."""
         self.change.follow(rgb_rectified, share)
         if self.tiled_evaluator:
             self.tiled_evaluator.follow(rgb_rectified, share)
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
-        """The same law against another picture of the untouched gel; that of two colours where the third is dark
-        there and was not before.
-        """
+        """Return the method with another reference; by two colours if the third is dark only there."""
         dark, two = reference.dark_colour, self.two_colours
         if dark is None or dark == self.reference.dark_colour or two is None:
             return replace(self, reference=reference)
@@ -210,7 +205,7 @@ class CalibratedMethod:
         return replace(self, reference=reference, law=two.laws[dark], relative_error=error, light_law=None)
 
     def with_card(self, card: MethodCard) -> CalibratedMethod:
-        """The same method with another card."""
+        """Return the method with another card."""
         return replace(self, card=card)
 
     def _std(self, dz_dx: Array, dz_dy: Array, lost: Patch | None) -> Array:

@@ -1,12 +1,11 @@
-"""Gentle gel read in means of several pixels, and what is pressed in full.
+"""Evaluate gentle gel in means of several pixels, and contacts at full resolution.
 
-Where the surface hardly slopes its colours change slowly from pixel to pixel, and the mean of 2 by 2 to 4 by 4
-says as much of it as they do one by one: a small part of the work. So the whole picture is read in such means, and
-once more pixel by pixel in windows round all that slopes by DETECTION_SIGMA deviations of a single pixel's noise,
-or where neighbouring means differ by more than noise, as they do in a contact of their size. The coarse reading
-has its own noise, and so its own mean slope of noise in the dark (`background.py`): a method is read so only where
-frames of untouched gel, read so, have told what to take off. What single pixels' noise smooths in a law is
-smoothed in the law instead. Not for gel with marks, which are filled in the whole picture first.
+Where the surface hardly slopes, means of 2 by 2 to 4 by 4 pixels carry the same information at a fraction of the
+work. The whole picture is evaluated in such means, and pixel by pixel in windows around slopes above
+DETECTION_SIGMA deviations of a pixel's noise, or where neighbouring means differ by more than noise. Means have
+their own noise and so their own bias: a method is evaluated so only if untouched frames evaluated so determined
+it. The smoothing of a law by the noise of single pixels is applied to the law instead. Not for gel with marks,
+which are filled in the whole picture.
 """
 
 from __future__ import annotations
@@ -26,13 +25,12 @@ from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Bytes
 from tactilevision.robust import median
 
-DETECTION_SIGMA = 4.0  # deviations of a pixel's noise; less reads noise in full, more misses gentle contacts
-# deviations of a mean's noise by which 3 by 3 means scatter, or as many times what most of a frame does
-SCATTER_SIGMA = 3.5
-STRIDE = 4  # means along each side, of which one tells what most do
-BLOCK = 8  # pixels, about: grid on which windows are cut
-MAX_WINDOW_SHARE = 0.5  # of the picture in windows; above that all of it is read in full
-MIN_SIDE_PX = 64  # pixels along the shorter side of the picture, below which nothing is saved
+DETECTION_SIGMA = 4  # deviations of a pixel's noise; less refines noise, more misses gentle contacts
+SCATTER_SIGMA = 3.5  # deviations of the noise (or typical scatter) of 3 by 3 means
+STRIDE = 4  # of the means that determine the typical scatter
+BLOCK = 8  # approximate pixels of the grid of windows
+MAX_WINDOW_SHARE = 0.5  # of the picture in windows; above, all of it is evaluated in full
+MIN_SIDE_PX = 64  # shorter side of the picture below which nothing is saved
 
 PAIR, ROUND = np.ones((2, 2), np.uint8), np.ones((3, 3), np.uint8)
 
@@ -54,7 +52,7 @@ class TiledSlopes:
 
 
 def tile_px_for(method: PixelMethod) -> int:
-    """Pixels along each side of the means in which gentle gel is read; 1 where it is to be read pixel by pixel."""
+    """Return the pixels along each side of the means of gentle gel; 1 for evaluation pixel by pixel."""
     side = min(method.reference.shape)
     if method.reference.marks is not None or side < MIN_SIDE_PX:
         return 1
@@ -62,7 +60,7 @@ def tile_px_for(method: PixelMethod) -> int:
 
 
 class TiledEvaluator:
-    """Reads frames for one method in means of `px` by `px`; what depends on the method alone is made once."""
+    """Evaluate frames by one method in means of `px` by `px` pixels."""
 
     def __init__(self, method: PixelMethod, px: int) -> None:
         self.method, self.px = method, px
@@ -90,7 +88,7 @@ class TiledEvaluator:
         self.padded = self.block * blocks[0], self.block * blocks[1]
 
     def follow(self, rgb: Bytes, share: float) -> None:
-        """Move the mean untouched picture towards `rgb` by `share` of the difference, as the method's own."""
+        """Move the reference towards `rgb` by `share` of the difference."""
         self.maps.mean += np.float32(share) * (means(rgb, self.px) - self.maps.mean)
         self.maps.update_scale()
 
@@ -116,7 +114,7 @@ class TiledEvaluator:
         return TiledSlopes(slopes, windows, fine, self.method.valid(frame), frame, steepest, lost_share)
 
     def full_map(self, tiles: TiledSlopes) -> SlopeMap:
-        """The slopes of `tiles` pixel by pixel."""
+        """Return the slopes of `tiles` pixel by pixel."""
         down, across = (side.stop for side in self.even)
         slopes: Planes = np.empty((2, *self.method.reference.shape), np.float32)
         for plane, mean in zip(slopes, tiles.coarse, strict=True):
@@ -140,10 +138,9 @@ class TiledEvaluator:
         return slopes
 
     def windows(self, slopes: Planes, *, missing: Bytes | None = None) -> list[Window]:
-        """Windows of the whole picture round what is not gentle in its coarse `slopes`, a block to spare.
+        """Return windows of the picture around steep or scattered `slopes` (2, h, w), with a margin of a block.
 
-        Where `missing` (h, w) is not 0 a colour is missing, and means tell nothing. Lone means are noise, but
-        where they scatter about each other too much there is a contact of their size.
+        Means where `missing` (h, w) is not 0 are included. Single steep means are noise.
         """
         height, width = self.method.reference.shape
         steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))
@@ -168,12 +165,12 @@ class TiledEvaluator:
         return boxes if area < MAX_WINDOW_SHARE * height * width else [(slice(0, height), slice(0, width))]
 
     def _over(self, planes: Planes) -> Planes:
-        """Means (n, h, w) of planes (n, H, W)."""
+        """Return means (n, h, w) of planes (n, H, W)."""
         return means(planes.transpose(1, 2, 0), self.px)
 
 
 def _scatter(slopes: Planes) -> Picture:
-    """Variance (h, w) of slopes (2, h, w) over 3 by 3 of them, both added."""
+    """Return the variance (h, w) of slopes (2, h, w) over 3 by 3 of them, the sum of both."""
     p, q = slopes
     total = cv2.blur(cv2.add(cv2.multiply(p, p), cv2.multiply(q, q)), (3, 3))
     for mean in (cv2.blur(p, (3, 3)), cv2.blur(q, (3, 3))):
@@ -182,7 +179,7 @@ def _scatter(slopes: Planes) -> Picture:
 
 
 def _merged_boxes(boxes: Sequence[Sequence[int]]) -> list[tuple[int, int, int, int]]:
-    """Boxes (left, top, right, bottom) of (left, top, width, height), those that overlap made one."""
+    """Return boxes (left, top, right, bottom) of (left, top, width, height), with overlapping ones merged."""
     merged: list[tuple[int, int, int, int]] = []
     for left, top, width, height in boxes:
         right, bottom = left + width, top + height

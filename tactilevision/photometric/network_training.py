@@ -22,14 +22,11 @@ if TYPE_CHECKING:
     import torch
 
 
-# Torch on one core, from a seed, leaving the caller's threads and random numbers as they were.
-
-
 @contextmanager
 def one_core(seed: int) -> Iterator[None]:
-    """Within it torch computes on one core and draws (kornia too) from `seed`: the same again everywhere.
+    """Run torch (and kornia) on one core, seeded with `seed`, and restore threads and random state after.
 
-    Small layers gain nothing from more cores, and sums on many of them round in another order each time.
+    Sums on several cores are not reproducible, and small layers gain nothing from them.
     """
     import torch
 
@@ -43,27 +40,27 @@ def one_core(seed: int) -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-# Trains the network of `network.py` on ball presses with torch, each press shown many times over by kornia.
-#
-# Press pictures are blurred, made noisier, their light changed by some percent and unevenly (what the following of
-# the light leaves over), moved and scaled by a little: all that changes neither slopes nor their colours. Flips
-# and turns would, since the lamps stay where they are. The loss is each slope's squared error over slope^2 +
-# TYPICAL^2, as the polynomial's is, and the untouched gel's slope. Same samples, same network.
+# Training on augmented ball presses: pictures are blurred, made noisier, changed in light by some percent (as the
+# drift correction leaves), moved and scaled a little, which affects neither slopes nor their colours. Flips and
+# turns would. The loss is the squared error of slopes over slope^2 + TYPICAL^2, plus the slope of the untouched
+# gel.
 
-WIDTH = 16  # channels of a hidden layer; time per frame goes with its square
+WIDTH = 16  # channels of a hidden layer; time per frame grows with its square
 LAYERS = 2  # hidden layers of the perceptron
-STEPS = 900  # steps of the optimiser; training time goes with them
+STEPS = 900  # steps of the optimiser
 BATCH = 2048  # samples of balls in a step, and a quarter as many of untouched gel
-RATE = 1e-2  # learning rate at its highest, no unit
-DECAY = 1e-3  # weight decay of the optimiser, no unit; larger is smoother
-SHOWN = 4  # times that each press is shown beside its own picture
-SEED = 20261121  # any number would do: the same samples give the same network
-UNTOUCHED_WEIGHT = 0.1  # weight of untouched gel
+RATE = 1e-2  # highest learning rate
+DECAY = 1e-3  # weight decay of the optimiser; larger is smoother
+SHOWN = 4  # augmented copies of each press
+LIGHT_CHANGE = 0.02  # of brightness, contrast, and their gradient in augmented pictures
+SHIFT = 0.05  # of their place and scale
+SEED = 20261121
+UNTOUCHED_WEIGHT = 0.1  # of untouched gel in the loss
 
 
 @dataclass(frozen=True)
 class NetworkFitter:
-    """Fits a network to samples; `shown` holds those of the augmented pictures of the same presses."""
+    """Fitter of a network; `shown` are samples of the augmented pictures of the same presses."""
 
     shown: Samples | None = None
     steps: int = STEPS
@@ -71,14 +68,14 @@ class NetworkFitter:
     ridges = (DECAY,)
 
     def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> Network:
-        """The network that explains the samples; `ridge` is the decay of its weights."""
+        """Fit a network to samples; `ridge` is the weight decay."""
         more = [] if self.shown is None else [self.shown.where(np.isin(self.shown.press, contact.press))]
         return fit_network(join([contact, *more]), untouched_samples, ridge=ridge, steps=self.steps)
 
     def prepared(
         self, change: ColourChange, pictures: Sequence[Bytes], balls: Sequence[Ball | None], mm_per_px: Pair
     ) -> NetworkFitter:
-        """The same with `pictures` (H, W, 3) augmented; a ball that was not found is None."""
+        """Return the fitter with augmented `pictures` (H, W, 3); `balls` are None where not found."""
         require_exporter()
         parts = [
             augmented(
@@ -91,21 +88,21 @@ class NetworkFitter:
 
 
 def augmented(change: ColourChange, rgb: Bytes, *, ball: Ball, mm_per_px: Pair, number: int, most: int) -> Samples:
-    """At most `most` samples of one press under SHOWN other lights, noises, sharpnesses and places."""
+    """Return at most `most` samples of one press from SHOWN augmented pictures."""
     import torch
 
     box = _around(ball, rgb.shape, mm_per_px)
     p, q, inside = _under(ball, box, mm_per_px)
     changes, _, valid = change.measure(rgb)
     cut = (slice(None), *box)
-    grey = torch.as_tensor(np.ascontiguousarray(rgb[box].transpose(2, 0, 1)), dtype=torch.float32) / 255.0
+    grey = torch.as_tensor(np.ascontiguousarray(rgb[box].transpose(2, 0, 1)), dtype=torch.float32) / 255
     planes = torch.as_tensor(
         np.stack([*changes[cut], p, q, (inside & valid[box]).astype(float)]), dtype=torch.float32
     )
     with one_core(SEED + number), torch.no_grad():
-        light, place = _augmentations(max(change.reference.noise_grey) / 255.0)
+        light, place = _augmentations(max(change.reference.noise_grey) / 255)
         many = grey[None].expand(SHOWN, -1, -1, -1).contiguous()
-        turned = 255.0 * (light(many) - many) * torch.as_tensor(change.scale[cut].copy())
+        turned = 255 * (light(many) - many) * torch.as_tensor(change.scale[cut].copy())
         stack = planes[None].repeat(SHOWN, 1, 1, 1)
         stack[:, :3] += turned
         stack = place(stack)
@@ -122,10 +119,10 @@ def fit_network(
     steps: int = STEPS,
     unbiased: bool = False,
 ) -> Network:
-    """The network that explains the samples of balls and of untouched gel.
+    """Fit a network to samples of balls and of untouched gel.
 
-    `unbiased`: of half the presses slopes come out too steep, of half too flat. The best mean square alone makes
-    slopes flat where the presses' lights differ, as a mean of directions is short.
+    `unbiased`: scale the slopes so that their median error over presses is zero. The least mean square alone gives
+    too small slopes where the lights of the presses differ.
     """
     import torch
 
@@ -141,7 +138,7 @@ def fit_network(
 
 
 def make_module(typical_change: Floats) -> torch.nn.Module:
-    """The perceptron, untrained; `typical_change` (3,), relative, scales its view of the colours."""
+    """Return the untrained perceptron; `typical_change` (3,) of the colours scales its input."""
     import torch
     from torch import nn
 
@@ -152,7 +149,7 @@ def make_module(typical_change: Floats) -> torch.nn.Module:
             steps = [nn.Conv2d(a, b, 1) for a, b in pairwise(sizes)]
             self.body = nn.Sequential(*[layer for step in steps for layer in (step, nn.ReLU())])
             self.last = nn.Conv2d(WIDTH, 6, 1)
-            with torch.no_grad():  # so that every colour counts alike at the start
+            with torch.no_grad():  # all colours weigh alike at the start
                 steps[0].weight[:, :3] /= torch.as_tensor(typical_change, dtype=torch.float32)[:, None, None]
 
         def forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -188,15 +185,15 @@ def _trained(contact: Samples, untouched_samples: Samples, ridge: float, steps: 
 
 
 def _unbias(module: torch.nn.Module, contact: Samples) -> None:
-    """Makes the median over presses of slope found over true, along the true one, 1."""
+    """Scale `module` so that the median over presses of estimated over true slope is 1."""
     import torch
 
     inputs = torch.as_tensor(np.concatenate([contact.change, contact.place], axis=1), dtype=torch.float32)
     with torch.no_grad():
-        found = module(inputs.T[None, :, None])[0, :, 0].T.double().numpy()
+        estimated = module(inputs.T[None, :, None])[0, :, 0].T.double().numpy()
         along, power = (
             np.bincount(contact.press, np.sum(slopes * contact.slopes, axis=1))
-            for slopes in (found, contact.slopes)
+            for slopes in (estimated, contact.slopes)
         )
         gain = float(np.median(along[power > 0] / power[power > 0]))
         for name, part in module.named_parameters():
@@ -209,16 +206,17 @@ def _augmentations(noise: float) -> tuple[torch.nn.Module, torch.nn.Module]:
 
     light = draw.AugmentationSequential(
         draw.RandomGaussianBlur((5, 5), (0.3, 0.9), p=0.5),
-        draw.ColorJiggle(brightness=0.02, contrast=0.02, p=0.5),
-        draw.RandomLinearIllumination(gain=(0.002, 0.02), p=0.5),
+        draw.ColorJiggle(brightness=LIGHT_CHANGE, contrast=LIGHT_CHANGE, p=0.5),
+        draw.RandomLinearIllumination(gain=(0.002, LIGHT_CHANGE), p=0.5),
         draw.RandomGaussianNoise(std=noise, p=1.0),
     )
-    place = draw.AugmentationSequential(draw.RandomAffine(0.0, translate=(0.05, 0.05), scale=(0.95, 1.05), p=1.0))
+    scale = 1 - SHIFT, 1 + SHIFT
+    place = draw.AugmentationSequential(draw.RandomAffine(0.0, translate=(SHIFT, SHIFT), scale=scale, p=1.0))
     return light, place
 
 
 def _around(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> tuple[slice, slice]:
-    """The rows and columns about a ball that hold its contact, a little moved or scaled."""
+    """Return the rows and columns around a contact, with a margin for shifts and scales."""
     reach = 1.2 * ball.contact_radius_px + 2
     reach_y = reach * mm_per_px[0] / mm_per_px[1]
     x, y = ball.centre_px
@@ -227,13 +225,12 @@ def _around(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> tuple[slice,
 
 
 def _under(ball: Ball, box: tuple[slice, slice], mm_per_px: Pair) -> tuple[Floats, Floats, Bools]:
-    """Slopes of the gel in the box, and where it is the ball itself."""
+    """Return slopes of the gel in the box, and the mask of the contact."""
     y, x = np.mgrid[box].astype(np.float64)
     x, y = (x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1]
     contact_mm = ball.contact_radius_px * mm_per_px[0]
-    return *ball_slopes(x, y, contact_mm=contact_mm, radius_mm=ball.radius_mm), np.hypot(
-        x, y
-    ) < INSIDE * contact_mm
+    p, q = ball_slopes(x, y, contact_mm=contact_mm, radius_mm=ball.radius_mm)
+    return p, q, np.hypot(x, y) < INSIDE * contact_mm
 
 
 def _samples(

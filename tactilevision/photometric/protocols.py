@@ -1,4 +1,4 @@
-"""What the parts of `photometric` ask of each other: methods, colour laws, and laws made ready for a picture."""
+"""Interfaces of photometric methods, colour laws, and their evaluators."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.colour_change import ColourChange, FrameChange, Planes
+from tactilevision.photometric.colour_change import ColourChange, FrameChange, Planes, strips
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.windows import Patch, Window
@@ -19,7 +19,7 @@ Picture = npt.NDArray[np.float32]
 
 
 class PhotometricMethod(Protocol):
-    """Anything with these members works everywhere; PHOTOMETRIC only lists the ones that come along."""
+    """Photometric method; PHOTOMETRIC lists the built-in ones."""
 
     name: str
 
@@ -27,18 +27,32 @@ class PhotometricMethod(Protocol):
 
 
 class Evaluator(Protocol):
-    """A colour law made ready for one picture size."""
+    """A colour law prepared for one picture size."""
 
     def __call__(self, change: Planes) -> tuple[Picture, Picture]: ...
 
     def strip(self, change: Planes, window: Window, out: Planes) -> None:
-        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window of the picture, STRIP_PX at most."""
+        """Write slopes (2, h, w) of the changes (3, h, w) of a window, of STRIP_PX at most, to `out`."""
 
     def noise(self, noise: Planes) -> Picture: ...
 
 
+class StripEvaluator:
+    """Evaluator of a whole picture by `strip`, so that intermediate arrays stay in the cache."""
+
+    def strip(self, change: Planes, window: Window, out: Planes) -> None:
+        raise NotImplementedError
+
+    def __call__(self, change: Planes) -> tuple[Picture, Picture]:
+        """Return slopes (H, W) and (H, W) of changes (3, H, W)."""
+        out = np.empty((2, *change.shape[1:]), np.float32)
+        for window in strips((slice(0, change.shape[1]), slice(0, change.shape[2]))):
+            self.strip(change[:, window[0]], window, out[:, window[0]])
+        return out[0], out[1]
+
+
 class ColourLaw(Protocol):
-    """Slope as a function of colour change and place, free of any one sensor's reference picture."""
+    """Slope as a function of colour change and place, without a reference picture."""
 
     @property
     def name(self) -> str: ...
@@ -46,8 +60,7 @@ class ColourLaw(Protocol):
     def at(self, change: Floats, place: Floats) -> Floats: ...
 
     def averaged(self, noise: Floats) -> ColourLaw:
-        """The law that says of a colour what this one says, on the mean, of that colour with `noise` (3,)."""
-        ...
+        """Return the law of mean slopes for colours with `noise` (3,)."""
 
     def evaluator(self, shape: tuple[int, int]) -> Evaluator: ...
 
@@ -73,10 +86,10 @@ class SlopeReading:
 
 
 class PixelMethod(Protocol):
-    """A method that reads colour changes from a reference, pixel by pixel; pictures are (H, W) float32.
+    """A method that evaluates colour changes against a reference pixel by pixel; pictures are (H, W) float32.
 
-    `kept_share` of the law's slope is kept, 0 to 1; `bias` (2, H, W) is taken off it. `noise_bias` are the two
-    parts of the bias that noise makes; `noise` is the deviation of a slope, without unit.
+    slope = `kept_share` (0 to 1) times that of the law, minus `bias` (2, H, W), of which `noise_bias` are the
+    parts by noise; `noise` is the deviation of a slope.
     """
 
     law: ColourLaw

@@ -14,65 +14,65 @@ from tactilevision.photometric.ball_samples import Samples, join
 from tactilevision.photometric.drift import SOFTENING_GREY
 from tactilevision.photometric.network_training import one_core
 from tactilevision.photometric.reference import MIN_SIGNAL, SATURATED
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Pair
 
 if TYPE_CHECKING:
     import torch
 
 
-# How the lamps, gel and camera of a kind of sensor are drawn for training: one record a kind.
+# Distributions of lamps, gel and camera of a kind of sensor, one record a kind.
 #
-# Azimuths count from x to the picture's top, and are those of the lamps; what leaks into another colour turns it.
-# GelSlim 3.0 and GelSight Mini: the light of one real sensor each is at the centre, as lamps that were fitted to
-# what 10 and 49 balls look like there; Minis' stand above, right and below, as long bars. DIGIT: three lamps about
-# the gel, as facebookresearch/tacto states in its config_digit.yml (30, 150 and 270 degrees), turned and bounded
-# as 14 balls of one real sensor ask; each shines across the gel, and they are spread wide, as no two sensors are
-# alike. Which real frames did not choose these numbers stands on the networks' cards.
+# Azimuths are those of the lamps, from x to the top of the picture. GelSlim 3.0 and GelSight Mini: centred on
+# lamps fitted to 10 and 49 balls of one real sensor each. DIGIT: three lamps as facebookresearch/tacto states in
+# its config_digit.yml (30, 150 and 270 degrees), turned and bounded to fit 14 balls of one real sensor, and spread
+# widely.
 
 Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class LightKind:
-    """Bounds of uniform draws; triples are of the red, green and blue lamp."""
+    """Bounds of uniform distributions; triples are of the red, green and blue lamp."""
 
-    size_mm: Pair  # what the picture shows
+    size_mm: Pair  # of the picture
     azimuth_deg: Triple
-    astray_deg: float  # one sigma by which lamps stand off these azimuths; cut at two
-    nearest_mm: Triple  # a lamp from the middle
+    azimuth_std_deg: float  # truncated at two standard deviations
+    nearest_mm: Triple  # distance of a lamp from the middle
     farthest_mm: Triple
     lowest_deg: Triple  # elevation of a lamp
     highest_deg: Triple
     half_length_mm: float  # of a strip of lamps, at most
     aim_mm: Pair  # where a beam meets the gel, from the middle towards its lamp
-    beam_mm: Pair  # one sigma of a beam
-    leak: Pair  # share of a lamp that other colours see
+    beam_mm: Pair  # standard deviation of a beam
+    leak: Pair  # share of a lamp in other colours
     green_in_blue: Pair
     blue_in_green: Pair
-    thrown_back: float  # by the wall opposite, of a lamp's light, at most
+    reflected: float  # share of a lamp's light from the wall opposite, at most
     stray: float  # of white, at most
     bulge: float  # slope of the untouched gel at the border, at most
     soft_edge: Pair = (0.01, 0.08)  # of attached shadows
     gamma: Pair = (1.0, 2.0)  # of the camera
-    upright_mm: Pair = (1.0, 4.0)  # height of a lamp: a taller one has wider penumbrae
+    upright_mm: Pair = (1, 4)  # height of a lamp, which sets its penumbrae
 
 
+DIGIT_LEAK = (0.05, 0.25)
 LIGHT_KINDS = {
     "gelslim3": LightKind(
         size_mm=(27.1, 20.3),
-        azimuth_deg=(-54.0, 179.0, 60.0),
-        astray_deg=6.0,
-        nearest_mm=(20.0, 38.0, 32.0),
-        farthest_mm=(30.0, 70.0, 60.0),
-        lowest_deg=(6.0, 11.0, 22.0),
-        highest_deg=(10.0, 19.0, 34.0),
-        half_length_mm=5.0,
-        aim_mm=(-9.0, 0.0),
-        beam_mm=(9.0, 16.0),
-        leak=(0.0, 0.05),
-        green_in_blue=(0.0, 0.1),
+        azimuth_deg=(-54, 179, 60),
+        azimuth_std_deg=6,
+        nearest_mm=(20, 38, 32),
+        farthest_mm=(30, 70, 60),
+        lowest_deg=(6, 11, 22),
+        highest_deg=(10, 19, 34),
+        half_length_mm=5,
+        aim_mm=(-9, 0),
+        beam_mm=(9, 16),
+        leak=(0, 0.05),
+        green_in_blue=(0, 0.1),
         blue_in_green=(0.1, 0.25),
-        thrown_back=0.1,
+        reflected=0.1,
         stray=0.02,
         bulge=0.05,
         soft_edge=(0.005, 0.02),
@@ -80,19 +80,19 @@ LIGHT_KINDS = {
     ),
     "gelsight_mini": LightKind(
         size_mm=(20.3, 15.2),
-        azimuth_deg=(97.0, -1.0, -97.0),
-        astray_deg=6.0,
-        nearest_mm=(50.0, 45.0, 45.0),
-        farthest_mm=(80.0, 80.0, 80.0),
-        lowest_deg=(9.0, 10.0, 11.0),
-        highest_deg=(16.0, 18.0, 22.0),
-        half_length_mm=8.0,
-        aim_mm=(-9.0, 1.0),
-        beam_mm=(4.0, 8.0),
-        leak=(0.0, 0.08),
+        azimuth_deg=(97, -1, -97),
+        azimuth_std_deg=6,
+        nearest_mm=(50, 45, 45),
+        farthest_mm=(80, 80, 80),
+        lowest_deg=(9, 10, 11),
+        highest_deg=(16, 18, 22),
+        half_length_mm=8,
+        aim_mm=(-9, 1),
+        beam_mm=(4, 8),
+        leak=(0, 0.08),
         green_in_blue=(0.2, 0.5),
         blue_in_green=(0.05, 0.15),
-        thrown_back=0.25,
+        reflected=0.25,
         stray=0.1,
         bulge=0.1,
         soft_edge=(0.05, 0.1),
@@ -100,47 +100,49 @@ LIGHT_KINDS = {
     ),
     "digit": LightKind(
         size_mm=(15.4, 19.2),
-        azimuth_deg=(45.0, 152.0, -76.0),
-        astray_deg=12.0,
-        nearest_mm=(18.0, 18.0, 18.0),
-        farthest_mm=(40.0, 40.0, 40.0),
-        lowest_deg=(10.0, 10.0, 10.0),
-        highest_deg=(30.0, 30.0, 30.0),
-        half_length_mm=2.0,
-        aim_mm=(-10.0, 0.0),
-        beam_mm=(5.0, 10.0),
-        leak=(0.05, 0.25),
-        green_in_blue=(0.05, 0.25),
-        blue_in_green=(0.05, 0.25),
-        thrown_back=0.3,
+        azimuth_deg=(45, 152, -76),
+        azimuth_std_deg=12,
+        nearest_mm=(18, 18, 18),
+        farthest_mm=(40, 40, 40),
+        lowest_deg=(10, 10, 10),
+        highest_deg=(30, 30, 30),
+        half_length_mm=2,
+        aim_mm=(-10, 0),
+        beam_mm=(5, 10),
+        leak=DIGIT_LEAK,
+        green_in_blue=DIGIT_LEAK,
+        blue_in_green=DIGIT_LEAK,
+        reflected=0.3,
         stray=0.1,
         bulge=0.15,
     ),
 }
 
 
-# Lights drawn at random round those of a kind of sensor, and how gel of any slope looks under them, in torch.
+# Random lights of a kind of sensor, and the appearance of gel of any slope under them, in torch.
 #
-# Each of three colours is a strip of lamps beside the gel, beamed across it, with a part thrown back by the wall
-# opposite. A lamp at L (mm, z towards the camera) shines on a place x with e = P B (L - x)/|L - x|^3, B a Gaussian
-# beam; gel of the slope (p, q) has the normal n = (-p, -q, 1)/sqrt(1 + p^2 + q^2) and sends back
+# Each of three colours is a beamed strip of lamps next to the gel, partly reflected by the wall opposite. A lamp
+# at L (mm, z towards the camera) gives at a place x the vector e = P B (L - x)/|L - x|^3, B a Gaussian beam; gel
+# of slope (p, q) with normal n = (-p, -q, 1)/sqrt(1 + p^2 + q^2) returns
 #
 #     s(n.e) + gloss |e| max(n.m, 0)^16     s(v) = (v + sqrt(v^2 + (2 d |e|)^2))/2,  m half-way to the camera
 #
-# times the picture's fields (vignette, uneven ink, by kornia); the camera adds stray light, takes the power
-# 1/gamma, cuts at white, adds noise and rounds. Directions and bounds are a LightKind's (`light_kinds.py`).
-# The untouched gel may bulge: its own slope is added. Pressed gel casts shadows (`random_surfaces.py`), the bulge
-# casts none. What no such light shows (gel that lights gel, lens flare) is not in it.
+# times vignette and uneven ink (kornia); the camera adds stray light, takes the power 1/gamma, saturates at white,
+# adds noise and rounds. The untouched gel may bulge by a slope of its own, which casts no shadow. Not included:
+# light from gel to gel, lens flare.
 
-GRID = (24, 32)  # of the untouched picture that a reader of light sees
-STRIP = 3  # lamps a colour; one more is its light thrown back
+GRID = (24, 32)  # of the fields and of the brightness of the untouched picture
+STRIP = 3  # lamps per colour, and one for the reflected light
+FAINT = 0.01  # least vignetting, and grain of the ink
 
 
 @dataclass(frozen=True)
 class Scenes:
-    """B scenes of L lamps: `place_mm` (B, L, 3), `aim_mm`, `beam_mm` (B, L, 2), `tint` (B, L, 3); the camera's
-    `stray` (B, 3), `gamma`, `gloss`, `soft_edge`, `noise_grey` (B, 1), and `fields` (B, 1, *GRID); `size_mm` of
-    what the picture shows; `bulge` (B, 2), the untouched gel's slope at the border."""
+    """B scenes of L lamps: `place_mm` (B, L, 3), `aim_mm`, `beam_mm` (B, L, 2), `tint` (B, L, 3).
+
+    Of the camera: `stray` (B, 3), `gamma`, `gloss`, `soft_edge`, `noise_grey` (B, 1), and `fields` (B, 1, *GRID).
+    `size_mm` of the picture; `bulge` (B, 2), the untouched gel's slope at the border.
+    """
 
     place_mm: torch.Tensor
     aim_mm: torch.Tensor
@@ -157,14 +159,14 @@ class Scenes:
 
 
 def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
-    """`count` sets of lights and cameras. Kornia's fields follow torch's own generator, so seed that as well."""
+    """Return `count` sets of lights and cameras. Kornia uses torch's global generator: seed that as well."""
     import torch
 
     def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
         return low + (high - low) * torch.rand(*shape, generator=rng)
 
-    astray = kind.astray_deg * torch.randn(count, 3, generator=rng).clamp(-2, 2)
-    azimuth = torch.deg2rad(torch.tensor(kind.azimuth_deg) + astray)
+    turned = kind.azimuth_std_deg * torch.randn(count, 3, generator=rng).clamp(-2, 2)
+    azimuth = torch.deg2rad(torch.tensor(kind.azimuth_deg) + turned)
     far = _between(kind.nearest_mm, kind.farthest_mm, uniform(0.0, 1.0, count, 3))
     elevation = torch.deg2rad(_between(kind.lowest_deg, kind.highest_deg, uniform(0.0, 1.0, count, 3)))
     high = far * torch.tan(elevation)
@@ -173,10 +175,10 @@ def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
     spread = torch.linspace(-1, 1, STRIP)[None, None, :, None] * uniform(0.0, kind.half_length_mm, count, 3, 1, 1)
     flat = (towards * far[..., None])[:, :, None] + along[:, :, None] * spread
     place = torch.cat([flat, high[:, :, None, None].expand(count, 3, STRIP, 1)], -1).reshape(count, -1, 3)
-    aim = towards * uniform(*kind.aim_mm, count, 3, 1) + uniform(-3.0, 3.0, count, 3, 2)
+    aim = towards * uniform(*kind.aim_mm, count, 3, 1) + uniform(-3, 3, count, 3, 2)
     beam = uniform(*kind.beam_mm, count, 3, 2)
     tint = _draw_tints(count, uniform, kind)
-    back = uniform(0.0, kind.thrown_back, count, 3, 1) * tint  # by the wall opposite: one lamp for a whole strip
+    back = uniform(0.0, kind.reflected, count, 3, 1) * tint  # one lamp for a whole strip
     mirrored = torch.cat([-towards * far[..., None], high[..., None]], -1)
     scenes = Scenes(
         torch.cat([place, mirrored], 1),
@@ -197,7 +199,7 @@ def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
 
 
 def _between(low: Triple, high: Triple, share: torch.Tensor) -> torch.Tensor:
-    """For each of three lamps what lies at `share` (count, 3) of the way from its bound `low` to `high`."""
+    """Return the values (count, 3) at `share` (count, 3) of the way from the bounds `low` to `high`."""
     import torch
 
     least, most = torch.tensor(low), torch.tensor(high)
@@ -205,9 +207,8 @@ def _between(low: Triple, high: Triple, share: torch.Tensor) -> torch.Tensor:
 
 
 def _draw_tints(count: int, uniform: Callable[..., torch.Tensor], kind: LightKind) -> torch.Tensor:
-    """Share of each colour (count, 3 lamps, 3 channels) in the light of a strip."""
+    """Return the share of each colour (count, 3 lamps, 3 channels) in the light of a strip."""
     tint = uniform(*kind.leak, count, 3, 3)
-    # green and blue share a good part of their light, red keeps to itself
     tint[:, 1, 2] = uniform(*kind.green_in_blue, count)
     tint[:, 2, 1] = uniform(*kind.blue_in_green, count)
     tint[:, range(3), range(3)] = 1.0
@@ -216,16 +217,16 @@ def _draw_tints(count: int, uniform: Callable[..., torch.Tensor], kind: LightKin
 
 
 def draw_fields(count: int) -> torch.Tensor:
-    """What the lens and the ink take away: (count, 1, *GRID), 1 where nothing is lost."""
+    """Return vignette and ink (count, 1, *GRID), 1 without loss."""
     import torch
     from kornia import augmentation as draw
 
     blank = torch.full((count, 1, *GRID), 0.5)
     uneven = draw.AugmentationSequential(
-        draw.RandomLinearIllumination(gain=(0.01, 0.2), p=0.5),
-        draw.RandomLinearCornerIllumination(gain=(0.01, 0.3), p=0.5),
-        draw.RandomGaussianIllumination(gain=(0.01, 0.35), sign=(-1.0, 1.0), p=0.7),
-        draw.RandomGaussianNoise(std=0.01, p=1.0),
+        draw.RandomLinearIllumination(gain=(FAINT, 0.2), p=0.5),
+        draw.RandomLinearCornerIllumination(gain=(FAINT, 0.3), p=0.5),
+        draw.RandomGaussianIllumination(gain=(FAINT, 0.35), sign=(-1.0, 1.0), p=0.7),
+        draw.RandomGaussianNoise(std=FAINT, p=1.0),
     )
     return torch.as_tensor(uneven(blank)).clamp(0.05, 1.0) / 0.5
 
@@ -233,9 +234,9 @@ def draw_fields(count: int) -> torch.Tensor:
 def shade(
     scenes: Scenes, place_mm: torch.Tensor, *, slopes: torch.Tensor, lit: torch.Tensor | None = None
 ) -> torch.Tensor:
-    """Linear light (B, N, 3), 1 is white, of gel at `place_mm` (B, N, 2 or 3) with `slopes` (B, N, 2).
+    """Return linear light (B, N, 3), 1 is white, of gel at `place_mm` (B, N, 2 or 3) with `slopes` (B, N, 2).
 
-    `lit` (B, N, L) is the share of each lamp that arrives; None is all.
+    `lit` (B, N, L): visible share of each lamp; None: all.
     """
     returned = _returned(scenes, place_mm, slopes)
     returned = returned if lit is None else returned * lit
@@ -244,7 +245,7 @@ def shade(
 
 
 def _returned(scenes: Scenes, place_mm: torch.Tensor, slopes: torch.Tensor) -> torch.Tensor:
-    """What of each lamp (B, N, L) comes back, fields included."""
+    """Return the light (B, N, L) by each lamp, fields included."""
     import torch
     from torch.nn.functional import grid_sample, pad
 
@@ -270,16 +271,16 @@ def _returned(scenes: Scenes, place_mm: torch.Tensor, slopes: torch.Tensor) -> t
 
 
 def expose(scenes: Scenes, light: torch.Tensor, *, rng: torch.Generator, averaged: int = 1) -> torch.Tensor:
-    """Grey levels 0 to 255, of the same shape as `light` (B, N, 3); the mean of `averaged` frames."""
+    """Return grey levels 0 to 255 of `light` (B, N, 3), the mean of `averaged` frames."""
     import torch
 
-    grey = 255.0 * light.clamp(0.0, 1.0) ** (1 / scenes.gamma[:, None])
+    grey = 255 * light.clamp(0.0, 1.0) ** (1 / scenes.gamma[:, None])
     noise = torch.randn(grey.shape, generator=rng) * scenes.noise_grey[:, None] / math.sqrt(averaged)
-    return (grey + noise).round().clamp(0.0, 255.0)
+    return (grey + noise).round().clamp(0, 255)
 
 
 def lattice(count: int, size_mm: Pair) -> torch.Tensor:
-    """Places (count, GRID[0] GRID[1], 2) in mm of the blocks of the untouched picture."""
+    """Return the places (count, GRID[0] GRID[1], 2) in mm of the blocks of the picture."""
     import torch
 
     rows, columns = ((torch.arange(n) + 0.5) / n - 0.5 for n in GRID)
@@ -288,10 +289,7 @@ def lattice(count: int, size_mm: Pair) -> torch.Tensor:
 
 
 def _exposed(scenes: Scenes, white: torch.Tensor) -> Scenes:
-    """Each colour at the brightness drawn for it where it is brightest, then all to `white` (B, 1, 1) together.
-
-    `white` is linear light, 1 is the camera's white.
-    """
+    """Return scenes with each colour scaled to its own maximum, then all to that of `white` (B, 1, 1), linear."""
     count = len(white)
     returned = _returned(
         scenes, lattice(count, scenes.size_mm), scenes.place_mm.new_zeros(count, GRID[0] * GRID[1], 2)
@@ -305,38 +303,38 @@ def _exposed(scenes: Scenes, white: torch.Tensor) -> Scenes:
     return dataclasses.replace(scenes, tint=tint * (white / top[:, None, None]))
 
 
-# Surfaces of pressed gel drawn at random, and the shadows that they cast, in torch.
+# Random surfaces of pressed gel and the shadows that they cast, in torch.
 #
-# A body touches the gel about a segment: of length 0 a ball or a round punch, else an edge, a roller or a bar.
-# With rho the distance from the segment, the gel is flat to rho = a, follows a circle of radius R for a width w,
-# and leaves the body at the slope s = w / sqrt(R^2 - w^2); free gel then sinks as
+# A body touches the gel around a segment: of length 0 for a ball or a round punch, else an edge, a roller or a
+# bar. With rho the distance from the segment, the gel is flat to rho = a, follows a circle of radius R for a width
+# w, and leaves the body at the slope s = w / sqrt(R^2 - w^2); free gel then sinks as
 #
 #     z = s l exp(-(rho - a - w)/l)
 #
-# Of a lamp at P that stands between the tangents t- and t+ over a place, the share V arrives there, as
-# in synthetic/lights.py (a test compares the two):
+# The share V of a lamp at P between the tangents t- and t+ over a place is, as in synthetic/lights.py,
 #
-#     V = (t+ - h)/(t+ - t-), held between 0 and 1        h = max_s (z(x + s u) - z(x))/s,  u towards P
+#     V = (t+ - h)/(t+ - t-), clipped to 0 to 1        h = max_s (z(x + s u) - z(x))/s,  u towards P
 
-BODIES = 8  # bodies a scene, each pressed alone
-PUNCHES = 0.25  # share of bodies that are flat
-LONG = 0.25  # share of bodies about a segment that is no point
-ARC_MM = (0.8, 3.0)  # mm, w of what is round
-FLAT_MM = (0.5, 3.0)  # mm, a of punches
+BODIES = 8  # per scene, each pressed alone
+PUNCHES = LONG = 0.25  # share of flat bodies; share of bodies around a segment
+ARC_MM = (0.8, 3)  # mm, w of round bodies
+FLAT_MM = (0.5, 3)  # mm, a of punches
 FILLET_MM = (0.1, 0.4)  # mm, w of a punch
-SEGMENT_MM = (1.0, 6.0)  # mm, half its length
-ROUND_SLOPE = (0.25, 0.7)  # slope s of what is round, as of balls to .57 of their radius
+SEGMENT_MM = (1, 6)  # mm, half its length
+ROUND_SLOPE = (0.25, 0.7)  # slope s of round bodies, as of balls to .57 of their radius
 PUNCH_SLOPE = (0.25, 0.9)  # slope s of a punch: walls to 42 degrees
 SINK_MM = (0.2, 1.0)  # mm, l of free gel
-NEARBY = 1.5  # l beside the body within which places are drawn
-AHEAD_MM = (0.05, 9.0)  # mm, the nearest and the farthest height that may shade a place
-STEPS = 24  # heights on the way, evenly in the logarithm; shadows within .01 of the simulator's on the mean
+NEARBY = 1.5  # l outside the body within which places are sampled
+AHEAD_MM = (0.05, 9)  # mm, nearest and farthest height that may shade a place
+STEPS = 24  # such heights, in logarithmic steps; shadows are within .01 of the simulator's on the mean
 
 
 @dataclass(frozen=True)
 class Surfaces:
-    """B scenes of BODIES; mm: `middle` (B, BODIES, 2) and `half` (B, BODIES, 2), the segment's; all others
-    (B, BODIES): `flat` a, `width` w, `radius` R, `sink` l."""
+    """B scenes of BODIES, in mm: segments by `middle` and `half` (B, BODIES, 2); all others are (B, BODIES).
+
+    `flat` a, `width` w, `radius` R, `sink` l.
+    """
 
     middle: torch.Tensor
     half: torch.Tensor
@@ -346,7 +344,7 @@ class Surfaces:
     sink: torch.Tensor
 
     def height(self, at: torch.Tensor) -> torch.Tensor:
-        """Heights (B, BODIES, ...) mm over the untouched gel, at places (B, BODIES, ..., 2) mm."""
+        """Return heights (B, BODIES, ...) mm over the untouched gel at places (B, BODIES, ..., 2) mm."""
         rho, _ = self._distance(at)
         flat, width, radius, sink = (_to(part, rho) for part in (self.flat, self.width, self.radius, self.sink))
         bent = (rho - flat).clamp(min=0.0).minimum(width)
@@ -356,7 +354,7 @@ class Surfaces:
         return height
 
     def slopes(self, at: torch.Tensor) -> torch.Tensor:
-        """Slopes (B, BODIES, ..., 2) there."""
+        """Return slopes (B, BODIES, ..., 2) at places (B, BODIES, ..., 2) mm."""
         rho, away = self._distance(at)
         flat, width, radius, sink = (_to(part, rho) for part in (self.flat, self.width, self.radius, self.sink))
         bent = (rho - flat).clamp(min=0.0).minimum(width)
@@ -365,16 +363,16 @@ class Surfaces:
         return slopes
 
     def _distance(self, at: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """rho, mm, and the way there from the segment, mm."""
+        """Return rho, and the vector from the segment, mm."""
         middle, half = (_to(part, at[..., 0]) for part in (self.middle, self.half))
         off = at - middle
-        along = (off * half).sum(-1) / (half * half).sum(-1).clamp(min=1e-9)
+        along = (off * half).sum(-1) / (half * half).sum(-1).clamp(min=TINY)
         away = off - along.clamp(-1.0, 1.0)[..., None] * half
         return away.norm(dim=-1), away
 
 
 def draw_surfaces(count: int, rng: torch.Generator, size_mm: Pair) -> Surfaces:
-    """`count` scenes of BODIES whose middles lie in a picture of `size_mm`."""
+    """Return `count` scenes of BODIES with their middles in a picture of `size_mm`."""
     import torch
 
     def uniform(bounds: Pair, *shape: int) -> torch.Tensor:
@@ -395,7 +393,7 @@ def draw_surfaces(count: int, rng: torch.Generator, size_mm: Pair) -> Surfaces:
 
 
 def draw_places(surfaces: Surfaces, count: int, rng: torch.Generator, size_mm: Pair) -> torch.Tensor:
-    """Places (B, BODIES, count, 2) mm on each body and beside it, held within the picture."""
+    """Return places (B, BODIES, count, 2) mm on and around each body, clipped to the picture."""
     import torch
 
     shape = (*surfaces.flat.shape, count)
@@ -412,7 +410,7 @@ def draw_places(surfaces: Surfaces, count: int, rng: torch.Generator, size_mm: P
 
 
 def lit_share(surfaces: Surfaces, at: torch.Tensor, lamps_mm: torch.Tensor, high_mm: torch.Tensor) -> torch.Tensor:
-    """Share (B, BODIES, N, L) of the light of lamps (B, L, 3) mm, `high_mm` (B, 1), at places (.., N, 2) mm."""
+    """Return visible shares (B, BODIES, N, L) of lamps (B, L, 3) mm, `high_mm` (B, 1), at places (.., N, 2) mm."""
     import torch
 
     height = surfaces.height(at)[..., None]
@@ -431,26 +429,21 @@ def lit_share(surfaces: Surfaces, at: torch.Tensor, lamps_mm: torch.Tensor, high
 
 
 def _to(part: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
-    """What each body has (B, BODIES, ...), to go with values `like` (B, BODIES, any sides)."""
+    """Return values per body (B, BODIES, ...) reshaped to broadcast with `like` (B, BODIES, any sides)."""
     return part.reshape(*part.shape[:2], *[1] * (like.ndim - 2), *part.shape[2:])
 
 
-# Samples under drawn lights: what a method learns from that is to work before any ball is pressed.
-#
-# Each scene of `random_lights.py` shows bodies of `random_surfaces.py`, each pressed alone, at random places on
-# them and on the gel beside them, some of it of a fine texture; and untouched gel. Of each lamp arrives what the
-# body's shadow leaves. Colour changes are counted from the scene's own averaged reference, as `colour_change.py`
-# counts them.
+# Training samples: pressed and untouched gel under random lights, some of it finely textured. Colour changes refer
+# to the averaged reference of the scene, as in `colour_change.py`.
 
-BATCH = 32  # scenes drawn together; bounds the memory, and fixes which numbers are drawn
+BATCH = 32  # scenes sampled together; part of the random sequence
 EACH = 128  # samples a scene
-TEXTURED = 0.1  # share of samples with a fine texture
-TEXTURE = 0.1  # one sigma of its slopes, no unit
+TEXTURED = TEXTURE = 0.1  # share of samples with a fine texture; standard deviation of its slopes
 AVERAGED = 16  # frames of the reference
 
 
 def draw_samples(scenes: int, seed: int, *, kind: str = "gelslim3") -> tuple[Samples, Samples]:
-    """Samples of pressed and of untouched gel under at least `scenes` lights; `press` numbers the scene."""
+    """Return samples of pressed and of untouched gel under at least `scenes` lights; `press` numbers the scene."""
     import torch
 
     rng = torch.Generator().manual_seed(seed)

@@ -13,59 +13,55 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.photometric.markers import Marks, find_marks
 from tactilevision.recording import layout
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Bytes, Floats
 from tactilevision.robust import MAD_TO_STD
 
-# What a law says of gel that nobody touches: its bias and its noise over the picture.
+# Bias and noise of a law on untouched gel.
 #
-# Where a channel is nearly dark, its noise goes through the law's products and comes out as a slope that is not
-# there; and clipping at black moves the mean of noisy frames, by about DARK^2/(DARK^2 + I^2) grey levels, against
-# that of quieter ones. The ball pictures show plenty of untouched gel: the mean slope found on it is taken off,
-# and a place where noise, bias or darkness come to more than a slope is likely to be is damped towards flat:
+# Where a channel is nearly dark, products of its noise give a false slope, and clipping at black shifts the mean
+# of noisy frames by about DARK^2/(DARK^2 + I^2) grey levels. The mean slope on the untouched gel of the ball
+# pictures is subtracted, and slopes are damped where noise, bias or darkness exceed a likely slope:
 #
 #     slope -> (slope - bias) / (1 + D^2)     D = (bias^2 + noise^2) / NOISE_LIMIT^2 + dark^2 / DARK_LIMIT^2
 #
-# so that a place of little doubt is not touched, and one with D > 1 is marked as not readable.
-# The gel far from a ball still slopes a little, and always outwards at the picture's border; so a bias counts only
-# as far as it exceeds MIN_BIAS.
+# Places with D > 1 are marked unreadable. The gel far from a ball still slopes a little, outwards at the border,
+# so only the part of a bias above MIN_BIAS counts.
 
 Picture = npt.NDArray[np.float32]
-BLOCK = 8  # px along each side of a block; smaller ones hold too few pixels to tell bias from noise
-# slope up to which a bias counts as the gel's own lean near a ball; less would take true slopes off
-MIN_BIAS = 0.01
-DARK_LIMIT = 0.01  # slope from darkness; all of a dark place's pixels share it, so that it does not average out
-DARK = 6.0  # grey levels of a channel at which clipping at black moves its mean by half a grey level
-PAIRS = 4  # draws of noise, each with both signs; more cost time at start, and the blur below averages as well
-BLUR_PX = 8.0  # px, sigma of the blur of the drawn bias; less leaves more of the draws' own noise in it
-NOISE_LIMIT = 0.1  # slope noise at which a pixel tells no more than expecting a flat gel does
+BLOCK = 8  # px along each side of a block; smaller ones do not separate bias from noise
+MIN_BIAS = 0.01  # slope that may be that of the gel far from a ball
+DARK_LIMIT = 0.01  # slope from darkness; it is shared by all pixels of a dark place and does not average out
+DARK = 6  # grey levels of a channel at which clipping at black shifts its mean by half a grey level
+PAIRS = 4  # realisations of noise, each with both signs
+BLUR_PX = 8  # px, sigma of the blur of the simulated bias
+NOISE_LIMIT = 0.1  # slope noise at which a pixel weighs as much as the prior of flat gel
 
 
 @dataclass(frozen=True, slots=True)
 class SlopeBackground:
-    """`bias_x`, `bias_y`, `noise` (h, w) float32 in blocks of BLOCK pixels: slopes found where there are none."""
+    """`bias_x`, `bias_y`, `noise` (h, w) float32 of slopes on untouched gel, in blocks of BLOCK pixels."""
 
     bias_x: Picture
     bias_y: Picture
     noise: Picture
 
     def over(self, shape: tuple[int, int]) -> tuple[Picture, Picture, Picture]:
-        """The three maps at (H, W), smooth between blocks."""
-        size = (shape[1], shape[0])
-        maps = [
-            cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in (self.bias_x, self.bias_y, self.noise)
-        ]
-        return maps[0], maps[1], maps[2]
+        """Return the three maps at (H, W), linear between blocks."""
+        blocks = np.dstack([self.bias_x, self.bias_y, self.noise])
+        bias_x, bias_y, noise = cv2.split(cv2.resize(blocks, shape[::-1], interpolation=cv2.INTER_LINEAR))
+        return _single(bias_x), _single(bias_y), _single(noise)
 
 
 class BackgroundSums:
-    """Gathers untouched slopes, picture by picture, block by block."""
+    """Sums of slopes on untouched gel over pictures, by blocks."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self.size = (max(2, shape[1] // BLOCK), max(2, shape[0] // BLOCK))
         self.count, self.sum_x, self.sum_y, self.squares = np.zeros((4, self.size[1], self.size[0]))
 
     def add(self, slope_x: Picture, slope_y: Picture, untouched: Bools) -> None:
-        """Count in the slopes (H, W) found where the gel is `untouched` (H, W)."""
+        """Add the slopes (H, W) where the gel is `untouched` (H, W)."""
         mask = untouched.astype(np.float32)
         self.count += self._blocks(mask)
         self.sum_x += self._blocks(slope_x * mask)
@@ -73,21 +69,20 @@ class BackgroundSums:
         self.squares += self._blocks((slope_x**2 + slope_y**2) * mask)
 
     def result(self, expected: Picture) -> SlopeBackground:
-        """Bias and noise; where the gel was never untouched, no bias and the `expected` noise (H, W)."""
+        """Return bias and noise; no bias and the `expected` noise (H, W) where the gel was never untouched."""
         counted = self.count > 0.5
         count = np.where(counted, self.count, 1.0)
         bias_x, bias_y = np.where(counted, self.sum_x / count, 0.0), np.where(counted, self.sum_y / count, 0.0)
         size = np.hypot(bias_x, bias_y)
-        excess_share = np.maximum(0.0, 1.0 - MIN_BIAS / np.maximum(size, 1e-9))
+        excess_share = np.maximum(0.0, 1.0 - MIN_BIAS / np.maximum(size, TINY))
         variance = 0.5 * np.maximum(self.squares / count - bias_x**2 - bias_y**2, 0.0)
         noise = np.where(counted, np.sqrt(variance), self._blocks(expected))
         return SlopeBackground(_single(excess_share * bias_x), _single(excess_share * bias_y), _single(noise))
 
     def added_to(self, background: SlopeBackground, kept_share: Picture) -> SlopeBackground:
-        """`background` with the mean slopes gathered here, which came out damped by `kept_share` (H, W), in its
-        bias.
+        """Return `background` with these mean slopes, damped by `kept_share` (H, W), added to its bias.
 
-        Smooth over three blocks, over which a law's bias hardly changes and noise averages out.
+        They are smoothed over three blocks, over which the bias of a law hardly changes.
         """
         count = np.where(self.count > 0.5, self.count, np.inf)
         damped = np.maximum(self._blocks(kept_share), 0.5)
@@ -97,13 +92,12 @@ class BackgroundSums:
         )
 
     def noise_over(self, noise: Picture) -> float:
-        """Median ratio of the noise gathered here to `noise` (H, W), which often is that of means of pictures."""
+        """Return the median ratio of this noise to `noise` (H, W)."""
         counted = self.count > 0.5
         count = np.where(counted, self.count, 1.0)
         variance = 0.5 * (self.squares - (self.sum_x**2 + self.sum_y**2) / count) / count
-        return float(
-            np.median(np.sqrt(np.maximum(variance, 0.0))[counted] / np.maximum(self._blocks(noise), 1e-9)[counted])
-        )
+        ratio = np.sqrt(np.maximum(variance, 0.0)) / np.maximum(self._blocks(noise), TINY)
+        return float(np.median(ratio[counted]))
 
     def _blocks(self, picture: Picture) -> npt.NDArray[np.float64]:
         return np.asarray(cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA), np.float64)
@@ -114,46 +108,46 @@ def _single(values: npt.NDArray[np.floating[Any]]) -> Picture:
 
 
 def damping(background: tuple[Picture, Picture, Picture], dark: Picture) -> Picture:
-    """D (H, W) out of bias in x, bias in y, noise, and the slope that darkness may pretend."""
+    """Return D (H, W) from bias in x, bias in y, noise, and the slope error by darkness."""
     return _single(
         (background[0] ** 2 + background[1] ** 2 + background[2] ** 2) / NOISE_LIMIT**2 + (dark / DARK_LIMIT) ** 2
     )
 
 
 def darkness(levels: Picture) -> Picture:
-    """Grey levels by which clipping at black may have moved channels of mean `levels` (grey, any shape)."""
+    """Return the shift in grey levels by clipping at black of channels of mean `levels` (grey, any shape)."""
     return _single(DARK**2 / (DARK**2 + levels**2))
 
 
 def noise_bias(evaluate: Callable[[Picture], tuple[Picture, Picture]], noise: Picture) -> tuple[Picture, Picture]:
-    """Mean slopes (H, W) that a law finds in nothing but noise: its even part makes a slope of the noise's square.
+    """Return the mean slopes (H, W) by a law of noise alone, which its even part makes of the square of the noise.
 
-    `noise` (3, H, W) is the standard deviation of the changes. Drawn in pairs of opposite sign, in which the odd
-    part cancels; smooth over BLUR_PX pixels.
+    `noise` (3, H, W): standard deviation of the changes, simulated in pairs of opposite sign, in which the odd
+    part cancels. The result is blurred over BLUR_PX pixels.
     """
-    rng = np.random.default_rng(0)  # a fixed draw: a method does not change between runs
+    rng = np.random.default_rng(0)  # fixed: a method does not change between runs
     total = np.zeros((2, *noise.shape[1:]), np.float32)
     for _ in range(PAIRS):
-        drawn = rng.standard_normal(noise.shape, dtype=np.float32) * noise
-        for signed in (drawn, -drawn):
-            for slope, drawn_slope in zip(total, evaluate(signed), strict=True):
-                slope += drawn_slope
+        sample = rng.standard_normal(noise.shape, dtype=np.float32) * noise
+        for signed in (sample, -sample):
+            for total_slope, slope in zip(total, evaluate(signed), strict=True):
+                total_slope += slope
     smooth = [cv2.GaussianBlur(slope / (2 * PAIRS), (0, 0), BLUR_PX) for slope in total]
     return _single(smooth[0]), _single(smooth[1])
 
 
-# The untouched gel: its mean picture, the camera's noise, and where the picture can be used at all.
+# Mean picture of the untouched gel, noise of the camera, and usable pixels.
 
 COLOURS = ("red", "green", "blue")
-SATURATED = 253  # grey level from which a channel no longer counts light (JPEG moves 255 about)
+SATURATED = 253  # grey level from which a channel is saturated (JPEG changes 255)
 MAX_OVEREXPOSED = 0.05  # of the picture; nine real sensors have none, .15 cost 20 um of depth
-MIN_SIGNAL = 12.0  # brightness over noise below which a pixel tells nothing of slope
+MIN_SIGNAL = 12  # brightness over noise of a usable pixel
+MIN_GREY_NOISE = 0.29  # grey levels, of rounding
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """`rgb` (H, W, 3) float32, the mean untouched picture; `noise_grey` (3,) of one reading; `usable` (H, W); the
-    gel's `marks`, None where it has none."""
+    """Mean untouched picture `rgb` (H, W, 3) float32, `noise_grey` (3,) of one frame, `usable` (H, W), `marks`."""
 
     rgb: npt.NDArray[np.float32]
     noise_grey: tuple[float, float, float]
@@ -166,28 +160,27 @@ class Reference:
 
     @property
     def overexposed(self) -> Bools | None:
-        """Where (3, H, W) a colour of the untouched gel is overexposed; None where none is."""
+        """Mask (3, H, W) of overexposed colours of the untouched gel; None without any."""
         over = self.rgb >= SATURATED
         return over.transpose(2, 0, 1).copy() if over.any() else None
 
     @property
     def dark_colour(self) -> int | None:
-        """The one colour that is dark on most of the gel: a lamp that is off. None: none is, or several."""
+        """Number of the one colour that is dark on most of the gel (a lamp is off); None for none or several."""
         dark = np.flatnonzero(np.median(self.rgb, axis=(0, 1)) < DARK)
         return int(dark[0]) if len(dark) == 1 else None
 
     @property
     def lit_by_two(self) -> Bools:
-        """Where (H, W) colours that are not overexposed, two at least, have signal enough to tell slopes."""
+        """Mask (H, W) where at least two colours are not overexposed and have enough signal."""
         return _lit_by_two(self.rgb, self.noise_grey)
 
 
 def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Reference:
-    """The reference out of one or more rectified pictures of the untouched gel; its marks, if it `may_have_marks`.
+    """Return the reference from rectified pictures of the untouched gel; its marks, if it `may_have_marks`.
 
-    Noise comes from the differences between flats, or of a single one from its finest detail. Raises
-    InputError for no flats, sizes that differ, black or saturated ones, ones of one colour, and ones that disagree
-    (contact).
+    Noise is estimated from differences between flats, or from the finest detail of a single one. Raises InputError
+    for no flats, different sizes, black, saturated or single-coloured flats, and a contact in one of them.
     """
     if not flats:
         raise InputError(
@@ -218,18 +211,18 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
 
 
 def dark_colour_warning(reference: Reference) -> tuple[str, ...]:
-    """What to know where a colour of the untouched gel is dark."""
+    """Return a warning where a colour of the untouched gel is dark."""
     if (dark := reference.dark_colour) is None:
         return ()
     level = float(np.median(reference.rgb[..., dark]))
     return (
-        f"the untouched gel is dark in {COLOURS[dark]} (grey {level:.0f} of 255): is that lamp off? Slopes are "
-        "told by the other two colours alone, worse along one direction",
+        f"the untouched gel is dark in {COLOURS[dark]} (grey {level:.0f} of 255): is that lamp off? Slopes follow "
+        "from the other two colours alone, with a larger error along one direction",
     )
 
 
 def overexposed_warning(reference: Reference) -> tuple[str, ...]:
-    """What to know where a colour of the untouched gel is overexposed in more than MAX_OVEREXPOSED of it."""
+    """Return a warning where a colour is overexposed in more than MAX_OVEREXPOSED of the untouched gel."""
     shares = np.mean(reference.rgb >= SATURATED, axis=(0, 1))
     named = [
         f"{name} in {100 * share:.0f} %"
@@ -239,8 +232,8 @@ def overexposed_warning(reference: Reference) -> tuple[str, ...]:
     if not named:
         return ()
     return (
-        f"the untouched gel is overexposed, {' and '.join(named)} of it: the others tell slopes there, less "
-        "surely, and without ball presses nothing does. Shorten the exposure, or dim that lamp",
+        f"the untouched gel is overexposed, {' and '.join(named)} of it: slopes there follow from the other "
+        "colours, with a larger error, and are unknown without ball presses. Shorten the exposure or dim the lamp",
     )
 
 
@@ -249,7 +242,7 @@ def _check_lit(mean: npt.NDArray[np.float32]) -> None:
     levels = np.median(mean, axis=(0, 1))
     if np.count_nonzero(levels >= DARK) < 2:
         raise InputError(
-            "the untouched gel is dark in two colours or more, and one alone tells no slope",
+            "the untouched gel is dark in two colours or more, and one alone does not determine slopes",
             where=layout.FLATS,
             value="grey of 255: " + ", ".join(f"{name} {x:.0f}" for name, x in zip(COLOURS, levels, strict=True)),
             remedy="Check the lights and the exposure. Of 16-bit pictures state the sensor's white_level.",
@@ -263,8 +256,7 @@ def _lit_by_two(mean: npt.NDArray[np.float32], noise_grey: tuple[float, float, f
 
 
 def darkest_grey(noise_grey: tuple[float, float, float]) -> float:
-    """Grey level of its brightest channel up to which a frame's pixel lies in shadow and tells nothing of slope: a
-    signal of MIN_SIGNAL where all three are alike."""
+    """Return the grey level of the brightest channel up to which a pixel is shaded."""
     return MIN_SIGNAL / 3**0.5 * float(np.mean(noise_grey))
 
 
@@ -274,28 +266,27 @@ def _noise_between(stack: npt.NDArray[np.float32]) -> tuple[float, float, float]
 
 
 def _noise_within(mean: npt.NDArray[np.float32]) -> tuple[float, float, float]:
-    """Median response to a filter that no plane or curved surface excites (Immerkaer, CVIU 64, 1996)."""
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6.0
+    """Return the noise (3,) by a filter that cancels planes and quadratics (Immerkaer, CVIU 64, 1996)."""
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
     fine = np.abs(cv2.filter2D(mean, -1, kernel))
     return _floored(MAD_TO_STD * np.median(fine.reshape(-1, 3), axis=0))
 
 
 def _floored(noise: npt.NDArray[np.floating]) -> tuple[float, float, float]:
-    """Rounding to whole grey levels is noise of 0.29; no camera has less."""
-    red, green, blue = (max(float(value), 0.29) for value in noise)
+    red, green, blue = (max(float(value), MIN_GREY_NOISE) for value in noise)
     return red, green, blue
 
 
 def _check_agreement(stack: npt.NDArray[np.float32], noise: tuple[float, float, float]) -> None:
-    """A contact in one of several flats shows as a patch that leaves their median."""
+    """Raise InputError where one of several flats differs from their median over a patch, as in a contact."""
     if len(stack) < 3:
         return
     median = np.median(stack, axis=0)
     for index, flat in enumerate(stack):
-        change = cv2.GaussianBlur(flat - median, (0, 0), 3.0)
+        change = cv2.GaussianBlur(flat - median, (0, 0), 3)
         change -= np.median(change, axis=(0, 1))
         size = np.abs(change / np.asarray(noise, np.float32)).max(axis=2)
-        if (size > 5.0).mean() > 0.002:
+        if (size > 5).mean() > 0.002:
             raise InputError(
                 "a flat frame shows a contact, or the light changed over part of it",
                 where=layout.FLATS,
@@ -304,19 +295,18 @@ def _check_agreement(stack: npt.NDArray[np.float32], noise: tuple[float, float, 
             )
 
 
-# Has a method been made in the light that it is to be used in?
+# Whether the light is that in which a method was made.
 #
-# Slope is read from colour change over brightness, so exposure and white balance cancel out. What remains is how
-# the light falls: where lamps stand otherwise, the brightness of the untouched gel has another pattern, and the
-# gain of slope changes by about as much as that pattern does.
+# Slopes follow from relative colour changes, which exposure and white balance do not affect. Other lamp positions
+# change the pattern of brightness of the untouched gel, and the gain of slope by about as much.
 
-BLOCKS = (8, 6)  # across, down: coarse enough that neither marks nor noise tell
-MIN_CHANGE = 0.1  # of brightness: lamps age and gels wear by half of it
-SAME_SHAPE = 0.02  # of the ratio of width to height: what a resized picture loses by whole pixels
+BLOCKS = (8, 6)  # across, down: coarse enough to average out marks and noise
+MIN_CHANGE = 0.1  # of brightness: ageing of lamps and wear of gels make half of it
+SAME_SHAPE = 0.02  # of the ratio of width to height: rounding of a resized picture to whole pixels
 
 
 def light_of(reference: Reference) -> Floats:
-    """Mean grey (6, 8, 3) of the untouched gel in blocks, NaN where a block is mostly unusable."""
+    """Return the mean grey (6, 8, 3) of the untouched gel in blocks, NaN where a block is mostly unusable."""
     usable = reference.usable.astype(np.float32)
     share = cv2.resize(usable, BLOCKS, interpolation=cv2.INTER_AREA)[..., None]
     mean = cv2.resize(reference.rgb * usable[..., None], BLOCKS, interpolation=cv2.INTER_AREA)
@@ -324,7 +314,7 @@ def light_of(reference: Reference) -> Floats:
 
 
 def change_of_light(before: npt.ArrayLike, after: npt.ArrayLike) -> float:
-    """Rms by which the pattern of the light changed, as a share of brightness; gains cancel out."""
+    """Return the relative rms change of the pattern of the light; gains cancel."""
     ratio = np.log(np.maximum(np.asarray(after, float), 1.0) / np.maximum(np.asarray(before, float), 1.0))
     if not np.isfinite(ratio).any():
         return float("nan")
@@ -332,26 +322,23 @@ def change_of_light(before: npt.ArrayLike, after: npt.ArrayLike) -> float:
 
 
 def other_light(before: npt.ArrayLike, reference: Reference, *, scale_error: float) -> tuple[str, ...]:
-    """A warning where the scale of slope is off by more for the light than it was on balls of its own sensor.
-
-    `scale_error` is the latter, relatively, of whole balls: that of single pixels is mostly their noise.
-    """
+    """Return a warning where the light changed by more than `scale_error`, the relative error on own balls."""
     change = change_of_light(before, light_of(reference))
     if not change > max(MIN_CHANGE, scale_error):
         return ()
     return (
-        "the method was made in another light: over the picture brightness differs by "
-        f"{100 * change:.0f} %, exposure allowed for, and so does the scale of slopes (error in its own light: "
-        f"{100 * scale_error:.0f} %); depths are not to be trusted, train a method on this sensor's balls",
+        "the method was made in another light: corrected for exposure, brightness over the picture differs by "
+        f"{100 * change:.0f} %, and so does the scale of slopes (error in its own light: "
+        f"{100 * scale_error:.0f} %); depths are unreliable, train a method on balls of this sensor",
     )
 
 
 def check_view(before: tuple[int, int], after: tuple[int, int]) -> None:
-    """Raises InputError where two pictures (height, width) cannot be one view at two sizes."""
+    """Raise InputError where two pictures (height, width) cannot be one view at two sizes."""
     if abs(before[1] * after[0] / (before[0] * after[1]) - 1) > SAME_SHAPE:
         raise InputError(
             "the method was made for pictures of another shape",
             where="method",
             value=f"{before[1]} x {before[0]}, the recording's are {after[1]} x {after[0]}",
-            remedy="Rectify alike, or train a method on this sensor's balls.",
+            remedy="Use the same rectification, or train a method on balls of this sensor.",
         )

@@ -29,32 +29,28 @@ from tactilevision.photometric.shading_law import TERMS
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.measured import Floats
 
-# What certified faces taught of walls as an array of a method's file, and back.
+# Wall corrections from certified faces as an array of a method's file.
 
 WALL_NUMBERS = 8  # share, growth; their two variances and covariance; least and greatest depth in mm; scatter
-MAX_WALL_CHANGE = (
-    3.0  # of what a wall hides: two thirds of a face are no wall's; light is then to be calibrated anew
-)
+MAX_WALL_CHANGE = 3  # of the depth that a wall hides: beyond, the light is to be calibrated again
 
 
 def wall_numbers(walls: TaughtWalls) -> Floats:
-    """Return the numbers (8,) of what was taught, depths in mm."""
+    """Return the numbers (8,) of wall corrections, depths in mm."""
     return np.array([walls.share, walls.growth, *walls.covariance, *walls.limits_mm, walls.scatter])
 
 
 def taught_walls(numbers: npt.NDArray[Any], *, where: Path) -> TaughtWalls:
-    """Return what was taught from its numbers (8,). Raises InputError for numbers that no faces teach."""
+    """Return the wall corrections of numbers (8,), depths in mm. Raises InputError for impossible ones."""
     share, growth, of_share, of_growth, between, low, high, scatter = (float(one) for one in numbers)
     known = max(abs(share), abs(growth)) <= MAX_WALL_CHANGE and 0 < low <= high and scatter >= 0
     if not known or min(of_share, of_growth) < 0 or between**2 > of_share * of_growth:
-        raise InputError("what faces taught of walls is of no face", where=where, value=numbers.tolist())
+        raise InputError("the wall corrections are out of range", where=where, value=numbers.tolist())
     return TaughtWalls(share, growth, (of_share, of_growth, between), (low, high), scatter)
 
 
-# A calibrated method on disk: NAME.npz with its numbers, NAME.json with its card.
-#
-# The card says what the method is, what it was made from, how far it was off on balls left out, and the hash of
-# the numbers; a file that does not match its card is refused.
+# A calibrated method on disk: NAME.npz with its arrays, NAME.json with its card, which contains the hash of the
+# arrays.
 
 FORMAT = 1  # version of a method's card; cards of another are refused
 
@@ -81,7 +77,7 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
 
 
 def save_method(method: ReferencedMethod, path: Path | str) -> Path:
-    """Write `path` (.npz) and the card beside it; returns the path of the numbers."""
+    """Write `path` (.npz) and the card next to it; return the path of the arrays."""
     target = Path(path).with_suffix(".npz")
     for suffix, content in pack_method(method).items():
         with replacing(target.with_suffix(suffix)) as temporary:
@@ -90,7 +86,7 @@ def save_method(method: ReferencedMethod, path: Path | str) -> Path:
 
 
 def pack_method(method: ReferencedMethod) -> dict[str, bytes]:
-    """The files of a method by their endings, the card last: .npz, .onnx where there is a network, .json."""
+    """Return the files of a method by their endings, the card last: .npz, .onnx for a network, .json."""
     arrays = {f"law_{name}": values for name, values in method.law.arrays().items()} | {
         "reference": method.reference.rgb,
         "noise_grey": np.asarray(method.reference.noise_grey),
@@ -114,7 +110,7 @@ def pack_method(method: ReferencedMethod) -> dict[str, bytes]:
         "sha256": hashlib.sha256(numbers).hexdigest(),
     }
     if isinstance(method.law, Network):
-        light = np.round(light_of(method.reference), 1).tolist()  # the network may travel without its numbers
+        light = np.round(light_of(method.reference), 1).tolist()  # a network may be copied without its arrays
         files[".onnx"] = method.law.content
         entries |= _about_network(method.law) | {"light": light}
     return files | {".json": as_json(method.card.to_json() | entries).encode()}
@@ -125,16 +121,16 @@ def load_method(path: Path | str) -> CalibratedMethod:
     target = Path(path).with_suffix(".npz")
     card = read_card(target.with_suffix(".json"))
     if not target.is_file():
-        raise InputError("the method's numbers are missing", where=target)
+        raise InputError("the arrays of the method are missing", where=target)
     network = target.with_suffix(".onnx")
     needed = card.method == Network.name and network.is_file()
     return unpack_method(card, read_bytes(target), read_bytes(network) if needed else None, where=target)
 
 
 def unpack_method(card: MethodCard, numbers: bytes, network: bytes | None, *, where: Path) -> CalibratedMethod:
-    """The method of a card, the bytes of its .npz file, and those of its network, None for one without.
+    """Return the method of a card, the bytes of its .npz file, and those of its network, None without.
 
-    `where` is the file, for what errors say. Raises InputError where they do not belong together.
+    `where`: the file, for error messages. Raises InputError where they do not belong together.
     """
     if card.format != FORMAT or card.sha256 != hashlib.sha256(numbers).hexdigest():
         raise InputError(
@@ -149,14 +145,14 @@ def unpack_method(card: MethodCard, numbers: bytes, network: bytes | None, *, wh
         raise
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as fault:
         raise InputError(
-            f"the method's numbers do not fit together: {fault}",
+            f"the arrays of the method are inconsistent: {fault}",
             where=where,
             remedy="Copy it again, or calibrate again.",
         ) from fault
 
 
 def _with_fourth_order(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-    """The arrays of a method; polynomials of third order, as files of before have them, get zeros for the rest."""
+    """Return the arrays of a method, with polynomials of third order padded by zeros."""
     widened = dict(arrays)
     for name in ("law_coefficients", "two_colours_coefficients"):
         array = arrays.get(name)
@@ -173,9 +169,9 @@ def _method(
         _check_array(name, array, path)
     size = arrays["usable"].shape
     if size != arrays["reference"].shape[:2] or min(size) < 2:
-        raise InputError("the method's reference is of two sizes, or a line", where=path, value=size)
+        raise InputError("the method's reference has different sizes, or is a line", where=path, value=size)
     if arrays["reference"].min() < 0 or arrays["reference"].max() > 255 or arrays["noise_grey"].min() <= 0:
-        raise InputError("the method's reference holds grey levels that no picture has", where=path)
+        raise InputError("the method's reference has grey levels out of range", where=path)
     red, green, blue = (float(value) for value in arrays["noise_grey"])
     marks = find_marks(np.rint(arrays["reference"]).astype(np.uint8)) if arrays.get("marks", False) else None
     reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"].astype(bool), marks)
@@ -189,7 +185,7 @@ def _method(
 
 
 def _light_law(arrays: Mapping[str, npt.NDArray[Any]]) -> LightLaw | None:
-    """The light's law, which files of before, and methods that no ball told, have none of."""
+    """Return the shading law, or None without one."""
     if "light_terms" not in arrays:
         return None
     share, limit = map(float, arrays["light_limits"])
@@ -197,7 +193,7 @@ def _light_law(arrays: Mapping[str, npt.NDArray[Any]]) -> LightLaw | None:
 
 
 def _two_colours(arrays: Mapping[str, npt.NDArray[Any]]) -> TwoColourLaws | None:
-    """The laws of two colours, which files of before have none of."""
+    """Return the laws of two colours, or None without them."""
     if "two_colours_coefficients" not in arrays:
         return None
     stored = {name: arrays[f"two_colours_{name}"] for name in ("coefficients", "steepest", "errors")}
@@ -205,7 +201,7 @@ def _two_colours(arrays: Mapping[str, npt.NDArray[Any]]) -> TwoColourLaws | None
 
 
 def _check_array(name: str, array: npt.NDArray[Any], path: Path) -> None:
-    """Raise InputError for an array of another kind or shape than a method has under this name."""
+    """Raise InputError for an array of the wrong type or shape for its name."""
     sides = _SHAPES.get(name)
     if sides is None:
         return
@@ -218,11 +214,11 @@ def _check_array(name: str, array: npt.NDArray[Any], path: Path) -> None:
         )
     check_numbers(array, what=f"a number of the method's {name}", where=path)
     if not np.isfinite(array).all():
-        raise InputError(f"the method's {name} holds what is no finite number", where=path)
+        raise InputError(f"the method's {name} has a value that is not finite", where=path)
 
 
 def save_network(network: Network, card: Mapping[str, Any], *, path: Path | str) -> Path:
-    """Write a network that goes with no reference of its own: `path` (.onnx) and the card beside it."""
+    """Write a network without a reference: `path` (.onnx) and the card next to it."""
     target = Path(path).with_suffix(".onnx")
     with replacing(target) as temporary:
         temporary.write_bytes(network.content)
@@ -232,7 +228,7 @@ def save_network(network: Network, card: Mapping[str, Any], *, path: Path | str)
 
 
 def load_network(path: Path | str, reference: Reference) -> CalibratedMethod:
-    """A network written by `save_network`, to be used against `reference`.
+    """Return a network written by `save_network` as a method with `reference`.
 
     Raises InputError where file and card do not belong together, or the file is no such network.
     """
@@ -244,7 +240,7 @@ def load_network(path: Path | str, reference: Reference) -> CalibratedMethod:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file."""
+    """Return the SHA-256 of a file."""
     return hashlib.sha256(read_bytes(path)).hexdigest()
 
 
@@ -260,12 +256,12 @@ def _law(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], network: byte
 
 
 def _about_network(network: Network) -> dict[str, Any]:
-    """Entries of the card of what holds a network."""
+    """Return the entries of a network's card."""
     return {"onnx_sha256": network.sha256, "onnx_opset": OPSET, "steepest_slope": network.steepest}
 
 
 def _network(card: MethodCard, content: bytes | None, path: Path) -> Network:
-    """The network of a card, tried on one pixel so that a strange one is told now and not at the first frame."""
+    """Return the network of a card after a test on one pixel."""
     if card.method != Network.name or card.onnx_sha256 is None or card.steepest_slope is None:
         raise InputError("the card is not that of a network", where=path, value=card.method)
     if content is None:
@@ -278,7 +274,7 @@ def _network(card: MethodCard, content: bytes | None, path: Path) -> Network:
 
 
 def read_card(path: Path) -> MethodCard:
-    """The card of a method. Raises InputError where it is missing or no table."""
+    """Return the card of a method. Raises InputError where it is missing or no table."""
     try:
         content = read_json(path)
     except OSError as fault:

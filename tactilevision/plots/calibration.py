@@ -1,18 +1,20 @@
-"""Plot presses, force against depth, and Young's modulus with Poisson's ratio."""
+"""Figures of presses, of force against depth, and of Young's modulus with Poisson's ratio."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tactilevision.plots import style
 from tactilevision.plots.height import depth_image, extent_mm, overlay
-from tactilevision.plots.misfit import LEFT, radius_colours
+from tactilevision.plots.misfit import LEFT, SHALLOW, radius_colours
+from tactilevision.plots.style import LOOK
 from tactilevision.press.certificate import Evidence
 from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.constants import KILO, Z95
 from tactilevision.records.measured import Bools, Bytes, Estimate, Floats, Pair
 
 if TYPE_CHECKING:
@@ -20,16 +22,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Pictures of force against depth: certified points, the straight line through P/w, what it leaves, E over nu.
-
-SHALLOW = 0.05  # of the largest depth: P/w of less is noise over nearly nothing, and would hide the line
+# Force against depth, and E over nu.
 
 
 @dataclass(frozen=True, slots=True)
 class PointCloud:
-    """What is drawn of the points, (N,) each: `fitted_N` the law's force there, `used` those that entered the fit.
+    """The points of a fit, (N,) each: `fitted_N` the law's force, `used` whether a point entered the fit.
 
-    `bars` is False for whole curves, whose samples would hide behind them; `radius_mm` (N,) of the punch, NaN
+    `bars` is False for whole curves, whose samples have no intervals; `radius_mm` (N,) of the punch, NaN
     where it is not known, None where there is one.
     """
 
@@ -56,31 +56,29 @@ class FittedLine:
 
 
 @style.house_look
-def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "") -> Figure:
-    """P against w, P/w against w/h, and what the fit leaves; bars and bands are 95 % intervals."""
-    figure, (force, stiffness, rest, corner) = style.new_figure(style.WIDTH_IN, 5.4, rows=2, columns=2)
+def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine]) -> Figure:
+    """Draw P against w, P/w against w/h, and the residual of the fit, with 95 % intervals."""
+    figure, (force, stiffness, rest, corner) = style.new_figure(rows=2, columns=2)
     strain = cloud.depth_mm / cloud.thickness_mm
     deep_mm = np.where(cloud.depth_mm > SHALLOW * np.max(cloud.depth_mm), cloud.depth_mm, np.nan)
     secant = cloud.force_N / deep_mm
     secant_std = np.hypot(cloud.force_std_N, secant * cloud.depth_std_mm) / deep_mm
-    depth_bar, force_bar = 1.96 * cloud.depth_std_mm, 1.96 * cloud.force_std_N
+    depth_bar, force_bar = Z95 * cloud.depth_std_mm, Z95 * cloud.force_std_N
     scatter(force, cloud, x=cloud.depth_mm, y=cloud.force_N, bars=(depth_bar, force_bar))
-    scatter(stiffness, cloud, x=strain, y=secant, bars=(depth_bar / cloud.thickness_mm, 1.96 * secant_std))
-    left = cloud.force_N - cloud.fitted_N
-    scatter(rest, cloud, x=strain, y=1e3 * left, bars=(None, 1e3 * force_bar))
+    scatter(stiffness, cloud, x=strain, y=secant, bars=(depth_bar / cloud.thickness_mm, Z95 * secant_std))
+    scatter(rest, cloud, x=strain, y=KILO * (cloud.force_N - cloud.fitted_N), bars=(None, KILO * force_bar))
     several = list(_radii(cloud).values())
     for line, colour in zip(lines, several or style.CYCLE, strict=False):
-        low, high = line.force_N - 1.96 * line.force_std_N, line.force_N + 1.96 * line.force_std_N
+        reach = Z95 * line.force_std_N
         for axes, x, scale in (
             (force, line.depth_mm, np.ones_like(line.depth_mm)),
             (stiffness, line.depth_mm / line.thickness_mm, line.depth_mm),
         ):
             axes.plot(x, line.force_N / scale, color=colour, label=line.name)
-            axes.fill_between(
-                x, low / scale, high / scale, color=colour, alpha=0.18, lw=0, label=f"95 % of {line.name}"
-            )
-    rest.axhline(0, color=style.GREY, lw=0.8)
-    force.set(xlabel="depth w (mm)", ylabel="force P (N)", title=title or "Force against certified depth")
+            low, high = (line.force_N - reach) / scale, (line.force_N + reach) / scale
+            axes.fill_between(x, low, high, color=colour, alpha=LOOK.band, lw=0, label=f"95 % of {line.name}")
+    style.zero_line(rest)
+    force.set(xlabel="depth w (mm)", ylabel="force P (N)", title="Force against certified depth")
     strain_label = "depth over thickness, w / h"
     stiffness.set(
         xlabel=strain_label, ylabel="force over depth, P / w (N/mm)", title="The line that gives c and β"
@@ -93,7 +91,7 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
 def scatter(
     axes: Axes, cloud: PointCloud, *, x: Floats, y: Floats, bars: tuple[Floats | None, Floats | None]
 ) -> None:
-    """Points x, y (n,), mm or N, with bars, one colour a radius; those left out of the fit are hollow."""
+    """Draw points x, y (n,), mm or N, with bars, one colour a radius; excluded ones are hollow."""
     what = ", and 95 % interval" if cloud.bars else ""
     parts = [(~cloud.used, style.GREY, "white", "rejected" + what)]
     for radius, colour in _radii(cloud).items():
@@ -107,25 +105,15 @@ def scatter(
         if not kept.any():
             continue
         if not cloud.bars:
-            axes.plot(x[kept], y[kept], ".", ms=2.5, color=colour, alpha=0.5, label=label)
+            axes.plot(x[kept], y[kept], ".", ms=LOOK.dot, color=colour, alpha=LOOK.faint, label=label)
             continue
         x_bar, y_bar = (None if bar is None else np.nan_to_num(bar[kept]) for bar in bars)
-        axes.errorbar(
-            x[kept],
-            y[kept],
-            xerr=x_bar,
-            yerr=y_bar,
-            fmt="o",
-            ms=4.5,
-            color=colour,
-            mfc=face,
-            elinewidth=0.8,
-            label=label,
-        )
+        mark: dict[str, Any] = {"fmt": "o", "mfc": face, "elinewidth": LOOK.hair}
+        axes.errorbar(x[kept], y[kept], xerr=x_bar, yerr=y_bar, color=colour, label=label, **mark)
 
 
 def _radii(cloud: PointCloud) -> dict[float, str]:
-    """A colour for each radius where there are several."""
+    """Return a colour for each radius where there are several."""
     if cloud.radius_mm is None:
         return {}
     radii = np.unique(cloud.radius_mm[cloud.used]).tolist()
@@ -134,25 +122,25 @@ def _radii(cloud: PointCloud) -> dict[float, str]:
 
 @style.house_look
 def draw_material(modulus_of_nu: Sequence[Pair], modulus: Estimate, poisson: Estimate) -> Figure:
-    """E over nu at the fitted stiffness: the curve that one punch fixes, and the part of it that remains."""
-    figure, (axes,) = style.new_figure(6.0, 4.4)
+    """Draw E over nu at the fitted stiffness, with the intervals of both."""
+    figure, (axes,) = style.new_figure(*style.MAP_IN)
     nu, e = np.array(modulus_of_nu).T
     axes.plot(nu, e, color=style.BLUE, label="E(ν) at the fitted c")
     if poisson.interval95 is not None:
-        axes.axvspan(*poisson.interval95, color=style.YELLOW, alpha=0.2, lw=0, label="95 % interval of ν")
+        axes.axvspan(*poisson.interval95, color=style.YELLOW, alpha=LOOK.band, lw=0, label="95 % interval of ν")
     if modulus.interval95 is not None:
-        axes.axhspan(*modulus.interval95, color=style.GREEN, alpha=0.15, lw=0, label="95 % interval of E")
+        axes.axhspan(*modulus.interval95, color=style.GREEN, alpha=LOOK.band, lw=0, label="95 % interval of E")
     if poisson.value is not None and modulus.value is not None:
-        axes.plot(poisson.value, modulus.value, "o", color=style.ORANGE, ms=6, label="best E and ν")
-    axes.set(xlabel="Poisson's ratio ν", ylabel="Young's modulus E (MPa)", title="What is fixed, and what is not")
+        axes.plot(poisson.value, modulus.value, "o", color=style.ORANGE, ms=LOOK.best, label="best E and ν")
+    axes.set(xlabel="Poisson's ratio ν", ylabel="Young's modulus E (MPa)", title="E and ν at the fitted c")
     style.legend_below(figure, columns=2)
     return figure
 
 
 @style.house_look
 def draw_history(dates: Sequence[str], modulus: Sequence[Estimate], *, moved: Sequence[bool]) -> Figure:
-    """Young's modulus of one sensor over time with 95 % intervals; orange: beyond its interval."""
-    figure, (axes,) = style.new_figure(6.4, 3.6)
+    """Draw Young's modulus of one sensor over time with 95 % intervals; orange: changed significantly."""
+    figure, (axes,) = style.new_figure()
     for place, (estimate, has_moved) in enumerate(zip(modulus, moved, strict=True)):
         if estimate.value is None or estimate.interval95 is None:
             continue
@@ -161,7 +149,7 @@ def draw_history(dates: Sequence[str], modulus: Sequence[Estimate], *, moved: Se
         colour, label = (
             (style.ORANGE, "changed by more than its interval")
             if has_moved
-            else (style.BLUE, "no change that can be told")
+            else (style.BLUE, "no significant change")
         )
         axes.errorbar([place], [estimate.value], yerr=bar, fmt="o", color=colour, label=label)
     axes.set_xticks(range(len(dates)), dates, rotation=30, ha="right")
@@ -170,100 +158,96 @@ def draw_history(dates: Sequence[str], modulus: Sequence[Estimate], *, moved: Se
     return figure
 
 
-# Young's modulus and Poisson's ratio together: the curve that one punch fixes, and what picks the part of it.
+# Young's modulus and Poisson's ratio together.
 
 WORDS = {
-    "bulge": "rise beside the punch",
+    "bulge": "rise outside the punch",
     "radii": "several radii",
-    "prior": "stated beforehand",
+    "prior": "stated prior",
     "beta": "law of β (not used)",
 }
 ROW = 0.055  # of the height of the picture, for each route's bar
-MIN_MARGIN = 0.002  # of nu, beside what is drawn: where nu is stated without doubt, all of it is one line
+MARGIN = (LOOK.band, 0.002)  # next to what is shown: a share of it, and at least this much of nu
 
 
 @style.house_look
 def draw_joint(
     curve: Floats, region: Floats, *, best: Pair | None, routes: Sequence[tuple[str, Pair, bool]]
 ) -> Figure:
-    """`curve` (n, 2) of (nu, E in MPa); `region` (k, 2) the outline of 95 %.
+    """Draw `curve` (n, 2) of (nu, E in MPa), the outline of the 95 % `region` (k, 2), and each route to nu.
 
-    `routes` (name, 95 % interval, used).
+    `routes` (name, 95 % interval, used) are bars below the curve; arrows stand for intervals off the picture.
     """
-    figure, (axes,) = style.new_figure(style.WIDTH_IN, 5.2)
+    figure, (axes,) = style.new_figure(height_in=5.2)
     axes.plot(*curve.T, color=style.BLUE, label="E(ν) at the fitted c")
-    axes.fill(*region.T, color=style.YELLOW, alpha=0.35, lw=0, label="95 % of E and ν together")
+    axes.fill(*region.T, color=style.YELLOW, alpha=LOOK.faint, lw=0, label="95 % of E and ν together")
     if best is not None:
-        axes.plot(*best, "o", color=style.ORANGE, ms=6, label="best E and ν")
+        axes.plot(*best, "o", color=style.ORANGE, ms=LOOK.best, label="best E and ν")
     left, right, bottom, top = _frame(curve, region, routes)
-    height = (top - bottom) / (0.9 - ROW * len(routes))
-    floor = top + 0.05 * height - height
+    height = (top - bottom) / (1 - ROW * (len(routes) + 2))
+    floor = top + ROW * height - height
     colours = dict(zip(WORDS, (style.GREEN, style.PURPLE, style.GREY, style.SKY), strict=True))
     for place, (name, (low, high), used) in enumerate(routes):
-        y, colour = floor + (place + 0.6) * ROW * height, colours.get(name, style.GREY)
+        y, colour = floor + (place + 0.5) * ROW * height, colours.get(name, style.GREY)
         bar, words = np.clip([low, high], left, right), WORDS.get(name, name)
         if used:
-            axes.axvspan(low, high, color=colour, alpha=0.12, lw=0, label=f"95 % of ν, {words}")
-        if high < left or low > right:  # an arrow at the edge says where it lies
+            axes.axvspan(low, high, color=colour, alpha=LOOK.room, lw=0, label=f"95 % of ν, {words}")
+        if high < left or low > right:
             words += f": {low:.3f} to {high:.3f}, off the picture"
-            inwards = 0.012 * (right - left) * (1 if high < left else -1)
+            inwards = (right - left) / 80 * (1 if high < left else -1)
             axes.plot(bar[0] + inwards, y, "<" if high < left else ">", color=colour, label=words)
             continue
-        axes.plot(bar, [y, y], "|-", ms=9, mew=1.5, color=colour, lw=4 if used else 1.5, label=words)
+        axes.plot(
+            bar, [y, y], "|-", ms=9, mew=LOOK.strong, color=colour, lw=4 if used else LOOK.strong, label=words
+        )
     axes.set(xlim=(left, right), ylim=(floor, floor + height), xlabel="Poisson's ratio ν")
-    axes.set(ylabel="Young's modulus E (MPa)", title="E and ν together, and what each route says of ν")
-    style.legend_below(figure, columns=2)  # inside it would cover the region
+    axes.set(ylabel="Young's modulus E (MPa)", title="E and ν together, and ν by each route")
+    style.legend_below(figure, columns=2)
     return figure
 
 
 def _frame(
     curve: Floats, region: Floats, routes: Sequence[tuple[str, Pair, bool]]
 ) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top of what is to be seen, the bars of the routes aside."""
+    """Return left, right, bottom and top of the picture without the bars of the routes."""
     used = [interval for _, interval, is_used in routes if is_used]
     low = min([float(region[:, 0].min()), *(interval[0] for interval in used)])
     high = max([float(region[:, 0].max()), *(interval[1] for interval in used)])
-    margin = max(0.2 * (high - low), MIN_MARGIN)
-    left, right = max(low - margin, float(curve[0, 0])), min(high + margin, 0.505)
+    margin = max(MARGIN[0] * (high - low), MARGIN[1])
+    left, right = max(low - margin, float(curve[0, 0])), min(high + margin, 0.5 + MARGIN[1])
     inside = curve[(curve[:, 0] >= left) & (curve[:, 0] <= right), 1]
     shown = np.append(inside, np.interp([left, right], *curve.T))
     bottom = min(float(region[:, 1].min()), float(shown.min()))
     return left, right, bottom, max(float(region[:, 1].max()), float(shown.max()))
 
 
-# One press at a glance: the frame at the event, the depth, the signal of the bevel, and the force.
+# One press.
 
 
 @style.house_look
 def draw_press(evidence: Evidence, point: CertifiedPoint, *, rgb: Bytes | None) -> Figure:
-    """Four panels; `rgb` is the rectified frame at the event, None where there is none."""
-    figure, (frame, depth, bevel, force) = style.new_quad(style.WIDTH_IN, 6.0, legend_in=0.9)
+    """Draw the frame at the contact event, its depth, the signal of the bevel, and the force.
+
+    `rgb` is the rectified frame, None where there is none.
+    """
+    figure, (frame, depth, bevel, force) = style.new_quad(legend_in=1)
     verdict = "accepted" if point.accepted else f"rejected: {point.reason.replace('_', ' ')}"
     height = evidence.height_map
     if height is None:
         for axes in (frame, depth):
-            axes.text(
-                0.5,
-                0.5,
-                "no picture at the contact event",
-                ha="center",
-                transform=axes.transAxes,
-                color=style.GREY,
-            )
+            style.note(axes, "no picture at the contact event")
             axes.set_axis_off()
     else:
         if rgb is not None:
             overlay(frame, rgb, height=height, footprint=evidence.footprint)
-        image = depth_image(depth, height)
-        figure.colorbar(image, ax=depth, label="depth (mm)", shrink=0.75, pad=0.02)
+        figure.colorbar(depth_image(depth, height), ax=depth, label="depth (mm)", shrink=LOOK.bar, pad=1 / 50)
         for axes in (frame, depth):
             _bevel_window(axes, evidence)
-            # the scale bar says it, and ticks take their time
             axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
         frame.set_title("Frame of the press" if evidence.touch is None else "Frame at the contact event")
         depth.set_title("Height map of that frame")
     press, punch = style.as_label(point.press), style.as_label(point.indenter)
-    figure.suptitle(f"Press {press} ({punch}): {verdict}", x=0.02, ha="left", fontsize=11)
+    figure.suptitle(f"Press {press} ({punch}): {verdict}", x=1 / 50, ha="left", fontsize=11)
     _bevel_signal(bevel, evidence)
     _force(force, evidence, point)
     style.legend_below(figure)
@@ -277,7 +261,7 @@ def _bevel_window(axes: Axes, evidence: Evidence) -> None:
     left, right, bottom, top = extent_mm(evidence.height_map)
     middle_x, middle_y = (left + right) / 2, (top + bottom) / 2
     x, y = np.array([x0, x1, x1, x0, x0]) + middle_x, np.array([y0, y0, y1, y1, y0]) + middle_y
-    axes.plot(x, y, color=style.SKY, lw=1.6, label="window on the bevel")
+    axes.plot(x, y, color=style.SKY, label="window on the bevel")
 
 
 def _bevel_signal(axes: Axes, evidence: Evidence) -> None:
@@ -287,13 +271,12 @@ def _bevel_signal(axes: Axes, evidence: Evidence) -> None:
         title="Signal of the bevel",
     )
     if evidence.signal_mm is None:
-        axes.text(0.5, 0.5, "not looked for", ha="center", transform=axes.transAxes, color=style.GREY)
+        style.note(axes, "not looked for")
         return
-    axes.plot(
-        evidence.depth_mm, 1e3 * evidence.signal_mm, ".", ms=4, color=style.BLUE, label="one frame's bevel signal"
-    )
+    signal_um = KILO * evidence.signal_mm
+    axes.plot(evidence.depth_mm, signal_um, ".", color=style.BLUE, label="one frame's bevel signal")
     if evidence.touch is not None:
-        axes.axvline(evidence.touch.depth_seen_mm, color=style.ORANGE, lw=1.4, label="contact event")
+        axes.axvline(evidence.touch.depth_seen_mm, color=style.ORANGE, lw=LOOK.line, label="contact event")
 
 
 def _force(axes: Axes, evidence: Evidence, point: CertifiedPoint) -> None:
@@ -303,8 +286,10 @@ def _force(axes: Axes, evidence: Evidence, point: CertifiedPoint) -> None:
         ("fz, into the gel", style.BLUE, 2),
     )
     for name, colour, column in labels:
-        axes.plot(evidence.force_time_s, evidence.force_N[:, column], color=colour, lw=1.2, label=name)
+        axes.plot(evidence.force_time_s, evidence.force_N[:, column], color=colour, lw=LOOK.line, label=name)
     if evidence.touch is not None:
-        axes.axvline(evidence.touch.time_s, color=style.ORANGE, lw=1.4, label="contact event")
-        axes.plot([evidence.touch.time_s], [point.fz_N], "o", color=style.ORANGE, ms=6, label="certified force")
+        axes.axvline(evidence.touch.time_s, color=style.ORANGE, lw=LOOK.line, label="contact event")
+        axes.plot(
+            evidence.touch.time_s, point.fz_N, "o", color=style.ORANGE, ms=LOOK.best, label="certified force"
+        )
     axes.set(xlabel="camera's clock (s)", ylabel="force (N)", title="Force, less that of the free gel")

@@ -1,11 +1,11 @@
-"""Plot deformation, tractions and resultant forces, and compare them with a force sensor."""
+"""Figures of deformation, tractions and resultant forces, and of their difference from a force sensor."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,8 @@ from tactilevision.force.comparison import Residuals
 from tactilevision.force.frame import FrameForce
 from tactilevision.plots import style
 from tactilevision.plots.height import deepest_place, depth_image
+from tactilevision.plots.style import LOOK
+from tactilevision.records.constants import KILO, MICRO, TINY, Z95
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Press
@@ -24,37 +26,37 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Pictures of force on the gel: deformation and tractions of one frame, and what E and nu do to the resultant.
+# Force of one frame.
 
+PAD_AXES = ("x on the pad (mm)", "y on the pad (mm)")
 NAMES = ("x", "y", "z")
 WORDS = {"x": "shear traction t_x (kPa)", "y": "shear traction t_y (kPa)", "z": "pressure t_z (kPa)"}
-LINE = 100  # letters of a line of small print across a figure; by trial
+LINE = 100  # letters of a line of small print across a figure
+GEL_MM = 0.1  # least depth of gel that the cut shows
 
 
 @style.house_look
-def draw_force(found: TractionMap, height: HeightMap, *, shear: ShearMap | None = None, title: str = "") -> Figure:
-    """Depth (H, W) in mm with the surface's motion and the force's arrows; a cut with tractions; t_x, t_y, t_z.
+def draw_force(found: TractionMap, height: HeightMap, *, shear: ShearMap | None = None) -> Figure:
+    """Draw depth (H, W) in mm with the surface's motion and tangential traction, a cut, and t_x, t_y, t_z.
 
-    Where the shear is not known t_x and t_y are left out, and the title says so.
+    Where the shear is not known t_x and t_y are omitted, and the title says so.
     """
     whole = bool(np.isfinite(found.t_x).all())
-    rows = 3 if whole else 2
-    figure, (above, cut, *maps) = style.new_figure(style.WIDTH_IN, 2.7 * rows, rows=rows, columns=2)
-    image = depth_image(above, height)
-    figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.8)
+    figure, (above, cut, *maps) = style.new_figure(rows=3 if whole else 2, columns=2)
+    style.colour_bar(above, depth_image(above, height), "depth into the gel (mm)")
     if shear is not None and whole:
         _motion_arrows(above, shear)
         _force_arrows(above, found, height)
-    above.set_title(title or found.name)
+    above.set_title(found.name)
     _cut(cut, found, height)
     fields = {"z": found.t_z} | ({"x": found.t_x, "y": found.t_y} if whole else {})
     tangential = max((float(np.abs(fields[n]).max()) for n in ("x", "y") if n in fields), default=0.0)
     places = [maps[0], *maps[2:]] if whole else maps[:1]
     for axis, (name, field) in zip(places, fields.items(), strict=True):
-        limit = max(float(np.nanmax(np.abs(field), initial=0.0)) if name == "z" else tangential, 1e-6)
-        _traction_image(figure, axis, found, 1e3 * field, 1e3 * limit, name)
+        limit = max(float(np.nanmax(np.abs(field), initial=0.0)) if name == "z" else tangential, MICRO)
+        _traction_image(axis, found, KILO * field, KILO * limit, name)
     if whole:
-        _deviation(figure, maps[1], found)
+        _deviation(maps[1], found)
     style.legend_below(figure, columns=2, corner=None if whole else maps[1])
     if found.flags:
         said = textwrap.fill("; ".join(found.flags), LINE)
@@ -64,13 +66,13 @@ def draw_force(found: TractionMap, height: HeightMap, *, shear: ShearMap | None 
 
 @style.house_look
 def draw_sensitivity(found: TractionMap, ranges: Sequence[Sensitivity]) -> Figure:
-    """How far fz moves over the 95 % interval of each parameter, beside what all the rest leaves unknown."""
-    figure, (axes,) = style.new_figure(style.WIDTH_IN, 1.3 + 0.55 * (len(ranges) + 1))
+    """Draw the change of fz over the 95 % interval of each parameter, and its whole uncertainty."""
+    figure, (axes,) = style.new_figure(height_in=1 + 0.5 * (len(ranges) + 2))
     labels = [
         entry.parameter.replace("_", " ").replace("youngs", "Young's").replace("poisson", "Poisson's")
         for entry in ranges
     ]
-    half = 1.96 * 100 * found.resultant_std_N[2] / max(found.resultant_N[2], 1e-9)
+    half = 100 * Z95 * found.resultant_std_N[2] / max(found.resultant_N[2], TINY)
     widest = half
     for row, entry in enumerate(ranges):
         low, high = sorted(entry.change_percent(found))
@@ -84,76 +86,65 @@ def draw_sensitivity(found: TractionMap, ranges: Sequence[Sensitivity]) -> Figur
         axes.annotate(words, place, xytext=(6, 0), textcoords="offset points", va="center")
     axes.barh(len(ranges), 2 * half, left=-half, color=style.GREY, height=0.5)
     axes.annotate(f"± {half:.1f} %", (half, len(ranges)), xytext=(6, 0), textcoords="offset points", va="center")
-    axes.axvline(0, color="black", lw=0.8)
+    axes.axvline(0, color="black", lw=LOOK.hair)
     axes.set_yticks(range(len(ranges) + 1), [*labels, "with depth and all else"])
-    axes.set_xlim(-1.1 * widest, 2.6 * widest)
+    axes.set_xlim(-(1 + LOOK.room) * widest, 2.5 * widest)
     axes.invert_yaxis()
-    title = f"What the calibration's own 95 % interval does to fz = {found.resultant_N[2]:.3f} N"
+    title = f"Change of fz = {found.resultant_N[2]:.3f} N over the calibration's 95 % intervals"
     axes.set(xlabel="change of fz (%)", title=title)
     return figure
 
 
 def _cut(axes: Axes, found: TractionMap, height: HeightMap) -> None:
-    """Depth along x through the deepest place, the traction in that row as arrows whose tips touch the surface."""
+    """Draw depth along x through the deepest place, and the traction in that row as arrows onto the surface."""
     row, _ = deepest_place(height)
     middle = [(n - 1) / 2 * s for n, s in zip(height.depth_mm.shape[::-1], height.mm_per_px, strict=True)]
     x = np.arange(height.depth_mm.shape[1]) * height.mm_per_px[0]
     depth = np.where(height.valid[row], height.depth_mm[row], np.nan)
     axes.plot(x, depth, color=style.BLUE, label="the gel's surface")
-    axes.fill_between(x, depth, float(np.nanmax(depth, initial=0.1)) * 1.12, color=style.SKY, alpha=0.15, lw=0)
-    cell = int(
-        np.clip(
-            round((row * height.mm_per_px[1] - middle[1] - found.first_mm[1]) / found.mm_per_px[1]),
-            0,
-            found.t_z.shape[0] - 1,
-        )
-    )
+    low, high = float(np.nanmin(depth, initial=0)), float(np.nanmax(depth, initial=GEL_MM))
+    floor = (1 + LOOK.room) * high
+    axes.fill_between(x, depth, floor, color=style.SKY, alpha=LOOK.band, lw=0)
+    y_mm = row * height.mm_per_px[1] - middle[1]
+    cell = int(np.clip(round((y_mm - found.first_mm[1]) / found.mm_per_px[1]), 0, found.t_z.shape[0] - 1))
     touching = np.flatnonzero(np.nan_to_num(found.t_z[cell]) > 0)
     places = found.first_mm[0] + found.mm_per_px[0] * touching + middle[0]
     if touching.size:
         down, along = found.t_z[cell, touching], np.nan_to_num(found.t_x[cell, touching])
         top = float(np.hypot(down, along).max())
         tips = np.interp(places, x, height.depth_mm[row])
-        axes.quiver(places, tips, along, -down, color=style.ORANGE, pivot="tip", scale=top / 0.35,
-                    scale_units="height", width=0.006)  # fmt: skip
-        axes.plot([], [], color=style.ORANGE, label=f"traction on it, longest {1e3 * top:.0f} kPa")
-    low, high = float(np.nanmin(depth, initial=0.0)), float(np.nanmax(depth, initial=0.1))
-    axes.set_ylim(high * 1.12, low - 0.55 * (high - low))
+        axes.quiver(places, tips, along, -down, color=style.ORANGE, pivot="tip", scale=3 * top,
+                    scale_units="height", width=2 * style.ARROW)  # fmt: skip
+        axes.plot([], [], color=style.ORANGE, label=f"traction on it, longest {KILO * top:.0f} kPa")
+    axes.set_ylim(floor, low - 0.5 * (high - low))
     axes.set(xlabel="x (mm)", ylabel="depth into the gel (mm)", title="Cut along x, deepest place")
 
 
-def _deviation(figure: Figure, axes: Axes, found: TractionMap) -> None:
-    """How far each cell's pressure may be off."""
+def _deviation(axes: Axes, found: TractionMap) -> None:
+    """Draw the standard deviation of each cell's pressure."""
     if found.std_MPa is None or not np.isfinite(found.std_MPa[2]).any():
         axes.set_axis_off()
         return
-    std = 1e3 * found.std_MPa[2]
-    axes.set_facecolor(style.INVALID)
-    image = axes.imshow(std, cmap=style.DEPTH_MAP, vmin=0, extent=_extent(found), interpolation="none")
-    figure.colorbar(image, ax=axes, label="deviation of t_z (kPa)", shrink=0.8)
-    axes.grid(False)
-    axes.set(xlabel="x on the pad (mm)", ylabel="y on the pad (mm)", title="How sure each cell is (std)")
+    std = KILO * found.std_MPa[2]
+    image = style.show_map(axes, std, _extent(found), limits=(0, float(np.nanmax(std))))
+    style.colour_bar(axes, image, "deviation of t_z (kPa)")
+    style.as_map(axes, *PAD_AXES, "Standard deviation of each cell")
 
 
-def _extent(found: TractionMap) -> tuple[float, float, float, float]:
+def _extent(found: TractionMap) -> style.Extent:
     rows, columns = found.t_z.shape
     sx, sy = found.mm_per_px
     left, top = found.first_mm[0] - sx / 2, found.first_mm[1] - sy / 2
     return (left, left + columns * sx, top + rows * sy, top)
 
 
-def _traction_image(
-    figure: Figure, axes: Axes, found: TractionMap, field_kPa: Floats, limit: float, name: str
-) -> None:
+def _traction_image(axes: Axes, found: TractionMap, field_kPa: Floats, limit: float, name: str) -> None:
     low, colours = (0.0, style.DEPTH_MAP) if name == "z" else (-limit, "PuOr")
-    axes.set_facecolor(style.INVALID)
-    image = axes.imshow(field_kPa, cmap=colours, vmin=low, vmax=limit, extent=_extent(found), interpolation="none")
-    figure.colorbar(image, ax=axes, label=WORDS[name], shrink=0.8)
+    image = style.show_map(axes, field_kPa, _extent(found), limits=(low, limit), cmap=colours)
+    style.colour_bar(axes, image, WORDS[name])
     force, std = found.resultant_N[NAMES.index(name)], found.resultant_std_N[NAMES.index(name)]
     unknown = "" if np.isfinite(found.t_x).all() else "\nfx, fy not measured"
-    axes.set_title(f"f{name} = {force:.3f} ± {1.96 * std:.3f} N (95 %){unknown}")
-    axes.grid(False)
-    axes.set(xlabel="x on the pad (mm)", ylabel="y on the pad (mm)")
+    style.as_map(axes, *PAD_AXES, f"f{name} = {force:.3f} ± {Z95 * std:.3f} N (95 %){unknown}")
 
 
 def _motion_arrows(axes: Axes, shear: ShearMap) -> None:
@@ -165,21 +156,13 @@ def _motion_arrows(axes: Axes, shear: ShearMap) -> None:
     sx, sy = shear.mm_per_px
     largest = float(np.hypot(u, v).max(initial=0.0))
     if largest > 0:
-        axes.quiver(x[known] * sx, y[known] * sy, u, v, color="white", angles="xy", scale_units="xy",
-                    scale=largest / (1.5 * step * min(sx, sy)), width=0.002)  # fmt: skip
-        _arrow_entry(axes, "white", f"motion of the gel, longest {1e3 * largest:.0f} µm")
-
-
-def _arrow_entry(axes: Axes, colour: str, words: str) -> None:
-    """What the legend says of arrows, with an edge that white paper needs."""
-    from matplotlib.patheffects import withStroke
-
-    edge = [withStroke(linewidth=3.0, foreground=style.GREY)]
-    axes.plot([], [], color=colour, lw=1.4, path_effects=edge, label=words)
+        scale = 2 * largest / (3 * step * min(sx, sy))
+        style.arrows(axes, x[known] * sx, y[known] * sy, u, v, colour="white", scale=scale)
+        style.outlined_entry(axes, f"motion of the gel, longest {KILO * largest:.0f} µm")
 
 
 def _force_arrows(axes: Axes, found: TractionMap, height: HeightMap) -> None:
-    """Tangential traction on the cells that touch, on the height map's own axes."""
+    """Draw the tangential traction on the cells in contact, on the height map's own axes."""
     rows, columns = np.nonzero(np.nan_to_num(found.t_z) > 0)
     t = np.stack([found.t_x[rows, columns], found.t_y[rows, columns]])
     largest = float(np.hypot(*t).max(initial=0.0))
@@ -188,12 +171,12 @@ def _force_arrows(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     middle = [(n - 1) / 2 * s for n, s in zip(height.depth_mm.shape[::-1], height.mm_per_px, strict=True)]
     x = found.first_mm[0] + columns * found.mm_per_px[0] + middle[0]
     y = found.first_mm[1] + rows * found.mm_per_px[1] + middle[1]
-    axes.quiver(x, y, *t, color=style.ORANGE, angles="xy", scale_units="xy",
-                scale=largest / (3 * found.mm_per_px[0]), width=0.003)  # fmt: skip
-    _arrow_entry(axes, style.ORANGE, f"shear traction, longest {1e3 * largest:.1f} kPa")
+    style.arrows(axes, x, y, *t, colour=style.ORANGE, scale=largest / (3 * found.mm_per_px[0]))
+    words = f"shear traction, longest {KILO * largest:.1f} kPa"
+    style.outlined_entry(axes, words, colour=style.ORANGE)
 
 
-# Pictures of many frames' forces: their course in time, and what is left beside the force/torque sensor.
+# Forces of many frames.
 
 COLOURS = (style.GREEN, style.YELLOW, style.BLUE)
 PAUSE_S = 0.5  # a longer one is drawn this long
@@ -201,7 +184,7 @@ PAUSE_S = 0.5  # a longer one is drawn this long
 
 @style.house_look
 def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -> Figure:
-    """fz, and fx, fy where they are known, against time with the 95 % interval, beside the F/T reading.
+    """Draw fz, and fx, fy where they are known, against time with the 95 % interval and the F/T reading.
 
     Pauses between frames are shortened, and presses named along the top. Frames without time go by number.
     """
@@ -213,22 +196,16 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
     timed = bool(np.isfinite(time_s).all())
     place = _without_pauses(time_s) if timed else np.arange(len(rows), dtype=float)
     shown = [k for k in (2, 0, 1) if k == 2 or np.nan_to_num(force[:, k]).any()]
-    figure, axes = style.new_figure(style.WIDTH_IN, 1.2 + 2.4 * max(1, len(shown)), rows=max(1, len(shown)))
+    figure, axes = style.new_figure(rows=len(shown))
     parts = _parts(place, time_s if timed else place)
     for axis, k in zip(axes, shown, strict=False):
         _course(axis, place, force[:, k], std[:, k], parts=parts, name=f"f{NAMES[k]}", colour=COLOURS[k])
         if np.isfinite(read[:, k]).any():
             for part in parts:
-                axis.plot(
-                    place[part],
-                    read[part, k],
-                    color="black",
-                    lw=1,
-                    ls="--",
-                    label="F/T sensor" if part is parts[0] else None,
-                )
+                label = "F/T sensor" if part is parts[0] else None
+                axis.plot(place[part], read[part, k], color="black", lw=LOOK.hair, ls="--", label=label)
         axis.set(ylabel=f"f{NAMES[k]} (N)")
-        axis.margins(x=0.01)
+        axis.margins(x=0)
     axes[0].set_title("Force on the gel, with its 95 % interval", pad=16 if presses and timed else 6)
     axes[-1].set(xlabel="time (s), pauses shortened" if timed else "frame")
     if timed:
@@ -239,43 +216,40 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
 
 @style.house_look
 def draw_residuals(found: Residuals) -> Figure:
-    """Force from the picture less the reading, against force, depth, place, direction and press.
+    """Draw force from the picture less the reading, against force, depth, place, direction and press.
 
-    Blue: frames that can be trusted; hollow grey: flagged. The band is the 95 % interval of both together.
+    Blue: frames without flags; hollow grey: flagged. The bars are 95 % intervals of the difference.
     """
-    figure, axes = style.new_figure(style.WIDTH_IN, 8.0, rows=3, columns=2)
+    figure, axes = style.new_figure(rows=3, columns=2)
     left, std = found.residual_N[:, 2], found.std_N[:, 2]
     labels = list(dict.fromkeys(found.press.tolist()))
     press = np.array([labels.index(name) for name in found.press], dtype=float)
     against = (
         (found.measured_N[:, 2], "force sensor's fz (N)"),
         (found.depth_mm, "depth of the contact (mm)"),
-        (found.place_mm[:, 0], "x on the pad (mm)"),
-        (found.place_mm[:, 1], "y on the pad (mm)"),
+        (found.place_mm[:, 0], PAD_AXES[0]),
+        (found.place_mm[:, 1], PAD_AXES[1]),
         (found.direction_deg, "direction of tangential force (° from x)"),
     )
     for axis, (values, label) in zip(axes, against, strict=False):
         _cloud(axis, values, left, std, found.usable)
         axis.set(xlabel=label, ylabel="fz: picture − sensor (N)")
     if not np.isfinite(found.direction_deg).any():
-        axes[4].text(0.5, 0.5, "no tangential force", ha="center", transform=axes[4].transAxes, color=style.GREY)
+        style.note(axes[4], "no tangential force")
     _cloud(axes[5], press, left, std, found.usable)
     if len(labels) <= 40:
-        axes[5].set_xticks(
-            range(len(labels)), [style.as_label(name) or "-" for name in labels], rotation=90, fontsize=8
-        )
+        axes[5].set_xticks(range(len(labels)), [style.as_label(name) or "-" for name in labels], rotation=90)
     axes[5].set(xlabel="press", ylabel="fz: picture − sensor (N)")
-    inside = float(np.mean(np.abs(left[found.usable]) < 1.96 * std[found.usable])) if found.usable.any() else 0.0
+    inside = float(np.mean(np.abs(left[found.usable]) < Z95 * std[found.usable])) if found.usable.any() else 0.0
     style.legend_below(figure)
     axes[0].set_title(f"{int(found.usable.sum())} frames; {100 * inside:.0f} % within the 95 % interval of both")
     return figure
 
 
 def _cloud(axes: Axes, x: Floats, left: Floats, std: Floats, usable: npt.NDArray[np.bool_]) -> None:
-    axes.axhline(0, color="black", lw=0.8)
-    axes.errorbar(
-        x[usable], left[usable], yerr=1.96 * std[usable], fmt="none", ecolor=style.SKY, elinewidth=0.7, alpha=0.6
-    )
+    style.zero_line(axes)
+    bars: dict[str, Any] = {"fmt": "none", "ecolor": style.SKY, "elinewidth": LOOK.hair, "alpha": LOOK.faint}
+    axes.errorbar(x[usable], left[usable], yerr=Z95 * std[usable], **bars)
     axes.plot(x[~usable], left[~usable], "o", ms=3, mfc="none", mec=style.GREY, label="flagged: not counted")
     axes.plot(x[usable], left[usable], "o", ms=3, color=style.BLUE, label="a frame, and the 95 % interval of both")
 
@@ -285,9 +259,9 @@ def _course(
 ) -> None:
     for part in parts:
         label = f"{name} from the picture" if part == parts[0] else None
-        axes.plot(place[part], force[part], color=colour, marker=".", ms=2.5, label=label)
-        low, high = (force[part] + s * 1.96 * std[part] for s in (-1, 1))
-        axes.fill_between(place[part], low, high, color=colour, alpha=0.2, lw=0)
+        axes.plot(place[part], force[part], color=colour, marker=".", ms=LOOK.dot, label=label)
+        low, high = (force[part] + s * Z95 * std[part] for s in (-1, 1))
+        axes.fill_between(place[part], low, high, color=colour, alpha=LOOK.band, lw=0)
 
 
 def _without_pauses(time_s: Floats) -> Floats:
@@ -296,10 +270,10 @@ def _without_pauses(time_s: Floats) -> Floats:
 
 
 def _parts(place: Floats, time_s: Floats) -> list[slice]:
-    """Stretches without a pause; a line across a pause would say what nobody saw."""
+    """Return the stretches without a pause, across which lines are interrupted."""
     step = np.diff(time_s, prepend=time_s[:1])
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
-    cuts = [0, *np.flatnonzero(step > max(2.0, 12 * usual)).tolist(), len(place)]
+    cuts = [0, *np.flatnonzero(step > max(2, 12 * usual)).tolist(), len(place)]
     return [slice(a, b) for a, b in pairwise(cuts) if b > a]
 
 
@@ -308,5 +282,5 @@ def _name_presses(axes: Axes, place: Floats, time_s: Floats, presses: Sequence[P
         inside = (time_s >= press.start_s) & (time_s <= press.end_s)
         if inside.any():
             middle = float(place[inside].mean())
-            axes.text(middle, 1.01, style.as_label(press.press), transform=axes.get_xaxis_transform(),
+            axes.text(middle, 1, style.as_label(press.press), transform=axes.get_xaxis_transform(),
                       fontsize=7, ha="center", va="bottom", color=style.GREY)  # fmt: skip

@@ -1,4 +1,4 @@
-"""Plot height maps: from above, in section, in perspective, and the terms of their deviation."""
+"""Figures of height maps: from above, in section, in perspective, and the terms of their deviation."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.plots import style
+from tactilevision.plots.style import LOOK
+from tactilevision.records.constants import KILO, MICRO, MILLI, TINY
 from tactilevision.records.maps import Footprint, HeightMap, add
 from tactilevision.records.measured import Bools, Bytes, Floats
 
@@ -22,19 +24,18 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 
-# Pictures of a height map: from above, cut, in perspective, and laid over the frame it came from.
-
-LINE = 40  # characters of a title beside another picture's
+LINE = 40  # characters of a title next to another picture's
+FLAT_MM = 0.02  # no contours are drawn of depths below: they would trace noise
+VIEW = {"elev": 48, "azim": -62}  # degrees: from where a surface in perspective is seen
+RELIEF = 0.25  # height of a surface in perspective, as a share of its width
 
 
 @style.house_look
-def draw_height(height: HeightMap, *, title: str = "") -> Figure:
-    """The map (H, W), in mm, from above with contours and bars, and two cuts through its deepest place."""
-    figure, axes = style.new_figure(style.WIDTH_IN, 3.4, columns=2)
-    above, cuts = axes
-    image = depth_image(above, height)
-    figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
-    above.set_title(titled(height, title or _named(height, "depth of the gel's surface"), between="\n"))
+def draw_height(height: HeightMap) -> Figure:
+    """Draw the map (H, W), in mm, from above with contours, and two cuts through its deepest place."""
+    figure, (above, cuts) = style.new_figure(columns=2)
+    style.colour_bar(above, depth_image(above, height), "depth into the gel (mm)")
+    above.set_title(titled(height, _named(height, "depth of the gel's surface"), between="\n"))
     row, column = deepest_place(height)
     cut_lines(cuts, height, row=row, column=column)
     _mark_cuts(above, height, row, column)
@@ -43,13 +44,12 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
 
 
 @style.house_look
-def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> Figure:
-    """The rectified frame (H, W, 3) with the depth's contours, the depth in mm from above, and two cuts."""
-    figure, (frame, above, cuts, corner) = style.new_figure(style.WIDTH_IN, 5.6, rows=2, columns=2)
+def draw_height_and_frame(rgb: Bytes, height: HeightMap) -> Figure:
+    """Draw the rectified frame (H, W, 3) with the depth's contours, the depth in mm from above, and two cuts."""
+    figure, (frame, above, cuts, corner) = style.new_figure(rows=2, columns=2)
     overlay(frame, rgb, height=height, footprint=None)
-    frame.set_title(titled(height, title or _named(height, "frame"), between="\n"))
-    image = depth_image(above, height)
-    figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
+    frame.set_title(titled(height, _named(height, "frame"), between="\n"))
+    style.colour_bar(above, depth_image(above, height), "depth into the gel (mm)")
     row, column = deepest_place(height)
     cut_lines(cuts, height, row=row, column=column)
     _mark_cuts(above, height, row, column)
@@ -59,63 +59,47 @@ def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> 
 
 
 @style.house_look
-def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
-    """Which way the surface (H, W) faces: its tilt in degrees, arrows towards the depth; lit from above left."""
-    figure, (tilt, lit) = style.new_figure(style.WIDTH_IN, 3.2, columns=2)
+def draw_normals(height: HeightMap) -> Figure:
+    """Draw the tilt of the surface (H, W) in degrees with arrows downhill, and the surface lit from above left."""
+    figure, (tilt, lit) = style.new_figure(columns=2)
     depth = np.where(height.valid, height.depth_mm, np.nan)
-    down_x, down_y = (
-        np.gradient(depth, height.mm_per_px[0], axis=1),
-        np.gradient(depth, height.mm_per_px[1], axis=0),
-    )
-    steep = np.hypot(down_x, down_y)
-    degrees = np.degrees(np.arctan(steep))
-    top = max(float(np.nanpercentile(degrees, 99.8)), 1.0) if np.isfinite(degrees).any() else 1.0
-    image = tilt.imshow(
-        degrees, cmap=style.DEPTH_MAP, vmin=0, vmax=top, extent=extent_mm(height), interpolation="none"
-    )
-    figure.colorbar(image, ax=tilt, label="tilt (degrees)", shrink=0.85)
+    down_y, down_x = np.gradient(depth, *height.mm_per_px[::-1])
+    degrees = np.degrees(np.arctan(np.hypot(down_x, down_y)))
+    top = max(float(np.nanpercentile(degrees, style.SPAN[1])), 1.0) if np.isfinite(degrees).any() else 1.0
+    extent = extent_mm(height)
+    image = style.show_map(tilt, degrees, extent, limits=(0, top))
+    style.colour_bar(tilt, image, "tilt (degrees)")
     _draw_arrows(tilt, height, (down_x, down_y))
-    lit.imshow(_lit(down_x, down_y), cmap="gray", vmin=0, vmax=1, extent=extent_mm(height), interpolation="none")
+    style.show_map(lit, _lit(down_x, down_y), extent, limits=(0, 1), cmap="gray")
     scale_bar(lit, height, colour="black")
-    for axes, words in (
-        (tilt, titled(height, title or _named(height, "tilt, arrows point deeper"), between="\n")),
-        (lit, "Lit from above left"),
-    ):
-        axes.set_facecolor(style.INVALID)
-        axes.grid(False)
-        axes.set(xlabel="x (mm)", ylabel="y (mm)", title=words)
+    style.as_map(tilt, title=titled(height, _named(height, "tilt, arrows point deeper"), between="\n"))
+    style.as_map(lit, title="Lit from above left")
     _unknown_entry(tilt, height.valid)
     style.legend_below(figure)
     return figure
 
 
 def _draw_arrows(axes: Axes, height: HeightMap, slopes: tuple[Floats, Floats]) -> None:
-    """Arrows down the `slopes` (H, W) mm/mm along x and y, where they are a tenth of the greatest at least."""
+    """Draw arrows down the `slopes` (H, W) mm/mm along x and y, where they exceed a tenth of the greatest."""
     steep = np.hypot(*slopes)
     step = max(1, max(steep.shape) // 28)
     rows, columns = (np.arange(step // 2, n, step) for n in steep.shape)
     some = np.ix_(rows, columns)
-    far = np.maximum(steep[some], 1e-9)
+    far = np.maximum(steep[some], TINY)
     strong = steep[some] > np.nanmax(steep, initial=0.0) / 10
     x, y = np.meshgrid(columns * height.mm_per_px[0], rows * height.mm_per_px[1])
-    arrow = [np.where(strong, down[some] / far, 0)[strong] for down in slopes]  # their colour says how steep
-    size = 1.4 * step * min(height.mm_per_px)
-    axes.quiver(
-        x[strong], y[strong], *arrow, color="white", angles="xy", scale_units="xy", scale=1 / size, width=0.003
-    )
+    arrow = [np.where(strong, down[some] / far, 0)[strong] for down in slopes]
+    style.arrows(axes, x[strong], y[strong], *arrow, colour="white", scale=2 / 3 / step / min(height.mm_per_px))
 
 
 @style.house_look
-def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
-    """The surface (H, W), in mm, in perspective, depth downwards.
-
-    The vertical scale is exaggerated and says by how much.
-    """
+def draw_surface(height: HeightMap) -> Figure:
+    """Draw the surface (H, W), in mm, in perspective, depth downwards; the title gives the vertical scale."""
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-    figure = Figure(figsize=(7.5, 5.5))
-    axes = Axes3D(figure, rect=(0.0, 0.0, 1.0, 0.93))  # above it is room for the title
+    figure = Figure(figsize=(style.WIDTH_IN, style.WIDTH_IN * 3 / 4))
+    axes = Axes3D(figure, rect=(0, 0, 1, 1 - LOOK.room / 2))  # above it is room for the title
     figure.add_axes(axes)
     step = max(1, max(height.depth_mm.shape) // 160)
     depth = np.where(height.valid, height.depth_mm, np.nan)[::step, ::step]
@@ -123,58 +107,55 @@ def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
         *(np.arange(n) * step * s for n, s in zip(depth.shape[::-1], height.mm_per_px, strict=True))
     )
     axes.plot_surface(x, y, depth, cmap=style.DEPTH_MAP, rstride=1, cstride=1, linewidth=0, antialiased=False)
-    span = max(float(np.nanmax(depth) - np.nanmin(depth)), 1e-3) if np.isfinite(depth).any() else 1.0
-    axes.set_box_aspect((float(np.ptp(x)), float(np.ptp(y)), 0.25 * float(np.ptp(x))))
+    span = max(float(np.nanmax(depth) - np.nanmin(depth)), MILLI) if np.isfinite(depth).any() else 1.0
+    tall = RELIEF * float(np.ptp(x))
+    axes.set_box_aspect((float(np.ptp(x)), float(np.ptp(y)), tall))
     axes.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="depth (mm)")
     axes.locator_params(axis="z", nbins=3)  # the box is low: more would overlap
     axes.invert_zaxis()
     axes.invert_yaxis()
-    words = titled(height, title or _named(height, "surface"))
-    axes.set_title(f"{words}   vertical scale × {0.25 * float(np.ptp(x)) / span:.0f}", loc="left", fontsize=10)
-    axes.view_init(elev=48, azim=-62)
+    words = titled(height, _named(height, "surface"))
+    axes.set_title(f"{words}   vertical scale × {tall / span:.0f}", loc="left")
+    axes.view_init(**VIEW)
     return figure
 
 
 @style.house_look
-def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None, title: str = "") -> Figure:
-    """The rectified frame (H, W, 3) with the contours of the depth, in mm, and the indenter's circle on it."""
-    figure, (axes,) = style.new_figure(5.6, 4.2)
+def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None) -> Figure:
+    """Draw the rectified frame (H, W, 3) with the contours of the depth, in mm, and the indenter's circle."""
+    figure, (axes,) = style.new_figure(*style.MAP_IN)
     overlay(axes, rgb, height=height, footprint=footprint)
-    axes.set_title(titled(height, title or _named(height, "frame and its depth"), between="\n"))
+    axes.set_title(titled(height, _named(height, "frame and its depth"), between="\n"))
     style.legend_below(figure)
     return figure
 
 
 @style.house_look
 def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second minus first") -> Figure:
-    """Second map minus first (H, W), in mm, on a scale that is symmetric about no change.
+    """Draw second map minus first (H, W), in mm, on a scale symmetric about zero.
 
-    Raises InputError for maps of two sizes or two scales.
+    Raises InputError for maps of different size or scale.
     """
     change = change_mm(first, second)
-    limit = max(float(np.nanpercentile(np.abs(change), 99.5)), 1e-6) if np.isfinite(change).any() else 1e-6
-    figure, (axes,) = style.new_figure(6.2, 4.2)
-    axes.set_facecolor(style.INVALID)
-    image = axes.imshow(
-        change, cmap="PuOr", vmin=-limit, vmax=limit, extent=extent_mm(first), interpolation="none"
-    )
-    figure.colorbar(image, ax=axes, label="change of depth (mm)", shrink=0.85)
-    axes.set_title(titled(replace(second, flags=add(first.flags, second.flags)), title, between="\n"))
-    axes.grid(False)
-    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+    limits = colour_limits(change, differs=True)
+    figure, (axes,) = style.new_figure(*style.MAP_IN)
+    image = style.show_map(axes, change, extent_mm(first), limits=limits, cmap="PuOr")
+    style.colour_bar(axes, image, "change of depth (mm)")
+    flagged = replace(second, flags=add(first.flags, second.flags))
+    style.as_map(axes, title=titled(flagged, title, between="\n"))
     _unknown_entry(axes, first.valid & second.valid)
     style.legend_below(figure)
     return figure
 
 
 def change_mm(first: HeightMap, second: HeightMap) -> Floats:
-    """Second depth minus first (H, W), in mm; NaN where either is not known.
+    """Return second depth minus first (H, W), in mm; NaN where either is not known.
 
-    Raises InputError for maps of two sizes or two scales.
+    Raises InputError for maps of different size or scale.
     """
     if first.depth_mm.shape != second.depth_mm.shape or not np.allclose(first.mm_per_px, second.mm_per_px):
         raise InputError(
-            "only maps of one size and scale have a difference",
+            "a difference needs two maps of one size and scale",
             where=f"{second.name}, {first.name}",
             value=f"{_size_of(second)} and {_size_of(first)}",
         )
@@ -191,10 +172,7 @@ def _size_of(height: HeightMap) -> str:
 
 
 def titled(height: HeightMap, words: str, *, between: str = " · ") -> str:
-    """A picture's title with what makes its map (H, W) doubtful, so that no picture of it goes without.
-
-    `between` is a line's end where another picture stands beside it.
-    """
+    """Return the title of a map (H, W), in mm, with its flags; `between` separates them."""
     if not height.flags:
         return words
     doubt = f"doubtful: {', '.join(height.flags)}"
@@ -203,40 +181,33 @@ def titled(height: HeightMap, words: str, *, between: str = " · ") -> str:
 
 def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
     """Draw the depth (H, W) in mm with contours; places of unknown depth are grey."""
-    import matplotlib as mpl
-
     depth = np.where(height.valid, height.depth_mm, np.nan)
-    axes.set_facecolor(style.INVALID)
-    top = max(float(np.nanmax(depth)), 1e-3) if np.isfinite(depth).any() else 1e-3
-    bottom = min(float(np.nanpercentile(depth, 0.5)), 0.0) if np.isfinite(depth).any() else 0.0
-    image = axes.imshow(
-        depth,
-        cmap=mpl.colormaps[style.DEPTH_MAP],
-        vmin=bottom,
-        vmax=top,
-        extent=extent_mm(height),
-        interpolation="none",
-    )
-    if top - bottom > 0.02:
-        axes.contour(
-            np.ma.masked_where(~height.valid, height.depth_mm),
-            levels=np.linspace(0, top, 8)[1:-1],  # at 0 it would trace the noise
-            colors="white",
-            linewidths=0.5,
-            alpha=0.6,
-            extent=extent_mm(height),
-            origin="upper",
-        )
-        _contour_entry(axes)
+    bottom, top = colour_limits(depth)
+    extent = extent_mm(height)
+    image = style.show_map(axes, depth, extent, limits=(bottom, top))
+    if top - bottom > FLAT_MM:
+        levels = np.linspace(0, top, 8)[1:-1]  # at 0 it would trace the noise
+        known = np.ma.masked_where(~height.valid, height.depth_mm)
+        axes.contour(known, levels, colors="white", linewidths=0.5, alpha=LOOK.bar, extent=extent, origin="upper")
+        style.outlined_entry(axes, "contours of the depth")
     _unknown_entry(axes, height.valid)
     scale_bar(axes, height)
-    axes.grid(False)
-    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+    style.as_map(axes)
     return image
 
 
+def colour_limits(shown_mm: Floats, *, differs: bool = False) -> tuple[float, float]:
+    """Return bottom and top of the colours of a depth, or of a change of depth, (H, W) in mm with NaN."""
+    known = shown_mm[np.isfinite(shown_mm)]
+    if differs:
+        limit = max(float(np.percentile(np.abs(known), style.SPAN[1])), MICRO) if known.size else MICRO
+        return -limit, limit
+    top = max(float(known.max()), MILLI) if known.size else MILLI
+    return min(float(np.percentile(known, style.SPAN[0])), 0.0) if known.size else 0.0, top
+
+
 def cut_lines(axes: Axes, height: HeightMap, *, row: int, column: int) -> None:
-    """Depth (H, W), in mm, along x and along y through one place; its standard deviation as a band where known."""
+    """Draw depth (H, W), in mm, along x and y through one place, with its standard deviation where known."""
     cuts = (
         ("along x", style.BLUE, (row, slice(None)), height.mm_per_px[0]),
         ("along y", style.YELLOW, (slice(None), column), height.mm_per_px[1]),
@@ -247,24 +218,23 @@ def cut_lines(axes: Axes, height: HeightMap, *, row: int, column: int) -> None:
         axes.plot(place, depth, color=colour, label=label)
         if height.std_mm is not None:
             std = height.std_mm[where]
-            axes.fill_between(place, depth - std, depth + std, color=colour, alpha=0.2, lw=0, label=f"std {label}")
-    axes.axhline(0, color=style.GREY, lw=0.8)
+            axes.fill_between(
+                place, depth - std, depth + std, color=colour, alpha=LOOK.band, lw=0, label=f"std {label}"
+            )
+    style.zero_line(axes)
     axes.invert_yaxis()
     axes.set(xlabel="place (mm)", ylabel="depth into the gel (mm)", title="Cuts through the deepest place")
 
 
 def _mark_cuts(axes: Axes, height: HeightMap, row: int, column: int) -> None:
-    """Where the cuts run, with an entry for the legend that white paper does not hide."""
-    from matplotlib.patheffects import withStroke
-
-    edge = [withStroke(linewidth=3.0, foreground=style.GREY)]
-    axes.plot([], [], color="white", lw=1.0, ls=":", path_effects=edge, label="the cuts")
-    axes.axhline(row * height.mm_per_px[1], color="white", lw=0.6, ls=":")
-    axes.axvline(column * height.mm_per_px[0], color="white", lw=0.6, ls=":")
+    """Draw where the cuts run."""
+    style.outlined_entry(axes, "the cuts", ls=":")
+    axes.axhline(row * height.mm_per_px[1], color="white", lw=LOOK.hair, ls=":")
+    axes.axvline(column * height.mm_per_px[0], color="white", lw=LOOK.hair, ls=":")
 
 
 def _lit(down_x: Floats, down_y: Floats) -> Floats:
-    """Brightness (H, W), 0 to 1, of a matt surface under a lamp that stands at 45 degrees above left."""
+    """Return the brightness (H, W), 0 to 1, of a matt surface under a lamp at 45 degrees above left."""
     lamp = np.array([-0.5, -0.5, np.sqrt(0.5)])
     light = (lamp[0] * down_x + lamp[1] * down_y + lamp[2]) / np.sqrt(1 + down_x**2 + down_y**2)
     return np.asarray(np.clip(light, 0, 1))
@@ -275,82 +245,61 @@ def overlay(axes: Axes, rgb: Bytes, *, height: HeightMap, footprint: Footprint |
     extent = extent_mm(height)
     axes.imshow(rgb, extent=extent)
     top = float(np.nanmax(np.where(height.valid, height.depth_mm, np.nan))) if height.valid.any() else 0.0
-    if top > 0.02:
-        levels = np.array([0.25, 0.5, 0.75]) * top
+    if top > FLAT_MM:
+        levels = np.linspace(0, top, 5)[1:-1]
         depth = np.ma.masked_where(~height.valid, height.depth_mm)
-        axes.contour(depth, levels=levels, colors="white", linewidths=0.7, extent=extent, origin="upper")
-        _contour_entry(axes)
+        axes.contour(depth, levels=levels, colors="white", linewidths=LOOK.hair, extent=extent, origin="upper")
+        style.outlined_entry(axes, "contours of the depth")
     if footprint is not None:
         middle = ((height.depth_mm.shape[1] - 1) / 2, (height.depth_mm.shape[0] - 1) / 2)
         turn = np.linspace(0, 2 * np.pi, 200)
         x = footprint.centre_mm[0] + middle[0] * height.mm_per_px[0] + footprint.radius_mm * np.cos(turn)
         y = footprint.centre_mm[1] + middle[1] * height.mm_per_px[1] + footprint.radius_mm * np.sin(turn)
-        axes.plot(x, y, color=style.YELLOW, lw=1.8, label="punch face")
-    axes.grid(False)
-    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+        axes.plot(x, y, color=style.YELLOW, label="punch face")
+    style.as_map(axes)
 
 
 def _unknown_entry(axes: Axes, known: Bools) -> None:
-    """What the legend says of grey pixels (H, W), where there are any."""
+    """Add a legend entry for grey pixels (H, W), where there are any."""
     if not known.all():
-        axes.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
-
-
-def _contour_entry(axes: Axes) -> None:
-    """What the legend says of white lines, which white paper would hide."""
-    from matplotlib.patheffects import withStroke
-
-    edge = [withStroke(linewidth=3.0, foreground=style.GREY)]
-    axes.plot([], [], color="white", lw=1.4, path_effects=edge, label="contours of the depth")
+        style.unknown_entry(axes)
 
 
 def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
-    """A bar of a round length in mm, in the lower left of a map (H, W)."""
+    """Draw a bar of a round length in mm, in the lower left of a map (H, W)."""
+    from matplotlib.patheffects import withStroke
+
     width = height.depth_mm.shape[1] * height.mm_per_px[0]
     tall = height.depth_mm.shape[0] * height.mm_per_px[1]
     length = max((b for b in (0.5, 1, 2, 5, 10, 20, 50) if b <= width / 4), default=width / 4)
-    x, y = 0.04 * width, 0.94 * tall
-    from matplotlib.patheffects import withStroke
-
-    rim = [withStroke(linewidth=2.0, foreground="black")] if colour == "white" else []  # seen where all is grey
+    x, y = width / 25, tall * 24 / 25
+    rim = [withStroke(linewidth=2, foreground="black")] if colour == "white" else []  # seen where all is grey
     axes.plot([x, x + length], [y, y], color=colour, lw=3, solid_capstyle="butt")
-    axes.text(
-        x + length / 2,
-        y - 0.02 * tall,
-        f"{length:g} mm",
-        color=colour,
-        ha="center",
-        va="bottom",
-        fontsize=9,
-        path_effects=rim,
-    )
+    words: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": LOOK.small, "path_effects": rim}
+    axes.text(x + length / 2, y - tall / 50, f"{length:g} mm", color=colour, **words)
 
 
-def extent_mm(height: HeightMap) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top of the picture (H, W) in mm, pixel centres at whole steps from the first."""
+def extent_mm(height: HeightMap) -> style.Extent:
+    """Return left, right, bottom, top of the picture (H, W) in mm, with the first pixel's centre at (0, 0)."""
     rows, columns = height.depth_mm.shape
     sx, sy = height.mm_per_px
     return (-0.5 * sx, (columns - 0.5) * sx, (rows - 0.5) * sy, -0.5 * sy)
 
 
 def deepest_place(height: HeightMap) -> tuple[int, int]:
-    """Row and column, in px, of the middle of the deepest tenth of a map (H, W).
-
-    Steadier than the single deepest pixel.
-    """
+    """Return row and column, in px, of the middle of the deepest tenth of a map (H, W)."""
     depth: Floats = np.where(height.valid, height.depth_mm, -np.inf).astype(np.float64)
     top = depth.max()
     if not np.isfinite(top):
         return depth.shape[0] // 2, depth.shape[1] // 2
-    rows, columns = np.nonzero(depth >= 0.9 * top) if top > 0 else np.nonzero(depth == top)
+    rows, columns = np.nonzero(10 * depth >= 9 * top) if top > 0 else np.nonzero(depth == top)
     return int(np.median(rows)), int(np.median(columns))
 
 
-# Which term of a depth's deviation is the largest, place by place, and how much each of them adds.
+# The terms of a depth's deviation.
 
 Terms = Mapping[str, npt.NDArray[np.floating[Any]]]
-# as the terms are ordered
-COLOURS = (
+COLOURS = (  # in the order of the terms
     style.BLUE,
     style.SKY,
     "#F2D54B",
@@ -365,40 +314,32 @@ COLOURS = (
 )
 MIN_SHARE = 0.002  # of the picture: a term that is the largest over less has no entry in the legend
 DEEP = 0.5  # of the greatest depth: what counts as contact for the bars
-PALE = 0.4  # opacity of the bars that stand for all places but the contact
 
 
 @style.house_look
-def draw_terms(height: HeightMap, terms: Terms, *, title: str = "") -> Figure:
-    """The term (h, w) mm that dominates at each place, beside the rms of each term in the contact and elsewhere.
+def draw_terms(height: HeightMap, terms: Terms) -> Figure:
+    """Draw the term (h, w) that dominates at each place, and the rms of each term in the contact and elsewhere.
 
     `terms` are deviations in mm by name, on a grid over the map's picture (Reading.terms_mm).
     """
-    figure, (above, bars) = style.new_figure(style.WIDTH_IN, 7.6, rows=2)
+    figure, (above, bars) = style.new_figure(rows=2, height_in=7.6)
     entries = _draw_largest(above, height, terms)
-    above.set_title(titled(height, title or f"{height.name}: largest part of the depth's deviation", between="\n"))
+    above.set_title(titled(height, f"{height.name}: largest part of the depth's deviation", between="\n"))
     _draw_bars(bars, height, terms)
-    figure.legend(handles=entries, loc="outside lower center", ncols=2, fontsize=9)
+    figure.legend(handles=entries, loc="outside lower center", ncols=2)
     return figure
 
 
 def _draw_largest(axes: Axes, height: HeightMap, terms: Terms) -> list[Artist]:
-    """Colour each place by its largest term; what belongs into the legend."""
+    """Colour each place by its largest term, and return the legend's entries."""
     from matplotlib.colors import ListedColormap
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     largest = np.argmax(np.stack(list(terms.values())), axis=0)
     known = _on_grid(height.valid, largest.shape)
-    axes.set_facecolor(style.INVALID)
-    axes.imshow(
-        np.ma.masked_where(~known, largest),
-        cmap=ListedColormap(COLOURS[: len(terms)]),
-        vmin=-0.5,
-        vmax=len(terms) - 0.5,
-        extent=extent_mm(height),
-        interpolation="none",
-    )
+    colours, limits = ListedColormap(COLOURS[: len(terms)]), (-0.5, len(terms) - 0.5)
+    style.show_map(axes, np.where(known, largest, np.nan), extent_mm(height), limits=limits, cmap=colours)
     shares = np.bincount(largest[known], minlength=len(terms)) / float(max(int(known.sum()), 1))
     entries: list[Artist] = [
         Patch(color=colour, label=f"{name}: {100 * share:.0f} % of the picture")
@@ -410,13 +351,11 @@ def _draw_largest(axes: Axes, height: HeightMap, terms: Terms) -> list[Artist]:
     top = float(np.max(height.depth_mm, where=height.valid, initial=0.0))
     if top > 0:
         depth = np.ma.masked_where(~height.valid, height.depth_mm)
-        axes.contour(
-            depth, levels=[DEEP * top], colors="black", linewidths=1.0, extent=extent_mm(height), origin="upper"
-        )
-        entries.append(Line2D([], [], color="black", lw=1.0, label="half of the greatest depth"))
+        extent = extent_mm(height)
+        axes.contour(depth, [DEEP * top], colors="black", linewidths=LOOK.hair, extent=extent, origin="upper")
+        entries.append(Line2D([], [], color="black", lw=LOOK.hair, label="half of the greatest depth"))
     scale_bar(axes, height, colour="black")
-    axes.grid(False)
-    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+    style.as_map(axes)
     return entries
 
 
@@ -427,17 +366,18 @@ def _draw_bars(axes: Axes, height: HeightMap, terms: Terms) -> None:
     depth, known = _on_grid(height.depth_mm, shape), _on_grid(height.valid, shape)
     contact = known & (depth > DEEP * float(np.max(depth, where=known, initial=0.0)))
     places, colours = np.arange(len(terms)), COLOURS[: len(terms)]
-    for offset, where, alpha in ((-0.2, contact, 1.0), (0.2, known & ~contact, PALE)):
-        rms_um = [1e3 * _rms(term, where) for term in terms.values()]
-        axes.barh(places + offset, rms_um, height=0.38, color=colours, alpha=alpha)
+    wide = LOOK.faint
+    for offset, where, alpha in ((-wide / 2, contact, 1.0), (wide / 2, known & ~contact, LOOK.faint)):
+        rms_um = [KILO * _rms(term, where) for term in terms.values()]
+        axes.barh(places + offset, rms_um, height=wide, color=colours, alpha=alpha)
     axes.set_yticks(places, list(terms))
     axes.invert_yaxis()
-    axes.set(xlabel="rms deviation of depth (µm)", title="What each term adds")
+    axes.set(xlabel="rms deviation of depth (µm)", title="Contribution of each term")
     axes.grid(axis="y", visible=False)
     axes.legend(
         handles=[
             Patch(color=style.GREY, label="deeper than half of the greatest depth"),
-            Patch(color=style.GREY, alpha=PALE, label="elsewhere"),
+            Patch(color=style.GREY, alpha=LOOK.faint, label="elsewhere"),
         ],
         loc="lower right",
     )
@@ -448,7 +388,7 @@ def _rms(term: npt.NDArray[np.floating[Any]], where: Bools) -> float:
 
 
 def _on_grid(field: npt.NDArray[Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:
-    """The field (H, W) at the points of a coarser grid (h, w) over the same picture."""
+    """Return the field (H, W) at the points of a coarser grid (h, w) over the same picture."""
     rows, columns = (
         np.minimum(np.arange(few) * -(-many // few), many - 1)
         for few, many in zip(shape, field.shape, strict=True)

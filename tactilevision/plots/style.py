@@ -1,37 +1,41 @@
-"""Set the style of all figures: colours, axes with units, and fonts for users' names."""
+"""Style of all figures: colours, sizes, legends, and fonts for users' names."""
 
 from __future__ import annotations
 
 import base64
 import unicodedata
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import replacing
+from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 
-# Letters of the user's names that the figure's font lacks: drawn in an installed font that has them, else written
-# as their numbers in Unicode.
+# Fonts for letters that Matplotlib's default font lacks.
 
 _BOXES = "Last Resort"  # Matplotlib's own font of boxes: it claims to have every letter
 
 
 def legible(name: str) -> str:
-    """The name in letters that an installed font has: U+XXXX for one that none has, and a space for a tab."""
+    """Return the name with U+XXXX for each letter that no installed font has, and a space for a tab."""
     if name.isascii() and name.isprintable():
         return name
     return "".join(letter if _is_drawn(letter) else f"U+{ord(letter):04X}" for letter in name.replace("\t", " "))
 
 
 def choose_fonts(figure: Figure) -> None:
-    """Let each text of a figure have its letters: by further fonts, or numbers in their place."""
+    """Add fonts to the texts of a figure for letters outside the default font; replace those that none has."""
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
@@ -59,14 +63,14 @@ def _usual() -> frozenset[int]:
 
 @cache
 def _other_font(letter: str) -> str | None:
-    """The family of an installed font that has the letter where the usual one lacks it."""
+    """Return the family of an installed font for a letter that the default font lacks, else None."""
     if ord(letter) in _usual():
         return None
     return next((family for family, letters in _installed() if ord(letter) in letters), None)
 
 
 def _installed() -> Iterator[tuple[str, frozenset[int]]]:
-    """Upright fonts of usual weight, by name; pictures of letters (colour emoji) cannot be drawn."""
+    """Yield the upright scalable fonts of normal weight by name, with their letters."""
     from matplotlib.font_manager import fontManager
 
     for entry in sorted(fontManager.ttflist, key=lambda entry: (entry.name, entry.fname)):
@@ -87,12 +91,13 @@ def _letters(path: str) -> frozenset[int]:
         return frozenset()
 
 
-# One look for all figures: colours that colour-blind readers tell apart, units on every axis, no chart junk.
+# The style of all figures.
 
+Extent = tuple[float, float, float, float]  # left, right, bottom, top
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Okabe & Ito's palette, told apart by all common kinds of colour vision.
+# Okabe and Ito's palette, distinct under all common kinds of colour vision.
 BLUE, YELLOW, GREEN, ORANGE, SKY, PURPLE, GREY = (
     "#0072B2",
     "#E69F00",
@@ -114,36 +119,61 @@ COLOUR_WORDS = {
 CYCLE = (BLUE, YELLOW, GREEN, PURPLE, SKY, ORANGE, GREY)
 DEPTH_MAP = "cividis"
 INVALID = "#d9d9d9"
+GRID = "#e6e6e6"
 
-WIDTH_IN = 7.0  # the widest figure of a report: at 500 px its text is still 9 px high; by trial
-LOSSLESS = 101  # quality of a WebP picture that keeps every bit, as OpenCV states it
-PHOTO_QUALITY = 90  # of a WebP picture that loses some, 0 to 100; by eye on the presses of gelslim3
-WORTH_IT = 0.6  # of the lossless size: a smaller lossy picture is taken; parts photographs from drawings
-LONGEST_LABEL = 24  # letters of a name in a figure: two of them fit a title over two panels, by eye
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Sizes of what figures show: widths of lines, marks and text in points, opacities from 0 to 1, inches."""
+
+    hair: float = 0.8  # zero lines and error bars
+    line: float = 1.2  # one of several courses or limits
+    strong: float = 1.6  # the course that a figure is about
+    dot: float = 2.5  # one of many samples
+    mark: float = 4.5  # one point of a few
+    best: int = 6  # the estimate
+    band: float = 0.2  # opacity of an interval or region
+    faint: float = 0.4  # opacity of samples that overlap, and of the background
+    text: int = 10
+    small: int = 9  # ticks, legends and crowded titles
+    room: float = 0.15  # share of an axis left free around what is shown
+    bar: float = 0.8  # length of a colour bar, as a share of its axes
+
+
+LOOK = Look()
+WIDTH_IN = 7.0  # the widest figure of a report: at 500 px its text is still 9 px high
+MAP_IN = (5.8, 4.3)  # width and height of a figure of one map, in
+ARROW = 0.003  # width of arrows on a map, as a share of the map's
+SPAN = (0.5, 99.5)  # percentiles of the values between which an axis or a colour scale reaches
+LOSSLESS = 101  # quality of a lossless WebP picture, as OpenCV states it
+PHOTO_QUALITY = 90  # of a lossy WebP picture, 0 to 100
+WORTH_IT = 0.6  # of the lossless size: a lossy picture below it is a photograph, and is taken
+LONGEST_LABEL = 24  # letters of a name in a figure: two of them fit a title over two panels
 FORMS = ("png", "svg", "pdf")  # a figure is always written as the first, which pages embed
 
 RC: Any = {
-    "font.size": 10,
+    "font.size": LOOK.text,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.titlesize": 10,
-    "xtick.labelsize": 9,
-    "ytick.labelsize": 9,
-    "legend.fontsize": 9,
+    "axes.titlesize": LOOK.text,
+    "xtick.labelsize": LOOK.small,
+    "ytick.labelsize": LOOK.small,
+    "legend.fontsize": LOOK.small,
     "axes.titlelocation": "left",
     "axes.grid": True,
-    "grid.color": "#e6e6e6",
-    "grid.linewidth": 0.6,
+    "grid.color": GRID,
+    "grid.linewidth": LOOK.hair,
     "axes.axisbelow": True,
     "legend.frameon": False,
-    "lines.linewidth": 1.6,
+    "lines.linewidth": LOOK.strong,
+    "lines.markersize": LOOK.mark,
     "figure.dpi": 150,
     "text.parse_math": False,  # labels are the user's: "$x_{$" is text
 }
 
 
 def house_look(draw: Callable[P, R]) -> Callable[P, R]:
-    """Run a drawing function under the house's settings; the caller's own settings are left as they were."""
+    """Run a drawing function under RC, and restore the caller's settings afterwards."""
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -155,33 +185,88 @@ def house_look(draw: Callable[P, R]) -> Callable[P, R]:
     return drawn
 
 
-def new_figure(width_in: float, height_in: float, *, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    """A figure and its axes, row by row."""
+def new_figure(
+    width_in: float = WIDTH_IN, height_in: float | None = None, *, rows: int = 1, columns: int = 1
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with its axes row by row; without a height, each row has the same."""
     from matplotlib.figure import Figure
 
+    height_in = 1 + 2.4 * rows if height_in is None else height_in
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False)
-    return figure, list(grid.ravel())
+    return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
 
 
-def new_quad(width_in: float, height_in: float, *, legend_in: float) -> tuple[Figure, list[Axes]]:
-    """Two rows of two axes at fixed places, with room for a legend below: for many figures, quickly."""
+def new_quad(*, legend_in: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure of two by two axes at fixed places: faster than a constrained layout."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width_in, height_in))
-    figure.subplots_adjust(
-        left=0.7 / width_in,
-        right=1 - 0.3 / width_in,
-        bottom=(legend_in + 0.5) / height_in,
-        top=1 - 0.55 / height_in,
-        wspace=0.32,
-        hspace=0.2,
-    )
+    height_in = legend_in + 5
+    figure = Figure(figsize=(WIDTH_IN, height_in))
+    below, above = (legend_in + 0.5) / height_in, 1 - 0.5 / height_in
+    figure.subplots_adjust(left=0.1, right=0.95, bottom=below, top=above, wspace=1 / 3, hspace=LOOK.band)
     return figure, list(figure.subplots(2, 2, squeeze=False).ravel())
 
 
+def zero_line(axes: Axes, at: float = 0) -> None:
+    """Draw the horizontal line that values are compared with."""
+    axes.axhline(at, color=GREY, lw=LOOK.hair)
+
+
+def note(axes: Axes, words: str) -> None:
+    """Write in the middle of empty axes why there is nothing."""
+    axes.text(0.5, 0.5, words, ha="center", transform=axes.transAxes, color=GREY)
+
+
+def as_map(axes: Axes, x: str = "x (mm)", y: str = "y (mm)", title: str = "") -> None:
+    """Prepare axes for a map: no grid, and grey where nothing is known."""
+    axes.set_facecolor(INVALID)
+    axes.grid(False)
+    axes.set(xlabel=x, ylabel=y)
+    if title:
+        axes.set_title(title)
+
+
+def colour_bar(axes: Axes, image: ScalarMappable, label: str) -> None:
+    """Draw the scale of a map's colours next to its axes."""
+    axes.figure.colorbar(image, ax=axes, label=label, shrink=LOOK.bar)
+
+
+def show_map(
+    axes: Axes, field: Floats, extent: Extent, *, limits: tuple[float, float], cmap: str | Colormap = DEPTH_MAP
+) -> AxesImage:
+    """Draw a field (H, W), in its unit, over `extent` with colours between `limits`; NaN is grey."""
+    low, high = limits
+    axes.set_facecolor(INVALID)
+    return axes.imshow(field, cmap=cmap, vmin=low, vmax=high, extent=extent, interpolation="none")
+
+
+def unknown_entry(axes: Axes, label: str = "depth not known") -> None:
+    """Add a legend entry for the grey of unknown places."""
+    axes.plot([], [], "s", ms=LOOK.best, color=INVALID, mec=GREY, label=label)
+
+
+def outlined_entry(axes: Axes, label: str, *, colour: str = "white", ls: str = "-") -> None:
+    """Add a legend entry for lines or arrows on a map, with an outline that white paper needs."""
+    from matplotlib.patheffects import withStroke
+
+    axes.plot(
+        [],
+        [],
+        color=colour,
+        lw=LOOK.line,
+        ls=ls,
+        path_effects=[withStroke(linewidth=3, foreground=GREY)],
+        label=label,
+    )
+
+
+def arrows(axes: Axes, x: Any, y: Any, u: Any, v: Any, *, colour: str, scale: float) -> None:
+    """Draw arrows (u, v) / `scale` at places (x, y) in the units of the axes."""
+    axes.quiver(x, y, u, v, color=colour, angles="xy", scale_units="xy", scale=scale, width=ARROW)
+
+
 def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None) -> None:
-    """One legend of all axes, each label once: under them, or in a `corner` that is left empty for it."""
+    """Draw one legend of all axes, each label once: below them, or in the empty axes `corner`."""
     from matplotlib.lines import Line2D
 
     entries = {
@@ -195,27 +280,23 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
     if corner is not None:
         corner.set_axis_off()
         legend = corner.legend(handles, labels, loc="center left")
-    elif figure.get_layout_engine() is None:
-        legend = figure.legend(handles, labels, loc="lower center", ncols=columns)
     else:
-        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+        place: Any = "lower center" if figure.get_layout_engine() is None else "outside lower center"
+        legend = figure.legend(handles, labels, loc=place, ncols=columns)
     for handle in legend.legend_handles:
         if isinstance(handle, Line2D):
             handle.set(markersize=max(handle.get_markersize(), 5), alpha=1)  # small dots of a cloud
 
 
 def as_label(name: str) -> str:
-    """A name of the user's as a figure holds it: letters that there is a font for, and no more than fit.
-
-    A long one loses its middle: names differ at their ends (run_001, run_002).
-    """
+    """Return a user's name in letters that a font has, without its middle where it is long."""
     name = legible(name)
     half = (LONGEST_LABEL - 1) // 2
     return name if len(name) <= LONGEST_LABEL else f"{name[: LONGEST_LABEL - 1 - half]}…{name[-half:]}"
 
 
 def save_figure(figure: Figure, path: Path | str, *, form: str = "png") -> None:
-    """Write the PNG `path`, and the figure in another of FORMS beside it; each whole or not at all."""
+    """Write the figure as PNG to `path`, and in `form` of FORMS next to it, atomically."""
     choose_fonts(figure)
     for one in dict.fromkeys((FORMS[0], form)):
         with replacing(Path(path).with_suffix(f".{one}")) as temporary:
@@ -223,10 +304,7 @@ def save_figure(figure: Figure, path: Path | str, *, form: str = "png") -> None:
 
 
 def data_uri(path: Path | str) -> str:
-    """A PNG as a data URI, for a page that needs no second file: as WebP, which all browsers read.
-
-    Not a bit is lost of drawings; of photographs what no eye sees is, since that makes them far smaller.
-    """
+    """Return a PNG as a data URI of a WebP picture: lossless for drawings, lossy for photographs."""
     import cv2
     import numpy as np
 
@@ -246,9 +324,9 @@ def check_screen() -> None:
 
     if plt.get_backend().lower() == "agg":
         raise InputError(
-            "there is no screen, or no window toolkit, to open a window with",
+            "there is no screen or window toolkit to open a window with",
             where="--window",
-            remedy="Leave it out and look at the PNG files.",
+            remedy="Omit the option and look at the PNG files.",
         )
 
 

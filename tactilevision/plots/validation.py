@@ -1,4 +1,4 @@
-"""Plot validations: depths of known contacts, and finite elements against measured forces."""
+"""Figures of validations: depths of known contacts, and finite elements against measured forces."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 
 from tactilevision.heightmap.ball_validation import Band, Known, bands
 from tactilevision.plots import style
+from tactilevision.plots.style import LOOK
+from tactilevision.records.constants import KILO
 from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
@@ -17,18 +19,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# How deep contacts of known depth come out, by depth and by contact size, the stated error beside.
-#
-# Balls that the calibration never saw, and flat steps that certified presses make.
+# Depth errors of held-out balls and certified flat steps, by depth and by contact size.
 
-NEAR = 0.15  # of the axis: two shares side by side would run into each other
-ALIKE = 0.2  # of a value: contacts that differ by less have one size
 AXES = (("true_mm", "depth (mm)"), ("radius_px", "contact radius (px)"))
 
 
 @style.house_look
 def draw_depth_report(card: Mapping[str, Any]) -> Figure:
-    """Each contact, as found less true, over its depth and its contact radius; `card` is a method's.
+    """Draw the depth error of each contact over its depth and its contact radius; `card` is a method's.
 
     Broad bars are the rms over a band of contacts, with the share of them within one stated deviation.
     """
@@ -38,69 +36,64 @@ def draw_depth_report(card: Mapping[str, Any]) -> Figure:
     rows = [("balls held out", card["held_out_balls"])]
     if not isinstance(steps, str):
         rows.append(("flat steps, certified by their bevel", steps))
-    figure, panels = style.new_figure(style.WIDTH_IN, 0.7 + 2.9 * len(rows), rows=len(rows), columns=2)
+    figure, panels = style.new_figure(rows=len(rows), columns=2)
     for number, (name, contacts) in enumerate(rows):
         _draw_row(panels[2 * number : 2 * number + 2], name, [Known(**one) for one in contacts])
     if isinstance(steps, str):
         panels[1].set_title(steps)
-    percent = TextPath((-0.47, -0.36), "%", size=1)  # about its middle
+    percent = TextPath((-0.5, -0.5), "%", size=1)
     panels[0].plot([], [], " ", marker=percent, color=style.GREY, label="share of a band within its deviation")
     style.legend_below(figure, columns=2)
     return figure
 
 
 def _widen(axes: Axes, values: Sequence[float]) -> None:
-    """Room about values that are all but the same, so that the axis counts no hundredths."""
+    """Widen an axis of nearly equal values, which else would show their last digits."""
     middle = 0.5 * (min(values) + max(values))
-    if max(values) - min(values) < ALIKE * middle:
-        axes.set_xlim((1 - ALIKE) * middle, (1 + ALIKE) * middle)
+    if max(values) - min(values) < LOOK.band * middle:
+        axes.set_xlim((1 - LOOK.band) * middle, (1 + LOOK.band) * middle)
 
 
 def _write_shares(axes: Axes, found: Sequence[Band]) -> None:
-    """The share of each band within its deviation, at its foot; a line higher beside a near one."""
+    """Write the share of each band within its deviation at its foot, or one line higher next to a near one."""
     left, high = -np.inf, False
     for band in found:
         middle = 0.5 * (band.low + band.high)
-        high, left = middle - left < NEAR * np.ptp(axes.get_xlim()) and not high, middle
-        axes.annotate(
-            f"{100 * band.within:.0f} %",
-            (middle, 0.09 if high else 0.02),
-            xycoords=("data", "axes fraction"),
-            ha="center",
-            color=style.GREY,
-        )
+        high, left = middle - left < LOOK.room * np.ptp(axes.get_xlim()) and not high, middle
+        place, share = (middle, (1 + 3 * high) / 50), f"{100 * band.within:.0f} %"
+        axes.annotate(share, place, xycoords=("data", "axes fraction"), ha="center", color=style.GREY)
 
 
 def _draw_row(panels: Sequence[Axes], name: str, contacts: Sequence[Known]) -> None:
-    off_um = [1e3 * (one.found_mm - one.true_mm) for one in contacts]
-    stated_um = [1e3 * one.stated_mm for one in contacts]
+    off_um = [KILO * (one.found_mm - one.true_mm) for one in contacts]
+    stated_um = [KILO * one.stated_mm for one in contacts]
     for axes, (key, label) in zip(panels, AXES, strict=True):
         for number, band in enumerate(bands(contacts, key)):
-            middle, width = 0.5 * (band.low + band.high), max(band.high - band.low, 0.04 * band.high)
-            axes.bar(middle, 2e3 * band.rms_mm, width, bottom=-1e3 * band.rms_mm, alpha=0.25,
+            middle, width, rms_um = 0.5 * (band.low + band.high), band.high - band.low, KILO * band.rms_mm
+            axes.bar(middle, 2 * rms_um, max(width, band.high / 25), bottom=-rms_um, alpha=LOOK.band,
                      color=style.YELLOW, label="rms error of a band" if number == 0 else None)  # fmt: skip
-        axes.errorbar([getattr(one, key) for one in contacts], off_um, yerr=stated_um, fmt="o", ms=4, lw=1.0,
+        axes.errorbar([getattr(one, key) for one in contacts], off_um, yerr=stated_um, fmt="o", lw=LOOK.hair,
                       color=style.BLUE, label="one contact, and its stated deviation (std)")  # fmt: skip
-        axes.axhline(0.0, color=style.GREY, lw=0.8)
-        axes.margins(x=0.1)  # room for the shares, which stand in the middle of bands as narrow as a point
+        style.zero_line(axes)
+        axes.margins(x=LOOK.room)
         axes.set_xlabel(label)
         _widen(axes, [getattr(one, key) for one in contacts])
         _write_shares(axes, bands(contacts, key))
     panels[0].set_ylabel("depth found − true (µm)")
     panels[0].set_title(f"{len(contacts)} {name}")
-    low, high = panels[0].get_ylim()
+    reach = (1 + LOOK.room) * max(np.abs(panels[0].get_ylim()))
     for axes in panels:
-        axes.set_ylim(1.15 * min(low, -high), 1.15 * max(high, -low))
+        axes.set_ylim(-reach, reach)
 
 
-# Pictures of a validation: finite elements against the measured depths and forces, and the error of each.
+# Finite elements against measured depths and forces.
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One friction: what finite elements have beside each measurement, and its relative error, (N,) each."""
+    """One friction: the finite elements' value for each measurement, and its relative error, (N,) each."""
 
     name: str
     computed: Floats
@@ -109,7 +102,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One law: the measured quantity (N,) along the measured depth (N,), and the series beside it."""
+    """One law: the measured quantity (N,) along the measured depth (N,), and the computed series."""
 
     title: str
     depth_mm: Floats
@@ -119,12 +112,12 @@ class Panel:
 
 @style.house_look
 def draw_validation(panels: Sequence[Panel], quantity: str, *, title: str = "") -> Figure:
-    """One column a law: above, computed against measured; below, the error along depth.
+    """Draw one column a law: above, computed against measured; below, the error along depth.
 
     Depths that no series reaches are shaded.
     """
-    figure, axes = style.new_figure(style.WIDTH_IN, 6.4, rows=2, columns=len(panels))
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+    figure, axes = style.new_figure(rows=2, columns=len(panels))
+    figure.suptitle(title, x=1 / 50, ha="left", fontsize=11)
     above, below = axes[: len(panels)], axes[len(panels) :]
     for panel, upper, lower in zip(panels, above, below, strict=True):
         _against(upper, panel)
@@ -142,33 +135,28 @@ def draw_validation(panels: Sequence[Panel], quantity: str, *, title: str = "") 
 def _against(axes: Axes, panel: Panel) -> None:
     every = np.concatenate([panel.measured, *(one.computed for one in panel.series)])
     top = float(every[np.isfinite(every)].max())
-    axes.axline((0, 0), slope=1, color=style.GREY, lw=0.9, zorder=1)
-    axes.annotate(
-        "equal",
-        (0.82 * top, 0.82 * top),
-        xytext=(6, -10),
-        textcoords="offset points",
-        color=style.GREY,
-    )
+    axes.axline((0, 0), slope=1, color=style.GREY, lw=LOOK.hair, zorder=1)
+    place = (LOOK.bar * top, LOOK.bar * top)
+    axes.annotate("equal", place, xytext=(6, -10), textcoords="offset points", color=style.GREY)
     order = np.argsort(panel.measured)
     for one, colour, marker in zip(panel.series, style.CYCLE, MARKERS, strict=False):
-        axes.plot(panel.measured[order], one.computed[order], marker, ms=4.5, color=colour, mfc="none", mew=1.2,
+        axes.plot(panel.measured[order], one.computed[order], marker, color=colour, mfc="none", mew=LOOK.line,
                   label=one.name)  # fmt: skip
-    axes.set(xlim=(0, 1.05 * top), ylim=(0, None))
+    axes.set(xlim=(0, None), ylim=(0, None))
 
 
 def _errors(axes: Axes, panel: Panel) -> None:
     order = np.argsort(panel.depth_mm)
-    axes.axhline(0, color=style.GREY, lw=0.9)
+    style.zero_line(axes)
     for one, colour, marker in zip(panel.series, style.CYCLE, MARKERS, strict=False):
         line = "-" if np.unique(panel.depth_mm).size == panel.depth_mm.size else ""
-        axes.plot(panel.depth_mm[order], 100 * one.error[order], marker + line, ms=4.5, mfc="white", mew=1.2, lw=1,
-                  color=colour, label=one.name)  # fmt: skip
-    axes.set_xlim(0, 1.05 * float(panel.depth_mm.max()))
+        axes.plot(panel.depth_mm[order], 100 * one.error[order], marker + line, mfc="white", mew=LOOK.line,
+                  lw=LOOK.hair, color=colour, label=one.name)  # fmt: skip
+    axes.set_xlim(0, (1 + LOOK.room / 3) * float(panel.depth_mm.max()))
 
 
 def _shade(axes: Axes, panel: Panel) -> None:
-    """Depths that no series reaches."""
+    """Shade the depths that no series reaches."""
     reached = np.any([np.isfinite(one.error) for one in panel.series], axis=0)
     if reached.all():
         return

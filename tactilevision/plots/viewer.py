@@ -1,4 +1,4 @@
-"""Show height maps interactively: a window, a film of a press, and a page with a surface."""
+"""Views of height maps: a window, a film of a press, and a page with a surface."""
 
 from __future__ import annotations
 
@@ -18,7 +18,19 @@ import numpy as np
 from tactilevision.errors import InputError
 from tactilevision.files.writing import replacing, write_text
 from tactilevision.plots import style
-from tactilevision.plots.height import change_mm, deepest_place, extent_mm, scale_bar, titled
+from tactilevision.plots.height import (
+    FLAT_MM,
+    RELIEF,
+    VIEW,
+    change_mm,
+    colour_limits,
+    deepest_place,
+    extent_mm,
+    scale_bar,
+    titled,
+)
+from tactilevision.plots.style import LOOK
+from tactilevision.records.constants import KILO, MICRO, MILLI
 from tactilevision.records.maps import MEANING, HeightMap
 from tactilevision.records.measured import Bytes, Floats, Pair
 
@@ -27,15 +39,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# A window on height maps: frames along a slider, a profile by mouse, a difference, a surface to turn.
+# A window with frames along a slider, a profile by mouse, a difference, and a surface to turn.
 
-KEPT = 32  # maps in memory, so that going back and forth costs nothing
+KEPT = 32  # maps in memory
 COARSE = 72  # points along a side of the turned surface: more make it lag behind the mouse
 PROFILE_POINTS = 400  # of a profile: closer than any map's pixels
-SIZE_IN = (12.0, 7.2)  # inches: with SCREEN_DPI it fits a screen of 1280 x 800
-SCREEN_DPI = 100.0  # points an inch of the layout: a page's 150 makes letters that cover each other
-PALE = "#e6e6e6"  # of the profile's grid lines
-SHORTEST_PX = 2.0  # of a drag that is a profile, and not a click
+SIZE_IN = (12, 7.2)  # inches: with SCREEN_DPI it fits a screen of 1280 x 800
+SCREEN_DPI = 100  # points an inch of the layout: a page's 150 makes letters that cover each other
+SHORTEST_PX = 2  # of a drag that is a profile, and not a click
+DEPTH, CHANGE = "depth into the gel (mm)", "change of depth (mm)"
 HELP = (
     "Drag on the map: profile.   n, b: next frame, back.   m: mark this frame.   d: difference to the marked one."
 )
@@ -44,9 +56,9 @@ Line = tuple[Pair, Pair]
 
 
 class Window:
-    """What the window shows: a frame's number, a line, and a frame marked for the difference.
+    """A window that shows a frame's height map, a profile along a line, and a difference to a marked frame.
 
-    `read` makes the map (H, W), in mm, of the frame of a number; `marked` is a map to take the difference to.
+    `read` returns the map (H, W), in mm, of the frame of a number; `marked` is a map to take the difference to.
     """
 
     def __init__(
@@ -68,12 +80,12 @@ class Window:
 
     @property
     def height(self) -> HeightMap:
-        """The map of the frame that is shown."""
+        """Return the map of the frame that is shown."""
         return self._read(self.number)
 
     @property
     def shown_mm(self) -> Floats:
-        """What the map shows (H, W), in mm: the depth, or its change since the marked frame; NaN if not known."""
+        """Return the depth (H, W), in mm, or its change since the marked frame; NaN where it is not known."""
         if self.differs and self.marked is not None:
             return change_mm(self.marked, self.height)
         return np.where(self.height.valid, self.height.depth_mm, np.nan)
@@ -87,12 +99,12 @@ class Window:
         self.draw()
 
     def mark(self) -> None:
-        """Keep the frame that is shown, to take differences to."""
+        """Mark the frame that is shown, to take differences to."""
         self.marked = self.height
         self.draw()
 
     def toggle(self) -> None:
-        """Depth, or its change since the marked frame; the first such frame where none is marked."""
+        """Switch between depth and its change since the marked frame, or since the first where none is marked."""
         if self.marked is None:
             self.marked = self._read(0)
         self.differs = not self.differs
@@ -100,9 +112,7 @@ class Window:
 
     @style.house_look
     def draw(self) -> None:
-        """Draw all of it anew."""
-        from tactilevision.errors import InputError
-
+        """Redraw everything."""
         try:
             shown = self.shown_mm
         except InputError as fault:
@@ -122,15 +132,20 @@ class Window:
         from matplotlib.widgets import Slider
 
         self.figure: Figure = Figure(figsize=SIZE_IN, dpi=SCREEN_DPI)
+
+        def place(left: int, bottom: int, width: int, height: int) -> tuple[float, float, float, float]:
+            """Return a place from percent of the window."""
+            return left / 100, bottom / 100, width / 100, height / 100
+
         at = self.figure.add_axes
-        self.map, self.bar = at((0.06, 0.2, 0.42, 0.7)), at((0.49, 0.3, 0.012, 0.5))
-        self.profile = at((0.65, 0.62, 0.32, 0.29))
-        self.surface: Any = self.figure.add_subplot(position=(0.56, 0.12, 0.44, 0.42), projection="3d")
-        self.surface.view_init(elev=48, azim=-62)
-        self.help = self.figure.text(0.06, 0.02, HELP, color=style.GREY)
+        self.map, self.bar = at(place(6, 20, 42, 70)), at(place(49, 30, 1, 50))
+        self.profile = at(place(65, 62, 32, 29))
+        self.surface: Any = self.figure.add_subplot(position=place(56, 12, 44, 42), projection="3d")
+        self.surface.view_init(**VIEW)
+        self.help = self.figure.text(*place(6, 2, 0, 0)[:2], HELP, color=style.GREY)
         self.slider: Slider | None = None
         if len(self.names) > 1:
-            where = at((0.12, 0.075, 0.72, 0.03))
+            where = at(place(12, 7, 72, 3))
             self.slider = Slider(
                 where, "frame", 0, len(self.names) - 1, valinit=self.number, valstep=1, initcolor="none"
             )
@@ -146,23 +161,20 @@ class Window:
 
     def _draw_map(self, shown: Floats) -> None:
         height = self.height
-        low, high, colours, label = _scale(shown, differs=self.differs)
+        limits = colour_limits(shown, differs=self.differs)
+        colours, label = ("PuOr", CHANGE) if self.differs else (style.DEPTH_MAP, DEPTH)
         self.map.clear()
-        self.map.set_facecolor(style.INVALID)
         extent = extent_mm(height)
-        image = self.map.imshow(
-            shown, cmap=colours, vmin=low, vmax=high, extent=extent, interpolation="none", aspect="equal"
-        )
+        image = style.show_map(self.map, shown, extent, limits=limits, cmap=colours)
         self.bar.clear()
         self.figure.colorbar(image, cax=self.bar, label=label)
         (x0, y0), (x1, y1) = self.line
-        self.map.plot([x0, x1], [y0, y1], color=style.ORANGE, lw=1.6, marker="o", ms=4, label="profile")
+        self.map.plot([x0, x1], [y0, y1], color=style.ORANGE, marker="o", label="profile")
         if np.isnan(shown).any():
-            self.map.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
-        self.map.legend(loc="upper left", bbox_to_anchor=(0, -0.11), ncols=2)
-        self.map.set(xlabel="x (mm)", ylabel="y (mm)", xlim=extent[:2], ylim=extent[2:])
-        self.map.set_title(titled(height, self._title()))
-        self.map.grid(False)
+            style.unknown_entry(self.map)
+        self.map.legend(loc="upper left", bbox_to_anchor=(0, -LOOK.room), ncols=2)
+        self.map.set(xlim=extent[:2], ylim=extent[2:])
+        style.as_map(self.map, title=titled(height, self._title()))
         if self.slider is not None:
             self.slider.valtext.set_text(f"{self.names[self.number]} ({self.number + 1} of {len(self.names)})")
 
@@ -179,14 +191,13 @@ class Window:
         std = self.height.std_mm
         if std is not None and not self.differs:
             _, width = along(np.asarray(std, np.float64), self.line, mm_per_px=self.height.mm_per_px)
-            self.profile.fill_between(
-                place, value - width, value + width, color=style.ORANGE, alpha=0.2, lw=0, label="std"
-            )
+            low, high = value - width, value + width
+            self.profile.fill_between(place, low, high, color=style.ORANGE, alpha=LOOK.band, lw=0, label="std")
             self.profile.legend(loc="best")
-        self.profile.grid(color=PALE)
-        self.profile.axhline(0, color=style.GREY, lw=0.8)
+        self.profile.grid(color=style.GRID)
+        style.zero_line(self.profile)
         self.profile.invert_yaxis()
-        label = "change of depth (mm)" if self.differs else "depth into the gel (mm)"
+        label = CHANGE if self.differs else DEPTH
         self.profile.set(xlabel="place along the line (mm)", ylabel=label, title="Profile along the line")
 
     def _draw_surface(self, shown: Floats) -> None:
@@ -195,17 +206,26 @@ class Window:
         x, y = np.meshgrid(
             *(np.arange(n) * step * s for n, s in zip(coarse.shape[::-1], self.height.mm_per_px, strict=True))
         )
-        low, high, colours, _ = _scale(shown, differs=self.differs)
+        low, high = colour_limits(shown, differs=self.differs)
         self.surface.clear()
         self.surface.plot_surface(
-            x, y, coarse, cmap=colours, vmin=low, vmax=high, rstride=1, cstride=1, lw=0, antialiased=False
+            x,
+            y,
+            coarse,
+            cmap="PuOr" if self.differs else style.DEPTH_MAP,
+            vmin=low,
+            vmax=high,
+            rstride=1,
+            cstride=1,
+            lw=0,
+            antialiased=False,
         )
-        wide = max(float(np.ptp(x)), 1e-6)
-        self.surface.set_box_aspect((wide, max(float(np.ptp(y)), 1e-6), 0.3 * wide))
+        wide, deep = max(float(np.ptp(x)), MICRO), max(float(np.ptp(y)), MICRO)
+        self.surface.set_box_aspect((wide, deep, RELIEF * wide))
         self.surface.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="mm", zlim=(high, low))
         self.surface.invert_yaxis()
         self.surface.locator_params(axis="z", nbins=3)
-        self.surface.set_title(f"Surface, vertical scale × {0.3 * wide / (high - low):.0f}", y=1.0)
+        self.surface.set_title(f"Surface, vertical scale × {RELIEF * wide / (high - low):.0f}", y=1.0)
 
     def _place(self, event: Any) -> Pair | None:
         if event.inaxes is not self.map or event.xdata is None:
@@ -233,7 +253,7 @@ class Window:
 
     @style.house_look
     def _quick(self) -> None:
-        """While the mouse moves: the line and its profile alone."""
+        """Redraw the line and its profile alone, while the mouse moves."""
         shown = self.shown_mm
         self.map.lines[0].set_data(*zip(*self.line, strict=True))
         self._draw_profile(shown)
@@ -251,34 +271,17 @@ class Window:
 
 
 def along(field: Floats, line: Line, *, mm_per_px: Pair) -> tuple[Floats, Floats]:
-    """Place in mm from the line's start, and the field (H, W) there, between pixels; NaN where it is not known.
+    """Return places in mm from the line's start, and the field (H, W) there, interpolated bilinearly.
 
-    `line` is two places (x, y) in mm from the middle of the first pixel.
+    `line` is two places (x, y) in mm from the middle of the first pixel. Unknown (NaN) pixels give NaN.
     """
+    from scipy.ndimage import map_coordinates
+
     (x0, y0), (x1, y1) = line
     part = np.linspace(0, 1, PROFILE_POINTS)
-    column, row = (x0 + part * (x1 - x0)) / mm_per_px[0], (y0 + part * (y1 - y0)) / mm_per_px[1]
-    rows, columns = field.shape
-    left, top = (
-        np.clip(np.floor(place).astype(int), 0, max(count - 2, 0))
-        for place, count in ((column, columns), (row, rows))
-    )
-    right, low = np.minimum(left + 1, columns - 1), np.minimum(top + 1, rows - 1)
-    u, v = np.clip(column - left, 0, 1), np.clip(row - top, 0, 1)
-    above = (1 - u) * field[top, left] + u * field[top, right]
-    below = (1 - u) * field[low, left] + u * field[low, right]
-    return part * float(np.hypot(x1 - x0, y1 - y0)), np.asarray((1 - v) * above + v * below)
-
-
-def _scale(shown: Floats, *, differs: bool) -> tuple[float, float, str, str]:
-    """Bottom and top of the colours, in mm, their name, and what the bar says."""
-    known = shown[np.isfinite(shown)]
-    if differs:
-        limit = max(float(np.percentile(np.abs(known), 99.5)), 1e-6) if known.size else 1e-6
-        return -limit, limit, "PuOr", "change of depth (mm)"
-    top = max(float(known.max()), 1e-3) if known.size else 1e-3
-    bottom = min(float(np.percentile(known, 0.5)), 0.0) if known.size else 0.0
-    return bottom, top, style.DEPTH_MAP, "depth into the gel (mm)"
+    at_px = np.stack([(y0 + part * (y1 - y0)) / mm_per_px[1], (x0 + part * (x1 - x0)) / mm_per_px[0]])
+    value = map_coordinates(np.asarray(field, np.float64), at_px, order=1, mode="nearest")
+    return part * float(np.hypot(x1 - x0, y1 - y0)), np.asarray(value)
 
 
 def _through_the_deepest(height: HeightMap) -> Line:
@@ -287,9 +290,7 @@ def _through_the_deepest(height: HeightMap) -> Line:
     return (0.0, y), ((height.depth_mm.shape[1] - 1) * height.mm_per_px[0], y)
 
 
-# A film of a press: the frame, the depth on one scale throughout, and the course of depth and force.
-#
-# MP4 by OpenCV's own writer; GIF by Pillow, for readers without a player and where no codec is found.
+# A film of a press: MP4 by OpenCV, or GIF by Pillow.
 
 CODEC = "mp4v"
 GIF = ".gif"
@@ -297,7 +298,7 @@ GIF = ".gif"
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One picture of the film: rectified `rgb` (H, W, 3), its `height`, and fz as measured (NaN: it was not)."""
+    """One picture of a film: rectified `rgb` (H, W, 3), its `height`, and the measured fz (NaN: none)."""
 
     rgb: Bytes
     height: HeightMap
@@ -306,14 +307,14 @@ class Shot:
 
 @style.house_look
 def draw_film(shots: Sequence[Shot], *, title: str = "") -> Iterable[Bytes]:
-    """Pictures (H, W, 3) of the film, one a shot. Raises InputError where there is no shot."""
+    """Return the pictures (H, W, 3) of the film, one a shot. Raises InputError for no shots."""
     if not shots:
-        raise InputError("there are no frames to film", where="draw_film")
+        raise InputError("there are no frames for a film", where="draw_film")
     return _pictures(_Stage(shots, title), shots)
 
 
-def write_film(path: Path | str, pictures: Iterable[Bytes], *, frames_per_s: float = 12.0) -> Path:
-    """Write MP4, or GIF where the name says so or no codec is found; returns the file that was written."""
+def write_film(path: Path | str, pictures: Iterable[Bytes], *, frames_per_s: float = 12) -> Path:
+    """Write MP4, or GIF where the name ends in .gif or no codec is found; returns the file written."""
     path = Path(path)
     stack = [np.ascontiguousarray(picture) for picture in pictures]
     if path.suffix.lower() != GIF and _write_video(path, stack, frames_per_s):
@@ -323,28 +324,21 @@ def write_film(path: Path | str, pictures: Iterable[Bytes], *, frames_per_s: flo
 
 
 class _Stage:
-    """The figure, made once; each shot moves what changes."""
+    """The figure of a film, made once; each shot replaces its data."""
 
     def __init__(self, shots: Sequence[Shot], title: str) -> None:
         first = shots[0].height
-        self.figure, (self.frame, self.above, *courses) = style.new_quad(style.WIDTH_IN, 5.4, legend_in=0.35)
+        self.figure, (self.frame, self.above, *courses) = style.new_quad(legend_in=0.5)
         self.picture = self.frame.imshow(shots[0].rgb, extent=extent_mm(first))
         self.peak = np.array([_peak(shot.height) for shot in shots])
-        top = max(float(np.nanmax(self.peak, initial=0.0)), 0.02)
-        self.above.set_facecolor(style.INVALID)
-        self.depth = self.above.imshow(
-            _known(first),
-            cmap=style.DEPTH_MAP,
-            vmin=-0.15 * top,
-            vmax=top,
-            extent=extent_mm(first),
-            interpolation="none",
-        )
-        self.figure.colorbar(self.depth, ax=self.above, label="depth into the gel (mm)")
+        top = max(float(np.nanmax(self.peak, initial=0.0)), FLAT_MM)
+        limits = (-LOOK.room * top, top)
+        self.depth = style.show_map(self.above, _known(first), extent_mm(first), limits=limits)
+        self.figure.colorbar(self.depth, ax=self.above, label=DEPTH)
         scale_bar(self.above, first)
-        self.above.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
+        style.unknown_entry(self.above)
         for axes in (self.frame, self.above):
-            axes.grid(False)
+            style.as_map(axes, "", "")
             axes.set(xticks=[], yticks=[])
         self.frame.set_title(title or first.name)
         self.time_s = _times(shots)
@@ -356,18 +350,20 @@ class _Stage:
                 axes.set_axis_off()
                 continue
             axes.plot(self.time_s, values, color=colour, label=label.rpartition(" ")[0])
-            self.now.append(axes.axvline(self.time_s[0], color=style.ORANGE, lw=1.2, label="the frame shown"))
+            self.now.append(
+                axes.axvline(self.time_s[0], color=style.ORANGE, lw=LOOK.line, label="the frame shown")
+            )
             axes.set(xlabel="time (s)" if np.isfinite(first.time_s) else "frame", ylabel=label)
         style.legend_below(self.figure)
 
     def show(self, number: int, shot: Shot) -> Bytes:
-        """Draw one shot."""
+        """Return the picture (H, W, 3) of one shot."""
         self.picture.set_data(shot.rgb)
         self.depth.set_data(_known(shot.height))
         for line in self.now:
             line.set_xdata([self.time_s[number]] * 2)
         words = titled(shot.height, f"{shot.height.name}: {self.peak[number]:.3f} mm")
-        self.above.set_title(words, loc="left", fontsize=10)
+        self.above.set_title(words, loc="left", fontsize=LOOK.text)
         return _rendered(self.figure)
 
 
@@ -387,7 +383,7 @@ def _rendered(figure: Figure) -> Bytes:
 
 
 def _write_video(path: Path, stack: Sequence[Bytes], frames_per_s: float) -> bool:
-    """Whether a codec was found and the film could be read again."""
+    """Write MP4; return False where there is no codec."""
     with replacing(path) as temporary:
         size = (stack[0].shape[1], stack[0].shape[0])
         writer = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*CODEC), frames_per_s, size)
@@ -422,10 +418,9 @@ def _peak(height: HeightMap) -> float:
     return float(np.percentile(height.depth_mm[height.valid], 99.9)) if height.valid.any() else float("nan")
 
 
-# One page, without a second file or a request: a height map as a surface to turn, its facts, its pictures.
+# One self-contained page: a height map as a surface to turn, its facts, its pictures.
 
 MAX_POINTS = 240  # along a side of the surface: finer than a screen shows, and the page stays below 1 MB
-RELIEF = 0.25  # of the picture's width: the height at which the surface is drawn first
 UNKNOWN_UM = -32768  # no depth comes near: 33 mm out of the gel
 
 
@@ -437,7 +432,7 @@ def write_surface_page(folder: Path | str, height: HeightMap, pictures: Sequence
 
 
 def surface_page(height: HeightMap, pictures: Sequence[Path] = ()) -> str:
-    """The whole page of a map (H, W), in mm. Its text is escaped, and its data are numbers."""
+    """Return the page of a map (H, W), in mm. Its text is escaped, and its data are numbers."""
     shown = "".join(
         f'<figure><img alt="{escape(path.stem)}" src="{style.data_uri(path)}"></figure>' for path in pictures
     )
@@ -471,15 +466,13 @@ def _facts(height: HeightMap) -> dict[str, str]:
 
 
 def _data(height: HeightMap) -> dict[str, object]:
-    """The surface on a coarser grid, as whole micrometres in base64, with the scale and the colours."""
+    """Return the surface on a coarser grid, as whole micrometres in base64, with scale and colours."""
     import matplotlib as mpl
 
     step = max(1, -(-max(height.depth_mm.shape) // MAX_POINTS))
-    depth_um = np.where(height.valid, np.clip(1e3 * height.depth_mm, -32e3, 32e3), UNKNOWN_UM)[::step, ::step]
+    depth_um = np.where(height.valid, np.clip(KILO * height.depth_mm, -32000, 32000), UNKNOWN_UM)[::step, ::step]
     rows, columns = depth_um.shape
-    known = 1e-3 * depth_um[depth_um > UNKNOWN_UM]
-    top = max(float(known.max()), 1e-3) if known.size else 1e-3
-    bottom = min(float(np.percentile(known, 0.5)), 0.0) if known.size else 0.0
+    bottom, top = colour_limits(MILLI * depth_um[depth_um > UNKNOWN_UM])
     colours = np.round(255 * mpl.colormaps[style.DEPTH_MAP](np.linspace(0, 1, 64))[:, :3]).astype(int)
     return {
         "rows": rows,

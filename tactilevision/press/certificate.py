@@ -60,7 +60,8 @@ class Certificate:
 
     `points` holds every press, in the recording's order, accepted or with its reason; `curves` the presses that
     could be followed; `clock_offset` is F/T minus camera; `pile_ups` the gel's rise at the bevel, by press;
-    `bevel_distance_mm` where that is (given or found, None: neither).
+    `bevel_distance_mm` where that is (given or found, None: neither); `scale_doubt` the one of `warnings` that the
+    certified depths contradict the picture's scale, "" where they do not.
     """
 
     points: tuple[CertifiedPoint, ...]
@@ -72,6 +73,11 @@ class Certificate:
     depth_scale: DepthScale | None = None
     warnings: tuple[str, ...] = field(default=())
     flags: tuple[str, ...] = ()
+    scale_doubt: str = ""
+
+    def without_scale_doubt(self) -> Certificate:
+        """Return the certificate without the warning `scale_doubt`."""
+        return replace(self, warnings=tuple(line for line in self.warnings if line != self.scale_doubt))
 
 
 # The certified point of one press: its depth from the bevel, its force at the contact event, and their stds.

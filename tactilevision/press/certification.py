@@ -95,6 +95,7 @@ def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
         bevel_distance_mm=given.distance_mm if given else None,
         depth_scale=find_depth_scale(faces),
         warnings=(*_warnings(measurements, events), *(said for said in (doubt, askew) if said)),
+        scale_doubt=doubt,
     )
     return _with_presses(certificate, measurements, evidence, findings)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tactilevision.contact.bevel import SIDES, Onset
-from tactilevision.contact.footprint import relief_mm, ring_beside, shared_ring, unevenness_mm
+from tactilevision.contact.footprint import relief_mm, ring_outside, shared_ring, unevenness_mm
 from tactilevision.press.bevel_contact import DETECTION_CHI2, ContactEvent
 from tactilevision.press.event_force import EventForce
 from tactilevision.press.force_readings import ForceWindow, Phases, find_phases
@@ -172,7 +172,7 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
         return Finding("footprint", f"the face is not round: its edge is {face.residual_mm:.2f} mm off a circle")
     # a face that slides on leaves the circle of its shallow frames, and draws gel along
     dragged = _tangential(evidence, statistics, forces) is not None
-    ring = ring_beside(evidence.track.face_map, face, away_from=SIDES[evidence.track.side])
+    ring = ring_outside(evidence.track.face_map, face, away_from=SIDES[evidence.track.side])
     uneven = unevenness_mm(ring, statistics.light[evidence.track.indenter.name])
     if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.uneven_mm) and not dragged:
         return Finding(
@@ -389,7 +389,7 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
     finite = [gap for gap in intervals if np.isfinite(gap)]
     faces = [(evidence.track, face) for evidence in seen if (face := evidence.track.footprint) is not None]
     rings = [
-        (track.indenter.name, ring_beside(track.face_map, face, away_from=SIDES[track.side]))
+        (track.indenter.name, ring_outside(track.face_map, face, away_from=SIDES[track.side]))
         for track, face in faces
     ]
     names = {name for name, _ in rings}

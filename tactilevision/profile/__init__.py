@@ -1,1 +1,1 @@
-"""One file that holds a calibrated sensor: made from what there is, opened in a moment, read frame by frame."""
+"""Sensor profiles: one file that holds a calibrated sensor, and the reader of its frames."""

@@ -1,13 +1,14 @@
-"""Serve a local page on which a person marks ball presses, fits them and checks the fit."""
+"""Calibrate on ball presses with a local page: their circles (the table ball.csv), the fit and its check."""
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -25,15 +26,128 @@ from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.colour_change import ColourChange, Planes
 from tactilevision.photometric.reference import make_reference
-from tactilevision.profile.ball_labels import MIN_RADIUS_PX, Circle, Label, labels_of, table_of, write_labels
-from tactilevision.recording.model import Recording, faults_of_flats
-from tactilevision.recording.pictures import read_flats, read_reference
+from tactilevision.recording import layout
+from tactilevision.recording.ball_folder import TABLE, is_gs_sdk_folder, place_of_balls, read_catalogue
+from tactilevision.recording.model import BallPress, Recording, faults_of_flats
+from tactilevision.recording.pictures import list_images, read_flats, read_reference
+from tactilevision.recording.tables import read_table
+from tactilevision.recording.write import write_table
+from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bytes, Floats, Pair
 from tactilevision.sensors import may_have_marks
 from tactilevision.sensors.rectification import rectify
 
-# What a fit says of each press by a law that never saw it: direction, depth, and a section through the ball.
+# Circles of ball presses.
+
+MIN_RADIUS_PX = 1.0  # px; a smaller circle is an error
+State = Literal["found", "not found", "drawn", "checked", "excluded"]
+Circle = tuple[float, float, float]  # x, y, radius in px of the rectified frame
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """One press: its name in the table, its picture, the ball's radius, and its circle.
+
+    `state`: "found" automatically, "drawn" by hand, "checked" by a person, or "excluded" (excluded from the
+    table); `why` is the reason where no circle was found.
+    """
+
+    frame: str
+    path: Path
+    radius_mm: float
+    circle: Circle | None = None
+    state: State = "not found"
+    why: str = ""
+
+    @property
+    def used(self) -> bool:
+        """Return whether the fit uses the press."""
+        return self.circle is not None and self.state != "excluded"
+
+
+def table_of(recording: Recording) -> Path:
+    """Return the file of the labels of a recording, or of a bare folder of presses."""
+    return _place(recording.path)[1]
+
+
+def labels_of(recording: Recording) -> tuple[Label, ...]:
+    """Return the presses of the table and, excluded, the pictures of the folder that it does not list.
+
+    Raises InputError where there are no presses.
+    """
+    if not recording.balls:
+        remedy = "Put pictures of them into reference/ball, and state --ball-radius-mm."
+        raise InputError("no ball presses to label", where=recording.path, remedy=remedy)
+    listed = [_label(ball) for ball in recording.balls]
+    radius_mm = float(np.median([label.radius_mm for label in listed]))
+    names = {label.frame for label in listed}
+    others = [ball for ball in _unlisted(recording, radius_mm) if ball.name not in names]
+    return (*listed, *(Label(b.name, b.path, b.ball_radius_mm, state="excluded") for b in others))
+
+
+def start_table(root: Path, radius_mm: float | None) -> None:
+    """Write a table of all pictures with one radius, for a recording whose ball presses have none."""
+    folder, table = _place(root)
+    names = list_images(folder)
+    if radius_mm is not None and names and not table.exists() and (root / layout.SETTINGS).is_file():
+        write_table(table, {"frame": names, "ball_radius_mm": [radius_mm] * len(names)})
+
+
+def write_labels(table: Path, labels: Sequence[Label]) -> None:
+    """Write the presses that are not excluded, and the circles that a person drew or checked.
+
+    Further columns of the table are kept.
+    """
+    kept = [label for label in labels if label.state != "excluded"]
+    nowhere = (math.nan, math.nan, math.nan)
+    said = [label.circle or nowhere if label.state in ("drawn", "checked") else nowhere for label in kept]
+    columns: dict[str, list[Any]] = {
+        "frame": [label.frame for label in kept],
+        "ball_radius_mm": [label.radius_mm for label in kept],
+        **{name: [c[n] for c in said] for n, name in enumerate(layout.BALL_COLUMNS.maybe_numbers)},
+    }
+    write_table(table, columns | _further(table, kept))
+
+
+def _further(table: Path, labels: Sequence[Label]) -> dict[str, list[Any]]:
+    """Return the cells of further columns of the existing table."""
+    if not table.is_file():
+        return {}
+    old = read_table(table, layout.BALL_COLUMNS)
+    row = {name: number for number, name in enumerate(old.words["frame"])}
+    return {
+        name: [cells[row[one.frame]] if one.frame in row else "" for one in labels]
+        for name, cells in old.extra.items()
+    }
+
+
+def _label(ball: BallPress) -> Label:
+    if ball.centre_px is None or ball.contact_radius_px is None:
+        return Label(ball.name, ball.path, ball.ball_radius_mm)
+    circle = (*ball.centre_px, ball.contact_radius_px)
+    return Label(ball.name, ball.path, ball.ball_radius_mm, circle, "checked")
+
+
+def _unlisted(recording: Recording, radius_mm: float) -> Sequence[BallPress]:
+    root = recording.path
+    if is_gs_sdk_folder(root):
+        return read_catalogue(root)[0]
+    folder, flats = _place(root)[0], {flat.resolve() for flat in recording.flats}
+    paths = [folder / name for name in list_images(folder)]
+    return [BallPress(path, radius_mm) for path in paths if path.resolve() not in flats]
+
+
+def _place(root: Path) -> tuple[Path, Path]:
+    """Return the folder of presses and their table."""
+    if (root / layout.SETTINGS).is_file():
+        return root / layout.BALLS, root / layout.BALL_TABLE
+    if is_gs_sdk_folder(root):
+        return root, root / TABLE
+    return place_of_balls(root) or (root, root / TABLE)
+
+
+# Each press by the law fitted without it: direction, depth, and a section through the ball.
 
 SAMPLES = 500  # pixels of each ball, as for the scatter of the depth scale
 REACH = 2.2  # contact radii that a section shows to either side
@@ -41,9 +155,9 @@ REACH = 2.2  # contact radii that a section shows to either side
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressOutcome:
-    """One press as a law reads it that never saw it.
+    """One press by the law fitted without it.
 
-    `direction_deg` median error of direction; `depth_ratio` read over true; `ball` as the fit has its circle;
+    `ball` with the circle of the fit; `direction_deg` median error of direction; `depth_ratio` read over true;
     `depth_mm` (H, W).
     """
 
@@ -55,14 +169,14 @@ class PressOutcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """A calibration, and each press by its name; presses that the fit left out are missing."""
+    """A calibration, and each press that it used by its name."""
 
     calibration: Calibration
     presses: dict[str, PressOutcome]
     mm_per_px: Pair
 
     def to_json(self) -> dict[str, Any]:
-        """What the page shows of it."""
+        """Return what the page shows."""
         found = list(self.presses.values())
         ratio = float(np.median([one.depth_ratio for one in found])) if found else math.nan
         method = self.calibration.method
@@ -78,7 +192,7 @@ class Outcome:
         }
 
     def section(self, name: str) -> dict[str, Any]:
-        """Depth along x through a ball's middle, and the ball's own, in mm; zero at the contact's rim."""
+        """Return depth along x through a ball's middle, and the ball's own, in mm; zero at the contact's rim."""
         one = self.presses[name]
         (x, y), radius = one.ball.centre_px, one.ball.contact_radius_px
         height, width = one.depth_mm.shape
@@ -98,18 +212,18 @@ class Outcome:
 
 
 def judge(calibration: Calibration, pictures: list[BallPicture], mm_per_px: Pair) -> Outcome:
-    """Each press that a calibration used, by the law that never saw it."""
+    """Evaluate each press that a calibration used by the law fitted without it."""
     method, found, rng = calibration.method, dict[str, PressOutcome](), np.random.default_rng(0)
     rows = zip(pictures, calibration.balls, calibration.held_out_laws, strict=True)
-    for index, (picture, ball, told) in enumerate(rows):
-        if ball is None or told is None:
+    for index, (picture, ball, held_out) in enumerate(rows):
+        if ball is None or held_out is None:
             continue
-        other = replace(method, law=told.law, card=MethodCard())
+        other = replace(method, law=held_out.law, card=MethodCard())
         change, _, valid = other.change.measure_known(picture.rgb)
         seen = ball_samples(
             change, ball, mm_per_px=mm_per_px, number=index, most=SAMPLES, valid=valid, rng=rng
         ).complete()
-        off = direction_error_deg(told.law.at(seen.change, seen.place), seen.slopes)
+        off = direction_error_deg(held_out.law.at(seen.change, seen.place), seen.slopes)
         slopes = other.slopes(picture.rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
         read, true = dent_mm(depth, ball, mm_per_px=mm_per_px)
@@ -132,40 +246,40 @@ def _number(value: float) -> float | None:
     return round(float(value), 4) if math.isfinite(value) else None
 
 
-# What the page shows of a press: the picture, its change of colour against the untouched gel, the depth.
+# Pictures of a press for the page.
 
 MIDDLE_GREY = 128  # of the change's picture: no change
 FULL_PERCENTILE = 99.5  # percentile of the change that is drawn in full colour
 
 
 def encode(rgb: Bytes) -> bytes:
-    """PNG of a picture (H, W, 3) of grey levels, red first."""
+    """Return a picture (H, W, 3) of grey levels, red first, as PNG."""
     return cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 def draw_change(change: Planes) -> Bytes:
-    """A relative change (3, H, W) as colours round grey (H, W, 3), grey levels; unknown colours stay grey."""
+    """Return a relative change (3, H, W) as colours round grey (H, W, 3), grey levels; unknown is grey."""
     known = np.nan_to_num(np.asarray(change, np.float32))
-    full = max(float(np.percentile(np.abs(known), FULL_PERCENTILE)), 1e-6)
+    full = max(float(np.percentile(np.abs(known), FULL_PERCENTILE)), MICRO)
     level = MIDDLE_GREY + (MIDDLE_GREY - 1) * np.clip(known / full, -1.0, 1.0)
     return np.ascontiguousarray(level.transpose(1, 2, 0)).astype(np.uint8)
 
 
 def draw_depth(depth_mm: Floats) -> Bytes:
-    """Depth (H, W) in mm as colours (H, W, 3) of grey levels, from 0 (dark) to the deepest (bright)."""
-    top = max(float(np.nanmax(depth_mm)), 1e-9)
+    """Return depth (H, W) in mm as colours (H, W, 3) of grey levels, from 0 (dark) to the deepest (bright)."""
+    top = max(float(np.nanmax(depth_mm)), TINY)
     level = np.asarray(255 * np.clip(np.nan_to_num(depth_mm) / top, 0.0, 1.0), np.uint8)
     return np.asarray(cv2.cvtColor(cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS), cv2.COLOR_BGR2RGB), np.uint8)
 
 
-# What the page of the guide asks: presses and their circles, the finder, the fit, the table.
+# The guide and its page.
 
 VIEWS = ("picture", "change", "depth")
-SETTABLE = ("drawn", "checked", "left out")
+SETTABLE = ("drawn", "checked", "excluded")
 
 
 class Session:
-    """Labels of one recording while a person works on them. Safe to ask from several threads."""
+    """Labels of one recording while a person edits them. Thread-safe."""
 
     def __init__(self, recording: Recording, *, method: str = "polynomial") -> None:
         self.recording, self.sensor, self.fit_by = recording, recording.sensor, PHOTOMETRIC[method]
@@ -179,11 +293,11 @@ class Session:
         self.outcome: Outcome | None = None
         self._lock, self._fitting = threading.Lock(), threading.Lock()
         for index, label in enumerate(self.labels):
-            if label.circle is None and label.state != "left out":
+            if label.circle is None and label.state != "excluded":
                 self.labels[index] = self._found(index, label)
 
     def to_json(self) -> dict[str, Any]:
-        """All presses, and what a page has to know of the sensor."""
+        """Return all presses, and the sensor's size and scale."""
         height, width = self.reference.shape
         return {
             "name": self.recording.name,
@@ -194,17 +308,17 @@ class Session:
         }
 
     def set(self, index: int, asked: dict[str, Any]) -> dict[str, Any]:
-        """Take a press's circle [x, y, radius] in px and its state. Raises InputError where they are none."""
+        """Set a press's circle [x, y, radius] in px and its state. Raises InputError where they are invalid."""
         circle, state = _circle(asked.get("circle"), self.reference.shape), asked.get("state")
-        if state not in SETTABLE or (circle is None and state != "left out"):
-            raise InputError("a press has a circle, or is left out", where="the page", value=state)
+        if state not in SETTABLE or (circle is None and state != "excluded"):
+            raise InputError("a press needs a circle, or must be excluded", where="the page", value=state)
         with self._lock:
             label = self.labels[index]
             self.labels[index] = replace(label, circle=circle or label.circle, state=state, why="")
             return _label_json(self.labels[index])
 
     def find(self, index: int, asked: dict[str, Any]) -> dict[str, Any]:
-        """Look for a ball, from a circle if one is given; the press is as it was where none is found."""
+        """Search for a ball, from a circle if one is given; the press is unchanged where none is found."""
         start = replace(self.labels[index], circle=_circle(asked.get("circle"), self.reference.shape))
         with self._lock:
             found = self._found(index, start)
@@ -213,7 +327,7 @@ class Session:
             return {**_label_json(self.labels[index]), "why": found.why}
 
     def fit(self) -> dict[str, Any]:
-        """Calibrate the light on the circles as they are, and judge it by balls left out."""
+        """Calibrate the light on the circles, and evaluate it on held-out balls."""
         with self._fitting:
             with self._lock:
                 rows = [(label, rgb) for label, rgb in zip(self.labels, self.pictures, strict=True) if label.used]
@@ -235,12 +349,12 @@ class Session:
             return {"table": str(self.table)}
 
     def section(self, index: int) -> dict[str, Any]:
-        """The section through a press by the last fit; empty where that did not use it."""
+        """Return the section through a press by the last fit; empty where that did not use it."""
         outcome, name = self.outcome, self.labels[index].frame
         return outcome.section(name) if outcome is not None and name in outcome.presses else {}
 
     def view(self, index: int, kind: str) -> bytes | None:
-        """A press as PNG: "picture", "change", or "depth"; None where the last fit has no depth of it."""
+        """Return a press as PNG: "picture", "change" or "depth"; None where the last fit has no depth of it."""
         if kind == "picture":
             return encode(self.pictures[index])
         if kind == "change":
@@ -260,7 +374,7 @@ class Session:
             changes, _, valid = self.change.measure_known(picture.rgb)
             ball = locate(changes, valid, picture=picture, mm_per_px=self.sensor.mm_per_px)
         except (InputError, np.linalg.LinAlgError) as fault:
-            why = fault.what if isinstance(fault, InputError) else "the fit of the circle fails there"
+            why = fault.what if isinstance(fault, InputError) else "the fit of the circle fails"
             return replace(label, circle=None, state="not found", why=why)
         return replace(label, circle=(*ball.centre_px, ball.contact_radius_px), state="found", why="")
 
@@ -291,8 +405,6 @@ def _label_json(label: Label) -> dict[str, Any]:
     }
 
 
-# The guide's page: what it can ask for, and what it can do. Names of files reach it as JSON alone.
-
 PAGES = {
     "": ("page.html", "text/html; charset=utf-8"),
     "page.js": ("page.js", "text/javascript; charset=utf-8"),
@@ -303,19 +415,19 @@ PAGES = {
 
 
 class Guide(LocalPage):
-    """The page while it is open. `wait` returns when a person is done."""
+    """The page while it is open. `wait` returns when the person has finished."""
 
     def __init__(self, session: Session, *, port: int = 0) -> None:
         self.session, self.done = session, threading.Event()
         super().__init__(port=port)
 
     def wait(self) -> None:
-        """Until the page says that all is done; Ctrl-C ends it, too."""
+        """Wait until the page reports the end; Ctrl-C ends it, too."""
         while not self.done.wait(0.5):
             pass
 
     def get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
-        """A file of the page, the presses, a picture or a section."""
+        """Return a file of the page, the presses, a picture or a section."""
         if name in PAGES:
             file, kind = PAGES[name]
             return Answer(kind, (files("tactilevision.profile") / "page" / file).read_bytes())
@@ -328,7 +440,7 @@ class Guide(LocalPage):
         return None if view is None else Answer("image/png", view)
 
     def post(self, name: str, content: dict[str, Any]) -> dict[str, Any] | None:
-        """A circle, a search, a fit, the table, the end."""
+        """Set or find a circle, fit, save the table, or end."""
         what, _, at = name.partition("/")
         plain: dict[str, Callable[[], dict[str, Any]]] = {"fit": self.session.fit, "save": self.session.save}
         one = {"set": self.session.set, "find": self.session.find}

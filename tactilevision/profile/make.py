@@ -1,4 +1,4 @@
-"""A profile out of what there is: a method with its reference; E and nu, and certified faces, where known."""
+"""Sensor profiles made from a recording, its reconstructor and, where known, E, nu and certified faces."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ from tactilevision.photometric.card import provenance
 from tactilevision.press.certified_faces import DepthScale, with_walls
 from tactilevision.profile.model import Followed, Profile
 from tactilevision.recording.model import Recording
+from tactilevision.records.constants import Z95
 from tactilevision.records.measured import Bytes
 from tactilevision.records.rig import Gel
 from tactilevision.shear.displacement import read_untouched
-
-_INTERVAL = 1.96  # deviations to either end of a 95 % interval
 
 
 def make_profile(
@@ -32,12 +31,12 @@ def make_profile(
     calibration: Mapping[str, Any] | None = None,
     face_law: DepthScale | None = None,
 ) -> Profile:
-    """The profile of a recording's sensor, read by its `reconstructor`.
+    """Return the profile of a recording's sensor, read by its `reconstructor`.
 
-    The method keeps what certified faces taught of walls; `face_law` is how deep they are over how deep they are
-    read. `calibration` is the content of calibration.json. Without one, E and nu that the recording's gel states
-    serve. Where gel, E and nu are known its compliance is worked out: half a minute where free sides are near.
-    Raises InputError where the method has no reference, or E and nu are not fixed.
+    The method keeps the walls' law of certified faces; `face_law` is the true over the read depth of these faces.
+    `calibration` is the content of calibration.json; without one, E and nu are those stated of the gel. Where gel,
+    E and nu are known its compliance is computed, which takes half a minute near free sides. Raises InputError
+    where the method has no reference, or E and nu are not fixed.
     """
     method, picture, sensor = reconstructor.referenced, untouched_frame(recording), recording.sensor
     if method is None or picture is None or recording.frame_size_px is None:
@@ -46,7 +45,8 @@ def make_profile(
             where=recording.path,
             remedy="Name the picture with --reference.",
         )
-    about = provenance(_words(recording), licence="")
+    source = f"{recording.name}: {len(recording.balls)} ball presses, {len(recording.flats)} flats"
+    about = provenance(source, licence="")
     today = datetime.datetime.now(tz=datetime.UTC).date()
     made = Profile(
         sensor,
@@ -68,10 +68,7 @@ def make_profile(
 
 
 def followed_in(recording: Recording, untouched: Bytes) -> Followed:
-    """What of the `untouched` picture (H, W, 3), grey levels, some of the recording's single frames show.
-
-    Grain that stands out of the mean of many pictures may drown in the noise of one: each frame would try in vain.
-    """
+    """Return which pattern of the `untouched` picture (H, W, 3), grey levels, single frames show above noise."""
     sensor = recording.sensor
     found = read_untouched(untouched, sensor.mm_per_px, markers=sensor.has_markers or None)
     if found.markers is not None:
@@ -82,7 +79,7 @@ def followed_in(recording: Recording, untouched: Bytes) -> Followed:
 
 
 def with_compliance(profile: Profile) -> Profile:
-    """The profile with its gel's compliance worked out; as it was where gel, E or nu are not known."""
+    """Return the profile with its gel's compliance; unchanged where gel, E or nu are not known."""
     gel, material, sensor = profile.sensor.gel, profile.material, profile.sensor
     if gel is None or material is None:
         return profile
@@ -94,7 +91,7 @@ def with_compliance(profile: Profile) -> Profile:
 
 
 def stated_material(gel: Gel | None) -> dict[str, Any] | None:
-    """E and nu that a gel states beforehand, as in calibration.json; None where it does not state both."""
+    """Return the gel's stated E and nu as in calibration.json; None where it does not state both."""
     if gel is None or gel.youngs_modulus_MPa is None or gel.poisson_ratio is None:
         return None
     return {
@@ -102,15 +99,11 @@ def stated_material(gel: Gel | None) -> dict[str, Any] | None:
         "poisson_ratio": _estimate(gel.poisson_ratio, gel.poisson_ratio_std, "1"),
         "poisson_ratio_source": "prior",
         "gel": {"thickness_mm": gel.thickness_mm, "shape": gel.shape},
-        "assumptions": ["E and nu are as the gel states them, not measured here"],
+        "assumptions": ["E and nu are as stated of the gel, not measured here"],
     }
 
 
 def _estimate(value: float, std: float | None, unit: str) -> dict[str, Any]:
     spread = std or 0.0
-    ends = [value - _INTERVAL * spread, value + _INTERVAL * spread]
+    ends = [value - Z95 * spread, value + Z95 * spread]
     return {"value": value, "std": spread, "interval95": ends, "unit": unit}
-
-
-def _words(recording: Recording) -> str:
-    return f"{recording.name}: {len(recording.balls)} ball presses, {len(recording.flats)} flats"

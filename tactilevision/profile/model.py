@@ -1,4 +1,4 @@
-"""Define the records of a sensor profile and of what a calibrated sensor reports."""
+"""Records of a sensor profile and of a calibrated sensor's readings."""
 
 from __future__ import annotations
 
@@ -21,9 +21,6 @@ from tactilevision.records.rig import Indenter, Sensor
 if TYPE_CHECKING:
     from tactilevision.press.certified_faces import DepthScale
 
-
-# What a sensor profile holds: one frozen record.
-
 Followed = Literal["markers", "texture", "nothing"]
 
 
@@ -31,12 +28,12 @@ Followed = Literal["markers", "texture", "nothing"]
 class Profile:
     """A calibrated sensor.
 
-    `method` holds the reference; `untouched` (H, W, 3) is one rectified picture of the free gel; `followed` says
-    what of it single frames show, so that shear can be told. `calibration` is the content of calibration.json,
-    None where E and nu are not known; `compliance` then is the gel's. `face_law` is how deep flat faces are over
-    how deep they are read, None where no certified face has told. `frame_size_px` (width, height) is that of
-    raw frames, `white_level` as in recording.toml. `source` says in words what it was made from,
-    `warnings` what was doubtful then; `path` is its file.
+    `method` holds the reference; `untouched` (H, W, 3) is one rectified picture of the free gel; `followed` names
+    what of it single frames show, from which shear is measured. `calibration` is the content of calibration.json,
+    None where E and nu are not known; `compliance` then is the gel's. `face_law` is the true over the read depth
+    of flat faces, None without certified faces. `frame_size_px` (width, height) is that of raw frames,
+    `white_level` as in recording.toml. `source` names the data it was made from, `warnings` are those of that
+    time; `path` is its file.
     """
 
     sensor: Sensor
@@ -57,18 +54,16 @@ class Profile:
 
     @cached_property
     def material(self) -> Material | None:
-        """E, nu and their covariance; None where they are not known, or the gel is not."""
+        """Return E, nu and their covariance; None where they or the gel are not known."""
         if self.calibration is None or self.sensor.gel is None:
             return None
         return material_of(self.calibration, where=f"{self.path}, calibration.json")
 
     @property
     def name(self) -> str:
-        """Kind and serial number, as a person would say them."""
+        """Return kind and serial number."""
         return f"{self.sensor.kind} {self.sensor.serial}".rstrip()
 
-
-# What a calibrated sensor says of a frame, and of many at once.
 
 Singles = npt.NDArray[np.floating]
 AnyFloats = TypeVar("AnyFloats", Singles, Floats)
@@ -76,11 +71,11 @@ AnyFloats = TypeVar("AnyFloats", Singles, Floats)
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One frame.
+    """Reading of one frame.
 
-    `height` is the map; `contact` (H, W) where something presses; `footprint` the face of the indenter that is
-    looked for, None without one; `tractions` None where E and nu are not known, or the force was not solved.
-    `flags` say what makes the frame doubtful: those of the map, then those of the force, in words.
+    `height` is the map; `contact` (H, W) the mask of contact; `footprint` the face of the sought indenter, None
+    without one; `tractions` None where E and nu are not known, or the force was not solved. `flags` are those of
+    the map, then those of the force.
     """
 
     height: HeightMap
@@ -91,66 +86,64 @@ class Seen:
 
     @property
     def std(self) -> Singles | None:
-        """Standard deviation (H, W) of the depth, mm; None where the method states none."""
+        """Return the standard deviation (H, W) of the depth, mm; None where the method states none."""
         return self.height.std_mm
 
     @property
     def wrench(self) -> Wrench | None:
-        """Force (N) and moment (N mm) with their deviations; None where no force is known."""
+        """Return force (N) and moment (N mm) with their deviations; None where no force is known."""
         return None if self.tractions is None else self.tractions.wrench
 
 
 @dataclass(frozen=True, slots=True)
 class SeenBatch:
-    """N frames: what `Seen` has, stacked; `frames` has each by itself.
+    """Readings of N frames, stacked; `frames` has each by itself.
 
-    `height` (N, H, W) depth in mm, NaN where it is not known; `std` alike; `contact` (N, H, W); `tractions`
-    (N, 3, rows, columns) MPa along x, y, z; `wrench` (N, 6), N and N mm. As of one frame, what no frame has is
-    None. NaN stands where some frames have it and one does not: its force was not solved.
+    A quantity that no frame has is None; one that a frame alone lacks is NaN there.
     """
 
     frames: tuple[Seen, ...]
 
     @property
     def height(self) -> Singles:
-        """Depth (N, H, W), mm."""
+        """Return depth (N, H, W), mm; NaN where it is not known."""
         return np.stack([np.where(one.height.valid, one.height.depth_mm, np.nan) for one in self.frames])
 
     @property
     def std(self) -> Singles | None:
-        """Standard deviation (N, H, W) of the depth, mm; None where the method states none."""
+        """Return the standard deviation (N, H, W) of the depth, mm; None where the method states none."""
         return _stacked([one.std for one in self.frames])
 
     @property
     def contact(self) -> Bools:
-        """Mask (N, H, W) of where something presses."""
+        """Return the mask (N, H, W) of contact."""
         return np.stack([one.contact for one in self.frames])
 
     @property
     def footprint(self) -> tuple[Footprint | None, ...]:
-        """The face in each frame."""
+        """Return the indenter's face in each frame."""
         return tuple(one.footprint for one in self.frames)
 
     @property
     def tractions(self) -> Floats | None:
-        """Tractions (N, 3, rows, columns), MPa; None where no frame has any."""
+        """Return tractions (N, 3, rows, columns) along x, y, z, MPa; None where no frame has any."""
         known = [one.tractions for one in self.frames]
         return _stacked([None if one is None else np.stack([one.t_x, one.t_y, one.t_z]) for one in known])
 
     @property
     def wrench(self) -> Floats | None:
-        """Force and moment (N, 6), N and N mm; None where no frame has any."""
+        """Return force and moment (N, 6), N and N mm; None where no frame has any."""
         known = [one.wrench for one in self.frames]
         return _stacked([None if one is None else np.array([*one.force_N, *one.moment_Nmm]) for one in known])
 
     @property
     def flags(self) -> Sequence[tuple[str, ...]]:
-        """What makes each frame doubtful."""
+        """Return the flags of each frame."""
         return tuple(one.flags for one in self.frames)
 
 
 def _stacked(frames: Sequence[AnyFloats | None]) -> AnyFloats | None:
-    """Arrays of one shape, NaN for a frame without; None where no frame has one."""
+    """Stack arrays of one shape, NaN for a frame without; None where no frame has one."""
     first = next((one for one in frames if one is not None), None)
     if first is None:
         return None

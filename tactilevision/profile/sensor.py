@@ -1,4 +1,8 @@
-"""Return depth, contact, footprint, tractions and wrench of frames of a calibrated sensor."""
+"""Read frames of a calibrated sensor: depth, contact, footprint, tractions and wrench.
+
+sensor = load_sensor("my_sensor.tvs")
+seen = sensor.read(rgb)                 # rgb (H, W, 3) uint8 as the camera gives it, red first
+"""
 
 from __future__ import annotations
 
@@ -29,27 +33,20 @@ from tactilevision.records.rig import Gel, Indenter
 from tactilevision.sensors.rectification import rectify
 from tactilevision.shear.displacement import Untouched, read_untouched
 
-# A calibrated sensor in one object: a frame in; depth, contact, footprint, tractions and wrench out.
-#
-#     sensor = load_sensor("my_sensor.tvs")
-#     seen = sensor.read(rgb)                 # rgb (H, W, 3) uint8 as the camera gives it, red first
-#
-# All that does not depend on the frame is made once, when the sensor is loaded.
-
 NOT_SOLVED = "force not solved"
 
 
 def load_sensor(path: Path | str, *, indenter: Indenter | str | None = None) -> CalibratedSensor:
-    """The sensor of a profile that `tactilevision calibrate-sensor` wrote.
+    """Return the sensor of a profile that `tactilevision calibrate-sensor` wrote.
 
-    `indenter` is what to look for in frames: a record, or its name in the profile; None for contact alone.
-    Raises InputError where there is no such profile, where it is of a newer version, and where it was changed.
+    `indenter` is sought in frames: a record, or its name in the profile; None for contact alone.
+    Raises InputError for a profile that is missing, of a newer version, or changed.
     """
     return CalibratedSensor(read_profile(path), indenter=indenter)
 
 
 class CalibratedSensor:
-    """What `load_sensor` gives; `profile` is all that the file holds.
+    """A calibrated sensor; `profile` is the content of its file.
 
     Threads may share one. Frames may be read with `Stream(sensor)`, too, which follows slow changes of the light;
     `read` keeps to the profile's reference.
@@ -66,44 +63,44 @@ class CalibratedSensor:
             markers = profile.followed == "markers"
             self.untouched = read_untouched(profile.untouched, profile.sensor.mm_per_px, markers=markers)
         if self.field is not None:
-            fast_kappa(self.field.material.poisson_ratio, 1.0)  # so that its table is read now
+            fast_kappa(self.field.material.poisson_ratio, 1.0)  # reads its table
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Sent to other processes as its profile."""
-        return _again, (self.profile, self.indenter)
+        """Pickle the profile and rebuild the sensor from it."""
+        return _rebuilt, (self.profile, self.indenter)
 
     @property
     def gel(self) -> Gel | None:
-        """The gel, None where it is not described."""
+        """Return the gel, None where it is not described."""
         return self.profile.sensor.gel
 
     @property
     def material(self) -> Material | None:
-        """E and nu with their covariance, None where they are not known."""
+        """Return E and nu with their covariance, None where they are not known."""
         return self.profile.material
 
     @property
     def mm_per_px(self) -> Pair:
-        """Scale (x, y) of the rectified picture."""
+        """Return the scale (x, y) of the rectified picture."""
         return self.profile.sensor.mm_per_px
 
     @property
     def compliance(self) -> GelCompliance | None:
-        """The gel's compliance, None where E and nu are not known."""
+        """Return the gel's compliance, None where E and nu are not known."""
         return self.profile.compliance
 
     @cached_property
     def field(self) -> ForceField | None:
-        """What turns a height map into tractions; None where gel, E or nu are not known."""
+        """Return the solver of tractions from a height map; None where gel, E or nu are not known."""
         if self.gel is None or self.material is None:
             return None
         view = (self.profile.sensor.height_px, self.profile.sensor.width_px)
         return ForceField(self, view_px=view, settings=ForceSettings(cell_std=False))
 
     def read(self, rgb: Bytes) -> Seen | SeenBatch:
-        """What a frame (H, W, 3) uint8 shows, or each of a batch (N, H, W, 3), red first, as the camera gives it.
+        """Read a raw frame (H, W, 3) uint8, red first, or each of a batch (N, H, W, 3).
 
-        Raises InputError for one that is not of this sensor, black or saturated.
+        Raises InputError for a frame of another size, black or saturated.
         """
         if getattr(rgb, "ndim", 3) != 4:
             return self._seen(Frame(rgb))
@@ -113,13 +110,13 @@ class CalibratedSensor:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is doubtful: when the profile was made, and since."""
+        """Return the warnings of the profile and of the frames looked at."""
         return self.reconstructor.warnings
 
     def look(self, pictures: Sequence[Frame | Bytes]) -> tuple[str, ...]:
-        """See by rectified `pictures` (H, W, 3), in order, whether the profile is this sensor's as it is now.
+        """Check by rectified `pictures` (H, W, 3), in order, whether the profile still fits the sensor.
 
-        The warnings tell another unit or light, a camera or gel that has moved, and a contact in the reference;
+        Return warnings of another unit or light, of a camera or gel that moved, and of a contact in the reference;
         maps are flagged from then on.
         """
         before = len(self.reconstructor.warnings)
@@ -128,7 +125,7 @@ class CalibratedSensor:
         return self.reconstructor.warnings[before:]
 
     def with_reference(self, flats: Sequence[Bytes]) -> CalibratedSensor:
-        """The same sensor against newer raw pictures (H, W, 3) of its untouched gel."""
+        """Return the sensor with newer raw pictures (H, W, 3) of the untouched gel as its reference."""
         profile = self.profile
         rectified = [rectify(profile.sensor, one) for one in flats]
         made = with_flats(profile.sensor, profile.method, flats=rectified)
@@ -141,7 +138,7 @@ class CalibratedSensor:
         return fresh
 
     def held(self, height: HeightMap, face: Footprint | None) -> HeightMap:
-        """The map (H, W), mm, with a flat face as deep as the profile's law of certified faces has it."""
+        """Return the map (H, W), mm, with the depth of a flat face by the profile's law of certified faces."""
         law, indenter = self.profile.face_law, self.indenter
         if law is None or indenter is None or indenter.shape != "flat_cylinder":
             return height
@@ -150,9 +147,9 @@ class CalibratedSensor:
         return with_face(height, face, depth_scale=law)
 
     def tractions(self, height: HeightMap, rgb_rectified: Bytes, *, touched: bool = True) -> TractionMap | None:
-        """Tractions (MPa) behind a map (H, W) and its rectified picture; None where they cannot be known.
+        """Return tractions (MPa) of a map (H, W) and its rectified picture; None where they are not known.
 
-        Where the map shows no contact they are none, whatever single cells of it say.
+        Without contact (not `touched`) they are zero.
         """
         field = self.field
         if field is None:
@@ -179,7 +176,7 @@ class CalibratedSensor:
         return Seen(height, contact, face, found, (*height.flags, *(found.flags if found else ()), *unsolved))
 
     def _unlike(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
-        """A warning where most rectified pictures are unlike the reference in a way that no drift explains."""
+        """Warn where most rectified pictures differ from the reference beyond drift."""
         flagged = 0
         for rgb in pictures:
             try:
@@ -189,18 +186,18 @@ class CalibratedSensor:
         if 2 * flagged <= len(pictures):
             return ()
         return (
-            f"{flagged} of {len(pictures)} frames are unlike the reference of the profile {self.profile.name}: "
+            f"{flagged} of {len(pictures)} frames differ from the reference of the profile {self.profile.name}: "
             "is this another unit, gel or light? Give a picture of the untouched gel with --reference, or "
             "calibrate this sensor",
         )
 
 
 def _as_then(profile: Profile) -> tuple[str, ...]:
-    """What was doubtful when the profile was made: nothing that an option of today could mend."""
+    """Return the warnings of when the profile was made."""
     return tuple(f"when {profile.path.name} was made: {one}" for one in profile.warnings)
 
 
-def _again(profile: Profile, indenter: Indenter | None) -> CalibratedSensor:
+def _rebuilt(profile: Profile, indenter: Indenter | None) -> CalibratedSensor:
     return CalibratedSensor(profile, indenter=indenter)
 
 
@@ -213,49 +210,46 @@ def _chosen(profile: Profile, indenter: Indenter | str | None) -> Indenter | Non
             "the profile has no indenter of that name",
             where=profile.path,
             value=indenter,
-            remedy=f"It has: {known}. In code an Indenter record may be given instead.",
+            remedy=f"It has: {known}. An Indenter record may be given instead.",
         )
     return profile.indenters[indenter]
 
 
-# Pictures read with a profile: a recording's, whose own sensor must be the profile's, or a bare folder's.
+# Recordings and folders read with a profile.
 
 NO_KIND = "custom"  # a kind that says nothing of the sensor
 
 
 def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = None) -> Recording:
-    """The recording, folder, video or frame at `path`, its sensor the profile's.
+    """Open the recording, folder, video or frame at `path` with the profile's sensor.
 
-    `reference` is a newer picture of the untouched gel, or a folder of such; None: the profile's own, and the
-    recording then has no flats. Raises InputError where the recording is of another unit or kind, or its frames
-    have another size.
+    `reference` is a newer picture of the untouched gel, or a folder of such; with None the profile's own is used,
+    and the recording has no flats. Raises InputError for another unit, kind or size of frames.
     """
     if (path / layout.SETTINGS).is_file():
         own = read_recording(path, sensor=_keys(profile))
         _check_unit(own, profile)
         flats = read_folder(path, reference=reference).flats if reference is not None else ()
         gel = profile.sensor.gel or own.sensor.gel
-        found = replace(
-            own, sensor=replace(profile.sensor, gel=gel), flats=flats, balls=(), white_level=profile.white_level
-        )
+        sensor, white = replace(profile.sensor, gel=gel), profile.white_level
+        found = replace(own, sensor=sensor, flats=flats, balls=(), white_level=white)
     else:
-        sensor, white = profile.sensor, profile.white_level
-        found = read_folder(path, sensor, reference=reference, white_level=white)
+        found = read_folder(path, profile.sensor, reference=reference, white_level=profile.white_level)
     size = found.frame_size_px
     if size is not None and size != profile.frame_size_px:
         raise InputError(
-            f"frames of {_by(profile.frame_size_px)} are what the profile {profile.name} was made for",
+            f"the profile {profile.name} was made for frames of {_by(profile.frame_size_px)}",
             where=found.frames_path or path,
             value=_by(size),
-            remedy="Set the camera as it was, or calibrate the sensor anew.",
+            remedy="Set the camera to that size, or calibrate the sensor again.",
         )
     return found
 
 
 def sensor_for(recording: Recording, profile: Profile) -> CalibratedSensor:
-    """The calibrated sensor, against the recording's own pictures of the untouched gel where it has any.
+    """Return the calibrated sensor with the recording's own pictures of the untouched gel, if any, as reference.
 
-    Some frames have been looked at: its reconstructor's warnings say where they are another unit's.
+    Some of the frames are checked against the profile; the sensor's warnings report what does not fit.
     """
     sensor = CalibratedSensor(profile)
     flats = read_flats(recording)
@@ -267,7 +261,7 @@ def sensor_for(recording: Recording, profile: Profile) -> CalibratedSensor:
 
 
 def _keys(profile: Profile) -> dict[str, object]:
-    """What a recording.toml may leave to the profile."""
+    """Return the keys of [sensor] that a recording.toml may omit."""
     sensor = profile.sensor
     keys: dict[str, object] = {"kind": sensor.kind, "mm_per_px": list(sensor.mm_per_px)}
     if sensor.kind == NO_KIND and sensor.rectification is None:
@@ -280,7 +274,7 @@ def _check_unit(own: Recording, profile: Profile) -> None:
     for what, said, known in (("kind", theirs.kind, ours.kind), ("serial", theirs.serial, ours.serial)):
         if said != known and not {"", NO_KIND} & {said, known}:
             raise InputError(
-                f"the profile is of another unit: its {what} is {known}, the recording's {said}",
+                f"the profile is of another unit: its {what} is {known}, the recording's is {said}",
                 where=profile.path,
                 remedy=f"Calibrate this one: tactilevision calibrate-sensor {own.path}.",
             )

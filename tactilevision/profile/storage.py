@@ -1,4 +1,4 @@
-"""Read and write a sensor profile, and check its format, hashes, shapes and numbers."""
+"""Files of sensor profiles, whose format, hashes, shapes and numbers are checked."""
 
 from __future__ import annotations
 
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from tactilevision.press.certified_faces import DepthScale
 
 
-# The names of the files in a profile, its format, and its hash. Said here and nowhere else.
-
 SUFFIX = ".tvs"
 FORMAT = 2  # version of a profile; newer ones are refused
 ABOUT = "profile.json"
@@ -52,19 +50,19 @@ HASH = "sha256"  # key of profile.json: of all its other keys
 
 
 def hash_of(content: Mapping[str, Any]) -> str:
-    """SHA-256 of profile.json without its own hash, whatever the order and the spaces."""
+    """Return the SHA-256 of profile.json without its own hash, independent of order and spaces."""
     rest = {key: value for key, value in content.items() if key != HASH}
     return hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def hash_of_bytes(content: bytes) -> str:
-    """SHA-256 of a file in the profile."""
+    """Return the SHA-256 of a file in the profile."""
     return hashlib.sha256(content).hexdigest()
 
 
-# A profile from its file: format, hashes, shapes and numbers are checked before any of it is believed.
+# Reading.
 
-MAX_SIDE = 100_000  # px of a picture's side; no camera has as many
+MAX_SIDE = 100_000  # px of a picture's side
 _MAKE = "Make one with `tactilevision calibrate-sensor PATH --out my_sensor.tvs`."
 _AGAIN = "Make it again with `tactilevision calibrate-sensor`."
 _WORDS = ("name", "shape", "bevel")  # of gels and indenters: all else are numbers
@@ -72,41 +70,36 @@ T = TypeVar("T")
 
 
 def read_profile(path: Path | str) -> Profile:
-    """The profile in a file.
+    """Read a profile, and check its format, hashes, shapes and numbers.
 
-    Raises InputError where there is none, where it is of a newer version, damaged or changed by hand, and where
-    its parts do not fit together.
+    Raises InputError for a file that is missing, of a newer version, damaged, changed or inconsistent.
     """
     _check_kind(path)
     path = Path(path)
     try:
         files = read_archive(path)
     except FileNotFoundError as fault:
-        raise InputError(
-            "there is no such sensor profile",
-            where=path,
-            remedy=_MAKE,
-        ) from fault
+        raise InputError("there is no such sensor profile", where=path, remedy=_MAKE) from fault
     except OSError as fault:
         raise InputError(f"cannot be read: {fault.strerror}", where=path) from fault
     return unpack_profile(files, path)
 
 
 def _check_kind(path: Path | str) -> None:
-    """Raise InputError for what is plainly no profile: a kind of sensor, a folder, another kind of file."""
+    """Raise InputError for a kind of sensor, a folder, or another kind of file."""
     what = None
     if str(path) in SENSORS and not Path(path).exists():
-        what = "this is a kind of sensor; a profile holds one that was calibrated"
+        what = "this is a kind of sensor, not a profile of a calibrated one"
     elif Path(path).is_dir():
         what = "this is a folder, not a sensor profile"
     elif Path(path).is_file() and Path(path).suffix.lower() != SUFFIX and not zipfile.is_zipfile(path):
-        what = "this is no sensor profile"
+        what = "this is not a sensor profile"
     if what is not None:
         raise InputError(what, where=path, remedy=_MAKE)
 
 
 def unpack_profile(files: Mapping[str, bytes], path: Path) -> Profile:
-    """The profile of the files in an archive; `path` is the archive, for what errors say. Raises as above."""
+    """Return the profile of the files in an archive; `path` names it in errors. Raises as `read_profile`."""
     about = _about(files, path)
     try:
         return _profile(about, files, path)
@@ -120,7 +113,7 @@ def unpack_profile(files: Mapping[str, bytes], path: Path) -> Profile:
 
 
 def _about(files: Mapping[str, bytes], path: Path) -> dict[str, Any]:
-    """profile.json, once format and hashes are found in order."""
+    """Return profile.json after a check of format and hashes."""
     if ABOUT not in files:
         raise InputError("is not a sensor profile: it holds no profile.json", where=path, remedy=_AGAIN)
     content = parse_json(files[ABOUT], where=f"{path}, {ABOUT}")
@@ -130,7 +123,7 @@ def _about(files: Mapping[str, bytes], path: Path) -> dict[str, Any]:
             f"the profile is of a newer version: this one reads format {FORMAT}",
             where=path,
             value=form,
-            remedy="Take a newer version of tactilevision, or calibrate the sensor with this one.",
+            remedy="Install a newer version of tactilevision, or calibrate the sensor with this one.",
         )
     if form is True or form != FORMAT:
         raise InputError("is not a sensor profile of a known format", where=path, value=form, remedy=_AGAIN)
@@ -141,13 +134,13 @@ def _about(files: Mapping[str, bytes], path: Path) -> dict[str, Any]:
             "the profile was changed since it was written, or is damaged",
             where=path,
             value=", ".join(_changed(stated, found)) or ABOUT,
-            remedy="Copy it again from where it came, or make it again with `tactilevision calibrate-sensor`.",
+            remedy="Copy it again, or make it again with `tactilevision calibrate-sensor`.",
         )
     return content
 
 
 def _changed(stated: object, found: Mapping[str, str]) -> list[str]:
-    """Files of another hash, missing, or more than are stated."""
+    """Return the files whose hash differs, that are missing, or that are not stated."""
     said = stated if isinstance(stated, dict) else {}
     return sorted(name for name in {*said, *found} if said.get(name) != found.get(name))
 
@@ -174,7 +167,7 @@ def _profile(about: Mapping[str, Any], files: Mapping[str, bytes], path: Path) -
         method,
         untouched,
         frame_size_px,
-        _day(about["date"]),
+        datetime.date.fromisoformat(str(about["date"])).isoformat(),
         _followed(about["sensor"]["followed"], path),
         str(about.get("source", "")),
         white_level,
@@ -241,11 +234,11 @@ def _indenter(content: Mapping[str, Any], path: Path) -> Indenter:
 
 
 def _record(kind: Callable[..., T], content: Mapping[str, Any], path: Path) -> T:
-    """A record of plain numbers and words; pairs are lists in the file."""
+    """Return a record of numbers and words; pairs are lists in the file."""
     for key, value in content.items():
         for one in value if isinstance(value, list) else [value]:
             if one is not None and (key in _WORDS) != isinstance(one, str):
-                raise InputError(f"{key} is of another kind", where=path, value=one)
+                raise InputError(f"{key} has the wrong type", where=path, value=one)
             if key not in _WORDS:
                 number(one, what=key, where=path)
     return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in content.items()})
@@ -258,7 +251,7 @@ def _json(files: Mapping[str, bytes], name: str, path: Path) -> dict[str, Any] |
 def _number(value: object, what: str, path: Path) -> float:
     found = number(value, what=what, where=path)
     if found is None:
-        raise InputError(f"{what} is no number", where=path, value=value)
+        raise InputError(f"{what} is not a number", where=path, value=value)
     return found
 
 
@@ -269,23 +262,18 @@ def _side(value: object, path: Path) -> int:
 
 
 def _followed(value: object, path: Path) -> Followed:
-    for known in get_args(Followed):
-        if value == known:
-            return cast(Followed, known)
-    raise InputError("followed is one of " + ", ".join(get_args(Followed)), where=path, value=value)
+    if value not in get_args(Followed):
+        raise InputError("followed is one of " + ", ".join(get_args(Followed)), where=path, value=value)
+    return cast(Followed, value)
 
 
-def _day(value: object) -> str:
-    return datetime.date.fromisoformat(str(value)).isoformat()
-
-
-# A profile into its file: a zip that stores profile.json, which holds the hashes, and all that it names.
+# Writing: a zip of profile.json, which holds the hashes, and of the files that it names.
 
 
 def write_profile(profile: Profile, path: Path | str) -> Path:
-    """Write the profile whole or not at all, and return its path; the same profile gives the same bytes.
+    """Write the profile atomically, and return its path; the same profile gives the same bytes.
 
-    Raises InputError for a name that does not end in .tvs, OutputError where the file system refuses.
+    Raises InputError for a name that does not end in .tvs, OutputError where it cannot be written.
     """
     target = Path(path)
     check_name(target)
@@ -298,13 +286,13 @@ def write_profile(profile: Profile, path: Path | str) -> Path:
 
 
 def check_name(path: Path) -> None:
-    """Raise InputError for a name that does not end in .tvs: no command would know the file again."""
+    """Raise InputError for a name that does not end in .tvs."""
     if path.suffix.lower() != SUFFIX:
         raise InputError(
             "the name of a sensor profile ends in .tvs",
             where="--out",
             value=str(path),
-            remedy=f"Take {path.with_suffix(SUFFIX)}.",
+            remedy=f"Use {path.with_suffix(SUFFIX)}.",
         )
 
 
@@ -334,7 +322,7 @@ def _about_of(profile: Profile) -> dict[str, Any]:
 
 def _files(profile: Profile) -> dict[str, bytes]:
     files = {f"method{suffix}": content for suffix, content in pack_method(profile.method).items()}
-    files[UNTOUCHED] = cv2.imencode(".png", cv2.cvtColor(profile.untouched, cv2.COLOR_RGB2BGR))[1].tobytes()
+    files[UNTOUCHED] = cv2.imencode(".png", profile.untouched[..., ::-1])[1].tobytes()
     if profile.sensor.rectification is not None:
         map_x, map_y = profile.sensor.rectification
         files[MAPS] = pack_arrays({"map_x": map_x, "map_y": map_y}, small=False)

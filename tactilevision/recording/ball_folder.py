@@ -1,4 +1,4 @@
-"""Read a folder of ball presses without a recording.toml, also that of gs_sdk."""
+"""Read a folder of ball presses without a recording.toml, including that of gs_sdk."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from tactilevision.recording.tables import Table, read_table
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Sensor
 
-# The calibration folder of gs_sdk as ball presses: its catalogue, its picture of the untouched gel, its labels.
+# The calibration folder of gs_sdk: catalogue, picture of the untouched gel, labels.
 #
 #     catalog.csv            experiment_reldir, diameter(mm)      one row for each press
 #     background.png         the mean of ten pictures of the untouched gel
-#     4.000mm/0/gelsight.png one press; label.npz beside it: center (x, y) and radius of the contact, px
+#     4.000mm/0/gelsight.png one press
+#     4.000mm/0/label.npz    center (x, y) and radius of the contact, px
 #
-# Labels are a start from which the circle is fitted, as those of any ball.csv are. A ball.csv in the folder itself
-# (frame: 4.000mm/0/gelsight.png) comes before them: the guide writes one. Source: collect_data.py, label_data.py
-# of gs_sdk.
+# Labels are initial values of the fitted circle. A ball.csv in the folder (frame: 4.000mm/0/gelsight.png), which
+# the guide writes, takes precedence. Source: collect_data.py, label_data.py of gs_sdk.
 
 CATALOGUE = "catalog.csv"
 UNTOUCHED = "background.png"
@@ -38,21 +38,20 @@ COLUMNS = Columns(words=("experiment_reldir",), numbers=(DIAMETER,))
 
 
 def is_gs_sdk_folder(root: Path) -> bool:
-    """Whether gs_sdk has collected presses there."""
+    """Return whether gs_sdk has collected presses there."""
     return (root / CATALOGUE).is_file() and not (root / CATALOGUE).is_symlink()
 
 
 def read_catalogue(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
-    """The presses in the order of the catalogue, with their labels, and warnings.
+    """Read the presses in the order of the catalogue, with their labels; return them and warnings.
 
-    Raises RecordingError for a diameter that is none and a picture that is missing, InputError for a name that
-    leads out of the folder and a label that holds no circle.
+    Raises RecordingError for an impossible diameter and a missing picture, InputError for a name that leads out of
+    the folder and a label without a circle.
     """
     table = read_table(root / CATALOGUE, COLUMNS)
     balls = tuple(_press(root, table, row) for row in range(len(table.lines)))
     labelled = sum(ball.contact_radius_px is not None for ball in balls)
-    told = f"gs_sdk: {len(balls)} presses, {labelled} of them labelled; diameters halved to radii"
-    return balls, (told,)
+    return balls, (f"gs_sdk: {len(balls)} presses, {labelled} of them labelled; diameters halved to radii",)
 
 
 def _press(root: Path, table: Table, row: int) -> BallPress:
@@ -64,7 +63,7 @@ def _press(root: Path, table: Table, row: int) -> BallPress:
     picture = inside(folder, PICTURE, where=table.path)
     if not picture.is_file():
         raise table.fault(
-            row, "the press has no picture", value=f"{name}/{PICTURE}", remedy="Copy it, or take out its row."
+            row, "the press has no picture", value=f"{name}/{PICTURE}", remedy="Copy it, or remove its row."
         )
     label = inside(folder, LABEL, where=table.path)
     centre, radius = read_label(label) if label.is_file() else (None, None)
@@ -72,7 +71,10 @@ def _press(root: Path, table: Table, row: int) -> BallPress:
 
 
 def read_label(path: Path) -> tuple[tuple[float, float], float]:
-    """Centre (x, y) and radius of a contact, px of the picture. Raises RecordingError where there is no circle."""
+    """Read centre (x, y) and radius of a contact, px of the picture.
+
+    Raises RecordingError if there is no circle.
+    """
     arrays = read_arrays(path)
     numbers = [np.ravel(arrays.get(name, np.zeros(0))) for name in ("center", "radius")]
     if [len(one) for one in numbers] != [2, 1] or any(one.dtype.kind not in "iuf" for one in numbers):
@@ -85,15 +87,13 @@ def read_label(path: Path) -> tuple[tuple[float, float], float]:
     circle: Floats = np.concatenate([one.astype(np.float64) for one in numbers])
     check_numbers(circle, what="a number of the label", where=path)
     if not np.isfinite(circle).all() or circle[2] <= 0:
-        raise RecordingError("the label's circle is none", where=path, value=circle.tolist())
+        raise RecordingError("the label's circle is impossible", where=path, value=circle.tolist())
     return (float(circle[0]), float(circle[1])), float(circle[2])
 
 
-# A folder of ball presses and pictures of the untouched gel, without a recording.toml, as a recording.
-#
-# Four forms: the folder `reference` of a recording, or one that holds it (flat/, ball/, ball.csv); pictures beside
-# a ball.csv; pictures that are all presses of one ball, whose radius is then said; the calibration folder of
-# gs_sdk. A folder without any of these holds no balls: it is read as any other bare folder.
+# Four forms of folders: `reference` of a recording, or one that holds it (flat/, ball/, ball.csv); pictures next
+# to a ball.csv; pictures that are all presses of one ball of a given radius; the calibration folder of gs_sdk. Any
+# other folder is read as a bare one, without balls.
 
 BALL, FLAT, TABLE = (Path(name).name for name in (layout.BALLS, layout.FLATS, layout.BALL_TABLE))
 
@@ -106,10 +106,10 @@ def read_ball_folder(
     mm_per_px: float | None = None,
     ball_radius_mm: float | None = None,
 ) -> Recording:
-    """The pictures of a bare folder, with its ball presses and its pictures of the untouched gel.
+    """Read the pictures of a bare folder, with its ball presses and its pictures of the untouched gel.
 
-    The arguments are those of `read_folder`; `ball_radius_mm` is that of all presses, where no table says it.
-    Raises RecordingError as that does, and for ball presses without a picture of the untouched gel.
+    The arguments are those of `read_folder`; `ball_radius_mm` is that of all presses, if there is no table. Raises
+    RecordingError as `read_folder` does, and for ball presses without a picture of the untouched gel.
     """
     root = Path(path)
     if is_gs_sdk_folder(root):
@@ -118,12 +118,13 @@ def read_ball_folder(
     if place is None and ball_radius_mm is None:
         return read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px, guess=True)
     folder, table = place or (root, root / TABLE)
-    beside = folder.parent / FLAT
-    flats = reference if reference is not None else beside if beside.is_dir() else None
+    flats = reference
+    if flats is None and (folder.parent / FLAT).is_dir():
+        flats = folder.parent / FLAT
     found = read_folder(folder, sensor, reference=flats, mm_per_px=mm_per_px, guess=True)
     if found.flat_frames:
         raise RecordingError(
-            "ball presses need a picture of the untouched gel beside them",
+            "ball presses need a picture of the untouched gel",
             where=root,
             remedy="Name it with --reference.",
         )
@@ -137,17 +138,17 @@ def read_ball_folder(
 def _of_gs_sdk(
     root: Path, sensor: Sensor | Path | str | None, reference: Path | str, mm_per_px: float | None
 ) -> Recording:
-    """Presses as gs_sdk collected them; their labels are those of a ball.csv in the folder where there is one."""
+    """Read presses as gs_sdk collected them; labels in a ball.csv in the folder take precedence."""
     found = read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px, guess=True)
     balls, notes = read_balls(root, root / TABLE) if (root / TABLE).is_file() else read_catalogue(root)
     if found.sensor.rectification is not None and not (root / TABLE).is_file():
         balls = tuple(replace(ball, centre_px=None, contact_radius_px=None) for ball in balls)
-        notes += ("labels of gs_sdk are left out: they are not in the rectified frame",)
+        notes += ("labels of gs_sdk are ignored: they are not in the rectified frame",)
     return replace(found, path=root, name=root.resolve().name, balls=balls, warnings=found.warnings + notes)
 
 
 def place_of_balls(root: Path) -> tuple[Path, Path] | None:
-    """The folder of presses and where their table is; None where there is neither."""
+    """Find the folder of presses and the path of their table; None if there is neither."""
     for reference in (root, root / layout.BALLS.split("/")[0]):
         if (reference / BALL).is_dir():
             return reference / BALL, reference / TABLE
@@ -155,12 +156,12 @@ def place_of_balls(root: Path) -> tuple[Path, Path] | None:
 
 
 def _alike(folder: Path, found: Recording, radius_mm: float | None) -> tuple[BallPress, ...]:
-    """All pictures but those of the untouched gel, as presses of one ball."""
+    """Return all pictures but those of the untouched gel as presses of one ball."""
     if radius_mm is None:
         raise RecordingError(
             "the radius of the balls is not known",
             where=folder,
-            remedy=f"Say it with --ball-radius-mm, or in {TABLE} (frame, ball_radius_mm).",
+            remedy=f"State it with --ball-radius-mm, or in {TABLE} (frame, ball_radius_mm).",
         )
     flats = {flat.resolve() for flat in found.flats}
     names = [name for name in list_images(folder) if (folder / name).resolve() not in flats]

@@ -34,21 +34,21 @@ if TYPE_CHECKING:
     from tactilevision.recording.settings import SensorSettings
 
 
-# What a bare folder of pictures does not say and can be guessed: its scale, and a picture of the untouched gel.
-#
-# Each guess comes with a sentence that says so, and the option that states it instead.
+# Guesses for a bare folder of pictures: scale, and a picture of the untouched gel. A note for each guess names the
+# option that states it instead.
 
-SAME_SHAPE = 0.02  # of the ratio of width to height: what a resized picture loses by whole pixels
+SAME_SHAPE = 0.02  # relative tolerance of width to height: a resized picture has whole pixels
 _FLAT = re.compile(r"(ref|reference|flat|background|bg|untouched|free|no_?contact|f0)([_.\- ]?\d*)$", re.I)
 
 Notes = tuple[str, ...]
 
 
 def guess_scale(settings: SensorSettings, size_px: tuple[int, int]) -> tuple[SensorSettings, Notes]:
-    """The settings of a sensor with the scale of pictures of `size_px` (width, height), and what was guessed.
+    """Return the settings of a sensor with the scale of pictures of `size_px` (width, height), and what was
+    guessed.
 
-    A picture of the sensor's usual shape shows its usual view, however many pixels it has. Raises RecordingError
-    for one of another shape.
+    A picture of the sensor's usual shape is assumed to show its usual view at any number of pixels. Raises
+    RecordingError for another shape.
     """
     usual = SENSORS.get(settings.kind or "")
     own = {"width_px": settings.width_px or size_px[0], "height_px": settings.height_px or size_px[1]}
@@ -59,8 +59,8 @@ def guess_scale(settings: SensorSettings, size_px: tuple[int, int]) -> tuple[Sen
     width, height = size_px
     if abs(width * usual.height_px / (height * usual.width_px) - 1) > SAME_SHAPE:
         raise RecordingError(
-            f"pictures of {width} x {height} are no view of a {usual.kind}, which has {usual.width_px} x "
-            f"{usual.height_px}, so that its scale is not known",
+            f"pictures of {width} x {height} have another shape than those of a {usual.kind}, {usual.width_px} x "
+            f"{usual.height_px}, so their scale is not known",
             where="--sensor",
             remedy="State it with --mm-per-px.",
         )
@@ -72,10 +72,10 @@ def guess_scale(settings: SensorSettings, size_px: tuple[int, int]) -> tuple[Sen
 def guess_flats(
     root: Path, frames_path: Path, names: Sequence[str], *, first: int = 0
 ) -> tuple[tuple[Path, ...], tuple[int, ...], Notes]:
-    """Pictures of the untouched gel, or the number of the frame that is taken for one, and what was guessed.
+    """Find pictures of the untouched gel, or the number of the frame taken for one.
 
-    It is the `first` by number where none is named so. Of no frame `names` nothing is guessed: what the folder
-    `reference` holds is all.
+    Return them and what was guessed. Without a picture named so it is frame number `first`. Without frame `names`
+    nothing is guessed: only the folder `reference` counts.
     """
     found = find_flats(root)
     if found or not names:
@@ -91,12 +91,11 @@ def guess_flats(
     return (), (first,), (note,)
 
 
-# A bare folder of pictures, or a video, as a recording without tables: for depth and force.
+# Reading a bare folder of pictures, or a video, for depth and force.
 
-MAX_LOOKED = 1000  # files and folders below a folder that are looked at for pictures
-# pictures of kinds that are not read; other files beside frames are no one's loss
-_UNREAD = (".gif", ".webp", ".heic", ".avif", ".jp2", ".jxl", ".ppm", ".dng", ".raw", ".exr")
-MAX_NAMED = 5  # endings of files that one sentence names
+MAX_LOOKED = 1000  # files and folders below a folder that are searched for pictures
+_UNREAD = (".gif", ".webp", ".heic", ".avif", ".jp2", ".jxl", ".ppm", ".dng", ".raw", ".exr")  # not supported
+MAX_NAMED = 5  # endings of files in one message
 _READ = f"Read are {', '.join(layout.IMAGE_SUFFIXES)}, and videos: {', '.join(layout.VIDEO_SUFFIXES)}."
 
 
@@ -109,14 +108,14 @@ def read_folder(
     white_level: float | None = None,
     guess: bool = False,
 ) -> Recording:
-    """Take pictures as they are: in the order of their names, without times.
+    """Read pictures in the order of their names, without times.
 
     `sensor` is a Sensor, the name of a known one, or a TOML file with a table [sensor] as in recording.toml;
-    `reference` a picture of the untouched gel, or a folder of such, here or in `path`, which is guessed with
-    `guess` where there is none; `mm_per_px` the scale, guessed where the sensor's usual one does not hold
-    (guess.py). The warnings say what was guessed. Where `path` is a recording, what is not given here is taken
-    from it. `white_level` goes with a Sensor. Raises RecordingError for an empty folder, an unknown or missing
-    sensor, and a reference that is not there; InputError for a scale that no camera has.
+    `reference` a picture of the untouched gel, or a folder of such, here or in `path`, guessed with `guess` if
+    there is none; `mm_per_px` the scale, guessed if the sensor's usual one does not apply. The warnings list the
+    guesses. If `path` is a recording, what is not given here is read from it. `white_level` is for a Sensor.
+    Raises RecordingError for an empty folder, an unknown or missing sensor, and a missing reference; InputError
+    for an impossible scale.
     """
     root = Path(path)
     flats = list_references(_named(reference, root))
@@ -167,7 +166,7 @@ def _of_recording(root: Path, flats: tuple[Path, ...], mm_per_px: float | None) 
 def _built(
     settings: SensorSettings, place: Path, size: tuple[int, int], mm_per_px: float | None
 ) -> tuple[Sensor, tuple[str, ...]]:
-    """The sensor of settings that may leave its scale open."""
+    """Build the sensor of settings that may leave its scale open."""
     if mm_per_px is not None:
         settings = settings.model_copy(update={"mm_per_px": [mm_per_px, mm_per_px]})
     settings, guessed = guess_scale(settings, size)
@@ -184,7 +183,7 @@ def _scaled(sensor: Sensor | Path | str, mm_per_px: float | None) -> Sensor:
 
 
 def _frames_of(root: Path) -> tuple[Path, tuple[str, ...]]:
-    """Where the frames lie, and their names: of a folder, a video, or a picture by itself."""
+    """Return where the frames are, and their names: of a folder, a video, or a single picture."""
     if root.is_file() and root.suffix.lower() in layout.IMAGE_SUFFIXES:
         return root.parent, (root.name,)
     path = root if root.is_file() else find_frames(root) or root
@@ -195,7 +194,7 @@ def _names(root: Path) -> tuple[str, ...]:
     if root.is_file() and root.suffix.lower() in layout.VIDEO_SUFFIXES:
         return tuple(str(index) for index in range(count_frames(root)))
     if root.is_file():
-        raise RecordingError("is neither a picture nor a video that is read", where=root, remedy=_READ)
+        raise RecordingError("is neither a picture nor a video of a supported kind", where=root, remedy=_READ)
     if not root.is_dir():
         raise RecordingError("there is no such folder of pictures, nor such a video", where=root)
     names = tuple(list_images(root))
@@ -205,7 +204,7 @@ def _names(root: Path) -> tuple[str, ...]:
 
 
 def _elsewhere(root: Path) -> str:
-    """Where below a folder without pictures some lie, or what lies there instead."""
+    """Return a folder below one without pictures that has some, or else what kinds of files are there."""
     folders = [path for path in sorted(root.rglob("*"))[:MAX_LOOKED] if path.is_dir() and list_images(path)]
     if folders:
         return f"There are some in {folders[0]}. "
@@ -214,10 +213,10 @@ def _elsewhere(root: Path) -> str:
 
 
 def _passed_over(folder: Path) -> tuple[str, ...]:
-    """A warning for pictures of a kind that is not read, since their frames are missed by nobody else."""
+    """Return a warning for pictures of a kind that is not read."""
     entries = sorted(os.listdir(folder)) if folder.is_dir() else []
     left = [name for name in entries if name.lower().endswith(_UNREAD) and name[0] != "."]
-    return (f"passed over, since pictures of this kind are not read: {some(left)}",) if left else ()
+    return (f"skipped, since pictures of this kind are not read: {some(left)}",) if left else ()
 
 
 def _cut_short(video: Path, count: int) -> tuple[str, ...]:
@@ -225,8 +224,8 @@ def _cut_short(video: Path, count: int) -> tuple[str, ...]:
     if stated <= count:
         return ()
     return (
-        f"{video.name} ends after {count} of the {stated} frames that its header tells of: is it cut short, or "
-        "does its rate vary?",
+        f"{video.name} ends after {count} of the {stated} frames that its header states: is it cut short, or does "
+        "its rate vary?",
     )
 
 
@@ -240,14 +239,14 @@ def _sensor_settings(sensor: Path | str) -> tuple[SensorSettings, Path, tuple[st
 
 
 def _named(reference: Path | str | None, root: Path) -> Path | None:
-    """The reference; where nothing has its name, what has it in `root`."""
+    """Return the path of the reference, looked up in `root` if nothing else has its name."""
     if reference is None or Path(reference).exists() or not (root / reference).exists():
         return None if reference is None else Path(reference)
     return root / reference
 
 
 def list_references(path: Path | None) -> tuple[Path, ...]:
-    """The picture at `path`, or those in that folder; raises RecordingError where there are none."""
+    """List the picture at `path`, or those in that folder. Raises RecordingError if there are none."""
     if path is None:
         return ()
     found = (path,) if path.is_file() else tuple(path / name for name in list_images(path))

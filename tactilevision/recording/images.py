@@ -17,35 +17,32 @@ from tactilevision.files.opening import IrregularFileError, check, check_regular
 from tactilevision.files.pictures import check_picture, decode, is_cut, is_grey, is_stack, upright, why_no_colours
 from tactilevision.records.measured import Bytes
 
-# One picture file -> RGB, 8 bits a channel.
-#
-# The bit depth of the file decides, never its content: 8-bit pictures are taken as they are; integers of 16 bits
-# are scaled so that `white_level` (left out: the largest number that the file's type can hold) becomes 255;
-# floating point pictures run from 0 to 1. Transparency is dropped. Pictures that are grey, also as three equal
-# colours, or have a palette are refused, since slopes are read from small changes of colour. Orientations that a
-# file states are not followed. A .npy file holds (height, width, 3 or 4) in the order red, green, blue.
-
-EVEN_GREY = 8  # grey levels: a picture that is alike all over, black or white, is no grey copy
-_SPARSE = 8  # px: a look at every eighth tells most coloured pictures
-_REMEDY_TORN = "Copy it again from where it came, or take it out of the list."
+EVEN_GREY = 8  # grey levels: the range of an even picture, black or white, which is not a grey copy
+_SPARSE = 8  # px: every eighth pixel shows most pictures to be coloured
+_REMEDY_TORN = "Copy it again from its source, or remove it from the list."
 
 
 class TornImageError(RecordingError):
-    """The file is absent, damaged, cut short or no single frame: this one picture is lost, others may be sound."""
+    """The file is missing, damaged, cut short or not a single frame; other pictures may be sound."""
 
 
 def read_image(path: Path | str, *, white_level: float | None = None) -> Bytes:
     """Read a picture as (height, width, 3) uint8 in the order red, green, blue.
 
-    Raises TornImageError for a file that is absent, cut short or damaged, RecordingError for one that is grey or
-    of a kind that is not read.
+    8-bit pictures are unchanged; 16-bit integers are scaled so that `white_level` (None: 65535) becomes 255;
+    floating point pictures run from 0 to 1. Transparency and orientation tags are ignored. Grey pictures, also as
+    three equal colours, and palettes are refused, since slopes are read from small changes of colour. A .npy file
+    holds (height, width, 3 or 4) in the order red, green, blue.
+
+    Raises TornImageError for a file that is missing, cut short or damaged, RecordingError for one that is grey or
+    of an unsupported kind.
     """
     path = Path(path)
     return as_rgb(read_stored(path), path, white_level=white_level)
 
 
 def read_stored(path: Path) -> npt.NDArray[Any]:
-    """The picture as the file has it, grey levels of any shape and type, red first.
+    """Read the picture as the file has it, grey levels of any shape and type, red first.
 
     Raises as `read_image` does.
     """
@@ -61,7 +58,7 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
 
 
 def decode_image(data: bytes, path: Path) -> Bytes:
-    """As `read_image`, of the bytes of a file; `path` says what they are, for what errors say."""
+    """Decode the bytes of a file as `read_image` does; `path` names them in errors."""
     return as_rgb(_stored(data, path), path)
 
 
@@ -76,18 +73,18 @@ def _stored(data: bytes, path: Path) -> npt.NDArray[Any]:
         raise TornImageError(fault.what, where=path, value=fault.value, remedy=fault.remedy) from fault
     if is_stack(data):
         raise TornImageError(
-            "the file holds several pictures, and a frame is one",
+            "the file holds several pictures instead of one",
             where=path,
-            remedy="Save each as a file of its own, or all as a video.",
+            remedy="Save each as its own file, or all as a video.",
         )
     picture = _decoded(upright(data), path)
     if is_grey(data):
         return picture[..., 0] if picture.ndim == 3 else picture
     if picture.ndim == 3 and (why := why_no_colours(data)):
         raise RecordingError(
-            f"the picture's colours are not those that the sensor saw: {why}",
+            f"the picture's colours are not those of the sensor: {why}",
             where=path,
-            remedy="Record again with 8 bits or more of red, green and blue; what was lost does not come back.",
+            remedy="Record again with 8 bits or more of red, green and blue.",
         )
     if picture.ndim == 3 and picture.shape[2] in (3, 4):
         picture = picture[..., 2::-1]
@@ -114,11 +111,11 @@ def as_rgb(picture: npt.NDArray[Any], path: Path, *, white_level: float | None =
 
 
 def _levels(picture: npt.NDArray[Any], path: Path, white_level: float | None) -> Bytes:
-    """Grey levels (H, W, 3) of 8 bits out of those of any type. Raises RecordingError for a type of no use."""
+    """Convert to grey levels (H, W, 3) of 8 bits. Raises RecordingError for a type that holds none."""
     if picture.dtype == np.uint8:
         return np.ascontiguousarray(picture)
     if picture.dtype == np.uint16:
-        return _scaled(picture, white_level or 65535.0)
+        return _scaled(picture, white_level or 65535)
     if picture.dtype.kind == "f":
         if not (np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1):
             raise RecordingError(
@@ -137,7 +134,7 @@ def _levels(picture: npt.NDArray[Any], path: Path, white_level: float | None) ->
 
 
 def check_coloured(rgb: Bytes, where: Path | str) -> Bytes:
-    """The picture (H, W, 3) as it is; raises RecordingError for a grey one whose three colours are equal."""
+    """Return the picture (H, W, 3); raise RecordingError for a grey one whose three colours are equal."""
     for few in (rgb[::_SPARSE, ::_SPARSE], rgb):
         if not ((few[..., 0] == few[..., 1]) & (few[..., 1] == few[..., 2])).all():
             return rgb
@@ -151,13 +148,13 @@ def _grey(where: Path | str, found: object) -> RecordingError:
         "the picture is grey, but photometric stereo needs the colours of the lights",
         where=where,
         value=found,
-        remedy="Record in colour. Grey copies of colour frames cannot be used.",
+        remedy="Record in colour.",
     )
 
 
 def _scaled(picture: npt.NDArray[Any], white: float) -> Bytes:
-    scaled = np.rint(picture.astype(np.float32) * np.float32(255.0 / white))
-    bounded: Bytes = np.minimum(scaled, 255.0).astype(np.uint8)
+    scaled = np.rint(picture.astype(np.float32) * np.float32(255 / white))
+    bounded: Bytes = np.minimum(scaled, 255).astype(np.uint8)
     return bounded
 
 
@@ -174,7 +171,7 @@ def _array(data: bytes, path: Path) -> npt.NDArray[Any]:
 
 
 def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
-    """The picture in OpenCV's order of colours."""
+    """Decode the picture in OpenCV's order of colours."""
     if is_cut(data):
         raise TornImageError("the picture is cut short", where=path, remedy=_REMEDY_TORN)
     picture, damage = decode(data)
@@ -185,11 +182,9 @@ def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
     return picture
 
 
-# Frames of one video file, by their index, exactly.
-#
-# Seeking in a video is not trusted: where the frame rate varies, it lands beside the frame that was asked for.
-# So frames are counted from the start of the file; a reader that has stopped half-way is parked, and the next one
-# that starts behind it goes on from there. Windows that follow each other thus cost one pass in all.
+# Frames of one video file by their index. Seeking is inexact at a varying frame rate, so frames are counted from
+# the start of the file. A reader that stopped half-way is parked, and the next one that starts behind it continues
+# from there, so that successive windows cost one pass.
 
 _Key = tuple[Path, int, int]
 _parked: dict[_Key, tuple[cv2.VideoCapture, int]] = {}  # one at most
@@ -197,7 +192,7 @@ _lock = Lock()
 
 
 def iter_video(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Bytes | None]]:
-    """Yield (index, rgb) for rising `indices`; rgb is None where the video ends before, or cannot be decoded."""
+    """Yield (index, rgb) for rising `indices`; rgb is None if the video ends before, or cannot be decoded."""
     key = _key(path)
     capture, position = _take(key, indices[0] if indices else 0)
     going = True
@@ -216,7 +211,7 @@ def iter_video(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Bytes 
 
 
 def count_frames(path: Path) -> int:
-    """Count the frames by passing over all of them: what a container says of itself is an estimate."""
+    """Count the frames by reading all of them: the number in the container is an estimate."""
     capture, count = _open(path), 0
     while capture.grab():
         count += 1
@@ -224,12 +219,12 @@ def count_frames(path: Path) -> int:
 
 
 def stated_frames(path: Path) -> int:
-    """The number of frames as the container has it: often exact, at times an estimate, 0 if unsaid."""
+    """Return the number of frames that the container states: often exact, at times an estimate, 0 if unknown."""
     return max(int(_open(path).get(cv2.CAP_PROP_FRAME_COUNT)), 0)
 
 
 def _key(path: Path) -> _Key:
-    """The file as it is now: one that was written anew is another video."""
+    """Identify the file as it is now: one that was rewritten is another video."""
     about = path.stat()
     return path, about.st_mtime_ns, about.st_size
 
@@ -249,9 +244,9 @@ def _open(path: Path) -> cv2.VideoCapture:
         raise RecordingError(
             "the video cannot be opened",
             where=path,
-            remedy="FFV1 in .mkv or .avi is read everywhere and loses nothing.",
+            remedy="FFV1 in .mkv or .avi is lossless and read everywhere.",
         )
-    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # as the sensor has it, whatever way a phone was held
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # do not follow the orientation tag
     pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
     check(pixels, "MAX_PIXELS", what="the pixels of its pictures", where=path)
     return capture
@@ -260,6 +255,6 @@ def _open(path: Path) -> cv2.VideoCapture:
 def _rgb(picture: npt.NDArray[Any], path: Path) -> Bytes:
     if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
         raise RecordingError(
-            "the video has no colours of 8 bits", where=path, value=f"{picture.shape} {picture.dtype}"
+            "the video does not have 8-bit colours", where=path, value=f"{picture.shape} {picture.dtype}"
         )
     return check_coloured(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8), path)

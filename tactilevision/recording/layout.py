@@ -7,8 +7,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-# The names of the files of a recording folder, and the columns of its tables. Said here and nowhere else.
-
 SETTINGS = "recording.toml"
 FRAMES = "frames"
 FRAME_TABLE = "frames.csv"
@@ -31,8 +29,8 @@ PHASES = ("free", "load", "hold", "unload")
 class Columns:
     """The columns that one table may have.
 
-    `numbers` and `words` must be there and be filled in; `gap_numbers` must be there, though a row may leave
-    them empty (NaN); `maybe_numbers` and `maybe_words` may be left out, or be left empty in a row (NaN, "").
+    `numbers` and `words` are required and filled; `gap_numbers` are required, but a cell may be empty (NaN);
+    `maybe_numbers` and `maybe_words` are optional, and a cell may be empty (NaN, "").
     """
 
     numbers: tuple[str, ...] = ()
@@ -43,12 +41,12 @@ class Columns:
 
     @property
     def required(self) -> tuple[str, ...]:
-        """What no table can do without."""
+        """The required columns."""
         return self.words + self.numbers + self.gap_numbers
 
     @property
     def known(self) -> tuple[str, ...]:
-        """Every column that has a meaning here."""
+        """All columns with a meaning."""
         return self.required + self.maybe_words + self.maybe_numbers
 
 
@@ -106,11 +104,11 @@ BALL_COLUMNS = Columns(
 )
 
 
-# Names in messages: the first of many, and which known one was probably meant by an unknown one.
-
-
 def nearest(name: str, among: Iterable[str]) -> str:
-    """The name that was probably meant: the same but for brackets, a unit or a slip; "" where none is."""
+    """Return the name that was probably meant: the same but for brackets, a unit or a slip.
+
+    "" if there is none.
+    """
     plain, folded = _folded(name), {_folded(other): other for other in among}
     for other in folded:
         if other.rpartition("_")[0] == plain or plain.rpartition("_")[0] == other:
@@ -120,10 +118,10 @@ def nearest(name: str, among: Iterable[str]) -> str:
 
 
 def _folded(name: str) -> str:
-    """In small letters, `Depth (mm)` being depth_mm."""
+    """Return the name in small letters, `Depth (mm)` as depth_mm."""
     return re.sub(r"[^\w./-]+", "_", name.casefold()).strip("_")
 
 
 def some(names: Sequence[str]) -> str:
-    """The first three, and how many more there are."""
+    """Return the first three names, and how many more there are."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -18,15 +18,13 @@ from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Curve, Floats, ForceSeries, Pair
 from tactilevision.records.rig import Indenter, Press, Sensor
 
-# What a recording is, once read: one frozen record, its pictures still on disk.
-
 
 @dataclass(frozen=True, slots=True)
 class BallPress:
     """A ball pressed into the gel for photometric calibration.
 
-    `centre_px` (x, y) and `contact_radius_px` are in the rectified frame; None where they were not recorded.
-    `frame` is its name in ball.csv, where that is not the file's name alone.
+    `centre_px` (x, y) and `contact_radius_px` are in the rectified frame; None: not recorded. `frame` is its name
+    in ball.csv, if that is not the file's name alone.
     """
 
     path: Path
@@ -37,13 +35,13 @@ class BallPress:
 
     @property
     def name(self) -> str:
-        """As it stands in ball.csv."""
+        """Name in ball.csv."""
         return self.frame or self.path.name
 
 
 @dataclass(frozen=True, slots=True)
 class BadFrame:
-    """A picture that is listed but absent, or cannot be read whole: `name`, `time_s` as listed, and `why`."""
+    """A listed picture that is missing or damaged: `name`, `time_s` as listed, and `why`."""
 
     name: str
     time_s: float
@@ -58,22 +56,17 @@ class StageSeries:
     z_mm: Floats
 
 
-def _no_times() -> Floats:
-    return np.zeros(0)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """One calibration run of one sensor.
 
-    `frame_names` and `frame_times_s` (N,) list the pictures in `frames_path` (a folder, or one video; None
-    where there is none) on the camera's clock, NaN where no time is known; `frame_size_px` (width, height) is
-    theirs as they are on disk, None where none could be read. `forces` and `force_std_N` are in
-    the rectified frame's axes: `force_rotation` (3, 3) has been applied already. `clock_offset_s` is F/T clock
-    minus camera clock, None where it has to be estimated. `white_level` is the number that full white has
-    in the files, None for the largest their bit depth holds. `flats` are pictures of the untouched gel; where
-    there are none, `flat_frames` are the frames that are taken for it. `extra` keeps the columns that have no
-    field here, by table and column; `settings` is recording.toml as written; `warnings` what a person should see.
+    `frame_names` and `frame_times_s` (N,) list the pictures in `frames_path` (a folder, one video or None) on the
+    camera's clock, NaN where the time is unknown; `frame_size_px` (width, height) is their size on disk, None if
+    none could be read. `forces` and `force_std_N` are in the rectified frame's axes: `force_rotation` (3, 3) has
+    been applied. `clock_offset_s` is F/T clock minus camera clock, None if it has to be estimated. `white_level`
+    is the number of full white in the files, None for the largest of their bit depth. `flats` are pictures of the
+    untouched gel; without any, `flat_frames` are the frames taken for it. `extra` holds the columns without a
+    field here, by table and column; `settings` is recording.toml as written; `warnings` are for a person to read.
     """
 
     path: Path
@@ -90,7 +83,7 @@ class Recording:
     presses: tuple[Press, ...] = ()
     frames_path: Path | None = None
     frame_names: tuple[str, ...] = ()
-    frame_times_s: Floats = field(default_factory=_no_times)
+    frame_times_s: Floats = field(default_factory=lambda: np.zeros(0))
     frame_size_px: tuple[int, int] | None = None
     forces: ForceSeries | None = None
     stage: StageSeries | None = None
@@ -105,8 +98,6 @@ class Recording:
     warnings: tuple[str, ...] = ()
 
 
-# The one message for what a step needs and a recording lacks.
-
 Need = Literal[
     "frames", "frame_times", "forces", "presses", "stage", "curves", "points", "flats", "balls", "gel", "indenters"
 ]
@@ -118,9 +109,8 @@ def _table(columns: layout.Columns) -> str:
 
 _SETTINGS_GEL = f"{layout.SETTINGS} [sensor.gel]"
 
-# what it is called, where it belongs, what to put there
-_PLACES: dict[Need, tuple[str, str, str]] = {
-    "frames": ("pictures", layout.FRAMES, "Put the images there, or one video beside it."),
+_PLACES: dict[Need, tuple[str, str, str]] = {  # name, place, remedy
+    "frames": ("pictures", layout.FRAMES, "Put the images there, or one video next to it."),
     "frame_times": ("the times of the frames", layout.FRAME_TABLE, _table(layout.FRAME_COLUMNS)),
     "forces": ("force readings", layout.FORCES, _table(layout.FORCE_COLUMNS)),
     "presses": ("the protocol of presses", layout.PRESSES, _table(layout.PRESS_COLUMNS)),
@@ -135,13 +125,13 @@ _PLACES: dict[Need, tuple[str, str, str]] = {
 
 
 def is_bare(recording: Recording) -> bool:
-    """Whether its pictures came without a recording.toml."""
+    """Return whether the pictures came without a recording.toml."""
     return not (recording.path / layout.SETTINGS).is_file()
 
 
 @contextmanager
 def faults_of_flats(recording: Recording) -> Iterator[None]:
-    """A fault of pictures of the untouched gel names where they are; of a bare folder, the option for others."""
+    """Make errors of pictures of the untouched gel name where they are and, of a bare folder, --reference."""
     folder = recording.path / layout.FLATS
     own = {flat.parent for flat in recording.flats} <= {folder} and not is_bare(recording)
     with faults_of_reference(folder if own else place_of_flats(recording), option=not own):
@@ -150,7 +140,7 @@ def faults_of_flats(recording: Recording) -> Iterator[None]:
 
 @contextmanager
 def faults_of_reference(where: Path | None, *, option: bool = True) -> Iterator[None]:
-    """A fault of the pictures of the untouched gel names `where` they are (None: as it is), and --reference."""
+    """Make errors of pictures of the untouched gel name `where` they are (None: unchanged), and --reference."""
     try:
         yield
     except InputError as fault:
@@ -162,7 +152,10 @@ def faults_of_reference(where: Path | None, *, option: bool = True) -> Iterator[
 
 
 def place_of_flats(recording: Recording) -> Path:
-    """The picture of the untouched gel, or the folder of several; the recording where there is none."""
+    """Return the path of the picture of the untouched gel, or the folder of several.
+
+    The recording if there is none.
+    """
     names, frames = recording.frame_names, recording.frames_path
     flats = [*recording.flats, *(frames / names[k] for k in recording.flat_frames if frames is not None)]
     return flats[0] if len(flats) == 1 else flats[0].parent if flats else recording.path
@@ -182,10 +175,6 @@ def _has(recording: Recording, need: Need) -> bool:
             return bool(recording.frame_names)
         case "frame_times":
             return bool(recording.frame_names) and not np.isnan(recording.frame_times_s).any()
-        case "forces":
-            return recording.forces is not None
-        case "stage":
-            return recording.stage is not None
         case "flats":
             return bool(recording.flats or recording.flat_frames)
         case "gel":

@@ -36,16 +36,14 @@ from tactilevision.recording.tables import Table, read_table
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
 
-# Which pictures a recording has, found with one look into each folder.
-
-MAX_RADIUS_MM = 1000.0  # of a ball: a larger one is a plane on any gel
+MAX_RADIUS_MM = 1000  # of a ball: a larger one is a plane on any gel
 _SIZED = 7  # pictures of a bare folder whose sizes are compared
-_MAX_TRIALS = 10  # pictures to try before their size is given up
+_MAX_TRIALS = 10  # pictures to try for the size
 _MAX_MISSING = 0.5  # share of the listed pictures that may be missing
 
 
 def list_images(folder: Path) -> list[str]:
-    """Names of the pictures in a folder, in the order in which a person counts (2 before 10).
+    """List the pictures in a folder by name, in numerical order (2 before 10).
 
     Raises InputError for a name that no table can hold.
     """
@@ -67,7 +65,7 @@ def _as_counted(name: str) -> list[tuple[int, int, str]]:
 
 
 def find_frames(root: Path) -> Path | None:
-    """The folder of images, or the one video, of a recording; None where there is neither."""
+    """Find the folder of images, or the one video, of a recording; None if there is neither."""
     folder = root / layout.FRAMES
     if _image_names(folder):
         return folder
@@ -84,10 +82,10 @@ def find_frames(root: Path) -> Path | None:
 
 
 def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
-    """frames.csv; and, as warnings, which pictures it lists that are gone, and how many are there unlisted.
+    """Read frames.csv; return it and warnings of listed pictures that are missing and of unlisted ones.
 
-    A frame or two that got lost are no reason to refuse thousands: readers meet them as BadFrame. Raises
-    RecordingError where most are missing, since such a list is of other pictures.
+    Readers yield a missing picture as a BadFrame. Raises RecordingError if most are missing, since such a list is
+    of other pictures.
     """
     table = read_frame_table(root / layout.FRAME_TABLE)
     names = table.words["frame"]
@@ -97,18 +95,21 @@ def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
     for name in names:
         inside(frames_path, name, where=table.path)
     present = set(_image_names(frames_path))
-    gone = _check_present(table, names, present, spare=_MAX_MISSING)
-    left = len(present - set(names))
-    lost = f"{len(gone)} of {len(names)} pictures listed are missing and are passed over: {some(gone)}"
-    return table, (f"{layout.FRAME_TABLE}: {lost}",) * bool(gone) + (
-        f"{layout.FRAMES}/: {left} pictures are not listed in {layout.FRAME_TABLE}",
-    ) * bool(left)
+    missing = _check_present(table, names, present, spare=_MAX_MISSING)
+    unlisted = len(present - set(names))
+    warnings = []
+    if missing:
+        lost = f"{len(missing)} of {len(names)} pictures listed are missing and are skipped: {some(missing)}"
+        warnings.append(f"{layout.FRAME_TABLE}: {lost}")
+    if unlisted:
+        warnings.append(f"{layout.FRAMES}/: {unlisted} pictures are not listed in {layout.FRAME_TABLE}")
+    return table, tuple(warnings)
 
 
 def _check_present(
     table: Table, names: Sequence[str], present: set[str], *, spare: float = 0.0
 ) -> tuple[str, ...]:
-    """Names that are not there; raises where they are more than the share `spare`, or lack but their ending."""
+    """Return the names that are missing; raise if they exceed the share `spare`, or lack only their ending."""
     missing = [row for row, name in enumerate(names) if name not in present]
     if missing:
         name = names[missing[0]]
@@ -120,20 +121,20 @@ def _check_present(
             f"{len(missing)} of {len(names)} pictures listed are missing, the first is {name}",
             remedy=f"Write its name with its ending: {ended[0]}."
             if ended
-            else "Copy them, or take them off the list.",
+            else "Copy them, or remove them from the list.",
         )
     return ()
 
 
 def _check_indices(table: Table, video: Path) -> None:
-    """Frames of a video are listed by number, from 0, rising; 12.0 is written as 12."""
+    """Check that frames of a video are listed by number, from 0, rising; 12.0 is read as 12."""
     last = -1
     table.words["frame"] = [re.sub(r"\.0*$", "", name) for name in table.words["frame"]]
     for row, name in enumerate(table.words["frame"]):
         if not (name.isascii() and name.isdigit()):
             raise table.fault(row, f"frames of a video ({video.name}) are numbers, from 0", value=name)
         if int(name) <= last:
-            raise table.fault(row, f"frame {name} stands after frame {last}", remedy="Numbers rise with time.")
+            raise table.fault(row, f"frame {name} comes after frame {last}", remedy="Numbers rise with time.")
         last = int(name)
     if last >= stated_frames(video) and last >= (count := count_frames(video)):
         row = next(row for row, name in enumerate(table.words["frame"]) if int(name) >= count)
@@ -145,18 +146,21 @@ def _check_indices(table: Table, video: Path) -> None:
 
 
 def find_flats(root: Path) -> tuple[Path, ...]:
-    """Pictures of the untouched gel."""
+    """List the pictures of the untouched gel."""
     folder = root / layout.FLATS
     return tuple(folder / name for name in list_images(folder))
 
 
 def find_balls(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
-    """Ball presses with what their table says of them, and warnings."""
+    """Read ball presses with their table; return them and warnings."""
     return read_balls(root / layout.BALLS, root / layout.BALL_TABLE)
 
 
 def read_balls(folder: Path, path: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
-    """The ball presses in a folder by the table at `path`, and warnings; none where there is neither."""
+    """Read the ball presses in a folder by the table at `path`.
+
+    Return them and warnings, none if there is neither.
+    """
     images = list_images(folder)
     if not images and not path.is_file():
         return (), ()
@@ -197,7 +201,10 @@ def _ball(table: Table, row: int, folder: Path) -> BallPress:
 def first_look(
     frames_path: Path, names: Sequence[str], *, white_level: float | None = None
 ) -> tuple[tuple[int, int], tuple[str, ...]]:
-    """(width, height) of the first picture that can be read, and warnings. Raises where none of the first can."""
+    """Return (width, height) of the first picture that can be read, and warnings.
+
+    Raises if none of the first can.
+    """
     why = ""
     if frames_path.is_file():
         rgb = next(iter_video(frames_path, [int(names[0])]))[1] if names else None
@@ -215,15 +222,17 @@ def first_look(
     raise RecordingError(
         f"none of the first pictures can be read: {', '.join(names[:_MAX_TRIALS]) or 'there is none'}",
         where=frames_path,
-        remedy=why or "Copy them again from where they came.",
+        remedy=why or "Copy them again from their source.",
     )
 
 
 def most_sizes(
     frames_path: Path, names: Sequence[str], first_px: tuple[int, int]
 ) -> tuple[tuple[int, int], int, tuple[str, ...]]:
-    """(width, height) that most of some pictures have, the number of the first such, and a warning if others come
-    before. `first_px` is the size of the first that can be read; it stands where no other is the more usual."""
+    """Return (width, height) that most of some pictures have, the number of the first such, and a warning if
+    others come before. `first_px` is the size of the first that can be read; it holds if no other is more
+    frequent.
+    """
     if frames_path.is_file():
         return first_px, 0, ()
     looked = dict.fromkeys(np.linspace(0, len(names) - 1, _SIZED).astype(int).tolist())
@@ -236,12 +245,12 @@ def most_sizes(
     return (
         usual,
         first,
-        (f"the first pictures are {was}, most others {now}: {names[first]} and those alike are read",),
+        (f"the first pictures are {was}, most others {now}: {names[first]} and others of its size are read",),
     )
 
 
 def _size_of(path: Path) -> tuple[int, int] | None:
-    """Width and height of a picture; None for one that cannot be read."""
+    """Return width and height of a picture; None for one that cannot be read."""
     try:
         height, width = read_stored(path).shape[:2]
     except (InputError, OSError):
@@ -265,7 +274,7 @@ def check_references(
 def doubts_of_turning(
     frames_path: Path | None, names: Sequence[str], references: Sequence[Path]
 ) -> tuple[str, ...]:
-    """A warning where references state another orientation than a folder's first frame; no tag is followed."""
+    """Return a warning if references state another orientation than a folder's first frame; no tag is followed."""
     stated = {path: turned for path in references if (turned := _orientation(path)) is not None}
     usual = _orientation(frames_path / names[0]) or 1 if names and frames_path and frames_path.is_dir() else 1
     others = [path for path, turned in stated.items() if turned != usual]
@@ -273,13 +282,13 @@ def doubts_of_turning(
         return ()
     names = some([f"{path.parent.name}/{path.name}" for path in others])
     return (
-        f"{names}: a tag of orientation {stated[others[0]]} is stated, {usual} by the frames (1: as it lies). "
-        "Tags are not followed: where a program turned the pixels of one of them, turn them back",
+        f"{names}: the orientation tag is {stated[others[0]]}, that of the frames {usual} (1: not turned). Tags "
+        "are not followed: if a program turned the pixels of one of them, turn them back",
     )
 
 
 def _orientation(path: Path) -> int | None:
-    """That a file states; None for one that cannot be read."""
+    """Return the orientation that a file states; None for one that cannot be read."""
     try:
         return orientation(read_bytes(path))
     except (InputError, OSError):
@@ -287,31 +296,29 @@ def _orientation(path: Path) -> int | None:
 
 
 def check_size(size_px: tuple[int, int], frame_size_px: tuple[int, int], path: Path) -> None:
-    """Raise RecordingError where a reference has another size (width, height) than the frames; without any, than
-    the first of the references.
-    """
+    """Raise RecordingError if a reference has another size (width, height) than the frames or first reference."""
     if size_px != frame_size_px:
         raise RecordingError(
             f"the picture is {size_px[0]} x {size_px[1]}, the others {frame_size_px[0]} x {frame_size_px[1]}",
             where=path,
-            remedy="Take frames, untouched gel and ball presses with the camera set alike, before rectification.",
+            remedy="Take frames, untouched gel and ball presses with one camera setting, before rectification.",
         )
 
 
 def _doubts_of_depth(stored: npt.NDArray[Any], name: str, white_level: float | None) -> tuple[str, ...]:
-    """Cameras of 10, 12 or 14 bits often store their numbers in 16; nothing in the file says so."""
+    """Return a warning if 16 bits probably hold numbers of 10, 12 or 14; nothing in the file states it."""
     brightest = int(stored.max()) if stored.dtype == np.uint16 else 65535
     if white_level is not None or brightest >= 2**14:
         return ()
     return (
-        f"{name}: its brightest number is {brightest} of 65535; where the camera has fewer than 16 bits, state "
+        f"{name}: its largest value is {brightest} of 65535; if the camera has fewer than 16 bits, state "
         f"white_level in {layout.SETTINGS} [sensor] (4095 for 12 bits)",
     )
 
 
-# The pictures of a recording, one after another or by number; never more than a few of them in memory.
+# Reading pictures one after another or by number, with a few of them in memory.
 
-_AHEAD = 4  # frames read ahead of their use
+_AHEAD = 4  # frames read ahead
 
 
 def iter_frames(
@@ -319,9 +326,9 @@ def iter_frames(
 ) -> Iterator[Frame | BadFrame]:
     """Stream the frames with start_s <= time <= end_s, in order, as they are on disk (not rectified).
 
-    A frame of unknown time is part of every stream. A picture that is absent or torn comes as a BadFrame. Raises
-    RecordingError where the recording has no frames, where a picture is of another kind (grey, floating
-    point beyond its range), or of another size than the ones before.
+    A frame of unknown time is part of every stream. A picture that is missing or damaged is yielded as a BadFrame.
+    Raises RecordingError for a recording without frames, and for a picture of another kind (grey, floating point
+    beyond its range) or of another size than those before.
     """
     require(recording, "frames", step="reading frames")
     times = recording.frame_times_s
@@ -332,7 +339,7 @@ def iter_frames(
 def read_frame(recording: Recording, index: int) -> Frame:
     """Read one frame by its place in `recording.frame_names`; negative ones count from the end.
 
-    Raises RecordingError where the picture is absent or torn, InputError where there is no such frame.
+    Raises RecordingError if the picture is missing or damaged, InputError if there is no such frame.
     """
     require(recording, "frames", step="reading frames")
     count = len(recording.frame_names)
@@ -345,7 +352,7 @@ def read_frame(recording: Recording, index: int) -> Frame:
 
 
 def read_flats(recording: Recording) -> list[Bytes]:
-    """The raw pictures (H, W, 3), grey levels, of the untouched gel: those of their own, or frames taken for one.
+    """Read the raw pictures (H, W, 3), grey levels, of the untouched gel: their own, or the frames taken for it.
 
     Raises RecordingError for one that cannot be read.
     """
@@ -355,7 +362,7 @@ def read_flats(recording: Recording) -> list[Bytes]:
 
 
 def read_reference(recording: Recording, path: Path) -> Bytes:
-    """The raw picture (H, W, 3), grey levels, of the untouched gel or a ball press at `path`.
+    """Read the raw picture (H, W, 3), grey levels, of the untouched gel or a ball press at `path`.
 
     Raises RecordingError where it cannot be read, or has another size than the frames.
     """
@@ -384,7 +391,7 @@ def _from_video(recording: Recording, wanted: list[int]) -> Iterator[Frame | Bad
 
 
 def _read_ahead(recording: Recording, wanted: Iterable[int]) -> Iterator[Frame | BadFrame]:
-    """Decode a few pictures ahead in a second thread, while the caller works on the one before."""
+    """Decode a few pictures ahead in a second thread."""
     rows = iter(wanted)
     with ThreadPoolExecutor(1, thread_name_prefix="frames") as reader:
         pending: deque[Future[Frame | BadFrame]] = deque(

@@ -30,6 +30,7 @@ from tactilevision.recording.read_tables import (
 )
 from tactilevision.recording.sensor import build_sensor
 from tactilevision.recording.tables import Table
+from tactilevision.records.constants import KILO
 from tactilevision.records.measured import Curve, Floats
 from tactilevision.records.rig import Indenter, Press, Sensor
 
@@ -37,20 +38,21 @@ if TYPE_CHECKING:
     from tactilevision.recording.settings import IndenterSettings, Settings
 
 
-# What must agree between the files of one recording.
+# Consistency between the files of one recording.
 
-MIN_GAP_S = 2.0  # s without readings; presses last some seconds, so less leaves none out of step
+MIN_GAP_S = 2.0  # s without readings; presses last some seconds
 MIN_GAP_STEPS = 20  # usual steps without readings; loggers lose a few
-SAME_PAUSE = 1.5  # times the frames' longest pause; frames come at presses alone, and end some seconds before
-ALIKE = 0.5  # of the longest gap: the middle one of gaps that recur; a stage changes places more and less quickly
+SAME_PAUSE = 1.5  # times the frames' longest pause; frames are taken at presses alone, and end some seconds before
+ALIKE = 0.5  # of the longest gap: the median of recurring gaps; a stage takes more or less time between places
+SAME_RATE = 0.1  # relative tolerance of the readings' rate
 LONGER = 2.0  # times a press's length that its curve may last; free gel before and after adds little
-_SPARE = 0.1  # share of a press that the readings may miss at its end: free gel, where only the zero is read
+_SPARE = 0.1  # of a press: part that the readings may miss at its end, which is free gel
 
 
 def check_forces_cover(recording: Recording) -> tuple[str, ...]:
-    """Raise where the force readings miss a part of the first or the last press; warn where it is a small one.
+    """Raise if the force readings miss a part of the first or last press; return a warning if it is small.
 
-    With an unknown clock offset only lengths can be compared: the readings must last as long as the presses do.
+    With an unknown clock offset only durations are compared.
     """
     if recording.forces is None or not recording.presses:
         return ()
@@ -76,7 +78,7 @@ def _judged(recording: Recording, press: Press, missing_s: float, said: str) -> 
         raise RecordingError(
             said,
             where=recording.path / layout.FORCES,
-            remedy="Copy the whole file, or take the presses without force out of presses.csv"
+            remedy="Copy the whole file, or remove the presses without force from presses.csv"
             + (f"; or correct [clock] offset_s in {layout.SETTINGS}." if recording.clock_offset_s else "."),
         )
     # the last reading comes up to one step before the last press ends
@@ -84,7 +86,7 @@ def _judged(recording: Recording, press: Press, missing_s: float, said: str) -> 
 
 
 def doubts(recording: Recording) -> Iterator[str]:
-    """What is legal but unlikely, one sentence each, for a person to look at."""
+    """Yield a sentence for each thing that is legal but unlikely."""
     yield from _doubts_of_frames(recording)
     yield from _doubts_of_forces(recording)
     yield from _doubts_of_depths(recording)
@@ -95,8 +97,8 @@ def doubts(recording: Recording) -> Iterator[str]:
     back = [after for before, after in pairwise(recording.curves) if after.time_s[0] < before.time_s[0]]
     if back:
         yield (
-            f"{layout.CURVES}: time_s starts anew between presses, at {some([curve.press for curve in back])}, so "
-            "rest and order cannot be told: is a press of another recording, or in the place of another one?"
+            f"{layout.CURVES}: time_s starts again between presses, at {some([curve.press for curve in back])}, "
+            "so rest and order are unknown: is a press of another recording, or out of order?"
         )
     else:
         yield from _doubts_of_curve_times(recording)
@@ -108,17 +110,17 @@ def _doubts_of_curve_rows(recording: Recording) -> Iterator[str]:
     if copies:
         where = some([curve.press for curve in recording.curves if _repeated(curve)])
         yield (
-            f"{layout.CURVES}: {copies} rows are those before them once more, in press {where}: copies tell "
-            "nothing new and narrow the intervals. Take them out"
+            f"{layout.CURVES}: {copies} rows repeat the row before them, in press {where}: copies hold no "
+            "information and narrow the intervals. Remove them"
         )
-    drawn = {curve.press for curve in recording.curves}
-    without = [press.press for press in recording.presses if press.press not in drawn]
-    if drawn and without:
+    with_rows = {curve.press for curve in recording.curves}
+    without = [press.press for press in recording.presses if press.press not in with_rows]
+    if with_rows and without:
         yield f"{layout.CURVES}: no rows of press {some(without)}, which {layout.PRESSES} lists"
 
 
 def _repeated(curve: Curve) -> int:
-    """How many rows of a curve are the rows before them once more."""
+    """Count the rows of a curve that repeat the row before them."""
     readings = np.column_stack([curve.time_s, curve.depth_mm, curve.force_N])
     return int(np.count_nonzero(np.all(np.diff(readings, axis=0) == 0, axis=1)))
 
@@ -134,7 +136,7 @@ def _doubts_of_curve_times(recording: Recording) -> Iterator[str]:
     if 2 * len(long) > len(known):
         first = long[0]
         yield (
-            f"{layout.CURVES}: {len(long)} of {len(known)} presses last longer than {layout.PRESSES} says, press "
+            f"{layout.CURVES}: {len(long)} of {len(known)} presses last longer than in {layout.PRESSES}, press "
             f"{first.press} {_lasting(first):.6g} s and not {np.ptp(spans[first.press]):.6g} s. time_s counts "
             "seconds: is it in milliseconds?"
         )
@@ -158,7 +160,7 @@ def _doubts_of_frames(recording: Recording) -> Iterator[str]:
         return
     equal = int(np.count_nonzero(np.diff(times) == 0))
     if equal:
-        yield f"{layout.FRAME_TABLE}: {equal} frames have the very time of the frame before"
+        yield f"{layout.FRAME_TABLE}: {equal} frames have the same time as the frame before"
     blind = [p.press for p in recording.presses if p.start_s > times[-1] or p.end_s < times[0]]
     if blind:
         of_all = len(blind) == len(recording.presses)
@@ -172,8 +174,8 @@ def _doubts_of_forces(recording: Recording) -> Iterator[str]:
     times, normal = recording.forces.time_s, recording.forces.force_N[:, 2]
     step_s = float(np.median(np.diff(times)))
     rate = recording.force_rate_Hz
-    if rate is not None and step_s > 0 and not math.isclose(1 / step_s, rate, rel_tol=0.1):
-        in_ms = ": is time_s in ms?" if math.isclose(1e3 / step_s, rate, rel_tol=0.1) else ""
+    if rate is not None and step_s > 0 and not math.isclose(1 / step_s, rate, rel_tol=SAME_RATE):
+        in_ms = ": is time_s in ms?" if math.isclose(KILO / step_s, rate, rel_tol=SAME_RATE) else ""
         yield f"{layout.FORCES}: readings come at {1 / step_s:.4g} Hz, not at rate_Hz = {rate:g}{in_ms}"
     pause_s = float(np.diff(recording.frame_times_s).max(initial=0.0))  # of both: a change of indenter
     gaps_s = np.diff(times)
@@ -181,20 +183,20 @@ def _doubts_of_forces(recording: Recording) -> Iterator[str]:
     if gaps.size and not _read_by_press(recording, times[gaps], times[gaps + 1]):
         longest = int(np.argmax(gaps_s))
         yield (
-            f"{layout.FORCES}: no readings for {gaps_s[longest]:.3g} s after time_s = {times[longest]:.6g}: where "
-            "the clock jumped, forces after it belong to other moments than they state"
+            f"{layout.FORCES}: no readings for {gaps_s[longest]:.3g} s after time_s = {times[longest]:.6g}: if "
+            "the clock jumped, the times of forces after it are wrong"
         )
     if recording.presses and np.ptp(normal) == 0:
         yield f"{layout.FORCES}: fz_N is {normal[0]:g} N throughout, also where presses are: was the sensor read?"
     free = float(np.median(normal))
     if free - normal.min() > 2 * (normal.max() - free) and free - normal.min() > 20 * recording.forces.std_N[2]:
-        yield f"{layout.FORCES}: fz_N mostly falls where the gel is pressed; it is to grow: see [force] rotation"
+        yield f"{layout.FORCES}: fz_N mostly falls in presses, where it should grow: see [force] rotation"
 
 
 def _read_by_press(recording: Recording, starts_s: Floats, ends_s: Floats) -> bool:
-    """Whether readings pause again and again between presses: gaps (n,) that hold no press's middle.
+    """Return whether readings pause regularly between presses: gaps (n,) that hold no press's middle.
 
-    With an unknown clock offset, gaps that are alike: the half of them are at least half as long as the longest.
+    With an unknown clock offset: whether the median gap is at least half as long as the longest.
     """
     if starts_s.size < 2:
         return False
@@ -217,7 +219,7 @@ def _doubts_of_depths(recording: Recording) -> Iterator[str]:
             yield f"{table}: depth_mm = {deepest:g} exceeds the gel's thickness of {gel.thickness_mm:g} mm"
 
 
-# Reading a recording folder: everything but the pictures, checked, in one record.
+# Reading a recording folder, except its pictures.
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -225,10 +227,10 @@ Columns = Mapping[str, npt.NDArray[Any]]
 def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None) -> Recording:
     """Read a recording folder and check all that can be checked without decoding its pictures.
 
-    `sensor` holds keys of [sensor] for what the file leaves out. Raises RecordingError, with file and line or key,
-    for the first fault found. What is legal but unlikely stands in `Recording.warnings`.
+    `sensor` holds keys of [sensor] that the file lacks. Raises RecordingError, with file and line or key, for the
+    first fault found. `Recording.warnings` lists what is legal but unlikely.
     """
-    # pydantic takes a while to load, and looking at the package should cost nothing
+    # imported here, since pydantic is slow to import
     from tactilevision.recording.settings import check_settings, load_toml
 
     root = Path(path)
@@ -259,9 +261,9 @@ def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None)
 
 
 def _completed(settings: Settings, sensor: Mapping[str, Any]) -> Settings:
-    """With keys of [sensor] that the file leaves out."""
-    left_out = {key: value for key, value in sensor.items() if getattr(settings.sensor, key) is None}
-    return settings.model_copy(update={"sensor": settings.sensor.model_copy(update=left_out)})
+    """Add keys of [sensor] that the file lacks."""
+    missing = {key: value for key, value in sensor.items() if getattr(settings.sensor, key) is None}
+    return settings.model_copy(update={"sensor": settings.sensor.model_copy(update=missing)})
 
 
 def _find_settings(root: Path) -> Path:
@@ -290,7 +292,7 @@ def _find_settings(root: Path) -> Path:
 
 
 def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Recording:
-    """Add the list of frames, the references, and the sensor, whose size the pictures tell."""
+    """Add the list of frames, the references, and the sensor, whose size the pictures determine."""
     root = recording.path
     frames_path = pictures.find_frames(root)
     names: tuple[str, ...] = ()
@@ -329,14 +331,14 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
 
 
 def _light_alone(root: Path, flats: Sequence[Path], balls: Sequence[BallPress]) -> tuple[Path, list[str]] | None:
-    """Folder and names of the pictures that tell the size of a recording of ball presses and nothing else."""
+    """Return folder and names of the pictures that determine the size in a recording of ball presses only."""
     if not (flats and balls) or _named(root, layout.CURVES, layout.POINTS):
         return None
     return flats[0].parent, [flat.name for flat in flats]
 
 
 def _check_no_frames_needed(recording: Recording) -> None:
-    """Without pictures there must be curves, points or ball presses; a list of pictures must not be there."""
+    """Check that, without pictures, there are curves, points or ball presses, and no list of pictures."""
     root, folder = recording.path, recording.path / layout.FRAMES
     light_alone = _named(root, layout.BALL_TABLE) and not _is_calibration(root)
     listed = _named(root, layout.FRAME_TABLE)
@@ -344,7 +346,7 @@ def _check_no_frames_needed(recording: Recording) -> None:
         others = sorted(path.name for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
         if others:
             raise RecordingError(
-                f"none of its {len(others)} files is a picture or a video of a known kind",
+                f"none of its {len(others)} files is a picture or a video of a supported kind",
                 where=folder,
                 value=others[0],
                 remedy=f"Save them as one of {', '.join(layout.IMAGE_SUFFIXES)}.",
@@ -355,21 +357,21 @@ def _check_no_frames_needed(recording: Recording) -> None:
                 where=folder,
                 remedy=f"Put them there, or remove {layout.FRAME_TABLE}.",
             )
-        pictures.find_balls(root)  # ball presses without their table are named by it
+        pictures.find_balls(root)  # raises for ball presses without their table
         raise RecordingError(
-            "the recording holds nothing to work on: neither frames nor curves nor points",
+            "the recording holds neither frames nor curves nor points",
             where=root,
             remedy=f"Add {layout.FRAMES}/ with {layout.FRAME_TABLE}, or {layout.CURVES}, or {layout.POINTS}.",
         )
 
 
 def _is_calibration(root: Path) -> bool:
-    """Whether times matter: then a missing frames.csv is a fault at once."""
+    """Return whether times matter: then a missing frames.csv is an error."""
     return _named(root, layout.FORCES, layout.PRESSES)
 
 
 def _named(root: Path, *names: str) -> bool:
-    """Whether one of these stands in the folder, be it a pipe or a link to nowhere: its reader says so."""
+    """Return whether one of these is in the folder, even a pipe or a broken link: its reader reports it."""
     return any(os.path.lexists(root / name) for name in names)
 
 
@@ -378,12 +380,12 @@ def _unlisted(frames_path: Path) -> tuple[tuple[str, ...], npt.NDArray[np.float6
         names = tuple(str(index) for index in range(count_frames(frames_path)))
     else:
         names = tuple(pictures.list_images(frames_path))
-    warning = f"{layout.FRAME_TABLE} is missing: frames are taken in the order of their names, without times"
+    warning = f"{layout.FRAME_TABLE} is missing: frames are read in the order of their names, without times"
     return names, np.full(len(names), np.nan), (warning,)
 
 
 def _with_tables(recording: Recording, settings: Settings, toml: Path) -> Recording:
-    """Add whichever tables there are."""
+    """Add the tables that exist."""
     root, tables = recording.path, list[Table]()
     found: dict[str, Any] = {}
 
@@ -395,7 +397,7 @@ def _with_tables(recording: Recording, settings: Settings, toml: Path) -> Record
         keep("forces", read_forces(root / layout.FORCES, settings.force, toml=toml))
         found["force_std_N"] = found["forces"].std_N
         if not settings.force.std_N:
-            found["warnings"] = (f"{toml.name}: [force] std_N is left out: it was estimated from {layout.FORCES}",)
+            found["warnings"] = (f"{toml.name}: [force] std_N is missing: it was estimated from {layout.FORCES}",)
     if _named(root, layout.PRESSES):
         keep("presses", read_presses(root / layout.PRESSES, recording.indenters))
     if _named(root, layout.STAGE):

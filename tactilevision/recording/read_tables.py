@@ -26,35 +26,35 @@ if TYPE_CHECKING:
     from tactilevision.recording.settings import ForceSettings
 
 
-# Tables that run along a clock: frames, forces, the motion stage.
-
-
 def read_frame_table(path: Path) -> Table:
-    """frames.csv: every name once, time never going backwards."""
+    """Read frames.csv: every name once, time never going backwards."""
     table = read_table(path, layout.FRAME_COLUMNS)
     check_time(table, table.numbers["time_s"])
-    first: dict[str, int] = {}
-    for row, name in enumerate(table.words["frame"]):
-        if name in first:
-            raise table.fault(
-                row,
-                f"the frame is listed twice, first in line {table.lines[first[name]]}",
-                value=name,
-                remedy="Each picture has one time: remove the copy.",
-            )
-        first[name] = row
+    _check_once(table, "frame", remedy="Each picture has one time: remove the copy.")
     return table
 
 
-MAX_FORCE_N = 1e6  # N: a hundred tonnes on a pad of some cm2; more is another unit, or a broken file
+def _check_once(table: Table, column: str, *, remedy: str) -> None:
+    first: dict[str, int] = {}
+    for row, name in enumerate(table.words[column]):
+        if (before := first.setdefault(name, row)) != row:
+            raise table.fault(
+                row,
+                f"the {column} is listed twice, first in line {table.lines[before]}",
+                value=name,
+                remedy=remedy,
+            )
+
+
+MAX_FORCE_N = 1_000_000  # N: more is another unit, or a broken file
 
 
 def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[ForceSeries, Table]:
-    """forces.csv turned into the rectified frame's axes.
+    """Read forces.csv, turned into the rectified frame's axes.
 
-    force = R reading, with R of [force] rotation. Torque turns with det(R) R, since it is an axial vector;
-    the noise of independent readings becomes sqrt(R^2 std^2), element by element. Where std_N is left out, the
-    noise is estimated from successive readings (`step_noise`).
+    force = R reading, with R of [force] rotation. Torque turns with det(R) R, since it is an axial vector; the
+    noise of independent readings becomes sqrt(R^2 std^2), element by element. Without std_N the noise is
+    estimated from successive readings (`step_noise`).
     """
     table = read_table(path, layout.FORCE_COLUMNS, least_rows=2)
     time_s = table.numbers["time_s"]
@@ -64,7 +64,7 @@ def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[For
     for row in np.flatnonzero(np.abs(readings).max(axis=1) > MAX_FORCE_N)[:1]:
         raise table.fault(
             int(row),
-            "a force that no gel bears",
+            f"a force exceeds {MAX_FORCE_N:,} N",
             value=float(np.abs(readings[row]).max()),
             remedy="Forces are in N.",
         )
@@ -80,14 +80,14 @@ def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[For
 
 
 def read_stage(path: Path) -> tuple[StageSeries, Table]:
-    """stage.csv: place of the motion stage on the F/T sensor's clock."""
+    """Read stage.csv: place of the motion stage on the F/T sensor's clock."""
     table = read_table(path, layout.STAGE_COLUMNS, least_rows=2)
     check_time(table, table.numbers["time_s"])
     return StageSeries(table.numbers["time_s"], table.numbers["z_mm"]), table
 
 
 def check_time(table: Table, time_s: Floats, *, rows: Floats | None = None) -> None:
-    """Raise where time (n,), in s, goes backwards from one row to the next.
+    """Raise RecordingError if time (n,), in s, goes backwards from one row to the next.
 
     `rows` (n,) are its rows in the table.
     """
@@ -98,24 +98,24 @@ def check_time(table: Table, time_s: Floats, *, rows: Floats | None = None) -> N
         raise table.fault(
             row,
             f"time_s goes backwards, from {time_s[after - 1]:.12g} to {time_s[after]:.12g}",
-            remedy="Rows stand in the order of time; time never restarts, also over days.",
+            remedy="Rows are in the order of time, which never restarts, also over days.",
         )
 
 
 def as_three(values: Sequence[float]) -> tuple[float, float, float]:
-    """x, y, z of a list that is known to hold them."""
+    """Return a list of three as (x, y, z)."""
     x, y, z = values
     return x, y, z
 
 
 def rotation(settings: ForceSettings, toml: Path) -> Floats | None:
-    """[force] rotation (3, 3), None where it is left out. A left-handed set of axes is legal (det -1)."""
+    """Return [force] rotation (3, 3), None if it is absent. Left-handed axes are legal (det -1)."""
     if settings.rotation is None:
         return None
     turn = np.array(settings.rotation, dtype=float)
     if not turns(turn):
         raise RecordingError(
-            "[force] rotation must turn without stretching: rows of length 1, at right angles",
+            "[force] rotation must be orthogonal: rows of length 1, at right angles",
             where=toml,
             value=settings.rotation,
             remedy="Its rows are the frame's x (right), y (down) and z (into the gel) in the F/T sensor's axes.",
@@ -124,15 +124,15 @@ def rotation(settings: ForceSettings, toml: Path) -> Floats | None:
 
 
 def turns(rotation: Floats) -> bool:
-    """Whether a matrix (3, 3), dimensionless, turns without stretching."""
+    """Return whether a matrix (3, 3), dimensionless, is orthogonal."""
     return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3))
 
 
 def step_noise(readings: Floats) -> Floats:
-    """Standard deviation (3,) of one reading, from the differences of successive ones (T, 3).
+    """Estimate the standard deviation (3,) of one reading from the differences of successive ones (T, 3).
 
-    1.4826 median |d - median d| / sqrt(2), which slow changes of force leave alone; not below that of the
-    readings' own rounding, step / sqrt(12). Too low where neighbouring readings were filtered together.
+    1.4826 median |d - median d| / sqrt(2), which slow changes of force do not affect; at least the rounding's,
+    step / sqrt(12). Too low where neighbouring readings were filtered together.
     """
     steps = np.diff(readings, axis=0)
     spread = MAD_TO_STD * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0) / np.sqrt(2)
@@ -141,10 +141,9 @@ def step_noise(readings: Floats) -> Floats:
     return np.asarray(np.maximum(spread, rounding), dtype=float)
 
 
-# Columns of points.csv beside the point's own: how it was certified, and the surface beside its face.
+# Columns of points.csv with details of the certification, and the surface next to the face.
 
-# column of the file: field of CertificationDetails
-_NUMBERS = {
+_NUMBERS = {  # column of the file: field of CertificationDetails
     "rise_ratio": "pile_up_ratio",
     "rise_ratio_std": "pile_up_ratio_std",
     "lean_std_mm": "tilt_std_mm",
@@ -169,7 +168,7 @@ _DROP = re.compile(r"fall_(\d+)_([\d.]+)_([\d.]+)_mm")
 
 
 def point_columns(point: CertifiedPoint) -> dict[str, Any]:
-    """Cells of one point by column: details, edge profile (fall_AZIMUTH_FROM_TO_mm) and extra."""
+    """Return the cells of one point by column: details, edge profile (fall_AZIMUTH_FROM_TO_mm) and extra."""
     details = point.details
     cells: dict[str, Any] = {column: getattr(details, name) for column, name in (_NUMBERS | _WORDS).items()}
     cells[_READINGS] = details.force_readings
@@ -182,7 +181,9 @@ def point_columns(point: CertifiedPoint) -> dict[str, Any]:
 
 
 def split_columns(cells: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments `details`, `edge_profile` and `extra` of CertifiedPoint from the further cells of one row."""
+    """Return the arguments `details`, `edge_profile` and `extra` of CertifiedPoint from the further cells of one
+    row.
+    """
     numbers: dict[str, Any] = {name: _number(cells, column) for column, name in _NUMBERS.items()}
     words: dict[str, Any] = {name: _word(cells, column) for column, name in _WORDS.items()}
     readings, dwell = _number(cells, _READINGS), _number(cells, _DWELL)
@@ -206,7 +207,7 @@ def _drop(column: str, drop_mm: float) -> EdgeDrop:
 
 
 def _number(cells: Mapping[str, Any], name: str) -> float:
-    """The number of a cell; NaN where it holds none, for these columns are for the reader's information."""
+    """Return the number of a cell; NaN if it holds none, since these columns are for information."""
     try:
         return float(cells.get(name, np.nan))
     except (TypeError, ValueError):
@@ -218,16 +219,14 @@ def _word(cells: Mapping[str, Any], name: str) -> str:
     return cell if isinstance(cell, str) else "" if np.isnan(cell) else f"{cell:g}"
 
 
-# Tables of presses: the protocol, certified points, curves.
-
 _WORDS_OF_TRUTH = {"true": True, "1": True, "yes": True, "": True, "false": False, "0": False, "no": False}
 
 
 def read_presses(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[Press, ...], Table]:
-    """presses.csv in the order of time: each label once, each indenter described, none overlapping another."""
+    """Read presses.csv in the order of time: each label once, each indenter described, no overlaps."""
     table = read_table(path, layout.PRESS_COLUMNS)
     check_indenters(table, indenters)
-    _check_labels(table)
+    _check_once(table, "press", remedy="Give every press its own label.")
     for row, date in enumerate(table.words.get("date", ())):
         _check_date(table, row, date)
     for row, flag in enumerate(table.optional("lubricated")):
@@ -254,7 +253,7 @@ def read_presses(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[P
 
 
 def read_points(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[CertifiedPoint, ...], Table]:
-    """points.csv; depth and force may be empty only where `accepted` is false."""
+    """Read points.csv; depth and force may be empty only where `accepted` is false."""
     table = read_table(path, layout.POINT_COLUMNS)
     check_indenters(table, indenters)
     for name in ("depth_std_mm", "fz_std_N"):
@@ -264,7 +263,7 @@ def read_points(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[Ce
 
 
 def read_curves(path: Path) -> tuple[tuple[Curve, ...], Table]:
-    """curves.csv: one Curve for each label, in the order in which they first stand there."""
+    """Read curves.csv: one Curve for each label, in the order of their first rows."""
     table = read_table(path, layout.CURVE_COLUMNS, least_rows=2)
     phases = np.array(table.words.get("phase", [""] * len(table.lines)))
     for row in np.flatnonzero(~np.isin(phases, ("", *layout.PHASES))).tolist():
@@ -294,7 +293,7 @@ def read_curves(path: Path) -> tuple[tuple[Curve, ...], Table]:
 
 
 def check_indenters(table: Table, indenters: Mapping[str, Indenter]) -> None:
-    """Raise for the first row whose indenter recording.toml does not describe."""
+    """Raise RecordingError for the first row whose indenter recording.toml does not describe."""
     for row, name in enumerate(table.words["indenter"]):
         if name not in indenters:
             near = nearest(name, indenters)
@@ -309,20 +308,8 @@ def check_indenters(table: Table, indenters: Mapping[str, Indenter]) -> None:
 
 
 def _key(name: str) -> str:
-    """A name as a key of TOML: in quotes where a dot or a space would part it."""
+    """Return a name as a key of TOML, quoted if it holds a dot or a space."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
-
-
-def _check_labels(table: Table) -> None:
-    first: dict[str, int] = {}
-    for row, label in enumerate(table.words["press"]):
-        if label in first:
-            raise table.fault(
-                row,
-                f"press {label} stands in line {table.lines[first[label]]} already",
-                remedy="Give every press a label of its own.",
-            )
-        first[label] = row
 
 
 def _check_date(table: Table, row: int, date: str) -> None:

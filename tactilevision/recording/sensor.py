@@ -27,10 +27,10 @@ Size = tuple[int, int]
 def build_sensor(
     settings: SensorSettings, toml: Path, *, frame_size_px: Size | None
 ) -> tuple[Sensor, tuple[str, ...]]:
-    """The sensor, and what a person should know about it.
+    """Build the sensor; return it and warnings.
 
-    `frame_size_px` (width, height) is that of the pictures, None where there are none: then a custom sensor may
-    leave its size and scale out (0 and NaN).
+    `frame_size_px` (width, height) is that of the pictures, None without any: then a custom sensor may lack its
+    size and scale (0 and NaN).
     Raises RecordingError for an unknown kind, missing or contradictory sizes, and unreadable maps.
     """
     if settings.kind is None and frame_size_px is not None:
@@ -67,7 +67,7 @@ def _custom(given: dict[str, Any], settings: SensorSettings, toml: Path, frame_s
     missing = [name for name, value in wanted.items() if value is None]
     if missing and frame_size_px is not None:
         raise RecordingError(
-            f"[sensor] {missing[0]} is missing, and a custom sensor needs it to read the frames",
+            f"[sensor] {missing[0]} is missing; a custom sensor needs it to read the frames",
             where=toml,
             remedy="State it for the rectified frame, or name a sensor: " + ", ".join(SENSORS) + ".",
         )
@@ -95,30 +95,30 @@ def _named(
     warnings = []
     if settings.rectification is None and sensor.rectification is None:
         warnings.append(
-            "guessed: frames are rectified already; a TOML file with [sensor] rectification says otherwise"
+            "guessed: frames are rectified already; if not, give a TOML file with [sensor] rectification"
             if toml.name == "--sensor"
-            else f"{toml.name}: [sensor] rectification is left out: frames are taken as rectified already"
+            else f"{toml.name}: [sensor] rectification is missing: frames are taken as rectified already"
         )
     straight = sensor.rectification[0].shape[::-1] if sensor.rectification else frame_size_px
     if straight != (usual.width_px, usual.height_px) and settings.mm_per_px is None:
         raise RecordingError(
             f"frames of {settings.kind} are {_by(straight)} here, not {_by((usual.width_px, usual.height_px))}, "
-            "so that its usual scale does not hold",
+            "so its usual scale does not apply",
             where=toml,
-            remedy="State mm_per_px in [sensor], or --mm-per-px where the command takes it.",
+            remedy="State mm_per_px in [sensor], or --mm-per-px if the command has it.",
         )
     return dataclasses.replace(sensor, width_px=straight[0], height_px=straight[1]), tuple(warnings)
 
 
 def read_maps(path: Path) -> Maps:
-    """map_x, map_y (height, width) float32 of a rectification: rectified[y, x] = raw[map_y, map_x]."""
+    """Read map_x, map_y (height, width) float32 of a rectification: rectified[y, x] = raw[map_y, map_x]."""
     try:
         arrays = read_arrays(path)
     except OSError as fault:
         raise RecordingError(
             f"the rectification cannot be read: {fault.strerror or fault}",
             where=path,
-            remedy="[sensor] rectification names a file beside recording.toml.",
+            remedy="[sensor] rectification names a file in the folder of recording.toml.",
         ) from fault
     except InputError as fault:
         raise RecordingError(
@@ -131,9 +131,9 @@ def read_maps(path: Path) -> Maps:
 
 
 def maps_of(arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> Maps:
-    """map_x, map_y (height, width) float32, px, of the arrays of a rectification; `path` is their file.
+    """Return map_x, map_y (height, width) float32, px, of the arrays of a rectification; `path` is their file.
 
-    Raises RecordingError where they are no such maps.
+    Raises RecordingError for other arrays.
     """
     missing = [name for name in ("map_x", "map_y") if name not in arrays]
     if missing:
@@ -145,13 +145,15 @@ def maps_of(arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> Maps:
     maps = (arrays["map_x"].astype(np.float32), arrays["map_y"].astype(np.float32))
     if maps[0].ndim != 2 or maps[0].shape != maps[1].shape or not maps[0].size:
         raise RecordingError(
-            "map_x and map_y are (height, width) alike", where=path, value=(maps[0].shape, maps[1].shape)
+            "map_x and map_y have the same shape (height, width)",
+            where=path,
+            value=(maps[0].shape, maps[1].shape),
         )
     return maps
 
 
 def _doubts_of_maps(maps: Maps, frame_size_px: Size) -> tuple[str, ...]:
-    """Maps of another camera, or with x and y exchanged, look past the picture."""
+    """Return a warning if maps look past the picture: of another camera, or with x and y exchanged."""
     inside = [(axis >= -0.5) & (axis <= size - 0.5) for axis, size in zip(maps, frame_size_px, strict=True)]
     share = 1 - float(np.mean(inside[0] & inside[1]))
     if share < 0.5:
@@ -163,7 +165,7 @@ def _doubts_of_maps(maps: Maps, frame_size_px: Size) -> tuple[str, ...]:
 
 
 def _stated_size(settings: SensorSettings, straight: Size | None, toml: Path) -> Size | None:
-    """Width and height as far as known; raises where what is stated is not what was found."""
+    """Return width and height as far as known; raise if what is stated differs from what was found."""
     stated = (settings.width_px, settings.height_px)
     if straight is not None:
         for name, said, found in zip(("width_px", "height_px"), stated, straight, strict=True):

@@ -26,9 +26,9 @@ from tactilevision.recording import layout
 from tactilevision.recording.layout import nearest
 from tactilevision.sensors import MAX_SCALE, MIN_SCALE
 
-# What recording.toml may say: every key with its unit and its bounds.
+# Keys of recording.toml, with units and bounds.
 
-LAST_NS = 2**62  # ns since 1970: far beyond any date that a log holds
+LAST_NS = 2**62  # ns since 1970: far beyond any date of a log
 
 
 def _finite(value: float) -> float:
@@ -40,7 +40,7 @@ def _finite(value: float) -> float:
 
 
 def _pair(value: Any) -> Any:
-    """One number stands for x and y alike."""
+    """Repeat one number for x and y."""
     return [value, value] if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
@@ -57,7 +57,7 @@ def _ball(value: Any) -> Any:
     return "sphere" if value == "ball" else value
 
 
-MAX_SIDE = 1_000_000  # px: no camera has as many in a row
+MAX_SIDE = 1_000_000  # px in a row of a picture
 Number = Annotated[float, AfterValidator(_finite)]
 Positive = Annotated[float, AfterValidator(_finite), Field(gt=0)]
 NotNegative = Annotated[float, AfterValidator(_finite), Field(ge=0)]
@@ -74,7 +74,7 @@ class _Settings(BaseModel):
 
 
 def _halved(table: _Settings) -> str:
-    """What a radius that is missing would be, where the table states a diameter."""
+    """Return what a missing radius would be, if the table states a diameter."""
     stated = (table.model_extra or {}).get("diameter_mm")
     return f", half of its diameter_mm = {stated}" if isinstance(stated, int | float) else ""
 
@@ -139,7 +139,7 @@ class ClockSettings(_Settings):
 
 
 class LogSettings(_Settings):
-    """[log]: where an imported recording came from."""
+    """[log]: source of an imported recording."""
 
     source: str = ""
     frames: str = ""
@@ -183,7 +183,7 @@ class Settings(_Settings):
     indenter: dict[str, IndenterSettings] = {}
 
 
-# Reading recording.toml: checked settings, or one message that says what is wrong with which key.
+# Checking recording.toml.
 
 _Place = tuple[str | int, ...]
 
@@ -193,21 +193,20 @@ _TABLES: dict[str, type[BaseModel]] = {
     "[indenter.NAME]": IndenterSettings,
 }
 
-# beyond these a value was probably written in another unit: key, least, most, what it looks like above
-_PLAUSIBLE = (
-    (("sensor", "gel", "thickness_mm"), 0.05, 50.0, "micrometres"),
-    (("sensor", "gel", "radius_mm"), 0.5, 500.0, "micrometres"),
-    (("sensor", "gel", "youngs_modulus_MPa"), 1e-3, 50.0, "kPa or Pa"),
-    (("sensor", "mm_per_px"), 1e-3, 1.0, "pixels per mm"),
-    (("indenter", "*", "radius_mm"), 0.02, 100.0, "micrometres"),
-    (("indenter", "*", "height_mm"), 1e-3, 20.0, "micrometres"),
-    (("force", "std_N"), 0.0, 5.0, "mN"),
-    (("depth", "std_mm"), 0.0, 1.0, "micrometres"),
+_PLAUSIBLE = (  # key, least and most plausible value, probable unit of a larger one
+    (("sensor", "gel", "thickness_mm"), 0.05, 50, "micrometres"),
+    (("sensor", "gel", "radius_mm"), 0.5, 500, "micrometres"),
+    (("sensor", "gel", "youngs_modulus_MPa"), 1e-3, 50, "kPa or Pa"),
+    (("sensor", "mm_per_px"), 1e-3, 1, "pixels per mm"),
+    (("indenter", "*", "radius_mm"), 0.02, 100, "micrometres"),
+    (("indenter", "*", "height_mm"), 1e-3, 20, "micrometres"),
+    (("force", "std_N"), 0, 5, "mN"),
+    (("depth", "std_mm"), 0, 1, "micrometres"),
 )
 
 
 def load_toml(path: Path) -> dict[str, Any]:
-    """The file's content. Raises RecordingError with the line where it is not TOML, or beyond the limits."""
+    """Read the file. Raises RecordingError with the line if it is not TOML, or beyond the limits."""
     try:
         return parse_toml(read_text(path), where=path)
     except OSError as fault:
@@ -217,17 +216,17 @@ def load_toml(path: Path) -> dict[str, Any]:
 
 
 def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, ...]]:
-    """The checked settings, and a warning for each key without a meaning and each implausible value.
+    """Check the settings; return them and a warning for each key without a meaning and each implausible value.
 
-    Raises RecordingError for an unknown format, for a key that resembles a known one which is absent (a slip
-    of the pen, or its unit left out), and for values that cannot be.
+    Raises RecordingError for an unknown format, for a key that resembles an absent known one (a slip, or a missing
+    unit), and for impossible values.
     """
     _check_format(content, path)
     return _checked(content, path)
 
 
 def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, tuple[str, ...]]:
-    """The table [sensor] alone, of a recording.toml or of a file that holds nothing else; warnings likewise.
+    """Check the table [sensor] alone, of a recording.toml or of a file that holds nothing else; warnings likewise.
 
     Raises RecordingError as `check_settings` does, and where there is no such table.
     """
@@ -260,7 +259,7 @@ def _check_format(content: Mapping[str, Any], path: Path) -> None:
     if "format" not in content:
         near = nearest("format", [key for key, value in content.items() if isinstance(value, int | str)])
         raise RecordingError(
-            "the format's number is missing",
+            "the number of the format is missing",
             where=path,
             value=near or None,
             remedy=f"Put format = {layout.FORMAT} on its first line.",
@@ -275,7 +274,7 @@ def _check_format(content: Mapping[str, Any], path: Path) -> None:
 
 
 def _unknown(model: type[BaseModel], content: Mapping[str, Any], place: _Place) -> Iterator[tuple[_Place, str]]:
-    """Every key without a meaning: its place, and the absent known key that it resembles, or ""."""
+    """Yield every unknown key's place, and the absent known key that it resembles, or ""."""
     known = {name: name for name in model.model_fields}
     for name, about in model.model_fields.items():
         known |= {str(alias): name for alias in getattr(about.validation_alias, "choices", ())}
@@ -296,20 +295,19 @@ def _unknown(model: type[BaseModel], content: Mapping[str, Any], place: _Place) 
 
 
 def _home(place: _Place) -> str:
-    """Where a key without a meaning would have one."""
+    """Return the table in which an unknown key would be known."""
     homes = [table for table, model in _TABLES.items() if place[-1] in model.model_fields]
-    return f"; it has one in {homes[0]}" if homes else " and is left alone"
+    return f"; it has one in {homes[0]}" if homes else " and is ignored"
 
 
 def _table_of(annotation: Any) -> type[BaseModel] | None:
-    """The table that a key opens, also where it is optional or one of many; None for a plain value."""
+    """Return the table that a key opens, also where it is optional or one of many; None for a plain value."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next((found for part in get_args(annotation) if (found := _table_of(part))), None)
 
 
-# pydantic's findings in our words, and what to do
-_WORDS = {
+_WORDS = {  # pydantic's kinds of findings: message and remedy
     "missing": ("is missing", "Add it."),
     "greater_than": ("must be above {gt:g}", ""),
     "greater_than_equal": ("must be at least {ge:g}", ""),
@@ -332,19 +330,19 @@ _WORDS = {
 
 
 def _translated(fault: ValidationError, path: Path) -> RecordingError:
-    """Our words for pydantic's first finding."""
+    """Translate pydantic's first finding into an error of this library."""
     first = fault.errors()[0]
     kind, place = first["type"], first["loc"]
     what, remedy = _WORDS.get(kind, (first["msg"].replace("{", "("), ""))
     found = None if kind == "missing" or isinstance(first["input"], dict) else first["input"]
-    # a finding about several keys at once has the table for its place
+    # a finding about several keys has the table as its place
     whole = kind == "value_error" and isinstance(first["input"], dict)
     key = f"[{'.'.join(map(str, place))}]" if whole else _key(place)
     return RecordingError(f"{key} {what.format(**first.get('ctx', {}))}", where=path, value=found, remedy=remedy)
 
 
 def _key(place: _Place) -> str:
-    """How a person finds it in the file: [table.of.it] key, or key[index] in a list."""
+    """Return a key as it is found in the file: [table.of.it] key, or key[index] in a list."""
     names = [part for part in place if isinstance(part, str)]
     index = "".join(f"[{part}]" for part in place if isinstance(part, int))
     return f"[{'.'.join(names[:-1])}] {names[-1]}{index}" if len(names) > 1 else f"{names[0]}{index}"

@@ -1,4 +1,4 @@
-"""CSV tables with a header: columns in any order, unknown ones kept, every fault named with its line."""
+"""CSV tables with a header: columns in any order, unknown ones kept, errors with their line."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MARKED = re.compile(r"[+-]?[0-9]*(?:[,._'’\s][0-9]+)+")  # a number with a de
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table as read: `numbers` and `words` by column, all of length `len(lines)`; `extra` has no known name.
+    """A table: `numbers` and `words` by column, all of length `len(lines)`; `extra`: unknown columns.
 
     `lines` (N,) are line numbers of the file, for messages.
     """
@@ -41,19 +41,19 @@ class Table:
     warnings: tuple[str, ...] = ()
 
     def fault(self, row: int, what: str, *, value: object = None, remedy: str = "") -> RecordingError:
-        """The error for one row, to be raised by who found it."""
+        """Return the error for one row."""
         return RecordingError(what, where=f"{self.path}, line {self.lines[row]}", value=value, remedy=remedy)
 
     def optional(self, name: str) -> Floats:
-        """A column (N,) of numbers, NaN throughout where the table has none."""
+        """Return a column (N,) of numbers, all NaN if the table has none."""
         return self.numbers.get(name, np.full(len(self.lines), np.nan))
 
 
 def read_table(path: Path, columns: Columns, *, least_rows: int = 1) -> Table:
     """Read one CSV file (UTF-8, a byte order mark is allowed; comma; decimal point).
 
-    A number left empty, or nan, in an optional column becomes NaN; in a required one it is an error.
-    Raises RecordingError, with file and line, for whatever is not such a table.
+    An empty number, or nan, in an optional column becomes NaN; in a required one it is an error. Raises
+    RecordingError, with file and line, for what is not such a table.
     """
     try:
         with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as stream:
@@ -108,7 +108,7 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
 
 
 def _check_words(table: Table, columns: Columns) -> None:
-    """Raise for text that is missing, or that no table, page or file's name can hold."""
+    """Raise RecordingError for missing text, and for control characters."""
     for name, words in table.words.items():
         for row, word in enumerate(words):
             if not word and name in columns.words:
@@ -134,13 +134,13 @@ def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:
         raise RecordingError("is not UTF-8 text", where=f"{path}, line 1", remedy="Save it as CSV UTF-8.")
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
-        raise RecordingError(f"column {twice[0]} stands twice in the header", where=f"{path}, line 1")
+        raise RecordingError(f"column {twice[0]} occurs twice in the header", where=f"{path}, line 1")
     missing = [name for name in columns.required if name not in header]
     if missing:
         near = nearest(missing[0], [name for name in header if name not in columns.known])
         remedy = f"Rename {near} to {missing[0]}, if that is what it holds." if near else ""
         if header[0].startswith("#"):
-            remedy = "The first line names the columns: take comments out."
+            remedy = "The first line names the columns: remove comments."
         raise RecordingError(
             f"column {', '.join(missing)} is missing; there are {', '.join(header)}",
             where=f"{path}, line 1",
@@ -159,7 +159,7 @@ def _chunks(path: Path, rows: Any, width: int) -> Iterator[tuple[list[int], list
                     f"the row has {len(row)} cells, the header {width}",
                     where=f"{path}, line {line}",
                     value=",".join(row)[:80],
-                    remedy="A row cut short is a file cut short; a decimal comma makes cells too many.",
+                    remedy="Is the file cut short, or has it decimal commas?",
                 )
         yield [line for line, _ in some], [row for _, row in some]
 
@@ -167,14 +167,14 @@ def _chunks(path: Path, rows: Any, width: int) -> Iterator[tuple[list[int], list
 def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empty_allowed: bool) -> Floats:
     try:
         if "_" in "".join(cells):
-            raise ValueError  # float() passes over it
+            raise ValueError  # float() ignores it
         values = np.array(
             [float(cell) if cell else math.nan for cell in cells] if empty_allowed else list(map(float, cells))
         )
     except ValueError:
         values = np.array([_number(cell, empty_allowed) for cell in cells])
     faults = np.flatnonzero(np.isinf(values) if empty_allowed else ~np.isfinite(values))
-    # text was turned into an infinity above, so that one look finds every fault
+    # _number has turned text into an infinity
     if faults.size:
         first = int(faults[0])
         raise RecordingError(
@@ -195,16 +195,16 @@ def _number(cell: str, empty_allowed: bool) -> float:
 
 
 def _remedy(cell: str, *, line: int) -> str:
-    """What to do about a cell that holds no finite number."""
+    """Return the remedy for a cell that holds no finite number."""
     if _MARKED.fullmatch(cell):
-        return "Write it with a decimal point, not a comma, and without marks between thousands."
+        return "Write it with a decimal point and without thousands separators."
     if line == 2:
-        return "Correct the cell; or, if the line holds units, remove it: the columns' names hold them."
+        return "Correct the cell; if the line holds units, remove it: the columns' names hold them."
     return "Correct the cell, or remove the row."
 
 
 def _guess(cells: list[str]) -> npt.NDArray[Any]:
-    """Numbers where every cell is one or empty, text otherwise."""
+    """Return numbers if every cell is one or empty, text otherwise."""
     try:
         return np.array([float(cell) if cell else math.nan for cell in cells])
     except ValueError:

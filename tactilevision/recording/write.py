@@ -25,14 +25,12 @@ from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Bytes, Curve, Floats, ForceSeries
 from tactilevision.records.rig import Press, Sensor
 
-# Writing the tables of a recording; each function takes the folder and knows the file's name.
-#
-# Numbers are written to 12 digits, large ones (times in s since 1970) to all, NaN as an empty cell; optional
-# columns that hold nothing are left out. Every file is whole or not there at all.
+# Tables. Each function takes the folder. Numbers have 12 digits, large ones (times in s since 1970) all, NaN is an
+# empty cell; empty optional columns are omitted. Files are written atomically.
 
 _Columns = Mapping[str, Sequence[Any] | npt.NDArray[Any]]
 _NOTHING: _Columns = MappingProxyType({})
-LARGE = 1e7  # beyond it 12 digits tell less than 10 microseconds of a time in s
+LARGE = 10**7  # beyond it 12 digits resolve a time in s to 10 microseconds at best
 _JOINED = ("details", "edge_profile", "extra")  # fields that are written as columns of their own
 
 
@@ -45,12 +43,12 @@ def write_table(path: Path | str, columns: _Columns) -> None:
 def write_frame_table(
     folder: Path | str, names: Sequence[str], *, times_s: Floats, extra: _Columns = _NOTHING
 ) -> None:
-    """Write frames.csv of times (n,) in s; `extra` are further columns of the same length, here as below."""
+    """Write frames.csv of times (n,) in s; `extra`, here and below: further columns of the same length."""
     write_table(Path(folder) / layout.FRAME_TABLE, {"frame": names, "time_s": times_s, **extra})
 
 
 def write_forces(folder: Path | str, forces: ForceSeries, *, extra: _Columns = _NOTHING) -> None:
-    """Write forces.csv, in the rectified frame's axes: no [force] rotation belongs to it."""
+    """Write forces.csv, in the rectified frame's axes, without [force] rotation."""
     columns: dict[str, Any] = dict(
         zip(layout.FORCE_COLUMNS.numbers, (forces.time_s, *forces.force_N.T), strict=True)
     )
@@ -73,7 +71,7 @@ def write_presses(folder: Path | str, presses: Sequence[Press]) -> None:
 
 
 def write_points(folder: Path | str, points: Sequence[CertifiedPoint]) -> None:
-    """Write points.csv; `accepted` and `reason` are always there, lest a rejected one be taken for good."""
+    """Write points.csv; `accepted` and `reason` are always written, to mark rejected points."""
     always = (*layout.POINT_COLUMNS.required, "accepted", "reason")
     further = [point_columns(point) for point in points]
     write_table(Path(folder) / layout.POINTS, _record_columns(points, further, always, CertifiedPoint))
@@ -100,7 +98,7 @@ def write_curves(folder: Path | str, curves: Sequence[Curve]) -> None:
 
 
 def write_balls(folder: Path | str, balls: Sequence[BallPress]) -> None:
-    """Write reference/ball.csv; the pictures themselves go into the folder beside it."""
+    """Write reference/ball.csv; the pictures go into reference/ball."""
     nowhere = (math.nan, math.nan)
     columns: dict[str, Any] = {
         "frame": [ball.name for ball in balls],
@@ -118,7 +116,7 @@ def _record_columns(
     always: Sequence[str],
     kind: type = Press,
 ) -> _Columns:
-    """Columns of the records' plain fields in their order, then of their `further` cells."""
+    """Return the columns of the records' plain fields in their order, then of their `further` cells."""
     names = [field.name for field in fields(kind) if field.name not in _JOINED]
     columns: dict[str, list[Any]] = {name: [getattr(record, name) for record in records] for name in names}
     for name in dict.fromkeys(name for cells in further for name in cells):
@@ -135,7 +133,7 @@ def _joined(parts: Iterable[Any]) -> list[Any]:
 
 
 def table_cell(value: Any) -> str:
-    """One cell: 12 digits, all of them where large, "" for what is not known, true or false."""
+    """Format one cell: 12 digits, all of them if large, "" for unknown, true or false."""
     if isinstance(value, bool | np.bool_):
         return "true" if value else "false"
     if isinstance(value, float | np.floating):
@@ -144,16 +142,14 @@ def table_cell(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-# Writing a recording: its settings, its maps and pictures, and all of its tables.
-
 MAPS = "maps.npz"
 
 
 def write_recording(recording: Recording) -> None:
     """Write everything but the pictures into `recording.path`.
 
-    recording.toml comes last: a folder that was left half-way is not taken for a recording. Forces are written
-    in the rectified frame's axes, as they are held, so no [force] rotation is written.
+    recording.toml is written last, so that an unfinished folder is not a recording. Forces are in the rectified
+    frame's axes, so no [force] rotation is written.
     """
     folder = recording.path
     if recording.frame_names:
@@ -181,7 +177,7 @@ def write_recording(recording: Recording) -> None:
 
 
 def write_settings(recording: Recording) -> None:
-    """Write recording.toml from the record; what is not known is left out."""
+    """Write recording.toml from the record; unknown values are omitted."""
     std_N = recording.forces.std_N if recording.forces is not None else recording.force_std_N
     content: dict[str, Any] = {
         "format": layout.FORMAT,
@@ -200,7 +196,7 @@ def write_settings(recording: Recording) -> None:
 
 
 def write_maps(folder: Path | str, sensor: Sensor) -> None:
-    """Write the sensor's rectification beside recording.toml. Raises InputError where it has none."""
+    """Write the sensor's rectification next to recording.toml. Raises InputError if it has none."""
     if sensor.rectification is None:
         raise InputError("the sensor has no rectification", where="write_maps", value=sensor.kind)
     map_x, map_y = sensor.rectification
@@ -209,9 +205,9 @@ def write_maps(folder: Path | str, sensor: Sensor) -> None:
 
 
 def write_image(path: Path | str, rgb: Bytes, *, jpeg_quality: int = 95) -> None:
-    """Write a picture (H, W, 3) uint8, red, green, blue; the ending of the name chooses the format.
+    """Write a picture (H, W, 3) uint8, red, green, blue, in the format of the name's ending.
 
-    JPEG keeps the colours at full resolution: photometric stereo reads slopes from them.
+    JPEG keeps the colours at full resolution, since slopes are read from them.
     """
     path = Path(path)
     if path.suffix.lower() == ".npy":
@@ -250,7 +246,7 @@ def _sensor(recording: Recording) -> dict[str, Any]:
 
 
 def _known(content: Mapping[str, Any]) -> dict[str, Any]:
-    """TOML has no None, and NaN says nothing: both are left out, and tables that they leave empty."""
+    """Remove None and NaN, which TOML lacks or which say nothing, and tables left empty."""
     kept = {}
     for key, value in content.items():
         inner = _known(value) if isinstance(value, dict) else list(value) if isinstance(value, tuple) else value

@@ -5,7 +5,8 @@ from __future__ import annotations
 Z95 = 1.96  # standard deviations to either side that hold 95 % of a normal distribution
 KILO = 1e3  # m to mm, N to mN, s to ms
 MILLI = 1e-3  # mm to m, mN to N, ms to s
-MICRO = 1e-6
+MICRO = 1e-6  # um to m, uN to N, us to s
+ROUNDING = 1e-9  # relative tolerance for sums and products of floats
 TINY = 1e-9  # keeps a denominator from zero; far below every length in mm, force in N and time in s here
 
 NU_SILICONE = (0.45, 0.4999)  # Poisson's ratio of silicones: the range where nothing states it

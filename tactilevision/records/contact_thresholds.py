@@ -1,18 +1,17 @@
-"""When each quantity says that something presses on the gel: the thresholds, once, and one function for each.
+"""Detection limits of a contact in each quantity: colour, slope, depth, live depth, force and cells.
 
-Colour, slope, depth, the live stream, the force readings and the cells of the force map each decide before the
-next quantity exists. So there are six limits, not one; each stands in the unit of what it judges:
+Each of these is tested before the next quantity exists, so there are six limits, each in its own unit:
 
     colour      r^2    > (4 s)^2                     blocks, normalised by their noise; s the picture's own scale
-    slope       |g|    > 4 median |g| + .001         blocks, where no reference tells the colours
+    slope       |g|    > 4 median |g| + .001         blocks, without a reference for the colours
     depth       d      > max(5 s_rough, .01 mm)      regions, of which MIN_PX must pass the wide limit too,
                                                      or a few in a hundred the limit of strong slope
                                                      or strong colour
-    live        d      > 5 s                         pixels, against what untouched gel comes out with
+    live        d      > 5 s                         pixels, s of untouched gel
     reading     F      > max(5 s, .03 F_top)         readings of one press, tared
     cell        d      > max(3 s, .03 d_top)         cells of the force map; a patch's deepest must pass 5 s
 
-Each multiple keeps false contacts rarer than one in a run, at the number of places that are looked at.
+At each multiple false contacts are rarer than one in a run, for the number of places tested.
 """
 
 from __future__ import annotations
@@ -30,50 +29,57 @@ Array = npt.NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, slots=True)
 class ContactThresholds:
-    """One field for each judgement; `CONTACT` holds those in use."""
+    """The thresholds; `CONTACT` holds those in use."""
 
-    colour_sigma: float = 4.0  # deviations of a block's colour; benchmarks.light_drift
-    slope_medians: float = 4.0  # medians of the blocks' slopes: noise alone hardly reaches that
-    slope_floor: float = 1e-3  # mm/mm that a perfectly flat map still may show by rounding
-    depth_sigma: float = 5.0  # deviations of a map's shallower half; tests/contact/test_region.py
-    depth_min_mm: float = 0.01  # mm: shallower is not told from a drifting zero
-    depth_wave_mm: float = 1.0  # mm over which depth errors hang together: integrated noise has no shorter waves
-    depth_min_px: int = 16  # pixels beyond the wide limit: the outermost of a map are noisier than it states
-    depth_std_share: float = 0.3  # of a deviation found from a few free frames: how well it is known
-    depth_speck: float = 0.1  # of the largest region's area: smaller ones are specks
-    depth_top_share: float = 0.5  # of the deepest: where a contact fills half of the map, that is no noise
-    strong_slope: float = 0.15  # mm/mm: gel beside 182 real presses comes out at .12 at most, the presses at .19
-    strong_colour_sigma: float = 80.0  # deviations of a block: beside those presses 53 at most, under them 127
-    strong_share: float = 0.03  # of a region that is so steep or so coloured; less may be a speck in it
-    strong_blind_mm: float = 0.25  # mm: median deviation of a map that tells nothing; half a black picture has .36
-    live_sigma: float = 5.0  # deviations of untouched gel; benchmarks.stream
+    colour_sigma: float = 4  # standard deviations of a block's colour; benchmarks.light_drift
+    slope_medians: float = 4  # medians of the blocks' slopes
+    slope_floor: float = 1e-3  # mm/mm: rounding in a perfectly flat map
+    depth_sigma: float = 5  # standard deviations of a map's shallower half; tests/contact/test_region.py
+    depth_min_mm: float = 0.01  # mm: the size of a drifting zero
+    depth_wave_mm: float = 1.0  # mm: correlation length of depth errors, which are integrated noise
+    depth_min_px: int = 16  # pixels beyond the wide limit: a map's outermost are noisier than it states
+    depth_std_share: float = 0.3  # relative uncertainty of a standard deviation from a few free frames
+    depth_speck: float = 0.1  # of the largest region's area: smaller regions are specks
+    depth_top_share: float = 0.5  # of the deepest: bounds the roughness where a contact fills half of the map
+    strong_slope: float = 0.15  # mm/mm: outside 182 real contacts .12 at most, in the shallowest .19
+    strong_colour_sigma: float = (
+        80  # standard deviations of a block: outside those contacts 53 at most, inside 127
+    )
+    strong_share: float = 0.03  # of a region that must be so steep or so coloured; less may be a speck in it
+    strong_blind_mm: float = (
+        0.25  # mm: median deviation of a map without information; half a black picture has .36
+    )
+    live_sigma: float = 5  # standard deviations of untouched gel; benchmarks.stream
     live_min_px: int = 20  # pixels that reach it: fewer are noise
     live_unknown_std_mm: float = 0.02  # mm: deviation of a map that states none
-    live_blind_mm: float = 0.5  # mm: a picture in which so deep a contact may hide says nothing of untouched gel
-    reading_sigma: float = 5.0  # noises of one reading: one false reading in three million
-    reading_share: float = 0.03  # of the press's top: what is less may be a drifting zero
-    reading_top_sigma: float = 10.0  # noises that the top must reach for there to be a press at all
-    cell_sigma: float = 3.0  # deviations of a cell's depth: an outer guess, which the solution narrows
+    live_blind_mm: float = 0.5  # mm: limit beyond which a picture may hide a contact and is not untouched gel
+    reading_sigma: float = 5  # standard deviations of one reading: one false reading in three million
+    reading_share: float = 0.03  # of the press's top: less may be a drifting zero
+    reading_top_sigma: float = 10  # standard deviations that the top of a press must reach
+    cell_sigma: float = 3  # standard deviations of a cell's depth: candidates, which the solution narrows
     cell_share: float = 0.03  # of the deepest cell: a contact's edge is at least a third as deep (Hertz: a half)
-    cell_neighbours: int = 3  # cells out of 3 x 3, itself included: a cell deep by itself is noise
-    patch_sigma: float = 5.0  # deviations of a patch's deepest cell: by chance once in thousands of frames
+    cell_neighbours: int = 3  # cells out of 3 x 3, itself included: an isolated deep cell is noise
+    patch_sigma: float = 5  # standard deviations of a patch's deepest cell: by chance once in thousands of frames
 
 
 CONTACT = ContactThresholds()
 
 
 def colour_limit(scale: float) -> float:
-    """Square of a block's normalised colour residual beyond which it is touched; `scale`: their usual square."""
+    """Return the square of a block's normalised colour residual beyond which it is touched.
+
+    `scale`: their usual square.
+    """
     return CONTACT.colour_sigma**2 * scale
 
 
 def slope_limit(median_slope: float) -> float:
-    """Slope of a block (mm/mm) beyond which it is touched, from the median over all blocks."""
+    """Return the slope of a block (mm/mm) beyond which it is touched, from the median over all blocks."""
     return CONTACT.slope_medians * median_slope + CONTACT.slope_floor
 
 
 def depth_limit_mm(roughness_mm: float, top_mm: float) -> float:
-    """Depth (mm) beyond which a region is in question, from the deviation of the map's shallower half.
+    """Return the depth (mm) beyond which a region is in question, from the deviation of the map's shallower half.
 
     No more than half of the deepest, `top_mm`.
     """
@@ -82,25 +88,32 @@ def depth_limit_mm(roughness_mm: float, top_mm: float) -> float:
 
 
 def wide_depth_limit_mm(std_mm: Array, area_mm2: float) -> Array:
-    """Depth (H, W) mm that untouched gel of deviation `std_mm` (H, W) reaches nowhere in one picture of two.
+    """Return the depth (H, W) mm that untouched gel of deviation `std_mm` (H, W) reaches nowhere in one picture of
+    two.
 
-    Of N normal numbers the largest is sqrt(2 ln N) standard deviations above 0, N: the patches of `depth_wave_mm`
-    in the picture's area. Once more a share of it, as the deviations are not known better.
+    The largest of N normal numbers is about sqrt(2 ln N) standard deviations, N the number of patches of
+    `depth_wave_mm` in the picture. `depth_std_share` is added, the relative uncertainty of the deviations.
     """
     patches = area_mm2 / CONTACT.depth_wave_mm**2
     return np.asarray((1.0 + CONTACT.depth_std_share) * np.sqrt(2.0 * np.log(max(patches, np.e))) * std_mm)
 
 
 def live_limit_mm(std_mm: Array) -> Array:
-    """Depth (H, W) mm beyond which a pixel of the stream is pressed, from that of untouched gel (H, W) mm."""
+    """Return the depth (H, W) mm beyond which a pixel of the stream is pressed, from that of untouched gel (H, W)
+    mm.
+    """
     return CONTACT.live_sigma * std_mm
 
 
 def reading_limit(noise: float, top: float) -> float:
-    """Reading beyond which the indenter touches, in the unit of its `noise` and of the press's `top`."""
+    """Return the reading beyond which the indenter touches, in the unit of its `noise` and of the press's
+    `top`.
+    """
     return max(CONTACT.reading_sigma * noise, CONTACT.reading_share * top)
 
 
 def cell_limit_mm(std_mm: Floats, deepest_mm: float) -> Floats:
-    """Depth (rows, columns) mm beyond which a cell may carry force, from its deviation (rows, columns) mm."""
+    """Return the depth (rows, columns) mm beyond which a cell may carry force, from its deviation (rows, columns)
+    mm.
+    """
     return np.asarray(np.maximum(CONTACT.cell_sigma * std_mm, CONTACT.cell_share * deepest_mm))

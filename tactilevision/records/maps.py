@@ -13,8 +13,6 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair, Wrench
 
-# What is seen, and computed from it, place by place: pictures, slopes, depth, shear, traction.
-
 _UNKNOWN = (math.nan,) * 3  # N mm: a moment that is not known
 
 
@@ -39,28 +37,28 @@ class Frame:
 
 
 def as_frame(given: Frame | Bytes) -> Frame:
-    """The frame, or one of the pixels (H, W, 3) uint8 that were handed over. Raises InputError as Frame does."""
+    """Return the frame, or make one of the pixels (H, W, 3) uint8 given. Raises InputError as Frame does."""
     return given if isinstance(given, Frame) else Frame(given)
 
 
 def _remedy(given: Any) -> str:
-    """What makes a frame of what was handed over instead of one."""
+    """Return how to make a frame of what was given instead."""
     if isinstance(given, Frame):
-        return "Hand over its pixels: frame.rgb."
+        return "Give its pixels: frame.rgb."
     if isinstance(given, list | tuple):
         return "Make one array of it: numpy.stack(frames) is a batch."
     if not isinstance(given, np.ndarray):
         return "Read a file with tactilevision.recording.read_image."
     if given.ndim == 2 or given.shape[-1:] == (1,):
-        return "Record in colour: grey pictures tell no slopes."
+        return "Record in colour: slopes cannot be read from grey pictures."
     if given.ndim == 3 and given.shape[-1] == 4:
-        return "Leave the fourth channel out: rgb[..., :3]."
+        return "Drop the fourth channel: rgb[..., :3]."
     if given.ndim == 3 and given.shape[0] == 3 and given.shape[-1] != 3:
         return "Put colours last: rgb.transpose(1, 2, 0)."
     if given.dtype == np.uint16:
         return "Make 8 bits of 16: (rgb >> 8).astype(numpy.uint8)."
     if given.size and given.dtype.kind == "f" and given.max() <= 1.0:
-        return "Make grey levels of shares: (255 * rgb).astype(numpy.uint8)."
+        return "Scale it to grey levels: (255 * rgb).astype(numpy.uint8)."
     return "Convert it to grey levels from 0 to 255: rgb.astype(numpy.uint8)."
 
 
@@ -68,7 +66,7 @@ def _remedy(given: Any) -> str:
 class SlopeMap:
     """Slope of the depth: `dz_dx`, `dz_dy` (H, W), mm per mm, z into the gel; `valid` (H, W) or None for all.
 
-    `std` (H, W) or None is the standard deviation of either slope, where the method knows it.
+    `std` (H, W) is the standard deviation of either slope; None if the method gives none.
     """
 
     dz_dx: npt.NDArray[np.floating[Any]]
@@ -84,17 +82,16 @@ Positions = Literal["deformed", "undeformed"]
 class HeightMap:
     """Depth of the gel's surface.
 
-    `depth_mm` (H, W), positive into the gel; `valid` (H, W): where False the depth is not known, which is
-    not the same as 0; `mm_per_px` (x, y); `std_mm` (H, W) or None where the method does not know it. `flags` say
-    what makes the map as a whole doubtful (flags.py).
+    `depth_mm` (H, W), positive into the gel; `valid` (H, W): False where the depth is unknown, which is not 0;
+    `mm_per_px` (x, y); `std_mm` (H, W), None if the method gives none. `flags` are keys of MEANING.
 
-    `colour_change` (h, w), in blocks of the picture, or None: by how many deviations of noise their colours differ
-    from those of untouched gel in today's light. `inconsistent` (h, w), in cells, or None: where colours are such
-    as no slope has in the method's light (heightmap/inconsistent_light.py); None where that was not looked at.
+    `colour_change` (h, w), one per block of the picture, is the difference of its colours from those of untouched
+    gel in the present light, in standard deviations of noise. `inconsistent` (h, w), one per cell, is True where
+    no slope has the colours seen (heightmap/inconsistent_light.py). None: not computed.
 
-    `positions` says what a pixel stands for: "deformed", the place where the camera sees the surface now (every
-    map that is read from pictures), or "undeformed", where that piece of the surface lay in the untouched gel
-    (nodes of a finite-element model). At a depth of .3 mm the two differ by some 3.5 % in the force.
+    `positions` is "deformed" where a pixel is the place at which the camera sees the surface now (all maps from
+    pictures), or "undeformed" where it is the place of that material in the untouched gel (nodes of a
+    finite-element model). At a depth of .3 mm the two differ by some 3.5 % in the force.
     """
 
     depth_mm: npt.NDArray[np.floating[Any]]
@@ -115,7 +112,7 @@ class HeightMap:
             )
         if self.depth_mm.ndim != 2 or self.valid.shape != self.depth_mm.shape:
             raise InputError(
-                "depth_mm and valid are (H, W) alike",
+                "depth_mm and valid have one shape (H, W)",
                 where="HeightMap",
                 value=(self.depth_mm.shape, self.valid.shape),
             )
@@ -153,9 +150,9 @@ class Footprint:
 class ShearMap:
     """Tangential displacement of the gel's surface since it was untouched, at places of the untouched frame.
 
-    `u_x_mm`, `u_y_mm` (H, W): right and down; `valid` (H, W): where False it is not known. `std_mm` is the
-    standard deviation of either component, one number or (H, W); pixels within `correlation_px` share their error.
-    `flags` name what limits the map (markers lost, ...).
+    `u_x_mm`, `u_y_mm` (H, W): right and down; `valid` (H, W): False where unknown. `std_mm` is the standard
+    deviation of either component, a number or (H, W); pixels within `correlation_px` share their error. `flags`
+    name what limits the map (markers lost, ...).
     """
 
     u_x_mm: npt.NDArray[np.floating[Any]]
@@ -169,7 +166,7 @@ class ShearMap:
     def __post_init__(self) -> None:
         if self.u_x_mm.ndim != 2 or not self.u_x_mm.shape == self.u_y_mm.shape == self.valid.shape:
             raise InputError(
-                "u_x_mm, u_y_mm and valid are (H, W) alike",
+                "u_x_mm, u_y_mm and valid have one shape (H, W)",
                 where="ShearMap",
                 value=(self.u_x_mm.shape, self.u_y_mm.shape, self.valid.shape),
             )
@@ -179,13 +176,12 @@ class ShearMap:
 class TractionMap:
     """Traction of the indenter on the gel, MPa, (H, W) each; t_z > 0 presses into it.
 
-    `resultant_N` (fx, fy, fz) and its standard deviation; `mm_per_px` (x, y) is the grid's own, `first_mm`
-    the place of its top left node on the pad; `flags` name what limits the map (contact cut by the view's
-    border, ...). `std_MPa` (3, H, W) is of t_x, t_y, t_z, NaN outside the contact; `moment_Nmm` (mx, my, mz)
-    about the pad's centre, r x F in the axes x, y, z. Where a measured force was given, `mismatch_N` is the
-    force found without it minus the measured one, and `mismatch_sigma` its largest component over the
-    standard deviation expected of it. `depth_mm` is the greatest depth of what touches.
-    What was not measured is NaN.
+    `resultant_N` (fx, fy, fz) and its standard deviation; `mm_per_px` (x, y) is the grid's own, `first_mm` the
+    place of its top left node on the pad; `flags` name what limits the map (contact cut by the view's border,
+    ...). `std_MPa` (3, H, W) is of t_x, t_y, t_z, NaN outside the contact; `moment_Nmm` (mx, my, mz) about the
+    pad's centre, r x F. If a measured force was given, `mismatch_N` is the force computed without it minus the
+    measured one, and `mismatch_sigma` its largest component over its standard deviation. `depth_mm` is the
+    greatest depth of the contact. NaN: not measured.
     """
 
     t_x: Floats
@@ -212,7 +208,7 @@ class TractionMap:
         return Wrench(self.resultant_N, self.resultant_std_N, moment, moment_std)
 
 
-# What makes a height map as a whole doubtful, one word each: `HeightMap.flags`, and what each of them means.
+# Flags of a height map as a whole, and what each of them means.
 
 MOVED = "moved"
 LIGHT = "light"
@@ -227,36 +223,37 @@ INCONSISTENT = "inconsistent_light"
 SHADOW = "shadow"
 STEEP = "steep"
 MEANING = {
-    UNFIT: "the light's calibration fails balls that it never saw: neither direction nor depth of what is pressed "
-    "can be trusted",
-    DEEPER: "the map is deeper than the gel is thick: no press reads like this, and no depth of it can be true",
-    MOVED: "the picture lies beside its reference: depth may be false everywhere",
-    REFERENCE: "the reference itself shows a contact, or the gel has changed there since: depth is false there, "
-    "and may be everywhere where the light was calibrated with it",
+    UNFIT: "the light's calibration fails on balls that it has not used: neither direction nor depth of a "
+    "contact can be trusted",
+    DEEPER: "the map is deeper than the gel is thick, so no depth of it can be true",
+    MOVED: "the picture is shifted against its reference: depth may be wrong everywhere",
+    REFERENCE: "the reference itself shows a contact, or the gel has changed there since: depth is wrong "
+    "there, and may be everywhere if the light was calibrated with it",
     BALLS: "the light was calibrated on balls in less than half of the picture, along one side at least: depth "
     "elsewhere is extrapolated",
-    BEYOND_BALLS: "what is pressed lies beyond the outermost balls that told the light: its depth is "
+    BEYOND_BALLS: "the contact is beyond the outermost balls of the light's calibration: its depth is "
     "extrapolated, and the stated deviation grows with the distance; press balls there",
-    ASSUMED_SCALE: "no ball told how deep a colour is: the depth's scale is that of a usual light, at times 40 % "
+    ASSUMED_SCALE: "no ball calibrated the scale of the depth, which is that of a usual light: at times 40 % "
     "off or, where no network for the sensor is ready, by a factor of two or three",
-    LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "
-    "that has moved, or contact over much of it",
-    INCONSISTENT: "in places no slope has the colours that are seen, or gel rises further than theory allows: a "
-    "shadow, a lamp that changed there, or a light that the method does not know; depth there is uncertain",
-    SHADOW: "gel within 5 depths of a steep wall may lie in the shadow of a lamp and then falls too steeply, as "
-    "its deviation says; a deep flat face may be read up to half too deep, unless certified faces taught its wall",
-    STEEP: "slopes are steeper than any ball that told the light, and belong to no round flat face: what stands "
-    "behind them is read too shallow; smaller balls, or deeper presses of them, would tell",
-    BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",
+    LIGHT: "most of the picture differs from the reference by more than drift: another light, a picture that "
+    "has moved, or contact over much of it",
+    INCONSISTENT: "in places no slope has the colours seen, or gel rises further than theory allows: a shadow, "
+    "a lamp that changed there, or a light outside the method's model; depth there is uncertain",
+    SHADOW: "gel within 5 depths of a steep wall may be in the shadow of a lamp and then falls too steeply, as "
+    "its deviation states; a deep flat face may be read up to half too deep, unless certified faces taught its "
+    "wall",
+    STEEP: "slopes are steeper than any calibrated by balls, and belong to no round flat face: depth behind "
+    "them is too small; calibrate with smaller balls, or deeper presses of them",
+    BORDER: "a contact reaches the picture's border: it is cut off, or light comes from outside",
 }
 
 
 def add(flags: tuple[str, ...], more: Iterable[str]) -> tuple[str, ...]:
-    """Both, each once, in the order of MEANING."""
+    """Return both sets of flags, each once, in the order of MEANING."""
     both = {*flags, *more}
     return tuple(flag for flag in MEANING if flag in both)
 
 
-def told(counts: Mapping[str, int], frames: int) -> list[str]:
-    """A line for each flag: how many of the `frames` have it, and what it means."""
+def flag_messages(counts: Mapping[str, int], frames: int) -> list[str]:
+    """Return a line for each flag: how many of the `frames` have it, and what it means."""
     return [f"{count} of {frames} frames are flagged {flag!r}: {MEANING[flag]}" for flag, count in counts.items()]

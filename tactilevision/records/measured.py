@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-
-# Arrays by their numbers' type, and a number with what is not known about it.
+from tactilevision.records.constants import Z95
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -21,10 +20,10 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number with what is not known about it.
+    """A number with its standard deviation and 95 % interval.
 
-    `value` is None where the data cannot fix it; `why` then says so, and `interval95` still holds the
-    range that the stated assumptions allow.
+    `value` is None if the data do not determine it; `why` then gives the reason, and `interval95` the range that
+    the stated assumptions allow.
     """
 
     value: float | None
@@ -34,20 +33,17 @@ class Estimate:
     why: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """The form of every result file: value, std, interval95, unit, and why, where there is one."""
+        """Return the form of every result file: value, std, interval95, unit, and why, if there is one."""
         interval = None if self.interval95 is None else list(self.interval95)
         content = {"value": self.value, "std": self.std, "interval95": interval, "unit": self.unit}
         return content | ({"why": self.why} if self.why else {})
-
-
-# Forces, depths and what they make: series, curves, the material.
 
 
 @dataclass(frozen=True, slots=True)
 class ForceSeries:
     """Force against time on the F/T sensor's clock: `time_s` (T,), `force_N` (T, 3), `std_N` (3,) of one reading.
 
-    `torque_Nm` (T, 3) and `temperature_C` (T,) where they were recorded.
+    `torque_Nm` (T, 3) and `temperature_C` (T,) if they were recorded.
     """
 
     time_s: Floats
@@ -62,7 +58,7 @@ class Curve:
     """One whole press on one clock.
 
     `time_s`, `depth_mm` (T,), `force_N` (T, 3), `phase` (T,) of "free", "load", "hold", "unload" or "";
-    `z_mm` (T,) the motion stage, where there is one. Rows of phase "free" are air before and after contact.
+    `z_mm` (T,) of the motion stage, if there is one. Rows of phase "free" precede or follow contact.
     """
 
     press: str
@@ -105,21 +101,21 @@ class Material:
             )
 
     def as_json(self) -> dict[str, Any]:
-        """E and nu in the form of every result file, value +- 1.96 std; null where no covariance is known."""
+        """Return E and nu in the form of every result file, value +- 1.96 std; null without a covariance."""
         found = {}
-        values = {"youngs_modulus_MPa": self.youngs_modulus_MPa, "poisson_ratio": self.poisson_ratio}
-        for k, ((name, value), unit) in enumerate(zip(values.items(), ("MPa", "1"), strict=True)):
+        for k, (name, unit) in enumerate((("youngs_modulus_MPa", "MPa"), ("poisson_ratio", "1"))):
+            value = getattr(self, name)
             std = None if self.covariance is None else float(np.sqrt(self.covariance[k, k]))
-            interval = None if std is None else (value - 1.96 * std, value + 1.96 * std)
+            interval = None if std is None else (value - Z95 * std, value + Z95 * std)
             found[name] = Estimate(value, std, interval, unit).as_json()
         return found
 
 
 @dataclass(frozen=True, slots=True)
 class Wrench:
-    """Force (fx, fy, fz) N and moment (mx, my, mz) N mm about the pad's centre, each with its deviation.
+    """Force (fx, fy, fz) N and moment (mx, my, mz) N mm about the pad's centre, each with its standard deviation.
 
-    NaN: not measured, as fx and fy are where nothing on the gel can be followed.
+    NaN: not measured, as fx and fy without marks or texture to track.
     """
 
     force_N: tuple[float, float, float]

@@ -1,6 +1,6 @@
-"""What models make of measurements, as numbers that a figure shows: curves, residuals, and how the error falls.
+"""Numbers behind the figures of a fit: curves, residuals, and error by model.
 
-One row a model throughout, the plain law's first, then each with one more effect.
+Models are ordered: the base model first, then each with one more effect.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from tactilevision.records.measured import Floats, Pair
 class PressCurve:
     """The n samples of one press, and the force of m models at each.
 
-    `time_s` (n,) since its first sample; `depth_mm`, `measured_N` (n,); `modelled_N` (m, n); `phase` one of load,
-    hold, unload and free for each sample.
+    `time_s` (n,) since its first sample; `depth_mm`, `measured_N` (n,); `modelled_N` (m, n); `phase` (n,) of
+    load, hold, unload and free.
     """
 
     label: str
@@ -42,9 +42,7 @@ class PressCurve:
 
 @dataclass(frozen=True, slots=True)
 class ForceCurves:
-    """The presses in the order in which they were made, under the models named; `whole` where presses are curves
-    in time, not single points.
-    """
+    """The presses in order of time, under the models named; `whole` if they are curves in time, not points."""
 
     models: tuple[str, ...]
     presses: tuple[PressCurve, ...]
@@ -52,12 +50,13 @@ class ForceCurves:
 
     @property
     def radii_mm(self) -> tuple[float, ...]:
-        """The radii that occur, the smallest first."""
+        """The distinct radii, ascending."""
         return tuple(sorted({one.radius_mm for one in self.presses}))
 
-    def telling(self, most: int) -> tuple[PressCurve, ...]:
-        """The presses whose rms changes most from the first model to the last, in the order of pressing; of one
-        model those with the largest.
+    def most_changed(self, most: int) -> tuple[PressCurve, ...]:
+        """Return the presses whose rms changes most from the first model to the last, in the order of pressing.
+
+        Of one model those with the largest.
         """
         last = -1 if len(self.models) > 1 else slice(0, 0)
         by_change = sorted(self.presses, key=lambda one: -abs(float(one.rms_N[0] - np.sum(one.rms_N[last]))))
@@ -67,12 +66,12 @@ class ForceCurves:
 
 @dataclass(frozen=True, slots=True)
 class Strip:
-    """The residuals of m models against one thing that was recorded, N samples, k bins.
+    """The residuals of m models against one recorded quantity, N samples, k bins.
 
-    `words` what it is as a person says it; `values` (N,) in `unit`; `levels` the words for 0, 1, 2 ... where the
-    values only count; `centre` (k,) of the bins, `mean_N` and `reach95_N` (m, k) the mean residual there and its
-    95 % interval's half width; `p_adjusted` (m,) that each model's dependence on it is chance, for all looks;
-    `p_trend` (m,) the same of a trend over the presses alone, NaN where none was looked for.
+    `words` name it; `values` (N,) in `unit`; `levels` the words for 0, 1, 2 ... of a categorical quantity;
+    `centre` (k,) of the bins, `mean_N` and `reach95_N` (m, k) the mean residual there and its 95 % interval's half
+    width; `p_adjusted` (m,) of no dependence on it, adjusted for all tests; `p_trend` (m,) the same of a trend
+    over the presses alone, NaN if not tested.
     """
 
     name: str
@@ -86,18 +85,13 @@ class Strip:
     p_adjusted: tuple[float, ...]
     p_trend: tuple[float, ...]
 
-    @property
-    def swing_N(self) -> tuple[float, ...]:
-        """How far the bins' means reach from each other, for each model, N."""
-        return tuple(float(np.ptp(row)) for row in self.mean_N)
-
 
 @dataclass(frozen=True, slots=True)
 class ResidualStrips:
-    """Strips of one set of samples, the most telling of the first model first, to be drawn on one scale.
+    """Strips of one set of samples, the most significant of the first model first, plotted on one scale.
 
-    `residual_N` (m, N) measured less modelled; `radius_mm` (N,) of the punch; `reach_N` half the height that holds
-    98 % of every model's residuals.
+    `residual_N` (m, N) measured less modelled; `radius_mm` (N,) of the punch; `reach_N` the bound on 98 % of every
+    model's residuals.
     """
 
     models: tuple[str, ...]
@@ -109,11 +103,11 @@ class ResidualStrips:
 
 @dataclass(frozen=True, slots=True)
 class ErrorFall:
-    """The error of each model, on presses left out of the fit (`held_out`) or, where there are too few, fitted.
+    """The error of each model, on presses held out of the fit (`held_out`) or, if there are too few, fitted ones.
 
-    `error` and `repeatability` in `unit`, N or mm; `band` the 95 % interval of the repeatability, which is itself
-    estimated from few presses; None where it is not known. `faces`: the error of faces, where `error` is of depths
-    that the gel beside them tells.
+    `error` and `repeatability` in `unit`, N or mm; `band` the 95 % interval of the repeatability, estimated from
+    few presses; None if unknown. `faces`: the error of faces, where `error` is that of the gel outside the
+    contact.
     """
 
     models: tuple[str, ...]
@@ -126,5 +120,5 @@ class ErrorFall:
 
     @property
     def reached(self) -> bool:
-        """Whether the last model is as near to the presses as they repeat."""
+        """Whether the last model's error is within the repeatability."""
         return self.band is not None and self.error[-1] <= self.band[1]

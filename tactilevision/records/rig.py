@@ -1,4 +1,4 @@
-"""The rig and what it is told to do: gel, sensor, indenter, press."""
+"""Records of the rig and its protocol: gel, sensor, indenter, press."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from tactilevision.records.measured import Pair
 
 @dataclass(frozen=True, slots=True)
 class Gel:
-    """The gel pad: thickness, outline and what is known of it beforehand. Flat, bonded to a rigid base.
+    """The gel pad, flat and bonded to a rigid base: thickness, outline and prior knowledge of its material.
 
     A disc has `radius_mm`, a rectangle `size_mm` (x, y). Raises InputError for an outline without its size, and
-    for another shape: a dome or a wedge is not solved, and would be taken for a flat layer in silence.
+    for a shape that is not solved, such as a dome or a wedge.
     """
 
     thickness_mm: float
@@ -50,9 +50,9 @@ class Gel:
 class Sensor:
     """A camera looking at a gel.
 
-    `mm_per_px` is (x, y) in the rectified frame of `width_px` by `height_px`. `rectification` is
-    (map_x, map_y), float32 (height, width) each: rectified[y, x] = raw[map_y, map_x]; None where frames
-    come rectified already. `has_markers` says that the gel carries printed or cut marks.
+    `mm_per_px` is (x, y) in the rectified frame of `width_px` by `height_px`. `rectification` is (map_x, map_y),
+    float32 (height, width) each: rectified[y, x] = raw[map_y, map_x]; None if frames are rectified already.
+    `has_markers`: the gel carries printed or cut marks.
     """
 
     kind: str
@@ -69,9 +69,9 @@ class Sensor:
 class Indenter:
     """A rigid body that is pressed into the gel.
 
-    `height_mm` is the height of its face over the bevel's nearest edge, as machined; `bevel` the side on
-    which the bevel lies in the rectified frame (top is smaller y). `bevel_distance_mm` runs from the axis to
-    the bevel's nearest edge, `bevel_angle_deg` is its slope, falling away from that edge. None: not stated.
+    `height_mm` is the height of its face over the bevel's nearest edge, as machined; `bevel` the bevel's side in
+    the rectified frame (top is smaller y), `bevel_distance_mm` the distance of that edge from the axis,
+    `bevel_angle_deg` the slope with which the bevel falls away from it. None: not stated.
     """
 
     name: str
@@ -89,7 +89,7 @@ class Indenter:
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """One press as the protocol has it. NaN: not recorded. `extra` keeps columns that have no field here."""
+    """One press of the protocol. NaN: not recorded. `extra` holds columns that have no field here."""
 
     press: str
     indenter: str

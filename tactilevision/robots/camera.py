@@ -1,13 +1,12 @@
-"""Read frames from a camera or a played recording, keep the newest, and audit the camera."""
+"""Live frames of a camera or a played recording, and the audit of a camera."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import pairwise
-from types import TracebackType
 from typing import Any, Protocol, Self
 
 import cv2
@@ -22,21 +21,18 @@ from tactilevision.recording.pictures import iter_frames
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
 
-# Where live frames come from: a camera of OpenCV, or a recording's pictures played at a rate.
-#
-# A camera's frames carry the time at which they came, on this machine's monotonic clock: OpenCV tells no other
-# one.
+# Sources of live frames: a camera of OpenCV, or a recording's pictures played at a rate.
 
 GONE_S = 2.0  # s without a frame after which a camera counts as gone; slow ones take a tenth of it
-PAUSE_S = 0.005  # s between two looks at a camera that gave no frame
-AUTOMATIC = 3  # what CAP_PROP_AUTO_EXPOSURE says of an automatic one under Video4Linux
-FORMATS = {"mjpeg": "MJPG", "raw": "YUYV"}  # our words, and the codes of four letters
+PAUSE_S = 0.005  # s before a camera that gave no frame is read again
+AUTOMATIC = 3  # value of CAP_PROP_AUTO_EXPOSURE for automatic exposure under Video4Linux
+FORMATS = {"mjpeg": "MJPG", "raw": "YUYV"}  # values of --format, and their FourCC
 DEFAULT_RATE_HZ = 30.0  # of pictures played that state none
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One raw picture (H, W, 3) uint8, red first; `time_s` when it came; `number` counts all that came."""
+    """One raw picture (H, W, 3) uint8, red first, its arrival on the monotonic clock, and its number."""
 
     rgb: Bytes
     time_s: float
@@ -45,14 +41,14 @@ class Shot:
 
 
 class Source(Protocol):
-    """What gives shots until it ends; a camera never does. Raises InputError where it is gone."""
+    """A source of shots; a camera never ends. Raises InputError where it is gone."""
 
     @property
     def name(self) -> str: ...
 
     @property
     def waits(self) -> bool:
-        """Whether it can wait for its reader: a camera cannot."""
+        """Return whether it can wait for its reader; a camera cannot."""
         ...
 
     def shots(self) -> Iterator[Shot]: ...
@@ -60,28 +56,18 @@ class Source(Protocol):
     def close(self) -> None: ...
 
 
-class Capture(Protocol):
-    """What of cv2.VideoCapture is used."""
-
-    def read(self) -> tuple[bool, Any]: ...
-
-    def get(self, prop: int, /) -> float: ...
-
-    def release(self) -> None: ...
-
-
 @dataclass
 class Camera:
-    """A camera that is open; `name` is how the user called it."""
+    """An open camera, by the name that the user gave."""
 
-    capture: Capture
+    capture: Any  # cv2.VideoCapture
     name: str
     waits: bool = False
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
 
     def shots(self) -> Iterator[Shot]:
-        """Its pictures. Raises InputError where none has come for GONE_S."""
+        """Yield its pictures. Raises InputError where none has come for GONE_S."""
         number, last_s = 0, self.clock()
         while True:
             there, bgr = self.capture.read()
@@ -94,58 +80,51 @@ class Camera:
                     "the camera has gone" if number else "the camera gives no pictures",
                     where=self.name,
                     value=f"{number} frames came",
-                    remedy="Check its cable, and whether another program has it. What was written is kept.",
+                    remedy="Check its cable, and whether another program uses it. Earlier results are kept.",
                 )
             else:
                 self.sleep(PAUSE_S)
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What its driver says against it."""
+        """Return the warnings about the driver's settings."""
         if self.capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) == AUTOMATIC:
-            return ("the camera's exposure is automatic: it follows contacts; set it by hand (v4l2-ctl)",)
+            return ("the camera's exposure is automatic and follows contacts: set it by hand (v4l2-ctl)",)
         return ()
 
     def close(self) -> None:
-        """Give it back."""
+        """Release the camera."""
         self.capture.release()
 
 
 def open_camera(number: int, *, form: str | None = None) -> Camera:
-    """The camera of that number; `form` "mjpeg" or "raw" is what it sends, None as its driver has it.
+    """Open the camera of a number; `form` is "mjpeg", "raw", or None for the driver's default.
 
-    Raises InputError where there is none, or where it does not send that.
+    Raises InputError where there is none, or where it does not send that form.
     """
-    told = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # the error below says it in a sentence
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # the error below replaces its warnings
     try:
         capture = cv2.VideoCapture(number)
     finally:
-        cv2.utils.logging.setLogLevel(told)
+        cv2.utils.logging.setLogLevel(level)
     name = f"camera {number}"
     if not capture.isOpened():
-        raise InputError(
-            "no camera of that number can be opened",
-            where="--camera",
-            value=number,
-            remedy="`v4l2-ctl --list-devices` lists them; a video or a folder of pictures goes, too.",
-        )
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # old pictures are of no use
+        remedy = "`v4l2-ctl --list-devices` lists them; a video or a folder of pictures can be played instead."
+        raise InputError("no camera of that number can be opened", where="--camera", value=number, remedy=remedy)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     if form is not None:
         code = cv2.VideoWriter.fourcc(*FORMATS[form])
         capture.set(cv2.CAP_PROP_FOURCC, code)
         if int(capture.get(cv2.CAP_PROP_FOURCC)) != code:
             capture.release()
-            raise InputError("the camera does not send this", where="--format", value=form, remedy="Leave it out.")
+            raise InputError("the camera does not send this", where="--format", value=form, remedy="Omit it.")
     return Camera(capture, name)
 
 
 @dataclass
 class Played:
-    """The pictures of a recording, a frame every 1 / `rate_Hz` s; those that cannot be read are left out.
-
-    `rate_Hz` None: as fast as they are asked for.
-    """
+    """A recording played at `rate_Hz`, or, with None, as fast as it is read; unreadable frames are skipped."""
 
     recording: Recording
     rate_Hz: float | None = DEFAULT_RATE_HZ
@@ -156,11 +135,11 @@ class Played:
 
     @property
     def name(self) -> str:
-        """The recording's."""
+        """Return the recording's name."""
         return self.recording.name
 
     def shots(self) -> Iterator[Shot]:
-        """Its pictures, in their order, until there are no more."""
+        """Yield its pictures in order."""
         began = self.clock()
         for number, frame in enumerate(iter_frames(self.recording)):
             if self.rate_Hz is not None:
@@ -171,7 +150,7 @@ class Played:
                 self.unreadable += 1
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: no file stays open."""
 
 
 def _as_rgb(bgr: npt.NDArray[Any], name: str) -> Bytes:
@@ -185,16 +164,14 @@ def _as_rgb(bgr: npt.NDArray[Any], name: str) -> Bytes:
     return check_coloured(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8), name)
 
 
-# Only the newest frame: a thread takes all that come, so that a slow reader drops frames and never lags.
-
-LAST_S = 15.0  # s that a source may take over its last frame; drivers give up after ten
+LAST_S = 15.0  # s that a source may take for its last frame; drivers give up after ten
 
 
 class Newest:
-    """A source read in a thread of its own: `for shot in newest` gives the newest one each time.
+    """Read a source in a thread, so that a slow reader drops frames and never lags.
 
-    `every` waits for the reader instead, so that no frame is lost; only for a source that waits. `came` counts
-    the shots, `dropped` those that no reader saw. What goes wrong with the source is raised to the reader.
+    `for shot in newest` gives the newest shot each time. With `every`, a source that can wait does so for the
+    reader. `came` counts the shots, `dropped` those that were not read. Errors of the source reach the reader.
     """
 
     def __init__(self, source: Source, *, every: bool = False) -> None:
@@ -210,9 +187,7 @@ class Newest:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *ended: object) -> None:
         with self._turn:
             self._stopped = True
             self._turn.notify_all()
@@ -244,7 +219,7 @@ class Newest:
             self._turn.notify_all()
 
     def _put(self, shot: Shot) -> bool:
-        """Leave it for the reader; False where nobody reads any more."""
+        """Hand a shot to the reader; return False where nobody reads any more."""
         with self._turn:
             if self.every:
                 self._turn.wait_for(lambda: self._shot is None or self._stopped)
@@ -257,25 +232,21 @@ class Newest:
             return not self._stopped
 
 
-# Is a camera to be trusted? Rate, lost and repeated frames, exposure, compression, asked of its first frames.
+# Audit of a camera by its first frames: rate, lost and repeated frames, exposure, compression.
 #
-# Exposure: the median over the picture of a frame's brightness over the first one's. Untouched gel under steady
-# lamps keeps it; so do small contacts, as most of the picture stays.
-# Compression: JPEG and video code blocks of 8 pixels. By how much neighbours differ more across the borders of
-# blocks than within, in grey levels, is what compression put there.
-# It tells that there is compression, not how much depth loses.
+# Exposure: the median over the picture of a frame's brightness over the first one's, which small contacts keep.
+# Compression: by how much neighbours differ more across the borders of 8-pixel blocks than within them.
 
 FRAMES = 60  # frames of an audit: a second or two
 LOST = 1.5  # usual steps of time after which a frame is missing
-MAX_LOST = 0.02  # share of lost or repeated frames that is told of; a few are no matter
-MAX_BRIGHTNESS = 0.02  # relative change of brightness; lamps that are warm keep within a third of it
+MAX_CHANGE = 0.02  # share of lost or repeated frames, and relative change of brightness, that give a warning
 MAX_BLOCKS_GREY = 0.2  # grey levels: raw pictures have below .05, JPEG of any quality .3 to .7, video 1.3
-STEP = 4  # px apart that brightness is looked at
+STEP = 4  # px between samples of the brightness
 
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """What some frames that came one after the other tell; `rate_Hz` is NaN where their times tell nothing."""
+    """Audit of consecutive frames; `rate_Hz` is NaN where their times are not a camera's."""
 
     frames: int
     rate_Hz: float
@@ -286,42 +257,31 @@ class Audit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the camera, a sentence each."""
-        said, many = [], MAX_LOST * self.frames
+        """Return what is wrong with the camera, a sentence each."""
+        said, many = [], MAX_CHANGE * self.frames
         if self.lost > many:
             said.append(f"{self.lost} frames were lost between {self.frames}: the camera or its bus is busy")
         if self.repeated > many:
             said.append(f"{self.repeated} of {self.frames} frames repeat the one before: the camera is slower")
-        if self.brightness_change > MAX_BRIGHTNESS:
+        if self.brightness_change > MAX_CHANGE:
             said.append(
                 f"brightness changed by {100 * self.brightness_change:.1f} % over {self.frames} frames: is the "
                 "exposure automatic, or are the lamps still warming up?"
             )
         if self.blocks_grey > MAX_BLOCKS_GREY:
             said.append(
-                f"pictures are compressed: blocks differ by {self.blocks_grey:.2f} grey levels, which read as "
-                "slopes; take raw frames, or calibrate with frames compressed alike"
+                f"pictures are compressed: blocks differ by {self.blocks_grey:.2f} grey levels, which appear as "
+                "slopes; use raw frames, or calibrate with frames compressed in the same way"
             )
         return tuple(said)
 
     def as_json(self) -> dict[str, Any]:
-        """For a program."""
-        return {
-            "frames": self.frames,
-            "rate_Hz": self.rate_Hz,
-            "lost": self.lost,
-            "repeated": self.repeated,
-            "brightness_change": self.brightness_change,
-            "blocks_grey": self.blocks_grey,
-            "warnings": list(self.warnings),
-        }
+        """Return the audit for a program."""
+        return asdict(self) | {"warnings": list(self.warnings)}
 
 
 def audit(shots: Sequence[Shot], *, timed: bool = True) -> Audit:
-    """The audit of shots that came one after the other; not `timed`, when they came tells nothing of a camera.
-
-    Raises InputError for fewer than two.
-    """
+    """Audit consecutive shots; unless `timed`, their times are ignored. Raises InputError for fewer than two."""
     if len(shots) < 2:
         raise InputError("an audit needs frames", where="audit", value=len(shots))
     steps = np.diff([shot.time_s for shot in shots])
@@ -339,7 +299,7 @@ def audit(shots: Sequence[Shot], *, timed: bool = True) -> Audit:
 
 
 def brightness_change(frames: Sequence[Bytes]) -> float:
-    """By how much the brightness of frames (H, W, 3), grey levels, varies: a relative share of the first's."""
+    """Return the range of the brightness of frames (H, W, 3), grey levels, relative to the first's."""
     levels = [rgb[::STEP, ::STEP].sum(axis=2, dtype=np.float64) for rgb in frames]
     lit = levels[0] > 0
     if not lit.any():

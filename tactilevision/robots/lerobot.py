@@ -1,11 +1,11 @@
-"""Add depth, contact and force of a tactile camera to a new LeRobot data set."""
+"""Depth, contact and force of a tactile camera, added to a new LeRobot data set."""
 
 from __future__ import annotations
 
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -30,17 +30,17 @@ from tactilevision.robots.lerobot_dataset import (
     pictures,
     place_in,
 )
+from tactilevision.robots.log_export import COMPONENTS
 from tactilevision.robots.logs import library
 
-# The features that are written beside a camera: their schema for LeRobot, and their values for one frame.
+# The new features: their schema for LeRobot, and their values for one frame.
 
 STEP_MM = 2.0**-10  # mm: depths are rounded to this, far below their deviation, so that tables pack well
-WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nmm", "my_Nmm", "mz_Nmm")
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What one frame tells: depth (h, w) in mm, NaN where it is not known; wrench (6,) in N and N mm."""
+    """Values of one frame: depth (h, w) in mm, NaN where it is not known; wrench (6,) in N and N mm."""
 
     depth_mm: Floats
     contact: bool
@@ -51,39 +51,38 @@ class Reading:
 
 
 def base_of(camera: str) -> str:
-    """What the keys of the new features begin with: observation.images.left -> observation.left.
+    """Return the prefix of the new features: observation.left for observation.images.left.
 
-    LeRobot takes a key with "image" in it for a picture; so such a word becomes "tactile".
+    LeRobot takes a key with "image" in it for a picture; such a word becomes "tactile".
     """
     name = camera.removeprefix("observation.").removeprefix("images.")
     return "observation." + name.replace("images", "tactile").replace("image", "tactile")
 
 
 def schema(base: str, sensor: CalibratedSensor, *, shrink: int) -> dict[str, dict[str, Any]]:
-    """Keys of the new features, and what info.json says of each; a wrench only where E and nu are known."""
-    size = sensor.profile.sensor.height_px // shrink, sensor.profile.sensor.width_px // shrink
+    """Return the new features with their entries in info.json; a wrench only where E and nu are known."""
+    size = _size(sensor, shrink)
     scale = [one * shrink for one in sensor.mm_per_px]
-    told = {"profile": sensor.profile.name, "mm_per_px": scale, "positive": "into the gel"}
+    about = {"profile": sensor.profile.name, "mm_per_px": scale, "positive": "into the gel"}
     found: dict[str, dict[str, Any]] = {
-        f"{base}.depth_mm": _feature("float32", list(size), ["height", "width"]) | {"info": told},
+        f"{base}.depth_mm": _feature("float32", list(size), ["height", "width"]) | {"info": about},
         f"{base}.contact": _feature("bool", [1], None),
         f"{base}.peak_mm": _feature("float32", [1], None),
         f"{base}.area_mm2": _feature("float32", [1], None),
         f"{base}.flags": _feature("string", [1], None),
     }
     if sensor.field is not None:
-        found[f"{base}.wrench"] = _feature("float32", [6], list(WRENCH))
+        found[f"{base}.wrench"] = _feature("float32", [6], list(COMPONENTS))
     return found
 
 
 def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> Reading:
-    """What a frame (H, W, 3) uint8 tells, in mm and N; one that is not read is all NaN, and its flags say why."""
+    """Read a frame (H, W, 3) uint8 in mm and N; one that cannot be read is all NaN, with the reason as flag."""
     try:
         seen = sensor.read(rgb)
     except InputError as fault:
-        size = sensor.profile.sensor.height_px // shrink, sensor.profile.sensor.width_px // shrink
-        nothing = np.full(6, np.nan)
-        return Reading(np.full(size, np.nan), False, np.nan, np.nan, nothing, f"not read: {fault.what}")
+        nothing, why = np.full(6, np.nan), f"not read: {fault.what}"
+        return Reading(np.full(_size(sensor, shrink), np.nan), False, np.nan, np.nan, nothing, why)
     assert isinstance(seen, Seen)
     height, wrench = seen.height, seen.wrench
     depth = np.where(height.valid, height.depth_mm, np.nan)
@@ -99,7 +98,7 @@ def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> Reading:
 
 
 def shrunk(depth_mm: Floats, factor: int) -> Floats:
-    """Means of blocks of `factor` x `factor` pixels of a map (H, W) in mm; NaN where half of one is not known."""
+    """Return means of blocks of `factor` x `factor` pixels of a map (H, W) in mm; NaN where half is not known."""
     if factor == 1:
         return depth_mm
     rows, columns = depth_mm.shape[0] // factor, depth_mm.shape[1] // factor
@@ -111,33 +110,32 @@ def shrunk(depth_mm: Floats, factor: int) -> Floats:
 
 
 def columns_of(readings: list[Reading], keys: Mapping[str, Any], base: str) -> dict[str, list[Any]]:
-    """The values of the features `keys` for a part of the table, one of each frame."""
-    every: dict[str, list[Any]] = {
-        "depth_mm": [one.depth_mm.astype(np.float32) for one in readings],
-        "contact": [one.contact for one in readings],
-        "peak_mm": [one.peak_mm for one in readings],
-        "area_mm2": [one.area_mm2 for one in readings],
-        "flags": [one.flags for one in readings],
-        "wrench": [one.wrench.astype(np.float32) for one in readings],
-    }
-    return {key: every[key.removeprefix(f"{base}.")] for key in keys}
+    """Return the values of the features `keys` for a part of the table, one a frame."""
+
+    def value(one: Reading, key: str) -> Any:
+        found = getattr(one, key.removeprefix(f"{base}."))
+        return found.astype(np.float32) if isinstance(found, np.ndarray) else found
+
+    return {key: [value(one, key) for one in readings] for key in keys}
+
+
+def _size(sensor: CalibratedSensor, shrink: int) -> tuple[int, int]:
+    return sensor.profile.sensor.height_px // shrink, sensor.profile.sensor.width_px // shrink
 
 
 def _feature(kind: str, shape: list[int], names: list[str] | None) -> dict[str, Any]:
     return {"dtype": kind, "shape": shape, "names": names}
 
 
-# Statistics of the new features, as LeRobot keeps them: of each episode, and of all of them together.
-#
-# NaN, which means not known, is left out. Where all is NaN, the statistics are 0.
+# Statistics of the new features of each episode and of all. NaN is excluded; where all is NaN, they are 0.
 
-QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-MAX_SAMPLED = 256  # pixels of each map that the statistics of depth are taken from, besides its extremes
+QUANTILES = ("q01", "q10", "q50", "q90", "q99")  # by their percent
+MAX_SAMPLED = 256  # pixels of each map for the statistics of depth, besides its extremes
 Stats = dict[str, Floats]
 
 
 def sample_depth(depth_mm: Floats) -> Floats:
-    """Evenly spaced values (k,) of a map (H, W) in mm, its least and its greatest first."""
+    """Return evenly spaced values (k,) of a map (H, W) in mm, its least and its greatest first."""
     flat = depth_mm.ravel()
     known = flat[np.isfinite(flat)]
     extremes = (known.min(), known.max()) if known.size else (np.nan, np.nan)
@@ -145,7 +143,7 @@ def sample_depth(depth_mm: Floats) -> Floats:
 
 
 def statistics_of_depth(samples: Sequence[Floats]) -> Stats:
-    """Statistics, mm, of the samples (N, k) of an episode's maps, of shape (1, 1)."""
+    """Return statistics, mm, of the samples (N, k) of an episode's maps, of shape (1, 1)."""
     every = np.stack(samples)
     found = statistics_of_values(every[:, 2:].reshape(-1, 1))
     found |= {"min": statistics_of_values(every[:, :1])["min"], "max": statistics_of_values(every[:, 1:2])["max"]}
@@ -154,20 +152,20 @@ def statistics_of_depth(samples: Sequence[Floats]) -> Stats:
 
 
 def statistics_of_values(values: Floats) -> Stats:
-    """Statistics (k,) of the values (N, k) of an episode, in their unit."""
+    """Return statistics (k,) of the values (N, k) of an episode, in their unit."""
     found: dict[str, list[float]] = {name: [] for name in ("min", "max", "mean", "std", *QUANTILES)}
     for column in np.asarray(values, float).T:
         known = column[np.isfinite(column)]
         known = known if known.size else np.zeros(1)
-        told = [known.min(), known.max(), known.mean(), known.std()]
-        told += [np.quantile(known, share) for share in QUANTILES.values()]
-        for name, value in zip(found, told, strict=True):
+        statistics = [known.min(), known.max(), known.mean(), known.std()]
+        statistics += np.quantile(known, [int(name[1:]) / 100 for name in QUANTILES]).tolist()
+        for name, value in zip(found, statistics, strict=True):
             found[name].append(float(value))
     return {name: np.array(column) for name, column in found.items()} | {"count": np.array([len(values)])}
 
 
 def pooled_statistics(episodes: Sequence[Stats]) -> Stats:
-    """Statistics of all episodes from theirs, weighted by their frames, in their unit and shape, as (1,)."""
+    """Pool the statistics of episodes, weighted by their frames, in their unit and shape, as (1,)."""
     counts = np.array([float(one["count"][0]) for one in episodes])
 
     def mean(name: str) -> Floats:
@@ -183,21 +181,19 @@ def pooled_statistics(episodes: Sequence[Stats]) -> Stats:
 
 
 def statistics_as_json(stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Statistics of each feature, in their unit and shape, as (1,) and lists."""
+    """Return statistics of each feature, in their unit and shape, as (1,) and lists."""
     return {key: {name: value.tolist() for name, value in one.items()} for key, one in stats.items()}
 
 
-# Depth, contact and force of a tactile camera, written beside its frames: a new data set of LeRobot.
-#
-# All that the old one holds is kept: videos are copied byte for byte, and the tables gain columns.
+# The new data set: videos are copied byte for byte, and the tables gain columns.
 
-LOOKED_AT = 5  # frames at the beginning, which tell whether the profile is this sensor's
-Tell = Callable[[int, int], None]  # frames done, and of how many
+LOOKED_AT = 5  # frames at the beginning by which the profile is checked
+Progress = Callable[[int, int], None]  # frames done, and of how many
 
 
 @dataclass(frozen=True, slots=True)
 class Annotated:
-    """What was written: counts, the keys of the new features, and what is doubtful."""
+    """Counts of what was written, the keys of the new features, and warnings."""
 
     episodes: int
     frames: int
@@ -213,13 +209,12 @@ def annotate(
     out: Path | str,
     *,
     shrink: int = 4,
-    tell: Tell = lambda done, of: None,
+    progress: Progress = lambda done, of: None,
 ) -> Annotated:
-    """Write the data set `out`: all of `dataset`, and what `sensor` reads in its camera's frames.
+    """Write the data set `out`: all of `dataset`, and the readings of its camera's frames by `sensor`.
 
-    Maps are means of `shrink` x `shrink` pixels. The reference is the profile's, best of raw frames: in packed
-    ones the codec has changed the gel's noise. Raises InputError for frames of another size,
-    features that are there already, and as `pictures` does; OutputError where `out` is a data set already.
+    Maps are means of `shrink` x `shrink` pixels. The reference is the profile's. Raises InputError for frames of
+    another size, for features that exist, and as `pictures` does; OutputError where `out` is a data set already.
     """
     if (Path(out) / INFO).exists():
         raise OutputError("is a data set already", where=out, remedy="Choose an empty folder with --out.")
@@ -229,7 +224,7 @@ def annotate(
     if there:
         raise InputError("the data set has such a feature already", where=dataset.root, value=there[0])
     warnings = _look(dataset, sensor)
-    work = _Work(dataset, base, added, _readings(dataset, sensor, shrink=shrink), tell)
+    work = _Work(dataset, base, added, _readings(dataset, sensor, shrink=shrink), progress)
     with staged(out) as folder:
         for place in dict.fromkeys(one.data for one in dataset.episodes):
             work.write_table(dataset.data(place), folder / data_name(place))
@@ -239,24 +234,22 @@ def annotate(
     return Annotated(len(dataset.episodes), work.done, work.in_contact, work.not_read, tuple(added), warnings)
 
 
+@dataclass
 class _Work:
-    """The readings as they come, and their statistics."""
+    """Writer of the tables, which reads the frames on the way and gathers their statistics."""
 
-    def __init__(
-        self,
-        dataset: DataSet,
-        base: str,
-        added: dict[str, Any],
-        readings: Iterator[tuple[int, Reading]],
-        tell: Tell,
-    ) -> None:
-        self.dataset, self.base, self.added, self.readings, self.tell = dataset, base, added, readings, tell
-        self.done = self.in_contact = self.not_read = 0
-        self.gathered: dict[int, dict[str, list[Any]]] = {}
-        self.total = sum(one.length for one in dataset.episodes)
+    dataset: DataSet
+    base: str
+    added: dict[str, Any]
+    readings: Iterator[tuple[int, Reading]]
+    progress: Progress
+    done: int = 0
+    in_contact: int = 0
+    not_read: int = 0
+    gathered: dict[int, dict[str, list[Any]]] = field(default_factory=dict)
 
     def write_table(self, source: Path, target: Path) -> None:
-        """One table of frames, with the new columns."""
+        """Write one table of frames with the new columns."""
         arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
         target.parent.mkdir(parents=True, exist_ok=True)
         with opened(source) as file:
@@ -275,7 +268,7 @@ class _Work:
                 writer.write_batch(arrow.RecordBatch.from_arrays([*batch.columns, *new], schema=whole))
 
     def _taken(self, readings: list[tuple[int, Reading]]) -> dict[str, list[Any]]:
-        """The columns of a part; their statistics are gathered."""
+        """Return the columns of a part of a table, and gather their statistics."""
         columns = columns_of([one for _, one in readings], self.added, self.base)
         for key, column in columns.items():
             for (number, _), value in zip(readings, column, strict=True):
@@ -284,11 +277,11 @@ class _Work:
         self.done += len(readings)
         self.in_contact += sum(one.contact for _, one in readings)
         self.not_read += sum(one.flags.startswith("not read") for _, one in readings)
-        self.tell(self.done, self.total)
+        self.progress(self.done, sum(one.length for one in self.dataset.episodes))
         return columns
 
     def write_episodes(self, folder: Path) -> None:
-        """The tables of episodes, with the statistics of the new features in each."""
+        """Write the tables of episodes with the statistics of the new features."""
         arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
         for name in episode_files(self.dataset.root):
             table = arrow.Table.from_batches(list(parts(place_in(self.dataset.root, name))))
@@ -301,7 +294,7 @@ class _Work:
             parquet.write_table(table, folder / name, compression="zstd")
 
     def write_info(self, folder: Path) -> None:
-        """info.json with the new features, stats.json with their statistics."""
+        """Write info.json with the new features, and stats.json with their statistics."""
         root = self.dataset.root
         info = dict(self.dataset.info) | {"features": dict(self.dataset.features) | self.added}
         stats = read_json(place_in(root, STATS)) if (root / STATS).exists() else {}
@@ -325,18 +318,18 @@ class _Work:
 
 
 def _readings(dataset: DataSet, sensor: CalibratedSensor, *, shrink: int) -> Iterator[tuple[int, Reading]]:
-    """The episode's number and what was read, frame by frame."""
+    """Yield the episode's number and the reading, frame by frame."""
     for row, rgb in pictures(dataset):
         yield row.episode.number, read_frame(sensor, rgb, shrink=shrink)
 
 
 def _look(dataset: DataSet, sensor: CalibratedSensor) -> tuple[str, ...]:
-    """What is doubtful about the profile by the first frames. Raises InputError where they have another size."""
+    """Return warnings of the profile by the first frames. Raises InputError where they have another size."""
     shown: list[Bytes] = [rgb for _, rgb in islice(pictures(dataset), LOOKED_AT)]
     wanted, found = sensor.profile.frame_size_px, shown[0].shape[1::-1]
     if found != wanted:
         raise InputError(
-            f"frames of {wanted[0]} x {wanted[1]} px are what the profile {sensor.profile.name} was made for",
+            f"the profile {sensor.profile.name} was made for frames of {wanted[0]} x {wanted[1]} px",
             where=f"{dataset.root}, {dataset.camera}",
             value=f"{found[0]} x {found[1]} px",
             remedy="Calibrate the sensor on frames of this size.",
@@ -346,7 +339,7 @@ def _look(dataset: DataSet, sensor: CalibratedSensor) -> tuple[str, ...]:
 
 
 def _copy_rest(root: Path, folder: Path) -> None:
-    """All files that are not written anew; what begins with a dot is a cache of the hub."""
+    """Copy all other files; names that begin with a dot are caches of the hub."""
     for path in sorted(root.rglob("*")):
         name = path.relative_to(root)
         target = folder / name
@@ -364,5 +357,5 @@ def _type(feature: dict[str, Any]) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """A map as rows, which pyarrow takes; all else as it is."""
+    """Return a map as a list of rows for pyarrow; other values unchanged."""
     return list(value) if isinstance(value, np.ndarray) and value.ndim == 2 else value

@@ -1,4 +1,4 @@
-"""Read a LeRobot data set, version 3: its metadata, parquet tables and camera pictures."""
+"""Reader of LeRobot data sets, version 3: metadata, parquet tables and camera pictures."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from tactilevision.files.pictures import check_picture
 from tactilevision.records.measured import Bytes
 from tactilevision.robots.logs import library
 
-# Parquet through the door: regular files, bounded, read in parts; what is damaged is told in a sentence.
+# Parquet files: regular, bounded, and read in parts.
 
 ROWS = 64  # of a part: some tens of MB with depth maps of a whole picture
 
 
 def place_in(root: Path, name: str) -> Path:
-    """A file of the data set. Raises InputError where it is missing, leads elsewhere, or is no file."""
+    """Return a file of the data set. Raises InputError where it is missing, outside, or not a regular file."""
     path = inside(root, name, where=root)
     if not path.exists():
         raise InputError("the data set lacks a file", where=root, value=name, remedy="Download it whole.")
@@ -34,14 +34,14 @@ def place_in(root: Path, name: str) -> Path:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """A Parquet file of pyarrow. Raises InputError where it is damaged, now or while it is read."""
-    with told(path), library("pyarrow.parquet").ParquetFile(path) as file:
+    """Open a Parquet file. Raises InputError where it is damaged, also while it is read."""
+    with checked(path), library("pyarrow.parquet").ParquetFile(path) as file:
         check(file.metadata.num_columns, "MAX_COLUMNS", what="the number of its columns", where=path)
         yield file
 
 
 def parts(path: Path, columns: Sequence[str] | None = None) -> Iterator[Any]:
-    """Its rows in record batches; `columns` None: all. Raises InputError where one is missing or damaged."""
+    """Yield rows in record batches; `columns` None: all. Raises InputError where one is missing or damaged."""
     with opened(path) as file:
         has = file.schema_arrow.names
         missing = [name for name in columns or () if name not in has]
@@ -53,18 +53,18 @@ def parts(path: Path, columns: Sequence[str] | None = None) -> Iterator[Any]:
 
 
 @contextmanager
-def told(path: Path) -> Iterator[None]:
-    """Raise InputError where a library of Parquet or video says that a file is damaged."""
+def checked(path: Path) -> Iterator[None]:
+    """Raise InputError where a library of Parquet or video finds a file damaged."""
     try:
         yield
     except TactilevisionError:
         raise
-    except Exception as fault:  # the libraries raise of every kind where a file is damaged
+    except Exception as fault:  # the libraries raise errors of every kind for damaged files
         said = " ".join(str(fault).split())[:160] or type(fault).__name__
         raise InputError(f"is damaged: {said}", where=path, remedy="Download it again.") from fault
 
 
-# What a data set says of itself: meta/info.json and meta/episodes, checked; nothing of its frames is read yet.
+# Metadata: meta/info.json and meta/episodes.
 
 INFO, STATS, EPISODES = "meta/info.json", "meta/stats.json", "meta/episodes"
 VERSION = "v3."
@@ -74,7 +74,7 @@ _NUMBERS = ("episode_index", "length", "data/chunk_index", "data/file_index")
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """One episode: how many frames, in which file of the tables, in which video and from when on, s."""
+    """One episode: its number of frames, its table, its video, and where it begins there, s."""
 
     number: int
     length: int
@@ -85,7 +85,7 @@ class Episode:
 
 @dataclass(frozen=True, slots=True)
 class DataSet:
-    """A data set on disk, seen through one camera, which is kept as a video or as single pictures."""
+    """A data set on disk with one of its cameras, stored as videos or as single pictures."""
 
     root: Path
     info: Mapping[str, Any]
@@ -96,28 +96,28 @@ class DataSet:
 
     @property
     def features(self) -> Mapping[str, Any]:
-        """What each frame has, by key."""
+        """Return the features of each frame by key."""
         found: Mapping[str, Any] = self.info["features"]
         return found
 
     def data(self, place: Place) -> Path:
-        """A table of frames. Raises InputError where it is missing."""
+        """Return a table of frames. Raises InputError where it is missing."""
         return place_in(self.root, data_name(place))
 
     def video(self, place: Place) -> Path:
-        """A video of the camera. Raises InputError where it is missing."""
+        """Return a video of the camera. Raises InputError where it is missing."""
         return place_in(self.root, f"videos/{self.camera}/{_name(place)}.mp4")
 
 
 def data_name(place: Place) -> str:
-    """Where a table of frames lies in its data set."""
+    """Return the name of a table of frames in its data set."""
     return f"data/{_name(place)}.parquet"
 
 
 def read_dataset(root: Path | str, camera: str) -> DataSet:
-    """Read what describes a data set. `camera` is the key of the tactile camera.
+    """Read the metadata of a data set. `camera` is the key of the tactile camera.
 
-    Raises InputError for another version, a key that is no camera (and says which are), and missing files.
+    Raises InputError for another version, a key that is not a camera (with those that are), and missing files.
     """
     root = Path(root)
     if not (root / INFO).is_file():
@@ -129,7 +129,7 @@ def read_dataset(root: Path | str, camera: str) -> DataSet:
             "the data set is of a version that is not read",
             where=root / INFO,
             value=version,
-            remedy="LeRobot turns one of v2.1 into v3.0: lerobot.datasets.v30.convert_dataset_v21_to_v30.",
+            remedy="LeRobot converts v2.1 to v3.0: lerobot.datasets.v30.convert_dataset_v21_to_v30.",
         )
     if not isinstance(features, dict) or not isinstance(rate, int | float) or not 0 < rate < 1e5:
         raise InputError("states no features, or no rate (fps)", where=root / INFO, value=rate)
@@ -142,7 +142,7 @@ def read_dataset(root: Path | str, camera: str) -> DataSet:
 
 
 def episode_files(root: Path) -> list[str]:
-    """The tables of episodes, by name in the data set."""
+    """Return the names of the tables of episodes in the data set."""
     return [path.relative_to(root).as_posix() for path in sorted((root / EPISODES).glob("*/*.parquet"))]
 
 
@@ -174,18 +174,16 @@ def _name(place: Place) -> str:
     return f"chunk-{place[0]:03d}/file-{place[1]:03d}"
 
 
-# The pictures of a camera in the order of the frames; each is checked to be the one that its row means.
-#
-# Rows count frames at a constant rate, and a video is matched to them by time. So a frame that is missing, or a
-# video of another or variable rate, would shift all that follows: it is refused.
+# Pictures of a camera in the order of the frames. Rows count frames at a constant rate and videos are matched by
+# time, so that missing frames and videos of another or variable rate are refused.
 
-MAX_OFF = 0.1  # of the time between two frames: a picture further from its row's time is another one
+MAX_OFF = 0.1  # of the time between two frames, between a picture's time and its row's
 _INDEX = ("episode_index", "frame_index", "timestamp")
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One frame of the tables; `packed` holds its picture where the camera's are kept there."""
+    """One frame of the tables; `packed` holds its picture where pictures are stored there."""
 
     episode: Episode
     frame: int
@@ -194,7 +192,7 @@ class Row:
 
 
 def rows(dataset: DataSet) -> Iterator[Row]:
-    """All frames in order. Raises InputError where one is missing, or not at the data set's rate."""
+    """Yield all frames in order. Raises InputError where one is missing, or not at the data set's rate."""
     episodes = iter(dataset.episodes)
     episode, due = next(episodes), 0
     for path, number, frame, time_s, packed in _cells(dataset):
@@ -205,7 +203,7 @@ def rows(dataset: DataSet) -> Iterator[Row]:
                 "frames are missing or out of order",
                 where=path,
                 value=f"frame {frame} of episode {number}, where frame {due} of episode {episode.number} is due",
-                remedy="Download it again, or record the episode anew.",
+                remedy="Download it again, or record the episode again.",
             )
         if not abs(time_s - frame / dataset.rate_Hz) < MAX_OFF / dataset.rate_Hz:
             raise InputError(
@@ -222,7 +220,7 @@ def rows(dataset: DataSet) -> Iterator[Row]:
 
 
 def pictures(dataset: DataSet) -> Iterator[tuple[Row, Bytes]]:
-    """Each frame with its picture (H, W, 3) uint8 grey levels, red first. Raises InputError as `rows` does."""
+    """Yield each frame with its picture (H, W, 3) uint8 grey levels, red first. Raises as `rows` does."""
     if dataset.is_video:
         yield from _from_videos(dataset)
         return
@@ -261,14 +259,14 @@ def _from_videos(dataset: DataSet) -> Iterator[tuple[Row, Bytes]]:
                 f"the video is not at the constant rate of {dataset.rate_Hz:g} a second",
                 where=where,
                 value=f"{at_s:.4f} s, not {due_s:.4f} s",
-                remedy="Encode it anew at that rate, or record with single pictures.",
+                remedy="Encode it again at that rate, or record single pictures.",
             )
         yield row, rgb
 
 
 def _decoded(path: Path) -> Iterator[tuple[float, Bytes]]:
-    """Times, s, and pictures of a video."""
-    with told(path), library("av").open(str(path), format="mp4") as box:
+    """Yield times, s, and pictures of a video."""
+    with checked(path), library("av").open(str(path), format="mp4") as box:
         if not box.streams.video:
             raise InputError("the file holds no video", where=path)
         stream = box.streams.video[0]

@@ -1,4 +1,4 @@
-"""Reconstruct one frame at a time for a control loop, and record the results of a stream."""
+"""Streams: one frame at a time for a control loop, and the loop that counts and reports them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from tactilevision.files.documents import csv_text
 from tactilevision.heightmap.ball_validation import check_fit
 from tactilevision.heightmap.deviation import untouched_std
 from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.maps import LIGHT, Footprint, Frame, HeightMap, TractionMap, add
 from tactilevision.records.measured import Bools, Bytes, Floats, Wrench
@@ -25,25 +26,24 @@ from tactilevision.records.rig import Indenter
 from tactilevision.robots.camera import Shot
 from tactilevision.robust import median
 
-# One frame at a time, for a control loop: frame in; height map, contact, footprint and force out.
-#
-# Everything is held in buffers made once; nothing is kept of a frame but the drift of the light, whose history is
-# a running mean, so that a stream may run for days.
+if TYPE_CHECKING:
+    from tactilevision.profile.sensor import CalibratedSensor
 
-SAMPLE_PX = 2  # pixels along each side, of which one is looked at
-RENEW = 0.002  # share a frame: five seconds at 90 frames a second: lamps warm in minutes, presses take less
+# A stream keeps only a running mean of the reference, so that it may run for days.
+
+SAMPLE_PX = 2  # every second pixel along each side is used
+RENEW = 0.002  # a frame, of the running mean: 5 s at 90 frames a second; lamps warm in minutes, presses take less
 # ms: upper edges of the histogram of latencies
 EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, 125, 250, 500, 1000, np.inf])
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What one frame says. `contact` is True where the gel is pressed; `peak_mm` its greatest depth there, else 0.
+    """Result of one frame: its map, whether there is `contact`, and the greatest depth `peak_mm` there, else 0.
 
-    `least_mm` is the depth from which a contact would be seen in half of the picture: where none is seen, one less
-    deep may be there. `height.flags` (flags.py) say what makes all of it doubtful. `footprint` is None without
-    contact or without an indenter to look for; `latency_ms` from frame to result. `tractions` and `wrench`
-    are None where the stream's sensor knows no E and nu, and where the force could not be solved.
+    `least_mm` is the depth from which a contact is detected in half of the picture. `footprint` is None without
+    contact or without an indenter; `latency_ms` from frame to result. `tractions` and `wrench` are None where E
+    and nu are not known, and where the force could not be solved.
     """
 
     height: HeightMap
@@ -56,41 +56,24 @@ class Moment:
 
     @property
     def wrench(self) -> Wrench | None:
-        """Force and moment."""
+        """Return force and moment."""
         return None if self.tractions is None else self.tractions.wrench
 
 
-class Calibrated(Protocol):
-    """What a sensor profile is to a stream (profile/sensor.py)."""
-
-    @property
-    def reconstructor(self) -> Reconstructor: ...
-
-    @property
-    def indenter(self) -> Indenter | None: ...
-
-    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]: ...
-
-    def held(self, height: HeightMap, face: Footprint | None) -> HeightMap: ...
-
-    def tractions(self, height: HeightMap, rgb_rectified: Bytes) -> TractionMap | None: ...
-
-
 class Stream:
-    """Turns frames into moments. Not thread-safe.
+    """Turn frames into moments. Not thread-safe.
 
-    `source` is a reconstructor, or a calibrated sensor (`load_sensor`), which gives the force, too. `indenter`:
-    what to look for, None for contact alone. `renew` is the share by which each frame without contact renews the
-    reference, so that slow changes of light and temperature are followed; 0 leaves it as it is. The larger it is
-    the sooner a press that comes slowly is taken for untouched gel: one that moves by v mm a frame is seen late,
-    or never, where v / renew is less than what noise hides (some 10 um).
+    `source` is a reconstructor, or a calibrated sensor (`load_sensor`), which also gives the force. `indenter` is
+    sought in contacts, None for contact alone. `renew` is the share by which each frame without contact renews the
+    reference, so that slow changes of light and temperature are followed; 0 keeps it. A press that moves by v mm a
+    frame is detected late, or never, where v / renew is below the noise of depth (some 10 um).
 
-    Raises InputError for a calibration that fails its own balls, unless it is to be used `even_so`.
+    Raises InputError for a calibration that fails its own balls, unless `even_so`.
     """
 
     def __init__(
         self,
-        source: Reconstructor | Calibrated,
+        source: Reconstructor | CalibratedSensor,
         indenter: Indenter | None = None,
         renew: float = RENEW,
         *,
@@ -110,13 +93,10 @@ class Stream:
         self._last: Footprint | None = None
 
     def take(self, frame: Frame) -> Moment:
-        """The next frame. Raises InputError for one that cannot be read; the stream goes on with the one after."""
+        """Read the next frame. Raises InputError for one that cannot be read, after which the stream goes on."""
         if not isinstance(frame, Frame):
             raise InputError(
-                "a stream takes frames",
-                where="Stream.take",
-                value=type(frame).__name__,
-                remedy="Hand over Frame(rgb).",
+                "a stream takes frames, not arrays: Frame(rgb)", where="Stream.take", value=type(frame)
             )
         began = time.perf_counter()
         rgb = self.reconstructor.rectified(frame)
@@ -136,7 +116,7 @@ class Stream:
         known = LIGHT not in height.flags and least_mm < CONTACT.live_blind_mm
         if not contact and known and self.renew > 0:
             self.reconstructor.follow(rgb, self.renew)
-        latency_ms = 1e3 * (time.perf_counter() - began)
+        latency_ms = KILO * (time.perf_counter() - began)
         self.latencies[np.searchsorted(EDGES_MS, latency_ms)] += 1
         self.frames += 1
         return Moment(height, contact, peak_mm, self._last, latency_ms, least_mm, tractions)
@@ -152,12 +132,11 @@ class Stream:
         return said
 
     def histogram(self) -> list[tuple[float, int]]:
-        """(upper edge in ms, frames) of the latencies so far."""
+        """Return (upper edge in ms, frames) of the latencies so far."""
         return [(float(edge), int(count)) for edge, count in zip(EDGES_MS, self.latencies, strict=True)]
 
     def _contact(self, height: HeightMap) -> tuple[bool, float, float, tuple[str, ...]]:
-        """Whether there is a contact, its depth, the depth that would show as one in half of the picture, and
-        the flags of where it lies."""
+        """Return whether there is a contact, its depth, the depth detected in half of the picture, and flags."""
         depth, valid = height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX], height.valid[::SAMPLE_PX, ::SAMPLE_PX]
         spread = untouched_std(height, self.reconstructor.error, every=SAMPLE_PX)
         if spread is None:
@@ -177,7 +156,7 @@ class Stream:
 
 
 def _strongly_pressed(height: HeightMap) -> Bools:
-    """Mask (h, w) of every SAMPLE_PXth pixel that slopes or colours show to be pressed, whatever its deviation."""
+    """Return the mask (h, w) of every SAMPLE_PXth pixel that slopes or colours show to be pressed."""
     x, y = height.mm_per_px
     sampled = replace(
         height,
@@ -190,7 +169,7 @@ def _strongly_pressed(height: HeightMap) -> Bools:
     return deep & strong_evidence(sampled) if deep.any() else deep
 
 
-# Frame after frame through a stream, as they come; what each says is handed on, and counted.
+# The loop over the frames of a stream.
 
 AXES = ("x", "y", "z")
 COLUMNS = (
@@ -204,15 +183,15 @@ KEPT = 2000  # ages of the last frames, from which the 95th percentile is taken
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """One frame: its shot, its moment, and `age_ms` from when it came until all was known."""
+class LiveResult:
+    """One frame of a loop: its shot, its moment, and `age_ms` from its arrival to the result."""
 
     shot: Shot
     moment: Moment
     age_ms: float
 
     def as_row(self) -> str:
-        """A line of live.csv; what is not known is left empty."""
+        """Return a line of live.csv; unknown values are empty."""
         moment, wrench = self.moment, self.moment.wrench
         force = (*wrench.force_N, *wrench.force_std_N, *wrench.moment_Nmm) if wrench else (math.nan,) * 9
         numbers = (moment.peak_mm, *force, self.age_ms)
@@ -229,7 +208,7 @@ class Told:
 
 @dataclass
 class Counts:
-    """What a loop has done: frames read, how many have each flag, `refused` with the last reason, ages in ms."""
+    """Counts of a loop: frames read, frames of each flag, `refused` with the last reason `why`, ages in ms."""
 
     read: int = 0
     refused: int = 0
@@ -251,16 +230,27 @@ class Counts:
 
     @property
     def rate_Hz(self) -> float:
-        """Frames read a second, since the beginning."""
-        return self.read / max(time.monotonic() - self.began_s, 1e-9)
+        """Return frames read a second since the beginning."""
+        return self.read / max(time.monotonic() - self.began_s, TINY)
 
     @property
     def age95_ms(self) -> float:
-        """The age that 95 of 100 of the last frames stay under; NaN before the first."""
+        """Return the 95th percentile of the ages of the last frames; NaN before the first."""
         return float(np.percentile(self.ages_ms, 95)) if self.ages_ms else math.nan
 
+    def as_json(self) -> dict[str, object]:
+        """Return the counts for a program."""
+        return {
+            "frames": self.read,
+            "refused": self.refused,
+            "rate_Hz": self.rate_Hz,
+            "age95_ms": self.age95_ms,
+            "flags": dict(self.flags),
+            "histogram": [[float(edge), int(n)] for edge, n in zip(EDGES_MS, self.histogram, strict=True)],
+        }
+
     def lines(self) -> Sequence[str]:
-        """The histogram of ages, a line for each step that holds frames."""
+        """Return the histogram of ages, a line for each bin that holds frames."""
         top = max(self.histogram.max(), 1)
         rows = []
         for k, count in enumerate(self.histogram):
@@ -271,8 +261,8 @@ class Counts:
         return rows
 
 
-def run(shots: Iterable[Shot], stream: Stream, *, counts: Counts, tell: Callable[[Told], bool]) -> None:
-    """Read shots until they end, or `tell` says False. A frame that cannot be read is counted, and passed over."""
+def run(shots: Iterable[Shot], stream: Stream, *, counts: Counts, report: Callable[[LiveResult], bool]) -> None:
+    """Read shots until they end, or `report` returns False. Frames that cannot be read are counted and skipped."""
     counts.began_s = time.monotonic()
     for shot in shots:
         try:
@@ -280,7 +270,7 @@ def run(shots: Iterable[Shot], stream: Stream, *, counts: Counts, tell: Callable
         except InputError as fault:
             counts.refused, counts.why = counts.refused + 1, fault.what
             continue
-        age_ms = 1e3 * (time.monotonic() - shot.time_s)
+        age_ms = KILO * (time.monotonic() - shot.time_s)
         counts.add(age_ms, moment.height.flags)
-        if not tell(Told(shot, moment, age_ms)):
+        if not report(LiveResult(shot, moment, age_ms)):
             break

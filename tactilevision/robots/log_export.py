@@ -1,4 +1,4 @@
-"""Write the depth and force of a recording as ROS messages to MCAP, ROS 1 or ROS 2 logs."""
+"""Depth and force of a recording as ROS messages in MCAP, ROS 1 or ROS 2 logs."""
 
 from __future__ import annotations
 
@@ -15,24 +15,22 @@ import numpy as np
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files.opening import inside
 from tactilevision.files.tiff import read_tiff
-from tactilevision.files.writing import replacing, told_as_output, unfinished
+from tactilevision.files.writing import output_errors, replacing, unfinished
 from tactilevision.recording.layout import Columns
 from tactilevision.recording.model import Recording
 from tactilevision.recording.tables import read_table
+from tactilevision.records.constants import MILLI
 from tactilevision.records.maps import HeightMap
 from tactilevision.records.measured import Floats
 from tactilevision.robots.logs import library
 from tactilevision.robots.messages import IMAGE, WRENCH, typestore
 
-# Depth and force as ROS messages: an MCAP file, a ROS 1 bag, or a ROS 2 folder (sqlite3).
-
-MM = 1e-3  # metres: the unit of length in ROS (REP 103)
 Put = Callable[[str, Any, int], None]  # topic, message, time in ns
 
 
 def depth_message(height: HeightMap, *, time_ns: int, frame_id: str, encoding: str) -> Any:
-    """sensor_msgs/Image 32FC1 in metres of a map (H, W) in mm; NaN where that is not valid (REP 118)."""
-    depth_m = np.where(height.valid, height.depth_mm * MM, np.nan).astype("<f4")
+    """Return sensor_msgs/Image 32FC1 in metres of a map (H, W) in mm; NaN where that is not valid (REP 118)."""
+    depth_m = np.where(height.valid, height.depth_mm * MILLI, np.nan).astype("<f4")
     rows, columns = depth_m.shape
     data = np.frombuffer(np.ascontiguousarray(depth_m).tobytes(), np.uint8)
     return _type(IMAGE, encoding)(
@@ -47,18 +45,19 @@ def depth_message(height: HeightMap, *, time_ns: int, frame_id: str, encoding: s
 
 
 def wrench_message(force_N: Floats, moment_Nmm: Floats, *, time_ns: int, frame_id: str, encoding: str) -> Any:
-    """geometry_msgs/WrenchStamped of force (3,) in N and moment (3,) in N mm, which becomes N m."""
+    """Return geometry_msgs/WrenchStamped of force (3,) in N and moment (3,) in N mm, which becomes N m."""
     vector = _type("geometry_msgs/msg/Vector3", encoding)
-    force, torque = vector(*map(float, force_N)), vector(*(float(one) * MM for one in moment_Nmm))
+    force, torque = vector(*map(float, force_N)), vector(*(float(one) * MILLI for one in moment_Nmm))
     both = _type("geometry_msgs/msg/Wrench", encoding)(force=force, torque=torque)
     return _type(WRENCH, encoding)(header=_header(time_ns, frame_id, encoding), wrench=both)
 
 
 @contextmanager
 def open_writer(path: Path) -> Iterator[tuple[Put, str]]:
-    """What puts messages into a log, and their encoding; the log has its name once it is whole.
+    """Open a log by its suffix, and give the function that writes messages, and their encoding.
 
-    The ending chooses: .mcap, .bag (ROS 1), none (a ROS 2 folder). Raises OutputError for another.
+    The suffix is .mcap, .bag (ROS 1) or none (a ROS 2 folder, sqlite3); the log is renamed once it is complete.
+    Raises OutputError for another suffix.
     """
     if path.suffix == ".mcap":
         with replacing(path) as temporary, _mcap(temporary) as put:
@@ -78,24 +77,22 @@ def open_writer(path: Path) -> Iterator[tuple[Put, str]]:
 @contextmanager
 def _folder(path: Path) -> Iterator[Put]:
     if path.exists():
-        raise OutputError(
-            "is there already", where=path, remedy="A ROS 2 bag is written anew: choose another name."
-        )
+        raise OutputError("exists already", where=path, remedy="Choose another name for the ROS 2 bag.")
     bags = library("rosbags.rosbag2")
-    with told_as_output(path):
+    with output_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=unfinished(), dir=path.parent))
     try:
         with bags.Writer(scratch / path.name, version=8, storage_plugin=bags.StoragePlugin.SQLITE3) as bag:
             yield _putter(bag, "cdr")
-        with told_as_output(path):
+        with output_errors(path):
             (scratch / path.name).rename(path)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _putter(bag: Any, encoding: str) -> Put:
-    """Through rosbags."""
+    """Write through rosbags."""
     store, topics = typestore(encoding), {}
 
     def put(topic: str, message: Any, time_ns: int) -> None:
@@ -110,7 +107,7 @@ def _putter(bag: Any, encoding: str) -> Put:
 
 @contextmanager
 def _mcap(path: Path) -> Iterator[Put]:
-    """Through mcap."""
+    """Write through mcap."""
     store, topics = typestore("cdr"), {}
     with path.open("wb") as file:
         writer = library("mcap.writer").Writer(file)
@@ -139,17 +136,15 @@ def _header(time_ns: int, frame_id: str, encoding: str) -> Any:
     return _type("std_msgs/msg/Header", encoding)(stamp=stamp, frame_id=frame_id, **counted)
 
 
-# Height maps and forces of a recording, as `depth` and `force` wrote them, into a log of ROS.
-
 DEPTH_TOPIC, WRENCH_TOPIC = "/tactile/depth", "/tactile/wrench"
 PAD = "gel_pad"  # frame of reference: x right, y down, z into the gel, from the pad's centre
-_COMPONENTS = ("fx_N", "fy_N", "fz_N", "mx_Nmm", "my_Nmm", "mz_Nmm")
-_RESULTANTS = Columns(words=("frame",), maybe_numbers=_COMPONENTS)
+COMPONENTS = ("fx_N", "fy_N", "fz_N", "mx_Nmm", "my_Nmm", "mz_Nmm")
+_RESULTANTS = Columns(words=("frame",), maybe_numbers=COMPONENTS)
 
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """How many messages of each kind were written, and how many frames had no map."""
+    """Numbers of messages of each kind, and of frames without a map."""
 
     depths: int
     wrenches: int
@@ -159,10 +154,10 @@ class Exported:
 def export_log(
     recording: Recording, out: Path, *, depth: Path | None = None, force: Path | None = None, frame_id: str = PAD
 ) -> Exported:
-    """Write `out` from the folders that `depth` and `force` wrote for this recording; whole or not at all.
+    """Write `out` atomically from the folders that `depth` and `force` wrote for this recording.
 
-    Times are the recording's, after the start that its [log] states. Raises InputError where neither folder
-    holds anything of its frames, or frames have no time.
+    Times are the recording's, after the start stated in its [log]. Raises InputError where neither folder holds
+    results of its frames, or frames have no time.
     """
     times = recording.frame_times_s
     if not len(times) or np.isnan(times).any():
@@ -196,7 +191,7 @@ def export_log(
 
 
 def _map(folder: Path, name: str) -> Path | None:
-    """The map of a frame: under its stem, or its whole name where stems are not enough."""
+    """Return the map of a frame, by its stem, or by its whole name where stems are ambiguous."""
     for stem in (Path(name).stem, name):
         path = inside(folder / "depth", f"{stem}.tiff", where=folder)
         if path.is_file():
@@ -205,16 +200,16 @@ def _map(folder: Path, name: str) -> Path | None:
 
 
 def _wrenches(path: Path) -> Mapping[str, Floats]:
-    """Force and moment (6,), N and N mm, of each frame with a normal force; NaN what was not measured."""
+    """Return force and moment (6,), N and N mm, of each frame with a normal force; NaN where not measured."""
     table = read_table(path, _RESULTANTS)
-    missing = [name for name in _COMPONENTS if name not in table.numbers]
+    missing = [name for name in COMPONENTS if name not in table.numbers]
     if missing:
         raise InputError("a column is missing", where=path, value=missing[0])
-    numbers = np.column_stack([table.numbers[name] for name in _COMPONENTS])
+    numbers = np.column_stack([table.numbers[name] for name in COMPONENTS])
     pairs = zip(table.words["frame"], numbers, strict=True)
     return {name: row for name, row in pairs if np.isfinite(row[2])}
 
 
 def _times_ns(recording: Recording) -> list[int]:
     origin_ns = int(recording.settings.get("log", {}).get("origin_ns", 0))
-    return [origin_ns + round(float(one) * 1e9) for one in recording.frame_times_s]
+    return [origin_ns + round(float(one) * 10**9) for one in recording.frame_times_s]

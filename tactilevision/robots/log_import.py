@@ -1,4 +1,4 @@
-"""Convert a robot's log to a recording: frames, forces and the [sensor] table."""
+"""Import of a robot's log as a recording: frames, forces and the [sensor] table."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tactilevision.files.writing import replacing, staged, write_text
 from tactilevision.profile.storage import SUFFIX, read_profile
 from tactilevision.recording import layout
 from tactilevision.recording.pictures import first_look
+from tactilevision.recording.read_tables import turns
 from tactilevision.recording.write import write_forces, write_frame_table
 from tactilevision.records.measured import Floats, ForceSeries
 from tactilevision.records.rig import Sensor
@@ -37,36 +38,35 @@ from tactilevision.robots.messages import (
 )
 from tactilevision.sensors import SENSORS
 
-# [sensor] of an imported recording: what a kind's name or a sensor profile says of the frames.
-
 MAPS = "rectification.npz"
 
 
 @dataclass(frozen=True, slots=True)
 class SensorTable:
-    """The table's keys, and the maps of the rectification that a profile brings along."""
+    """[sensor] of an imported recording, and the maps of the rectification where a profile has them."""
 
     table: Mapping[str, Any]
     maps: tuple[Any, Any] | None = None
 
     @classmethod
     def of(cls, named: str | None, *, mm_per_px: float | None) -> SensorTable:
-        """From a kind's name, or a profile's file. Raises InputError where there is no such sensor."""
+        """Return the table of a kind's name, or of a profile. Raises InputError where there is no such sensor."""
         stated: dict[str, Any] = {} if mm_per_px is None else {"mm_per_px": mm_per_px}
         if named is None:
             return cls(stated)
         if named.lower().endswith(SUFFIX):
             sensor = read_profile(named).sensor
-            return cls(MappingProxyType(_told(sensor) | stated), sensor.rectification)
+            return cls(MappingProxyType(_keys(sensor) | stated), sensor.rectification)
         if named not in SENSORS:
             known = f"a profile (FILE{SUFFIX}), or one of {', '.join(SENSORS)}"
             raise InputError("there is no such sensor", where="--sensor", value=named, remedy=f"Name {known}.")
         return cls(MappingProxyType({"kind": named} | stated))
 
     def scaled(self, frames: Path, names: Sequence[str]) -> tuple[SensorTable, tuple[str, ...]]:
-        """With the scale of the pictures in a folder where the sensor's kind alone is named; what was guessed.
+        """Return the table with the scale guessed from the size of the pictures, and the guesses.
 
-        Raises RecordingError for pictures of another shape than the kind's.
+        The scale is only guessed where the sensor's kind alone is named and its pictures have another size. Raises
+        RecordingError for pictures of another shape than the kind's.
         """
         from tactilevision.recording.folder import guess_scale
         from tactilevision.recording.settings import SensorSettings
@@ -81,33 +81,46 @@ class SensorTable:
         return SensorTable({**self.table, "mm_per_px": settings.mm_per_px}, self.maps), notes
 
     def write_maps(self, folder: Path) -> None:
-        """Write the maps beside recording.toml, where there are any."""
+        """Write the maps, if any, next to recording.toml."""
         if self.maps is not None:
             with replacing(folder / MAPS) as temporary, temporary.open("wb") as file:
                 np.savez(file, map_x=self.maps[0], map_y=self.maps[1])
 
 
-def _told(sensor: Sensor) -> dict[str, Any]:
+def _keys(sensor: Sensor) -> dict[str, Any]:
     found: dict[str, Any] = {"kind": sensor.kind, "mm_per_px": list(sensor.mm_per_px)}
     found |= {"width_px": sensor.width_px, "height_px": sensor.height_px}
     found |= {"serial": sensor.serial} if sensor.serial else {}
     return found | ({"rectification": MAPS} if sensor.rectification is not None else {})
 
 
-# A robot's log -> a recording folder: its frames as files, its wrench as forces.csv, on the headers' clock.
+# A log to a recording folder: frames as files, the wrench as forces.csv.
 
-MAX_USUAL_N = 200.0  # N: pads of tactile sensors are pressed with some tens, their force sensors end before
-MAX_LISTED = 40  # topics that one sentence can name; robots log hundreds
+MAX_USUAL_N = 200  # N: pads of tactile sensors are pressed with some tens
+MAX_LISTED = 40  # topics named in a message; robots log hundreds
 Rotation = tuple[tuple[float, float, float], ...]
+
+
+def parse_rotation(text: str) -> Rotation:
+    """Parse nine numbers, row by row, separated by commas. Raises InputError where they are not a rotation."""
+    try:
+        a, b, c, d, e, f, g, h, i = (float(part) for part in text.split(","))
+    except ValueError as fault:
+        raise InputError("nine numbers with commas between are needed", where="--rotation", value=text) from fault
+    rows = (a, b, c), (d, e, f), (g, h, i)
+    if not turns(np.array(rows)):
+        remedy = "Rows are orthogonal and of length 1: the picture's x, y and z in the wrench's axes."
+        raise InputError("these nine numbers are not a rotation", where="--rotation", value=text, remedy=remedy)
+    return rows
 
 
 @dataclass(frozen=True, slots=True)
 class ImportSettings:
-    """What is taken from a log: topics, the clock, the sensor's name and scale, and how the wrench is turned.
+    """Topics, clock, sensor, scale and rotation of the wrench of an import.
 
-    `sensor` is a kind's name or a sensor profile (.tvs), whose scale is taken where none is stated.
-    `rotation` (3, 3): its rows are the frame's x, y and z (into the gel) in the wrench's axes; None: as the log's
-    fixed transforms have it, where frames and wrench are in two frames of reference.
+    `sensor` is a kind's name or a sensor profile (.tvs), which gives the scale where none is stated. The rows of
+    `rotation` (3, 3) are the picture's x, y and z (into the gel) in the wrench's axes; None takes it from the
+    log's fixed transforms where frames and wrench have two frames of reference.
     """
 
     frames: str
@@ -120,7 +133,7 @@ class ImportSettings:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """What was found: counts, seconds, frames of reference of pictures and wrench, largest force, guesses."""
+    """Result of an import: counts, seconds, frames of reference, largest force, guesses."""
 
     frames: int
     readings: int
@@ -132,20 +145,20 @@ class Imported:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is doubtful about it."""
+        """Return the guesses, and a warning of implausible forces."""
         if self.largest_N <= MAX_USUAL_N:
             return self.guessed
         return (
             *self.guessed,
-            f"the wrench reaches {self.largest_N:.4g} N, which no gel stands: is its topic in newtons?",
+            f"the wrench reaches {self.largest_N:.4g} N, too much for a gel: is its topic in newtons?",
         )
 
 
 def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> Imported:
-    """Write the recording `out` from the log `path`; nothing is written unless all of it is.
+    """Write the recording `out` atomically from the log `path`.
 
-    Raises InputError for a log without the topics (and says which it has), with two clocks, with a wrench in
-    another frame of reference, or damaged; OutputError where `out` holds frames already.
+    Raises InputError for a log without the topics (with those it has), with two clocks, with a wrench in another
+    frame of reference, or damaged; OutputError where `out` holds frames already.
     """
     if (Path(out) / layout.FRAMES).exists():
         raise OutputError("holds frames already", where=out, remedy="Choose an empty folder with --out.")
@@ -172,9 +185,9 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
 
 
 def the_picture_topic(path: Path | str) -> str:
-    """The one topic of a log that holds pictures. Raises InputError, which lists them, where it is not one."""
+    """Return the only topic of pictures in a log. Raises InputError with the topics where it is not one."""
     log = Log(Path(path))
-    for _ in log.messages(()):  # none is wanted: the topics are told on the way
+    for _ in log.messages(()):  # fills in the topics
         pass
     shown = sorted(name for name, kind in log.topics.items() if ros2_name(kind) in (IMAGE, COMPRESSED))
     if len(shown) == 1:
@@ -190,7 +203,7 @@ def the_picture_topic(path: Path | str) -> str:
 def _messages(
     log: Log, folder: Path, settings: ImportSettings
 ) -> tuple[list[str], list[Stamp], list[WrenchReading]]:
-    """Frames go to disk as they come; their names and stamps, and the readings, are kept."""
+    """Write the frames to disk, and return their names and stamps, and the readings of force."""
     names: list[str] = []
     stamps: list[Stamp] = []
     readings: list[WrenchReading] = []
@@ -211,7 +224,7 @@ def _messages(
 
 
 def _check_topic(log: Log, topic: str, count: int) -> None:
-    """Raise InputError, which lists the topics there are, where this one is missing or all but empty."""
+    """Raise InputError with the topics of the log where this one has fewer than two messages."""
     if count >= 2:
         return
     has = [f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]]
@@ -220,7 +233,7 @@ def _check_topic(log: Log, topic: str, count: int) -> None:
 
 
 def _check_clocks(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> int:
-    """Where time starts, ns since 1970 or since a device was switched on; raises where it cannot be one clock."""
+    """Return the start of time, ns on the chosen clock. Raises InputError for two clocks."""
     if settings.clock is Clock.HEADER:
         frames_s = check_clock(frames, f"{log.path}, {settings.frames}")
         if wrench:
@@ -230,7 +243,7 @@ def _check_clocks(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: 
 
 
 def _with_axes(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> ImportSettings:
-    """With the rotation that the log's fixed transforms tell, where one is needed and none is stated."""
+    """Return the settings with the rotation by the log's fixed transforms where one is needed and not stated."""
     ids = sorted({one.frame_id for one in wrench})
     where = f"{log.path}, {settings.wrench}"
     if len(ids) > 1:
@@ -263,10 +276,10 @@ def _write_forces(folder: Path, readings: list[WrenchReading], settings: ImportS
 def _write_settings(
     folder: Path, source: Path, settings: ImportSettings, *, sensor: Mapping[str, Any], origin_ns: int
 ) -> None:
-    """recording.toml; [log] says where all came from and when time_s began."""
+    """Write recording.toml; [log] states the source and the start of time_s."""
     content: dict[str, Any] = {"format": layout.FORMAT, "name": source.stem}
     if settings.clock is Clock.LOG or origin_ns > 10**18:  # 2001: earlier is no time of day
-        content["date"] = datetime.datetime.fromtimestamp(origin_ns * 1e-9, datetime.UTC).date()
+        content["date"] = datetime.datetime.fromtimestamp(origin_ns / 10**9, datetime.UTC).date()
     content |= {"sensor": dict(sensor)} if sensor else {}
     if settings.rotation is not None:
         content["force"] = {"rotation": [list(row) for row in settings.rotation]}

@@ -1,4 +1,4 @@
-"""Open a robot's log, ROS 1 bag, ROS 2 folder or MCAP, as topics and messages in bytes."""
+"""Reader of robot logs (ROS 1 bag, ROS 2 folder or MCAP): topics and messages in bytes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ from typing import Any
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.files.opening import check, check_regular, limit
 
-# The libraries of the extra `logs`, imported when they are needed.
-
 
 def library(name: str) -> Any:
-    """A module by its dotted name. Raises InputError where its package is missing."""
+    """Import a module of the extra `logs`. Raises InputError where its package is missing."""
     try:
         return import_module(name)
     except ImportError as fault:
@@ -27,53 +25,46 @@ def library(name: str) -> Any:
         ) from fault
 
 
-# Packed parts of a log, unpacked to what they state and no further.
+# Compressed parts of a log.
 
-ZSTD = b"\x28\xb5\x2f\xfd"  # how every frame of Zstandard begins (RFC 8878, 3.1.1)
+MB = 10**6  # bytes in a megabyte
+ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame of Zstandard (RFC 8878, 3.1.1)
 
 
 def unpack(kind: str, data: bytes, *, where: object) -> bytes:
-    """The bytes behind one packed part; `kind` is "", none, bz2, lz4 or zstd.
+    """Decompress one part; `kind` is "", none, bz2, lz4 or zstd.
 
-    Never more than the limit MAX_ARRAY_MB is unpacked. Raises InputError beyond it, for another kind, and for a
-    part that is cut short.
+    Raises InputError beyond the limit MAX_ARRAY_MB, for another kind, and for a truncated part.
     """
     if kind in ("", "none"):
         return data
     if kind not in _OPEN:
         raise InputError("a part of the log is packed in a way that is not read", where=where, value=kind)
-    most = int(limit("MAX_ARRAY_MB") * 1e6)
+    most = int(limit("MAX_ARRAY_MB") * MB)
     try:
         unpacker = _OPEN[kind]()
         found = bytes(unpacker.decompress(data, max_length=most + 1))
     except Exception as fault:
         raise _damaged(where, str(fault)) from fault
-    check(len(found) / 1e6, "MAX_ARRAY_MB", what="a part of the log, unpacked, in MB,", where=where)
+    check(len(found) / MB, "MAX_ARRAY_MB", what="a part of the log, unpacked, in MB,", where=where)
     if not unpacker.eof:
-        raise _damaged(where, "it is cut short")
+        raise _damaged(where, "it is truncated")
     return found
 
 
 def _damaged(where: object, said: str) -> InputError:
-    return InputError(
-        f"a packed part of the log is damaged: {said[:120]}",
-        where=where,
-        remedy="Copy it again from where it came.",
-    )
-
-
-def _lz4() -> Any:
-    return library("lz4.frame").LZ4FrameDecompressor()
+    what = f"a packed part of the log is damaged: {said[:120]}"
+    return InputError(what, where=where, remedy="Copy it again.")
 
 
 class _Zstd:
-    """Zstandard with a limit, as the standard library has it for bz2."""
+    """Decompressor of Zstandard with a limit, like that of bz2."""
 
     def __init__(self) -> None:
         self.eof = False
 
     def decompress(self, data: bytes, max_length: int) -> bytes:
-        """At most `max_length` bytes."""
+        """Return at most `max_length` bytes."""
         opened = library("zstandard").ZstdDecompressor(max_window_size=1 << 27).stream_reader(data)
         found: bytes = opened.read(max_length)
         stated = library("zstandard").frame_content_size(data)
@@ -81,20 +72,21 @@ class _Zstd:
         return found
 
 
-_OPEN: dict[str, Any] = {"bz2": bz2.BZ2Decompressor, "lz4": _lz4, "zstd": _Zstd}
+_OPEN: dict[str, Any] = {
+    "bz2": bz2.BZ2Decompressor,
+    "lz4": lambda: library("lz4.frame").LZ4FrameDecompressor(),
+    "zstd": _Zstd,
+}
 
 
-# One log, of whatever kind: its topics, and its messages as bytes. Nothing that a log defines is ever run.
-#
-# ROS 1 (.bag), ROS 2 (a folder, .db3 or .mcap) and MCAP (.mcap). Types are those of this file's own list: the
-# definitions that a log brings along are not compiled, and the YAML of a ROS 2 folder is not needed.
+# Logs: ROS 1 (.bag), ROS 2 (a folder, .db3 or .mcap) and MCAP (.mcap). Message definitions in a log are not used.
 
 STORAGES = (".bag", ".db3", ".mcap")
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """Bytes of one message: `log_ns` is when it was written to the log, in ns; `encoding` is ros1 or cdr."""
+    """Bytes of one message; `log_ns` is the time of logging in ns, `encoding` ros1 or cdr."""
 
     topic: str
     kind: str
@@ -105,37 +97,37 @@ class Message:
 
 @dataclass(slots=True)
 class Log:
-    """A log on disk; `topics` has their types, filled in while messages are read."""
+    """A log on disk; `topics` are filled in with their types while messages are read."""
 
     path: Path
     topics: dict[str, str] = field(default_factory=dict)
 
     def messages(self, wanted: Collection[str]) -> Iterator[Message]:
-        """The messages of the wanted topics, as they lie in the log.
+        """Yield the messages of the wanted topics in the order of the log.
 
-        Raises InputError for a log that is damaged, cut short, or beyond the limits.
+        Raises InputError for a log that is damaged, truncated, or beyond the limits.
         """
         total = 0.0
         for path in _files(self.path):
             check_regular(path)
             try:
                 for message in _READ[path.suffix](self, path, wanted):
-                    total += len(message.data) / 1e6
+                    total += len(message.data) / MB
                     check(total, "MAX_FILE_MB", what="what the log holds, unpacked, in MB,", where=path)
                     yield message
             except (TactilevisionError, GeneratorExit):
                 raise
-            except Exception as fault:  # the libraries raise of every kind where a log is damaged
+            except Exception as fault:  # the libraries raise errors of every kind for damaged logs
                 said = " ".join(str(fault).split()) or type(fault).__name__
                 raise InputError(
-                    f"the log is damaged or cut short: {said[:160]}",
+                    f"the log is damaged or truncated: {said[:160]}",
                     where=path,
-                    remedy="Copy it again, or mend it with the tools of ROS (rosbag reindex, mcap recover).",
+                    remedy="Copy it again, or repair it with the tools of ROS (rosbag reindex, mcap recover).",
                 ) from fault
 
 
 def _files(path: Path) -> list[Path]:
-    """The storage files of a log. Raises InputError where there is none."""
+    """Return the storage files of a log. Raises InputError where there is none."""
     if not path.exists():
         raise InputError("there is no such log", where=path)
     found = [path]
@@ -170,7 +162,7 @@ def _bounded(kind: str, path: Path) -> Callable[[bytes], bytes]:
 
 def _read_sqlite(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Message]:
     if set("?#%") & set(str(path)):
-        raise InputError("the path has a letter that SQLite takes for its own", where=path, remedy="Rename it.")
+        raise InputError("the path has a letter that SQLite reserves (?, #, %)", where=path, remedy="Rename it.")
     with library("rosbags.rosbag2").Reader(path) as bag:
         log.topics |= {one.topic: one.msgtype for one in bag.connections}
         chosen = [one for one in bag.connections if one.topic in wanted]
@@ -179,7 +171,7 @@ def _read_sqlite(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Mess
 
 
 def _plain(data: bytes, path: Path) -> bytes:
-    """A message without its own packing: CDR begins with 00, Zstandard with 28."""
+    """Decompress a message that begins as Zstandard; CDR begins with 00."""
     return unpack("zstd", data, where=path) if data.startswith(ZSTD) else data
 
 
@@ -209,7 +201,7 @@ def _read_mcap(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Messag
 
 
 def ros2_name(kind: str) -> str:
-    """sensor_msgs/Image, as ROS 1 names it, is sensor_msgs/msg/Image."""
+    """Return the ROS 2 name of a type: sensor_msgs/msg/Image for sensor_msgs/Image of ROS 1."""
     return kind if kind.count("/") != 1 else kind.replace("/", "/msg/")
 
 

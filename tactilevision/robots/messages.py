@@ -1,4 +1,4 @@
-"""Decode ROS messages: pictures, wrenches, header clocks and static transforms."""
+"""Decoder of ROS messages: pictures, wrenches, header clocks and static transforms."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ from tactilevision.files.pictures import check_picture
 from tactilevision.records.measured import Floats
 from tactilevision.robots.logs import Log, Message, library
 
-# Pictures and wrenches out of the bytes of ROS messages, ROS 1 or CDR.
-
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -36,7 +34,7 @@ _PAIRED = {  # two pixels share their colour, as USB cameras send it
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """The header: ns on the clock of whoever sent it, ns when it was logged, and the frame of reference."""
+    """Header of a message: its time in ns, the time of logging in ns, and the frame of reference."""
 
     header_ns: int
     log_ns: int
@@ -45,7 +43,7 @@ class Stamp:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture as a file: its bytes and their ending; raw ones become PNG, packed ones stay as they came."""
+    """A picture as bytes of a file and its suffix: raw ones become PNG, compressed ones are kept."""
 
     stamp: Stamp
     data: bytes
@@ -63,7 +61,7 @@ class WrenchReading:
 
 @cache
 def typestore(encoding: str) -> Any:
-    """The messages of ROS, as its packages define them."""
+    """Return the message types of ROS 1 or 2."""
     stores = library("rosbags.typesys")
     store = stores.get_typestore(stores.Stores.ROS1_NOETIC if encoding == "ros1" else stores.Stores.ROS2_HUMBLE)
     if TRANSFORMS not in store.types:  # ROS 1 has it in a package of its own
@@ -72,7 +70,7 @@ def typestore(encoding: str) -> Any:
 
 
 def decode_picture(message: Message, where: Path) -> Picture:
-    """A picture (H, W, 3) of grey levels, as a file.
+    """Return a picture (H, W, 3) of grey levels as a file.
 
     Raises InputError for another type, colours that are not read, and damaged bytes.
     """
@@ -91,7 +89,7 @@ def decode_picture(message: Message, where: Path) -> Picture:
 
 
 def decode_wrench(message: Message, where: Path) -> WrenchReading:
-    """A wrench. Raises InputError for another type, and for numbers that no sensor gives."""
+    """Return a wrench. Raises InputError for another type, and for implausible numbers."""
     found = _decoded(message, (WRENCH,), where)
     force, torque = (
         np.array([part.x, part.y, part.z], float) for part in (found.wrench.force, found.wrench.torque)
@@ -102,7 +100,7 @@ def decode_wrench(message: Message, where: Path) -> WrenchReading:
 
 
 def decode_transforms(message: Message, where: Path) -> list[tuple[str, str, Floats]]:
-    """Of each transform: the frame, its parent, and its unit quaternion (4,) x, y, z, w in it, dimensionless.
+    """Return for each transform the frame, its parent, and the unit quaternion (4,) x, y, z, w, dimensionless.
 
     Raises as `decode_wrench`.
     """
@@ -119,12 +117,8 @@ def decode_transforms(message: Message, where: Path) -> list[tuple[str, str, Flo
 def _decoded(message: Message, kinds: tuple[str, ...], where: Path) -> Any:
     place = f"{where}, {message.topic}"
     if message.kind not in kinds or message.encoding not in ("ros1", "cdr"):
-        raise InputError(
-            "the topic is of another type",
-            where=place,
-            value=message.kind,
-            remedy="Needed: " + " or ".join(kinds) + ".",
-        )
+        remedy = "Needed: " + " or ".join(kinds) + "."
+        raise InputError("the topic is of another type", where=place, value=message.kind, remedy=remedy)
     store = typestore(message.encoding)
     try:
         if message.encoding == "ros1":
@@ -144,14 +138,10 @@ def _stamp(found: Any, message: Message) -> Stamp:
 
 
 def _png(found: Any, where: str) -> bytes:
-    """A raw picture, without loss."""
+    """Encode a raw picture as PNG."""
     if found.encoding not in {*_COLOURS, *_PAIRED}:
-        raise InputError(
-            "colours of this encoding are not read",
-            where=where,
-            value=found.encoding,
-            remedy="Slopes are read from colours of 8 bits: " + ", ".join((*_COLOURS, *_PAIRED)) + ".",
-        )
+        remedy = "Slopes are read from colours of 8 bits: " + ", ".join((*_COLOURS, *_PAIRED)) + "."
+        raise InputError("colours of this encoding are not read", where=where, value=found.encoding, remedy=remedy)
     channels, blue_first = _COLOURS.get(found.encoding, (2, True))
     check(found.width * found.height, "MAX_PIXELS", what="a picture's pixels", where=where)
     data = np.asarray(found.data, np.uint8)
@@ -171,59 +161,56 @@ def _png(found: Any, where: str) -> bytes:
     return packed.tobytes()
 
 
-# Which clock the headers of a topic run on, as far as a log can tell.
-#
-# The log itself has one clock: when each message was written. A header's time less that is the delay, which is
-# small and steady on one clock. It is large where a device counts from when it was switched on.
+# Clocks of headers. A header's time less the log's is a small and steady delay where both have the same clock.
 
 MAX_DELAY_S = 0.5  # s: pictures reach a log within some tenths of a second; another clock is off by far more
 
 
 class Clock(StrEnum):
-    """Whose time is taken: that in the headers, or the log's own."""
+    """Source of time: the messages' headers, or the log."""
 
     HEADER = "header"
     LOG = "log"
 
 
 def check_clock(stamps: Sequence[Stamp], where: str) -> float:
-    """Median of header less log time, s, of one topic.
+    """Return the median of header less log time, s, of one topic.
 
-    Raises InputError where headers hold no time, and where their clock was set anew within the log.
+    Raises InputError where headers hold no time, and where their clock was reset within the log.
     """
     if any(one.header_ns == 0 for one in stamps):
-        raise InputError("a header holds no time", where=where, remedy="Take the log's own with --clock log.")
+        raise InputError("a header holds no time", where=where, remedy="Use the log's time with --clock log.")
     ahead_s = np.array([one.header_ns - one.log_ns for one in stamps]) * 1e-9
     middle = float(np.median(ahead_s))
     off = np.flatnonzero(np.abs(ahead_s - middle) > MAX_DELAY_S)
     if off.size > 1 or (off.size and len(stamps) < 3):
         raise InputError(
-            "the headers' clock was set anew within the log",
+            "the headers' clock was reset within the log",
             where=f"{where}, message {off[0] + 1}",
             value=f"{ahead_s[off[0]] - middle:+.3f} s",
-            remedy="Cut the log there, or take its own time with --clock log.",
+            remedy="Cut the log there, or use its own time with --clock log.",
         )
     return middle
 
 
 def check_same_clock(frames_s: float, wrench_s: float, *, where: object) -> None:
-    """Raise InputError where two topics' headers, this far ahead of the log in s, run on two clocks."""
+    """Raise InputError where two topics, whose headers are so far ahead of the log in s, have two clocks."""
     if abs(frames_s - wrench_s) > MAX_DELAY_S:
         raise InputError(
             "frames and wrench are on two clocks",
             where=where,
             value=f"headers are {frames_s:+.3f} s and {wrench_s:+.3f} s from the log's time",
-            remedy="Take the log's own time with --clock log.",
+            remedy="Use the log's time with --clock log.",
         )
 
 
 def times_s(stamps: Sequence[Stamp], clock: Clock, *, origin_ns: int) -> Floats:
-    """Times (n,) in s after `origin_ns`, on the clock that was chosen."""
+    """Return times (n,) in s after `origin_ns` on the chosen clock."""
     return np.array([_time_ns(one, clock) - origin_ns for one in stamps], dtype=float) * 1e-9
 
 
 def first_ns(stamps: Sequence[Stamp], clock: Clock) -> int:
-    """The earliest time, ns, down to a whole second."""
+    """Return the earliest time, ns, rounded down to a second."""
     return min(_time_ns(one, clock) for one in stamps) // 10**9 * 10**9
 
 
@@ -231,15 +218,12 @@ def _time_ns(stamp: Stamp, clock: Clock) -> int:
     return stamp.log_ns if clock is Clock.LOG else stamp.header_ns
 
 
-# How one frame of reference is turned against another, out of a log's transforms that never change.
-#
-# A message of /tf or /tf_static says how a frame lies in its parent: v_parent = R v_child, R of a unit quaternion.
-# Frames whose R changes within the log are joints that moved; no way leads through them. Joints that stood still
-# all along count as fixed: their wrench was turned so in that log.
+# Rotation between frames of reference by the transforms of a log: v_parent = R v_child, R of a unit quaternion.
+# Frames whose R changes within the log are moving joints; joints that stood still count as fixed.
 
 TOPICS = ("/tf", "/tf_static")
-FIXED_RAD = 2e-3  # a joint that stands still is read to a tenth of a degree; this is less than a force's noise
-UNIT = 1e-3  # by which a quaternion's length may miss 1: those of 32 bits miss it by less
+FIXED_RAD = 2e-3  # a joint at rest is read to a tenth of a degree; this is less than a force's noise
+UNIT = 1e-3  # tolerance of a quaternion's length of 1, for quaternions of 32 bits
 
 
 @dataclass(slots=True)
@@ -253,7 +237,7 @@ class _Tree:
             self.moving.add(child)
 
     def way_up(self, frame: str) -> dict[str, Rotation]:
-        """How `frame` is turned in each frame that it is fixed to, itself the first."""
+        """Return the rotation of `frame` in each frame that it is fixed to, itself the first."""
         ways = {frame: Rotation.identity()}
         while frame in self.parents and frame not in self.moving:
             turned, (frame, turn) = ways[frame], self.parents[frame]
@@ -264,9 +248,9 @@ class _Tree:
 
 
 def fixed_rotation(log: Log, of: str, into: str) -> Floats | None:
-    """R (3, 3), dimensionless, with v_into = R v_of; None where no fixed way leads from one frame to the other.
+    """Return R (3, 3), dimensionless, with v_into = R v_of; None where the frames are not fixed to each other.
 
-    Raises InputError where a quaternion is none.
+    Raises InputError for a quaternion that is not of unit length.
     """
     tree = _Tree()
     for message in log.messages(TOPICS):
@@ -277,11 +261,7 @@ def fixed_rotation(log: Log, of: str, into: str) -> Floats | None:
                     f"the transform of {child!r} is no rotation", where=where, value=quaternion.tolist()
                 )
             tree.add(child, parent, Rotation.from_quat(quaternion))
-    theirs, ours = tree.way_up(_bare(of)), tree.way_up(_bare(into))
+    # names of ROS 1 begin with a slash, those in transforms do not
+    theirs, ours = tree.way_up(of.lstrip("/")), tree.way_up(into.lstrip("/"))
     shared = next((frame for frame in theirs if frame in ours), None)
     return None if shared is None else np.asarray((ours[shared].inv() * theirs[shared]).as_matrix())
-
-
-def _bare(frame: str) -> str:
-    """ROS 1 began names with a slash; transforms have none."""
-    return frame.lstrip("/")

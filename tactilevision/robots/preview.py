@@ -1,4 +1,4 @@
-"""Show a live stream on a local page, in Foxglove, or in an MCAP file."""
+"""A live stream on a local page, in Foxglove, or in an MCAP file."""
 
 from __future__ import annotations
 
@@ -16,40 +16,38 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError, OutputError
-from tactilevision.files.writing import told_as_output, unfinished
+from tactilevision.files.writing import output_errors, unfinished
 from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.records.constants import MILLI
 from tactilevision.records.measured import Bytes, Floats, Pair
-from tactilevision.robots.live import Told
+from tactilevision.robots.live import LiveResult
 from tactilevision.sensors.rectification import rectify
 
-# What a stream sees, as a page on this machine: the picture, the depth beside it, and the numbers below.
-#
-# The page is served on 127.0.0.1 alone, as JPEGs that follow each other (multipart/x-mixed-replace). Pictures are
-# drawn in the server's own threads, for those who look, so that nobody looking costs nothing.
+# A page on 127.0.0.1 as a sequence of JPEGs (multipart/x-mixed-replace), drawn in the server's threads on request.
 
-DEEPEST_MM = 1.0  # mm at the top of the colours; deeper stays there, so that colours keep their meaning
-WAIT_S = 0.1  # s between two pictures: ten a second are enough to look at
+DEEPEST_MM = 1.0  # mm at the top of the colours; deeper places have the same colour
+WAIT_S = 0.1  # s between two pictures
 TEXT_PX = 22  # px of a line of text
-QUALITY = 85  # of the JPEGs that are shown; nothing is measured on them
+QUALITY = 85  # of the JPEGs
 BOUNDARY = "frame"
-INK = (32, 32, 32)  # of the text, near black
-PAPER = (250, 250, 250)  # below the text, near white
-UNKNOWN = (150, 150, 150)  # where no depth is known; no colour of the map is grey
+INK = (32, 32, 32)  # grey levels of the text
+PAPER = (250, 250, 250)  # grey levels below the text
+UNKNOWN = (150, 150, 150)  # grey levels where no depth is known
 PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>tactilevision live</title>
 <style>body{margin:1em;background:#fafafa;font:16px sans-serif}img{max-width:100%}</style>
 <h1>Live</h1><img src="/frames" alt="picture and depth"></html>"""
 
 
-def draw(rgb_rectified: Bytes, told: Told, *, rate_Hz: float) -> Bytes:
-    """Picture and depth side by side over lines of text, blue first: (h, w, 3) grey levels."""
-    height = told.moment.height
+def draw(rgb_rectified: Bytes, result: LiveResult, *, rate_Hz: float) -> Bytes:
+    """Draw picture and depth side by side over lines of text, blue first: (h, w, 3) grey levels."""
+    height = result.moment.height
     depth = np.where(height.valid, height.depth_mm, 0.0)
     level = np.asarray(np.clip(255 * depth / DEEPEST_MM, 0, 255), np.uint8)
     coloured = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)
     coloured[~height.valid] = UNKNOWN
     pair = np.hstack([cv2.cvtColor(rgb_rectified, cv2.COLOR_RGB2BGR), coloured])
     lines = [
-        *words(told, rate_Hz=rate_Hz),
+        *words(result, rate_Hz=rate_Hz),
         f"right: depth, from 0 (dark) to {DEEPEST_MM:g} mm (bright); grey: unknown",
     ]
     below = np.full((TEXT_PX * len(lines) + 8, pair.shape[1], 3), PAPER, np.uint8)
@@ -59,71 +57,69 @@ def draw(rgb_rectified: Bytes, told: Told, *, rate_Hz: float) -> Bytes:
     return np.asarray(np.vstack([pair, below]), np.uint8)
 
 
-def words(told: Told, *, rate_Hz: float) -> tuple[str, ...]:
-    """What is written below the pictures."""
-    moment, wrench = told.moment, told.moment.wrench
+def words(result: LiveResult, *, rate_Hz: float) -> tuple[str, ...]:
+    """Return the lines below the pictures."""
+    moment, wrench = result.moment, result.moment.wrench
     touch = f"contact, {moment.peak_mm:.3f} mm deep" if moment.contact else "nothing touches"
     pushed = wrench is not None and (moment.contact or np.any(wrench.force_N))
-    lines = [f"{told.shot.name}: {touch}" + (", no force" if wrench is not None and not pushed else "")]
+    lines = [f"{result.shot.name}: {touch}" + (", no force" if wrench is not None and not pushed else "")]
     if wrench is not None and pushed:
         forces = zip("xyz", wrench.force_N, strict=True)
         known = [f"f{axis} {force:+.3f} N" for axis, force in forces if math.isfinite(force)]
         lines.append(", ".join(known) + f" (fz +- {wrench.force_std_N[2]:.3f})")
-    lines.append(f"{rate_Hz:.0f} frames a second, {told.age_ms:.0f} ms old")
+    lines.append(f"{rate_Hz:.0f} frames a second, {result.age_ms:.0f} ms old")
     return (*lines, *(f"flag: {flag}" for flag in moment.height.flags))
 
 
 class Preview:
-    """The page while it is open; `show` hands it the newest moment."""
+    """The page while it is open; `show` gives it the newest result."""
 
     def __init__(self, reconstructor: Reconstructor, port: int) -> None:
         self.reconstructor = reconstructor
-        self._newest: tuple[Told, float] | None = None
+        self._newest: tuple[LiveResult, float] | None = None
         self._turn = threading.Condition()
         self._ended = False
         try:
             self._server = ThreadingHTTPServer(("127.0.0.1", port), _handler(self))
         except (OSError, OverflowError) as fault:
             raise InputError(
-                "the preview's port cannot be used", where="--preview", value=port, remedy="Name another, or 0."
+                "the preview's port cannot be used", where="--preview", value=port, remedy="Use another, or 0."
             ) from fault
         self._server.daemon_threads = True
         self._thread = threading.Thread(target=self._server.serve_forever, name="preview", daemon=True)
 
     @property
     def address(self) -> str:
-        """Where a browser finds it."""
+        """Return its URL."""
         return f"http://127.0.0.1:{self._server.server_address[1]}/"
 
     def __enter__(self) -> Self:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *ended: object) -> None:
         with self._turn:
             self._ended = True
             self._turn.notify_all()
         self._server.shutdown()
         self._server.server_close()
 
-    def show(self, told: Told, rate_Hz: float) -> None:
-        """Put the newest moment up."""
+    def show(self, result: LiveResult, rate_Hz: float) -> None:
+        """Show the newest result."""
         with self._turn:
-            self._newest = told, rate_Hz
+            self._newest = result, rate_Hz
             self._turn.notify_all()
 
     def next(self, last: int) -> tuple[int, bytes] | None:
-        """The number of a frame other than `last`, and it as JPEG; None when there are no more."""
+        """Wait for a frame other than `last`, and return its number and JPEG; None when there are no more."""
         with self._turn:
             self._turn.wait_for(lambda: self._ended or (self._newest and self._newest[0].shot.number != last))
             if self._ended or self._newest is None:
                 return None
-            told, rate_Hz = self._newest
-        picture = draw(rectify(self.reconstructor.sensor, told.shot.rgb), told, rate_Hz=rate_Hz)
+            result, rate_Hz = self._newest
+        picture = draw(rectify(self.reconstructor.sensor, result.shot.rgb), result, rate_Hz=rate_Hz)
         encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
-        return told.shot.number, encoded.tobytes()
+        return result.shot.number, encoded.tobytes()
 
 
 def _handler(preview: Preview) -> type[BaseHTTPRequestHandler]:
@@ -137,7 +133,7 @@ def _handler(preview: Preview) -> type[BaseHTTPRequestHandler]:
                 self.send_error(404)
 
         def log_message(self, format: str, *args: object) -> None:  # noqa: A002 -- the base class names it so
-            """The terminal is for the numbers."""
+            """Log nothing."""
 
         def _whole(self, page: bytes) -> None:
             self.send_response(200)
@@ -163,14 +159,14 @@ def _handler(preview: Preview) -> type[BaseHTTPRequestHandler]:
     return Handler
 
 
-# What a stream sees for Foxglove: over its websocket on this machine, and as an MCAP file. Extra `foxglove`.
+# Foxglove, over its websocket on this machine and as an MCAP file (extra `foxglove`).
 #
 # Topics: /picture the rectified frame (RawImage), /depth the map and /tractions the forces as grids (Grid; places
 # on the pad from its centre, in metres; MPa), /wrench and /state as JSON. Times are this machine's, since 1970.
 
-PAD = "pad"  # frame of reference of everything
-MM = 1e-3  # metres: Foxglove's unit of length
-PORT = 8765  # where Foxglove looks for a server
+PAD = "pad"  # frame of reference of all topics
+S_TO_NS = 10**9  # nanoseconds in a second
+PORT = 8765  # Foxglove's default
 _NUMBERS = {"type": "array", "items": {"type": ["number", "null"]}}
 _WRENCH = {
     "type": "object",
@@ -201,10 +197,10 @@ def check_installed() -> None:
 
 
 class Foxglove:
-    """Open while frames come; `show` hands it each moment.
+    """Foxglove's channels while they are open; `show` sends each result.
 
-    `serve`: on PORT of this machine. `mcap`: the file, which has its name once it is whole, also where the stream
-    ended by a fault. Raises InputError where the extra is missing, OutputError where the disk refuses.
+    `serve` on PORT of this machine; `mcap` is a file, renamed once it is complete, also where the stream ended by
+    an error. Raises InputError where the extra is missing, OutputError where the file cannot be written.
     """
 
     def __init__(self, reconstructor: Reconstructor, *, serve: bool = False, mcap: Path | None = None) -> None:
@@ -219,11 +215,11 @@ class Foxglove:
         self._tractions = channels.GridChannel("/tractions", context=self._context)
         self._wrench = foxglove.Channel("/wrench", schema=_WRENCH, context=self._context)
         self._state = foxglove.Channel("/state", schema=_STATE, context=self._context)
-        self._began_ns = time.time_ns() - round(1e9 * time.monotonic())
+        self._began_ns = time.time_ns() - round(S_TO_NS * time.monotonic())
         self._scratch = None if mcap is None else mcap.with_name(f"{unfinished()}{mcap.name}")
         self._writer, self._server = None, None
         if self._scratch is not None:
-            with told_as_output(self._scratch):
+            with output_errors(self._scratch):
                 self._scratch.parent.mkdir(parents=True, exist_ok=True)
                 self._writer = foxglove.open_mcap(self._scratch, allow_overwrite=True, context=self._context)
         if serve:
@@ -239,39 +235,36 @@ class Foxglove:
             self._server.stop()
         if self._writer is not None and self._scratch is not None and self.mcap is not None:
             try:
-                with told_as_output(self.mcap):
+                with output_errors(self.mcap):
                     self._writer.close()
                     self._scratch.replace(self.mcap)
             except (RuntimeError, OutputError) as refused:  # its own kind of error, also for a full disk
-                if kind is not None:  # what ended the stream is told, an interrupt above all
+                if kind is not None:  # the error that ended the stream, or an interrupt, is raised instead
                     return
                 if isinstance(refused, OutputError):
                     raise
-                raise OutputError(
-                    f"cannot be written: {refused}",
-                    where=self.mcap,
-                    remedy="Is the disk full?",
-                ) from refused
+                said = f"cannot be written: {refused}"
+                raise OutputError(said, where=self.mcap, remedy="Is the disk full?") from refused
             finally:
                 with suppress(OSError):
                     self._scratch.unlink(missing_ok=True)
 
-    def show(self, told: Told, rate_Hz: float) -> None:
-        """Send one moment on all topics."""
+    def show(self, result: LiveResult, rate_Hz: float) -> None:
+        """Send one result on all topics."""
         from foxglove.messages import RawImage
 
-        moment, at_ns = told.moment, self._began_ns + round(1e9 * told.shot.time_s)
+        moment, at_ns = result.moment, self._began_ns + round(S_TO_NS * result.shot.time_s)
         stamp = _stamp(at_ns)
-        rgb = rectify(self.reconstructor.sensor, told.shot.rgb)
+        rgb = rectify(self.reconstructor.sensor, result.shot.rgb)
         height, width = rgb.shape[:2]
         size: dict[str, Any] = {"width": width, "height": height, "step": 3 * width}
         data = np.ascontiguousarray(rgb).tobytes()
         picture = RawImage(timestamp=stamp, frame_id=PAD, encoding="rgb8", data=data, **size)
         self._picture.log(picture, log_time=at_ns)
         depth = moment.height
-        known = np.where(depth.valid, depth.depth_mm * MM, np.nan)
+        known = np.where(depth.valid, depth.depth_mm * MILLI, np.nan)
         self._depth.log(_grid({"elevation": known}, depth.mm_per_px, stamp=stamp), log_time=at_ns)
-        state = {"contact": moment.contact, "peak_mm": moment.peak_mm, "age_ms": told.age_ms, "rate_Hz": rate_Hz}
+        state = {"contact": moment.contact, "peak_mm": moment.peak_mm, "age_ms": result.age_ms, "rate_Hz": rate_Hz}
         self._state.log(state | {"flags": list(depth.flags)}, log_time=at_ns)
         found, wrench = moment.tractions, moment.wrench
         if found is None or wrench is None:
@@ -290,40 +283,32 @@ def _served(context: Any) -> Any:
         return foxglove.start_server(name="tactilevision", host="127.0.0.1", port=PORT, context=context)
     except (OSError, RuntimeError) as fault:
         raise InputError(
-            "Foxglove's port is taken", where="--foxglove", value=PORT, remedy="End the other server."
+            "Foxglove's port is in use", where="--foxglove", value=PORT, remedy="End the other server."
         ) from fault
 
 
 def _grid(fields: dict[str, Floats], mm_per_px: Pair, *, stamp: Any, first_mm: Pair | None = None) -> Any:
-    """Fields (H, W) as one grid of float32, each cell centred where its number holds."""
-    from foxglove.messages import (
-        Grid,
-        PackedElementField,
-        PackedElementFieldNumericType,
-        Pose,
-        Quaternion,
-        Vector2,
-        Vector3,
-    )
+    """Return fields (H, W) as one grid of float32, each cell centred on its pixel."""
+    from foxglove import messages
 
     stacked = np.stack([np.asarray(field, "<f4") for field in fields.values()], axis=-1)
     rows, columns, count = stacked.shape
     sizes = zip((columns, rows), mm_per_px, strict=True)
     first = first_mm or tuple(-(n - 1) / 2 * step for n, step in sizes)
-    corner = [MM * (place - step / 2) for place, step in zip(first, mm_per_px, strict=True)]
-    return Grid(
+    corner = [MILLI * (place - step / 2) for place, step in zip(first, mm_per_px, strict=True)]
+    origin = messages.Vector3(x=corner[0], y=corner[1], z=0.0)
+    upright = messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    number = messages.PackedElementFieldNumericType.Float32
+    return messages.Grid(
         timestamp=stamp,
         frame_id=PAD,
-        pose=Pose(
-            position=Vector3(x=corner[0], y=corner[1], z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-        ),
+        pose=messages.Pose(position=origin, orientation=upright),
         column_count=columns,
-        cell_size=Vector2(x=MM * mm_per_px[0], y=MM * mm_per_px[1]),
+        cell_size=messages.Vector2(x=MILLI * mm_per_px[0], y=MILLI * mm_per_px[1]),
         row_stride=4 * count * columns,
         cell_stride=4 * count,
         fields=[
-            PackedElementField(name=name, offset=4 * k, type=PackedElementFieldNumericType.Float32)
-            for k, name in enumerate(fields)
+            messages.PackedElementField(name=name, offset=4 * k, type=number) for k, name in enumerate(fields)
         ],
         data=np.ascontiguousarray(stacked).tobytes(),
     )
@@ -336,5 +321,5 @@ def _stamp(at_ns: int) -> Any:
 
 
 def _plain(values: tuple[float, ...]) -> list[float | None]:
-    """JSON has no NaN."""
+    """Replace NaN and infinity, which JSON lacks, by None."""
     return [value if math.isfinite(value) else None for value in values]

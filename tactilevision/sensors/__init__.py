@@ -1,6 +1,6 @@
-"""The catalogue of sensors, and the way from a raw picture to a rectified one.
+"""Catalogue of sensors, and rectification of raw pictures.
 
-A catalogue, not a gate: any `records.Sensor` works everywhere. A new one is a file here and a line in SENSORS.
+Any other `records.Sensor` works everywhere too. A new one is a file here and a line in SENSORS.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ SENSORS: dict[str, Sensor] = {
     sensor.kind: sensor for sensor in (GELSLIM3, GELSLIM3_MARKERS, GELSIGHT_MINI, DIGIT, GELSIGHT_WEDGE)
 }
 
-MIN_SCALE = 1e-4  # mm per pixel: a tenth of a micrometre, the finest that light shows
-MAX_SCALE = 100.0  # mm per pixel: the largest gel in one
+MIN_SCALE = 1e-4  # mm per pixel: a tenth of a micrometre, below the resolution of light
+MAX_SCALE = 100.0  # mm per pixel: a gel in one pixel
 
 __all__ = [
     "MAX_SCALE",
@@ -51,7 +51,7 @@ __all__ = [
 
 
 def get_sensor(kind: str, **overrides: Any) -> Sensor:
-    """The sensor of that name, with fields of `records.Sensor` replaced by `overrides`.
+    """Return the sensor of that name, with fields of `records.Sensor` replaced by `overrides`.
 
     "custom" has no defaults: width_px, height_px and mm_per_px are then needed. `mm_per_px` may be one number.
     Raises InputError for an unknown name, an unknown or missing field, and sizes or scales not above 0.
@@ -83,12 +83,12 @@ def get_sensor(kind: str, **overrides: Any) -> Sensor:
 
 
 def may_have_marks(sensor: Sensor) -> bool:
-    """Whether marks are to be looked for: not where the catalogue knows that this kind has none."""
+    """Return whether to look for marks: not if this kind has none by the catalogue."""
     return sensor.has_markers or sensor.kind not in SENSORS
 
 
 def check_scale(mm_per_px: float, *, where: str) -> None:
-    """Raise InputError for a scale that no camera has on a gel: below MIN_SCALE, above MAX_SCALE, or no number."""
+    """Raise InputError for a scale below MIN_SCALE, above MAX_SCALE, or not a number."""
     if not MIN_SCALE <= mm_per_px <= MAX_SCALE:
         raise InputError(
             f"a scale lies between {MIN_SCALE:g} and {MAX_SCALE:g} mm per pixel",

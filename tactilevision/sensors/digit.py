@@ -1,8 +1,8 @@
 """DIGIT: a low-cost fingertip, 240 by 320 px upright, three lights below the gel.
 
-About 16 mm by 19 mm of gel fill the picture. The camera looks along the gel at an angle, so that the
-scale is a mean; measure your own where depth matters. The ready network takes pictures as digit-interface gives
-them: red from the upper right, green from the upper left, blue from below.
+About 16 mm by 19 mm of gel fill the picture. The camera views the gel at an angle, so the scale is a mean; measure
+it where depth matters. The network of this library takes pictures as digit-interface returns them: red from the
+upper right, green from the upper left, blue from below.
 Source: Lambeta et al., IEEE RA-L 5 (2020).
 """
 

@@ -14,21 +14,19 @@ from tactilevision.files.writing import replacing
 from tactilevision.records.measured import Bytes, Floats, Pair
 from tactilevision.records.rig import Sensor
 
-# Raw picture to rectified picture: maps, and the ways to come by them.
-#
 # rectified[y, x] = raw[map_y[y, x], map_x[y, x]]       bilinear; maps float32 (height, width)
 
 Map = npt.NDArray[np.float32]
 Maps = tuple[Map, Map]
-KEPT = 8  # maps in fixed point held in memory, the oldest given up first (test_sensors.py)
+KEPT = 8  # cached maps in fixed point, the oldest dropped first
 
 _fixed: dict[int, tuple[Map, npt.NDArray[np.int16], npt.NDArray[np.uint16], tuple[int, int]]] = {}
 
 
 def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
-    """The rectified picture (height_px, width_px, 3) of a raw one; the same array where the sensor has no maps.
+    """Rectify a raw picture to (height_px, width_px, 3); return the same array if the sensor has no maps.
 
-    Raises InputError where the picture has another size than the sensor, or less than its maps reach for.
+    Raises InputError for a picture of another size than the sensor, or smaller than its maps require.
     """
     if sensor.rectification is None:
         if rgb.shape[:2] != (sensor.height_px, sensor.width_px):
@@ -51,15 +49,15 @@ def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
 
 
 def maps_from_lookup(row: npt.NDArray[np.integer], column: npt.NDArray[np.integer]) -> Maps:
-    """Maps out of a table rectified = raw[row, column], both (height, width) in px."""
+    """Return maps from a table rectified = raw[row, column], both (height, width) in px."""
     return np.asarray(column, np.float32), np.asarray(row, np.float32)
 
 
 def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: Pair) -> Maps:
-    """Maps from four clicks: where the corners of a rectangle of `size_mm` lie in the raw picture.
+    """Return maps from four clicks: the corners of a rectangle of `size_mm` in the raw picture.
 
     `corners_px` (x, y) run top left, top right, bottom right, bottom left. Straight lines must be straight in the
-    raw picture: for a lens that bends them use a grid.
+    raw picture: for a lens with distortion use a grid.
     """
     width, height = (max(2, round(size / step)) for size, step in zip(size_mm, mm_per_px, strict=True))
     target = np.array(
@@ -71,16 +69,16 @@ def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: P
     warp = cv2.getPerspectiveTransform(target, corners)
     y, x = np.mgrid[:height, :width].astype(np.float64)
     places = np.stack([x, y, np.ones_like(x)], axis=-1) @ warp.T
-    return (places[..., 0] / places[..., 2]).astype(np.float32), (places[..., 1] / places[..., 2]).astype(
-        np.float32
-    )
+    maps = places[..., :2] / places[..., 2:]
+    return maps[..., 0].astype(np.float32), maps[..., 1].astype(np.float32)
 
 
 def maps_from_grid(points_px: Floats, spacing_mm: float, *, mm_per_px: Pair) -> Maps:
-    """Maps from a grid pressed into the gel: its crossings `points_px` (rows, columns, 2), px in the raw picture.
+    """Return maps from a grid pressed into the gel, with crossings `points_px` (rows, columns, 2), px in the raw
+    picture.
 
-    Between crossings the maps follow smooth splines (cubic where there are four crossings or more), so a lens that
-    bends lines is undone. The rectified frame spans the grid from its first to its last crossing.
+    Between crossings the maps are splines (cubic for four crossings or more), which correct a lens's distortion.
+    The rectified frame spans the grid from its first to its last crossing.
     """
     from scipy.interpolate import RectBivariateSpline
 
@@ -109,7 +107,8 @@ def maps_from_grid(points_px: Floats, spacing_mm: float, *, mm_per_px: Pair) -> 
 
 
 def _fixed_point(maps: Maps) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16], tuple[int, int]]:
-    """The maps in OpenCV's fixed-point form, three times as fast, and the last column and row they reach for, px.
+    """Return the maps in OpenCV's fixed-point form, three times as fast, and the last column and row they reach
+    for, px.
 
     Kept for the last few sensors.
     """
@@ -123,20 +122,17 @@ def _fixed_point(maps: Maps) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint
     return held[1:]
 
 
-# A sensor of one's own: straightened and scaled by four clicks, or by a grid of dots seen through its camera.
-#
-# Four clicks on the corners of a rectangle of known size serve where straight lines are straight in the raw
-# picture; a grid (a plate of dots pressed into the gel, or printed marks) undoes a lens that bends them as well.
-# Each axis has its own scale; left out, it is the one at which the rectified picture has as many pixels as the raw
-# one has on its way across.
+# A custom sensor, rectified and scaled by four clicks on the corners of a rectangle of known size, or, for a lens
+# with distortion, by a grid (a plate of dots pressed into the gel, or printed marks). Each axis has its own scale;
+# by default the rectified picture has as many pixels as the raw one across the gel.
 
 
 def sensor_from_corners(
     corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: Pair | None = None, has_markers: bool = False
 ) -> Sensor:
-    """The sensor whose gel is the rectangle of `size_mm` with its corners there, (x, y) in the raw picture.
+    """Return the sensor whose gel is the rectangle of `size_mm` with its corners there, (x, y) in the raw picture.
 
-    They run top left, top right, bottom right, bottom left. Raises InputError where they span no face.
+    They run top left, top right, bottom right, bottom left. Raises InputError if they span no area.
     """
     corner = np.asarray(corners_px, np.float64)
     if corner.shape != (4, 2) or not np.isfinite(corner).all() or min(size_mm) <= 0:
@@ -156,7 +152,8 @@ def sensor_from_corners(
 def sensor_from_grid(
     points_px: Floats, spacing_mm: float, *, mm_per_px: Pair | None = None, has_markers: bool = False
 ) -> Sensor:
-    """The sensor whose gel is the grid with crossings at `points_px` (rows, columns, 2) in the raw picture, px.
+    """Return the sensor whose gel is the grid with crossings at `points_px` (rows, columns, 2) in the raw picture,
+    px.
 
     Raises InputError as `maps_from_grid` does.
     """
@@ -164,15 +161,15 @@ def sensor_from_grid(
         across = float(np.median(np.hypot(*np.moveaxis(np.diff(points_px, axis=1), 2, 0))))
         down = float(np.median(np.hypot(*np.moveaxis(np.diff(points_px, axis=0), 2, 0))))
     else:
-        across = down = 1.0  # maps_from_grid says what is wrong
+        across = down = 1.0  # maps_from_grid raises
     scale = mm_per_px or (spacing_mm / across, spacing_mm / down)
     return _sensor(maps_from_grid(points_px, spacing_mm, mm_per_px=scale), scale, has_markers)
 
 
 def find_grid(rgb: Bytes, rows: int, *, columns: int) -> Floats:
-    """The dots of a grid (rows, columns, 2), px in a raw picture, from the top left, row by row.
+    """Find the dots of a grid (rows, columns, 2), px in a raw picture, from the top left, row by row.
 
-    Dots may be dark on bright or bright on dark. Raises InputError where not all of them are found.
+    Dots may be dark on bright or bright on dark. Raises InputError if some are not found.
     """
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     even = cv2.subtract(cv2.GaussianBlur(grey, (0, 0), rgb.shape[0] / 12), grey, dtype=cv2.CV_32F)
@@ -208,14 +205,14 @@ def _sensor(maps: Maps, mm_per_px: Pair, has_markers: bool) -> Sensor:
 
 
 def _runs_round(corner: Floats) -> bool:
-    """Whether four corners turn the same way at each (clockwise as the picture is seen)."""
+    """Return whether four corners turn the same way at each (clockwise as the picture is seen)."""
     side = np.roll(corner, -1, axis=0) - corner
     after = np.roll(side, -1, axis=0)
     return bool(np.all(side[:, 0] * after[:, 1] - side[:, 1] * after[:, 0] > 0))
 
 
 def _upright(points: Floats) -> Floats:
-    """The grid turned so that its columns run to the right and its rows down."""
+    """Turn the grid so that its columns run to the right and its rows down."""
     if points[0, -1, 0] < points[0, 0, 0]:
         points = points[:, ::-1]
     if points[-1, 0, 1] < points[0, 0, 1]:

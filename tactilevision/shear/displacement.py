@@ -1,4 +1,4 @@
-"""Measure the tangential displacement of the gel's surface between two frames, with its deviation."""
+"""Tangential displacement of the gel's surface between two frames, with its standard deviation."""
 
 from __future__ import annotations
 
@@ -15,32 +15,33 @@ from tactilevision.records.maps import ShearMap
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair
 from tactilevision.shear.markers import MarkerMotion, find_markers, follow_markers, hull, spread_motion
 
-# Dense motion of the ink's own texture, made blind to light.
+# Dense motion of the ink's texture, invariant to light.
 #
-# Contact changes the light over millimetres, the ink's grain over tenths: each channel's logarithm loses its mean
-# over `GRAIN_PX` pixels, so a factor of light drops out. Ink darkens all colours alike while noise is each
-# channel's own: what two channels differ by is noise, which gives each channel's variance (three-cornered hat),
+# Contact changes the light over millimetres, the ink's grain over tenths: the mean over `GRAIN_PX` pixels is
+# subtracted from each channel's logarithm, so a factor of light cancels. Ink darkens all colours equally while
+# noise is independent between channels, so their differences give each channel's variance (three-cornered hat),
 #
 #     2 s_r^2 = V(r - g) + V(r - b) - V(g - b),
 #
-# so that dark and noisy channels weigh little where they are dark. The weighted mean is divided by its contrast
-# and followed by OpenCV's inverse-search flow (Kroeger et al., ECCV 2016), both ways. Standard deviation: half the
-# squared difference where the way forth and the way back do not meet, and what is left between the two pictures
-# after the motion is undone, over the texture's slope: noise, and light that changed too fast to drop out.
+# so that dark and noisy channels have small weights. The weighted mean is divided by its contrast and tracked by
+# OpenCV's inverse-search flow (Kroeger et al., ECCV 2016), both ways. Variance: half the squared difference of the
+# flow forth and back, and the residual between the two pictures after warping, over the texture's slope: noise,
+# and light that changes too fast to cancel.
 
 GRAIN_PX = 2.0  # px: size of the texture's grains
-CONTRAST_PX = 12.0  # px over which contrast and noise are measured
-ROUND_TRIP_PX = 1.0  # px: flow there and back that ends farther off is lost
+CONTRAST_PX = 12  # px over which contrast and noise are measured
+ROUND_TRIP_PX = 1.0  # px: largest error of the flow forth and back
 MIN_KNOWN = 0.5  # share of the view
-TEXTURE_OVER_NOISE = 1.5  # times the noise: weaker texture cannot be followed
-CORRELATION_PX = 8.0  # the flow's own patch
+TEXTURE_OVER_NOISE = 1.5  # least ratio of texture to noise
+CORRELATION_PX = 8  # px: patch of the flow
 Singles = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
 class Texture:
-    """The untouched gel's grain, made ready once: `weights` (H, W, 3) of the channels, `pattern` (H, W) of unit
-    contrast, `slope` its mean square gradient, `known` (H, W) where it stands out of the noise."""
+    """Texture of the untouched gel: `weights` (H, W, 3) of the channels, `pattern` (H, W) of unit contrast,
+    `slope` its mean square gradient, `known` (H, W) where it exceeds the noise.
+    """
 
     weights: Singles
     pattern: Singles
@@ -49,7 +50,7 @@ class Texture:
 
 
 def read_texture(before: Bytes) -> Texture:
-    """The texture of an untouched frame (H, W, 3)."""
+    """Read the texture of an untouched frame (H, W, 3)."""
     fine = _fine(before)
     variance = _channel_noise(fine)
     weights = np.asarray(1 / variance / (1 / variance).sum(axis=2, keepdims=True), dtype=np.float32)
@@ -60,14 +61,15 @@ def read_texture(before: Bytes) -> Texture:
 
 
 def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools] | None:
-    """Motion (H, W, 2) in px of what was at each pixel of `before`, its standard deviation, and where valid.
+    """Measure the motion (H, W, 2) in px of what was at each pixel of `before`, its standard deviation, and where
+    valid.
 
-    None where the texture drowns in the noise over MIN_KNOWN of either picture: the untouched one is often a
-    mean of many, and shows more than one frame can.
+    None if the texture is below the noise over MIN_KNOWN of either picture: the untouched one is often a mean of
+    many, with less noise than one frame.
     """
     second, seen = _pattern(_fine(after), before.weights)
     if (before.known & seen).mean() < MIN_KNOWN:
-        return None  # under a contact the light's own change passes for noise here; what is left judges there
+        return None  # under a contact a change of light counts as noise here; the residual decides there
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     flow.setFinestScale(0)
     flow.setUseSpatialPropagation(True)
@@ -78,24 +80,24 @@ def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools
     x, y = np.meshgrid(np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32))
     to_x, to_y = x + forth[..., 0], y + forth[..., 1]
     returned = cv2.remap(back, to_x, to_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    undone = cv2.remap(second, to_x, to_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    apart = _smooth(((forth + returned) ** 2).mean(axis=2) / 2, CORRELATION_PX)
-    left = _smooth((undone - before.pattern) ** 2, CORRELATION_PX)
-    patch = CORRELATION_PX / GRAIN_PX  # independent grains along a side of what the flow matches
-    std = np.sqrt(apart + left / (patch**2 * np.maximum(before.slope, 1e-12)))
+    warped = cv2.remap(second, to_x, to_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    round_trip = _smooth(((forth + returned) ** 2).mean(axis=2) / 2, CORRELATION_PX)
+    residual = _smooth((warped - before.pattern) ** 2, CORRELATION_PX)
+    patch = CORRELATION_PX / GRAIN_PX  # independent grains along a side of the flow's patch
+    std = np.sqrt(round_trip + residual / (patch**2 * np.maximum(before.slope, 1e-12)))
     inside = (to_x >= 0) & (to_x <= columns - 1) & (to_y >= 0) & (to_y <= rows - 1)
     valid = np.asarray(before.known & inside & (std < ROUND_TRIP_PX), dtype=np.bool_)
     return forth.astype(np.float64), std.astype(np.float64), valid
 
 
 def _fine(rgb: Bytes) -> Singles:
-    """The logarithm of each channel (H, W, 3) without what is coarser than the grain."""
+    """Return the logarithm of each channel (H, W, 3) without what is coarser than the grain."""
     light = np.log1p(rgb.astype(np.float32))
     return np.asarray(cv2.GaussianBlur(light, (0, 0), 0.7) - cv2.GaussianBlur(light, (0, 0), GRAIN_PX))
 
 
 def _channel_noise(fine: Singles) -> Singles:
-    """Variance of each channel's own noise (H, W, 3), from what the channels differ by."""
+    """Estimate the variance of each channel's own noise (H, W, 3) from the differences between channels."""
     r, g, b = cv2.split(fine)
     rg, rb, gb = (_smooth(one**2, CONTRAST_PX) for one in (r - g, r - b, g - b))
     found = np.stack([rg + rb - gb, rg + gb - rb, rb + gb - rg], axis=2) / 2
@@ -103,7 +105,7 @@ def _channel_noise(fine: Singles) -> Singles:
 
 
 def _pattern(fine: Singles, weights: Singles) -> tuple[Singles, Bools]:
-    """The weighted mean (H, W) of unit contrast, and where it stands out of the noise."""
+    """Return the weighted mean (H, W) of unit contrast, and where it exceeds the noise."""
     mean = np.einsum("hwc,hwc->hw", fine, weights)
     noise = np.einsum("hwc,hwc->hw", _channel_noise(fine), weights**2)
     power = _smooth(mean**2, CONTRAST_PX)
@@ -119,18 +121,16 @@ def _as_bytes(texture: Singles) -> Bytes:
     return np.asarray(np.clip(128 + 40 * texture, 0, 255), dtype=np.uint8)
 
 
-# Two frames -> tangential displacement of the gel's surface, with its standard deviation.
-#
-# What the untouched frame says is read once; then each frame is held against it.
+# Displacement by markers or by texture, compared with an untouched frame that is read once.
 
-STEP_PX = 4  # px: grid on which motion is spread; markers lie much farther apart
+STEP_PX = 4  # px: grid of the interpolated motion; markers are much farther apart
 LOST = "markers lost"
 NOTHING_TO_FOLLOW = "the gel shows neither markers nor texture to follow"
 
 
 @dataclass(frozen=True, slots=True)
 class Untouched:
-    """The untouched gel, ready to be compared with: its `markers` (N, 2) in pixels, its `texture`, or neither."""
+    """The untouched gel as the reference: its `markers` (N, 2) in pixels, its `texture`, or neither."""
 
     shape: tuple[int, int]
     mm_per_px: Pair
@@ -139,18 +139,19 @@ class Untouched:
 
     @property
     def shows(self) -> bool:
-        """Whether there is anything to follow."""
+        """Whether there is anything to track."""
         return self.markers is not None or self.texture is not None
 
     def shear(self, frame: Bytes) -> ShearMap:
-        """Displacement since then of what a rectified frame (H, W, 3) shows, at places of the untouched one.
+        """Measure the displacement since then of what a rectified frame (H, W, 3) shows, at places of the
+        untouched one.
 
-        Without anything to follow no pixel is valid, and a flag says so. Where more than a tenth of the markers
-        are not found again the map is flagged. Raises InputError for a frame of another size.
+        Without markers or texture no pixel is valid, and the map is flagged, as it is if more than a tenth of the
+        markers is lost. Raises InputError for a frame of another size.
         """
         if frame.shape != (*self.shape, 3):
             raise InputError(
-                "the two frames are of one size, (H, W, 3)", where="measure_shear", value=(self.shape, frame.shape)
+                "the two frames differ in size, (H, W, 3)", where="measure_shear", value=(self.shape, frame.shape)
             )
         if self.markers is not None:
             return _by_markers(self.markers, frame, self.mm_per_px)
@@ -167,16 +168,16 @@ class Untouched:
             valid=valid,
             mm_per_px=self.mm_per_px,
             std_mm=std_px * float(scale.mean()),
-            correlation_px=np.inf,  # light that a contact bends deceives all of it alike
+            correlation_px=np.inf,  # an error by the light of a contact is common to all of it
         )
 
 
 def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = None) -> Untouched:
     """Read a rectified frame (H, W, 3) of the untouched gel.
 
-    `markers` True or False says whether the gel carries marks; None: looked for. Without marks the texture of the
-    ink is followed, where it stands out of the noise over half of the view. Raises InputError where markers are
-    promised but too few are found.
+    `markers` True or False: whether the gel has marks; None: detected. Without marks the texture of the ink is
+    tracked, if it exceeds the noise over half of the view. Raises InputError if `markers` is True and too few are
+    found.
     """
     if reference.ndim != 3 or reference.shape[2] != 3:
         raise InputError("a frame is (H, W, 3)", where="read_untouched", value=reference.shape)
@@ -187,7 +188,7 @@ def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = 
             "too few markers in the reference frame to follow the gel",
             where="read_untouched",
             value=len(places),
-            remedy="Say markers=False to follow the ink's texture.",
+            remedy="Set markers=False to follow the ink's texture.",
         )
     if markers or (markers is None and evenly_spaced(places)):
         return Untouched(shape, mm_per_px, markers=places)
@@ -196,13 +197,16 @@ def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = 
 
 
 def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: bool | None = None) -> ShearMap:
-    """Displacement of `frame` since `reference`, once; for many frames keep what `read_untouched` gives."""
+    """Measure the displacement of `frame` since `reference` once.
+
+    For many frames keep what `read_untouched` gives.
+    """
     return read_untouched(reference, mm_per_px, markers=markers).shear(frame)
 
 
-def marker_motion(reference: Bytes, frame: Bytes, *, guess_px: Floats | None = None) -> MarkerMotion:
-    """The markers of `reference` (H, W, 3) and how each moved, in px, for drawing and following."""
-    return follow_markers(find_markers(reference), find_markers(frame), guess_px=guess_px)
+def marker_motion(reference: Bytes, frame: Bytes) -> MarkerMotion:
+    """Return the markers of `reference` (H, W, 3) and how each moved, in px, for drawing and tracking."""
+    return follow_markers(find_markers(reference), find_markers(frame))
 
 
 def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:

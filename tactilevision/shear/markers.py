@@ -1,13 +1,12 @@
-"""Markers: dark spots on the gel, found in a frame, followed into another, and bridged where they are lost.
+"""Markers: dark spots on the gel, detected in a frame, tracked into another, and interpolated.
 
-Found: the darkness -log(I / local mean) of the darkest channel, split from the background by Otsu's threshold; one
-connected spot is one marker, its place the mean weighted by darkness, so that a change of light by a factor,
-the same over a spot, moves nothing.
-Followed: each is predicted to move as its neighbours do, starting from those that stayed; a pair counts when
-each is the other's nearest and nearer than `REACH` of the markers' spacing to the prediction. So a motion of many
-spacings is followed so long as it changes by less than `REACH` of a spacing from one marker to the next.
-Between markers: a thin-plate spline, smoothed by the markers' own scatter. What it gets wrong at each marker when
-that one is left out is the standard deviation of the map: it holds localisation and interpolation alike.
+Detection: Otsu's threshold of the darkness -log(I / local mean) of the darkest channel; a connected spot is a
+marker, its place the mean weighted by darkness, which a factor of light does not change. Tracking: a marker is
+predicted to move as its neighbours, starting from those that did not move; a pair counts if each is the other's
+nearest and within `REACH` of the markers' spacing of the prediction. So a motion of many spacings is tracked if it
+changes by less than `REACH` of a spacing from one marker to the next. Interpolation: a thin-plate spline, smoothed
+by generalised cross-validation. Its leave-one-out errors are the standard deviation of the map, of localisation
+and interpolation together.
 """
 
 from __future__ import annotations
@@ -16,14 +15,15 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.ndimage import center_of_mass
 from scipy.spatial import KDTree
 
 from tactilevision.records.measured import Bools, Bytes, Floats
 
 REACH = 0.4  # of the markers' spacing: beyond a half a neighbour is as near
-MAX_ITERATIONS = 12  # rounds of matching, at most
-NEIGHBOURS = 6  # markers round each one that tell how it moves
-ROUND_ABOUT = 2.0  # spacings over which markers say how far off the motion between them is
+MAX_ITERATIONS = 12  # rounds of matching
+NEIGHBOURS = 6  # markers that predict the motion of one
+ROUND_ABOUT = 2.0  # spacings over which errors are averaged
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class MarkerMotion:
 
 
 def find_markers(rgb: Bytes) -> Floats:
-    """Places (N, 2) in pixels of the markers in a frame (H, W, 3); none where the frame has no spots alike."""
+    """Find the places (N, 2) in pixels of the markers in a frame (H, W, 3); none if it has no similar spots."""
     dark = darkness(rgb)
     level, _ = cv2.threshold(_as_bytes(dark), 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     spots = (_as_bytes(dark) > level).astype(np.uint8)
@@ -47,23 +47,17 @@ def find_markers(rgb: Bytes) -> Floats:
     if count < 2:
         return np.zeros((0, 2))
     usual = float(np.median(area[area >= 4])) if (area >= 4).any() else 0.0
-    kept = (area >= max(4.0, usual / 3)) & (area <= 3 * usual)
-    weight = np.where(label > 0, np.maximum(dark, 0), 0.0)
-    y, x = np.indices(dark.shape)
-    total = np.bincount(label.ravel(), weight.ravel(), count)[1:]
-    sums = [np.bincount(label.ravel(), (weight * p).ravel(), count)[1:] for p in (x, y)]
-    places = np.stack([s / np.maximum(total, 1e-12) for s in sums], axis=1)
+    kept = (area >= max(4, usual / 3)) & (area <= 3 * usual)
+    places = np.array(center_of_mass(np.maximum(dark, 0), label, np.arange(1, count)))[:, ::-1]
     left, top = stats[1:, cv2.CC_STAT_LEFT], stats[1:, cv2.CC_STAT_TOP]
     right, low = left + stats[1:, cv2.CC_STAT_WIDTH], top + stats[1:, cv2.CC_STAT_HEIGHT]
-    kept &= (left > 0) & (top > 0) & (right < dark.shape[1]) & (low < dark.shape[0])  # a cut spot has no middle
+    kept &= (left > 0) & (top > 0) & (right < dark.shape[1]) & (low < dark.shape[0])  # not cut by the border
     return np.asarray(places[kept])
 
 
-def follow_markers(before_px: Floats, after_px: Floats, *, guess_px: Floats | None = None) -> MarkerMotion:
-    """Match markers of one frame (N, 2) to those of another (M, 2). `guess_px` (N, 2): motion known from
-    earlier.
-    """
-    motion = np.zeros_like(before_px) if guess_px is None else guess_px.astype(float).copy()
+def follow_markers(before_px: Floats, after_px: Floats) -> MarkerMotion:
+    """Match markers of one frame (N, 2) to those of another (M, 2)."""
+    motion = np.zeros_like(before_px)
     found = np.zeros(len(before_px), dtype=bool)
     if len(before_px) < NEIGHBOURS + 1 or len(after_px) == 0:
         return MarkerMotion(before_px, motion, found)
@@ -86,9 +80,9 @@ def follow_markers(before_px: Floats, after_px: Floats, *, guess_px: Floats | No
 
 
 def spread_motion(motion: MarkerMotion, shape: tuple[int, int], *, step_px: int) -> tuple[Floats, Floats]:
-    """Motion (H, W, 2) in pixels at every pixel, and its standard deviation (H, W) by leaving out markers in turn.
+    """Return the motion (H, W, 2) in pixels at every pixel, and its standard deviation (H, W) by cross-validation.
 
-    The deviation at a place is that of the markers round about: near a contact's edge it is greater.
+    The deviation at a place is that of the markers around it: near a contact's edge it is greater.
     """
     place, moved = motion.place_px[motion.found], motion.motion_px[motion.found]
     scale = float(max(shape))
@@ -98,7 +92,7 @@ def spread_motion(motion: MarkerMotion, shape: tuple[int, int], *, step_px: int)
     system = np.block([[kernel + smoothing * np.eye(len(place)), ones], [ones.T, np.zeros((3, 3))]])
     inverse = np.linalg.inv(system)
     weights = inverse @ np.concatenate([moved, np.zeros((3, 2))])
-    left_out = weights[: len(place)] / np.diag(inverse)[: len(place), None]
+    held_out = weights[: len(place)] / np.diag(inverse)[: len(place), None]  # leave-one-out errors
     rows, columns = (np.arange(0, n + step_px, step_px) for n in shape)
     nodes = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2) / scale
     coarse = (
@@ -109,14 +103,14 @@ def spread_motion(motion: MarkerMotion, shape: tuple[int, int], *, step_px: int)
     x, y = np.meshgrid(np.arange(shape[1], dtype=np.float32), np.arange(shape[0], dtype=np.float32))
     dense = cv2.remap(field, x / step_px, y / step_px, cv2.INTER_LINEAR)
     near = np.exp(-0.5 * _square(nodes, place / scale) * (scale / (ROUND_ABOUT * _spacing(place))) ** 2) + 1e-6
-    missed = (near @ (left_out**2).mean(axis=1)) / near.sum(axis=1)
-    std = np.sqrt(missed).reshape(len(rows), len(columns)).astype(np.float32)
+    variance = (near @ (held_out**2).mean(axis=1)) / near.sum(axis=1)
+    std = np.sqrt(variance).reshape(len(rows), len(columns)).astype(np.float32)
     std = cv2.remap(std, x / step_px, y / step_px, cv2.INTER_LINEAR)
     return np.asarray(dense, dtype=np.float64), np.asarray(std, dtype=np.float64)
 
 
 def hull(places_px: Floats, shape: tuple[int, int]) -> Bools:
-    """Mask (H, W) of the pixels between the markers; beyond them nothing is known."""
+    """Return the mask (H, W) of the pixels between the markers; beyond them nothing is known."""
     mask = np.zeros(shape, dtype=np.uint8)
     points = cv2.convexHull(np.round(places_px).astype(np.int32)).reshape(-1, 2)
     cv2.fillConvexPoly(mask, points, 1)
@@ -124,12 +118,12 @@ def hull(places_px: Floats, shape: tuple[int, int]) -> Bools:
 
 
 def darkness(rgb: Bytes) -> Floats:
-    """-log of the lightest channel's ratio to its mean round about (H, W).
+    """Return -log of the lightest channel's ratio to its mean round about (H, W).
 
-    Dark in all colours is a mark, not a shade.
+    A mark is dark in all colours, a shade is not.
     """
     light = np.log1p(rgb.max(axis=2).astype(np.float32))
-    wide = max(3.0, rgb.shape[0] / 20)
+    wide = max(3, rgb.shape[0] / 20)
     around = cv2.GaussianBlur(light, (0, 0), wide)
     return np.asarray(cv2.GaussianBlur(around - light, (0, 0), 0.8), dtype=np.float64)
 
@@ -144,7 +138,10 @@ def _spacing(places: Floats) -> float:
 
 
 def _like_neighbours(seen: Floats, pairs: Bools, near: np.ndarray, spacing: float) -> Bools:
-    """Whether each pair moved as its matched neighbours did, to `REACH` of a spacing; a lone pair is let be."""
+    """Return whether each pair moved as its matched neighbours did, to `REACH` of a spacing.
+
+    a lone pair is kept.
+    """
     around = np.where(pairs[near][:, :, None], seen[near], np.nan)
     count = pairs[near].sum(axis=1)
     middle = np.zeros_like(seen)
@@ -154,7 +151,7 @@ def _like_neighbours(seen: Floats, pairs: Bools, near: np.ndarray, spacing: floa
 
 
 def _from_neighbours(seen: Floats, pairs: Bools, near: np.ndarray, motion: Floats) -> Floats:
-    """What matched neighbours say of each marker; where none is matched, what was thought before."""
+    """Predict each marker's motion from matched neighbours; without any, keep the earlier estimate."""
     weight = pairs[near].astype(float)
     total = weight.sum(axis=1, keepdims=True)
     mean = (weight[:, :, None] * seen[near]).sum(axis=1) / np.maximum(total, 1)
@@ -171,17 +168,14 @@ def _thin_plate(a: Floats, b: Floats) -> Floats:
 
 
 def _smoothing(place: Floats, moved: Floats, scale: float) -> float:
-    """Weight against bending by generalised cross-validation over powers of four."""
+    """Choose the weight against bending by generalised cross-validation over powers of four."""
     kernel = _thin_plate(place / scale, place / scale)
     ones = np.column_stack([np.ones(len(place)), place / scale])
     q = np.linalg.qr(ones, mode="complete")[0][:, 3:]
     values, vectors = np.linalg.eigh(q.T @ kernel @ q)
     part = vectors.T @ (q.T @ moved)
     values = np.maximum(values, 0)
-    best, least = 0.0, np.inf
-    for weight in 4.0 ** np.arange(-18, -4):
-        share = weight / (values + weight)
-        score = float((share[:, None] * part).ravel() @ (share[:, None] * part).ravel()) / float(share.sum()) ** 2
-        if score < least:
-            best, least = float(weight), score
-    return best
+    weights = 4.0 ** np.arange(-18, -4)
+    shares = weights[:, None] / (values + weights[:, None])
+    scores = ((shares[:, :, None] * part) ** 2).sum(axis=(1, 2)) / shares.sum(axis=1) ** 2
+    return float(weights[scores.argmin()])

@@ -9,28 +9,22 @@ import numpy as np
 from scipy.special import j0, j1
 
 from tactilevision.records.measured import Floats, Pair
-from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, lookup
+from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, lookup, smooth_step
 
-# The surface of a bonded gel layer beside a flat frictionless punch by linear theory, which balls are built from.
+# Surface of a bonded gel layer outside a flat frictionless punch by linear theory.
 #
 #     u_z(r)/w = (2a/π) ∫₀^∞ K(kh) Φ(ka) J₀(kr) dk        u_r(r)/w = (2a/π) ∫₀^∞ K_r(kh) Φ(ka) J₁(kr) dk
 #     Φ(ka) = ∫₀¹ φ(x) cos(kax) dx                         φ + (2/π) ∫₀¹ M(x, y) φ(y) dy = 1 with 1 - K in M
 #
-# K and K_r are solved here wave by wave from Navier's equations (four exponentials, a free surface, a bonded
-# base), so nothing is shared with the mechanics that later reads such surfaces. The pad's rim is far away.
+# K and K_r are solved wave by wave from Navier's equations (four exponentials, a free surface, a bonded base),
+# independently of `tactilevision.mechanics`. The rim of the pad is far away.
 # Source: Hayes et al., J. Biomech. 5 (1972), eqs. 20-24.
 
-FAR = 5.0  # thicknesses beyond the edge at which the surface counts as untouched
-
-
-def fade(reach: Floats) -> Floats:
-    """1 near the contact, 0 from FAR thicknesses on, smooth in between; any shape."""
-    remaining = np.clip((FAR - reach) / 2.0, 0.0, 1.0)
-    return np.asarray(remaining * remaining * (3.0 - 2.0 * remaining))
+FAR = 5  # thicknesses beyond the edge at which the surface counts as untouched
 
 
 def layer_surface(poisson_ratio: float, a_over_h: float, *, radii: Floats) -> tuple[Floats, Floats]:
-    """u_z/w and u_r/w, ratios (n,), at `radii` (in thicknesses, all outside the punch) by the linear theory."""
+    """Return u_z/w and u_r/w (n,) at `radii` (in thicknesses, all outside the punch) by linear theory."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     x, dx = (nodes + 1) / 2, weights / 2
     u, du, K, K_r, K_r_far = _waves(poisson_ratio)
@@ -44,7 +38,7 @@ def layer_surface(poisson_ratio: float, a_over_h: float, *, radii: Floats) -> tu
 
 
 def _half_space(radii: Floats, a_over_h: float, x: Floats, phi: Floats) -> Floats:
-    """∫₀¹ φ(x) (r² - a²x²)^(-1/2) dx, with ax = r sin θ to take the root out of it."""
+    """Return ∫₀¹ φ(x) (r² - a²x²)^(-1/2) dx, by the substitution ax = r sin θ."""
     even = np.polynomial.polynomial.Polynomial.fit(x * x, phi, 8)
     limit = np.arcsin(np.minimum(a_over_h / radii, 1.0))
     nodes, weights = np.polynomial.legendre.leggauss(32)
@@ -54,7 +48,7 @@ def _half_space(radii: Floats, a_over_h: float, x: Floats, phi: Floats) -> Float
 
 
 def _punch_density(x: Floats, dx: Floats, u: Floats, missing: Floats, a_over_h: float) -> Floats:
-    """φ at the nodes x: solves φ - (2/π) ∫ M φ = 1, M = α ∫ (1 - K) cos(αxu) cos(αyu) du."""
+    """Return φ at the nodes x from φ - (2/π) ∫ M φ = 1, M = α ∫ (1 - K) cos(αxu) cos(αyu) du."""
     waves = np.cos(np.outer(x, u) * a_over_h)
     M = a_over_h * (waves * missing) @ waves.T
     return np.asarray(np.linalg.solve(np.eye(x.size) - (2 / np.pi) * M * dx, np.ones(x.size)), dtype=np.float64)
@@ -62,14 +56,15 @@ def _punch_density(x: Floats, dx: Floats, u: Floats, missing: Floats, a_over_h: 
 
 @lru_cache(maxsize=8)
 def _waves(poisson_ratio: float) -> tuple[Floats, Floats, Floats, Floats, float]:
-    """Wave numbers (per thickness), their weights, and the kernels there; 1 - K has died out by u = 25."""
+    """Return wave numbers (per thickness) up to 25, where 1 - K vanishes, their weights, and the kernels there."""
     nodes, weights = np.polynomial.legendre.leggauss(480)
-    u = 12.5 * (nodes + 1)
-    return (u, 12.5 * weights, *_kernels(u, poisson_ratio))
+    half = 25 / 2
+    u = half * (nodes + 1)
+    return (u, half * weights, *_kernels(u, poisson_ratio))
 
 
 def _kernels(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats, float]:
-    """K, K_r at u = kh, and K_r of the half-space: surface displacement over that of a half-space under a wave.
+    """Return K, K_r at u = kh and K_r of the half-space: surface displacements relative to those of a half-space.
 
     Each wave is a sum of (U, W) = (1, 1)e^(-kz), (z + s, z)e^(-kz) and their mirror images from the base.
     """
@@ -93,22 +88,21 @@ def _kernels(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats, float]:
     return u * W, u * U, -(1 - 2 * poisson_ratio) / (2 * (1 - poisson_ratio))
 
 
-# Gel under a ball, on a layer of finite thickness.
+# Gel under a ball on a layer of finite thickness. The contact is a superposition of flat punches whose radii a
+# grow from 0 to the contact radius A (Mossakovskii):
 #
-# A ball's contact is a pile of flat punches whose radii a grow from 0 to the contact's radius A (Mossakovskii):
+#     u(r) = ∫₀ᴬ g(r; a) w'(a) da,   g(r; a) = 1 for r < a, else the surface outside a flat punch of radius a
 #
-#     u(r) = ∫₀ᴬ g(r; a) w'(a) da,   g(r; a) = 1 for r < a, else the surface beside a flat punch of radius a
-#
-# Inside, u is the ball itself, which fixes w'(a) = Σ c_k a^(2k+1); its integral is the depth. On a half-space this
-# gives w = (A/2) ln((R + A)/(R - A)), about A²/R. Frictionless linear theory; the ink is taken not to move
-# sideways. Source: Mossakovskii, J. Appl. Math. Mech. 27 (1963); Sneddon, Int. J. Eng. Sci. 3 (1965).
+# Inside, u is the ball, which determines w'(a) = Σ c_k a^(2k+1); its integral is the depth. On a half-space
+# w = (A/2) ln((R + A)/(R - A)), about A²/R. Frictionless linear theory; the ink does not move sideways.
+# Source: Mossakovskii, J. Appl. Math. Mech. 27 (1963); Sneddon, Int. J. Eng. Sci. 3 (1965).
 
 _TERMS = 5  # odd powers of a, see above
 
 
 @dataclass(frozen=True, slots=True)
 class BallPress:
-    """A ball of `radius_mm` whose contact circle has `contact_radius_mm`, on the layer of `poisson_ratio`."""
+    """A ball of `radius_mm` with a contact circle of `contact_radius_mm` on a layer of `poisson_ratio`."""
 
     radius_mm: float
     contact_radius_mm: float
@@ -127,11 +121,11 @@ class BallPress:
         return (Area(self.centre_mm, (half, half)),)
 
     def depth_mm(self, grid: Grid) -> Singles:
-        """Depth (H, W) mm on the grid."""
+        """Return the depth (H, W) mm on the grid."""
         return lookup(grid.distance(self.centre_mm), *self.section())
 
     def section(self) -> tuple[Floats, Floats]:
-        """Distances (N,) mm from the axis and the depth (N,) mm there."""
+        """Return distances (N,) mm from the axis and the depth (N,) mm there."""
         press, outside, depth = _surface(
             self.radius_mm, self.contact_radius_mm, self.thickness_mm, self.poisson_ratio
         )
@@ -140,29 +134,32 @@ class BallPress:
         return np.concatenate([inside, outside]), np.concatenate([cap, depth])
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
-        """Sideways shift (H, W) mm of the ink in x and in y."""
+        """Return the sideways shift (H, W) mm of the ink in x and in y."""
         return Flat().shift_mm(grid)
 
 
 @lru_cache(maxsize=64)
 def _surface(radius_mm: float, contact_mm: float, thickness_mm: float, nu: float) -> tuple[float, Floats, Floats]:
-    """Depth of the ball, and places outside the contact with the depth there."""
+    """Return the depth of the ball, places outside the contact, and the depth there."""
     nodes, weights = np.polynomial.legendre.leggauss(16)
     a, da = contact_mm * (nodes + 1) / 2, contact_mm * weights / 2
     powers = (a[:, None] / contact_mm) ** (2 * np.arange(_TERMS) + 1)
-    # a tenth of the contact radius per step is enough for five even powers
-    inside = contact_mm * np.linspace(0.1, 1.0, 10)
+    inside = contact_mm * np.linspace(0.1, 1, 10)
     sunk = np.array([_below(r, powers, contact_mm, thickness_mm, nu) for r in inside])
     ball = radius_mm - np.sqrt(radius_mm**2 - inside**2)
     terms = np.linalg.lstsq(sunk, ball, rcond=None)[0]
     spread = powers @ terms * da
     reach = np.linspace(0.0, 1.0, 90) ** 2 * FAR * thickness_mm
     around = [layer_surface(nu, one / thickness_mm, radii=(contact_mm + reach) / thickness_mm)[0] for one in a]
-    return float(spread.sum()), contact_mm + reach, fade(reach / thickness_mm) * (spread @ np.array(around))
+    return (
+        float(spread.sum()),
+        contact_mm + reach,
+        smooth_step((FAR - reach / thickness_mm) / 2) * (spread @ np.array(around)),
+    )
 
 
 def _below(r: float, powers: Floats, contact_mm: float, thickness_mm: float, nu: float) -> Floats:
-    """∫₀ʳ (1 - g(r; a)) (a/A)^(2k+1) da for each k; with a = r sin θ the root at a = r is gone."""
+    """Return ∫₀ʳ (1 - g(r; a)) (a/A)^(2k+1) da for each k, by the substitution a = r sin θ."""
     nodes, weights = np.polynomial.legendre.leggauss(8)
     angle = np.pi / 4 * (nodes + 1)
     a = r * np.sin(angle)

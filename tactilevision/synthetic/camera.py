@@ -12,6 +12,7 @@ import numpy as np
 from tactilevision.records.measured import Bytes, Floats, Pair
 from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 from tactilevision.synthetic.lights import (
+    GLOSS,
     SOUND,
     Finish,
     Light,
@@ -27,47 +28,40 @@ from tactilevision.synthetic.lights import (
     visibility,
 )
 
-# A camera over the gel: surface -> frame, with everything that a real frame suffers on its way.
-#
-# surface -> slopes -> light of three lamps (lights.py; strips.py where shadows are cast) -> ink texture and
-# markers, carried along with the gel -> vignetting -> lens distortion -> blur -> shot and read noise -> response
-# -> 8 bits. Steep parts of the surface are drawn on a grid three times finer and averaged over each pixel.
+# surface -> slopes -> light of three lamps (lights.py) -> ink texture and markers, carried by the gel ->
+# vignetting -> lens distortion -> blur -> shot and read noise -> response -> 8 bits. Steep parts of the surface
+# are rendered on a grid three times finer and averaged over each pixel.
 
 Shares = tuple[Singles, ...] | None
-_FINER = 3  # grid points for each pixel at steep places
-_STEPS = 16383  # levels of the response's table: 14 bits, finer than any grey level
+_FINER = 3  # grid points per pixel at steep places
+_STEPS = 16383  # levels of the table of the response, 14 bits
 
 
 class Imaging(Protocol):
-    """Whatever takes pictures of surfaces over the pad's `grid`."""
+    """A camera that renders surfaces over the `grid` of the pad."""
 
     @property
     def grid(self) -> Grid:
-        """The rectified pixels' places."""
-        ...
+        """Places of the rectified pixels."""
 
     def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
-        """Linear light (H, W, 3), 1 is white, without noise."""
-        ...
+        """Return linear light (H, W, 3), 1 is white, without noise."""
 
     def expose(self, light: Singles, rng: np.random.Generator | None, *, averaged: int = 1) -> Bytes:
-        """A frame (H, W, 3) of the given light, the mean of `averaged`."""
-        ...
+        """Return a frame (H, W, 3) of the given light, the mean of `averaged`."""
 
     def picture(self, surface: Surface, rng: np.random.Generator, *, time_s: float = 0.0) -> Bytes:
-        """One frame (H, W, 3) of a surface."""
-        ...
+        """Return one frame (H, W, 3) of a surface."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """Everything that turns a surface into a frame. Build one with optics.build_camera.
+    """Optics and noise of a camera; see `build_camera`.
 
-    `ink` (H, W) is the ink's brightness on the resting gel; `stray` (H, W, 3) light that reaches the chip
-    without the gel; `vignette` (H, W); `to_raw` (x, y): where in the rectified frame each raw pixel looks, or
-    None where the lens is straight. `full_well` counts electrons at white, `read_noise` is in grey levels;
-    `slope_response` is how steep the gel looks to the light. `shadow_strip_mm`: lamps cast shadows, and where one
-    is a point it is taken as a strip of this length and width; None: no shadow is cast.
+    `ink` (H, W): brightness of the ink on the untouched gel; `stray` (H, W, 3): light that bypasses the gel;
+    `vignette` (H, W); `to_raw` (x, y): rectified places of the raw pixels, None without distortion. `full_well`:
+    electrons at white; `read_noise` in grey levels. `shadow_strip_mm`: lamps cast shadows, point lamps as strips
+    of this length and width; None: no shadows.
     """
 
     grid: Grid
@@ -86,11 +80,11 @@ class Camera:
     shadow_strip_mm: Pair | None = None
 
     def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
-        """Linear light (H, W, 3), 1 is white, in the camera's raw geometry, without noise."""
+        """Return linear light (H, W, 3), 1 is white, in the camera's raw geometry, without noise."""
         shares = self._shares(surface)
         light = self._reflected(surface, self.grid, time_s, shares)
         for area in surface.steep:
-            self._draw_finely(light, surface, area, time_s=time_s, shares=shares)
+            self._render_finely(light, surface, area, time_s=time_s, shares=shares)
         light *= (_carried(self.ink, surface, self.grid) * self.vignette)[..., None]
         light += self.stray
         if self.to_raw is not None:
@@ -100,7 +94,7 @@ class Camera:
         return np.asarray(np.maximum(light, 0.0), dtype=np.float32)
 
     def expose(self, light: Singles, rng: np.random.Generator | None, *, averaged: int = 1) -> Bytes:
-        """A frame (H, W, 3) of the given light; `averaged` frames make one of less noise; no rng, no noise."""
+        """Return a frame (H, W, 3) of the given light, the mean of `averaged`; without `rng`, without noise."""
         if rng is not None:
             # read noise is stated in grey levels near mid-grey, where the response has the slope 0.5^(1/γ-1)/γ
             read = self.read_noise / 255 * self.gamma * 0.5 ** (1 - 1 / self.gamma)
@@ -111,17 +105,17 @@ class Camera:
         return np.asarray(_response(self.gamma)[index] + np.float32(0.5)).astype(np.uint8)
 
     def picture(self, surface: Surface, rng: np.random.Generator, *, time_s: float = 0.0) -> Bytes:
-        """One frame (H, W, 3) of a surface."""
+        """Return one frame (H, W, 3) of a surface."""
         return self.expose(self.ideal(surface, time_s), rng)
 
     def _gains(self, time_s: float) -> Floats:
-        """Each lamp's brightness at a time: a slow swing of its own amplitude, 1 at the start."""
+        """Return the brightness of each lamp at a time: a slow oscillation, 1 at the start."""
         amplitudes, period_s = self.drift
         phases = np.arange(amplitudes.size) * 2.1
         return np.asarray(1 + amplitudes * (np.sin(2 * np.pi * time_s / period_s + phases) - np.sin(phases)))
 
     def _shares(self, surface: Surface) -> tuple[Singles, ...] | None:
-        """How much of each lamp (H, W) each pixel sees; None where no shadow is cast."""
+        """Return the visible share (H, W) of each lamp; None without shadows."""
         size = self.shadow_strip_mm
         if size is None:
             return None
@@ -133,7 +127,9 @@ class Camera:
         shines = _shines(self.lights, grid, self.grid)
         return reflect(shines, self._gains(time_s), slopes=slopes, finish=self.finish, shares=shares)
 
-    def _draw_finely(self, light: Singles, surface: Surface, area: Area, *, time_s: float, shares: Shares) -> None:
+    def _render_finely(
+        self, light: Singles, surface: Surface, area: Area, *, time_s: float, shares: Shares
+    ) -> None:
         part, fine = _window(self.grid, area)
         inner = light[part]
         if min(inner.shape[:2]) < 5:
@@ -141,14 +137,14 @@ class Camera:
         if shares is not None:
             size = fine.x_mm.size, fine.y_mm.size
             shares = tuple(cv2.resize(share[part], size, interpolation=cv2.INTER_LINEAR) for share in shares)
-        drawn = self._reflected(surface, fine, time_s, shares)
-        small = cv2.resize(drawn, (inner.shape[1], inner.shape[0]), interpolation=cv2.INTER_AREA)
-        inner[2:-2, 2:-2] = small[2:-2, 2:-2]  # the window's rim keeps the coarse slopes
+        rendered = self._reflected(surface, fine, time_s, shares)
+        small = cv2.resize(rendered, (inner.shape[1], inner.shape[0]), interpolation=cv2.INTER_AREA)
+        inner[2:-2, 2:-2] = small[2:-2, 2:-2]  # the rim keeps the coarse slopes
 
 
 @lru_cache(maxsize=16)
 def _window(grid: Grid, area: Area) -> tuple[tuple[slice, slice], Grid]:
-    """The finer grid of an area; the same object again for the same area, so that its light is computed once."""
+    """Return the finer grid of an area, cached so that its light is computed once."""
     part = grid.part(area)
     return part, grid.finer(part, _FINER)
 
@@ -165,12 +161,12 @@ def _shines(lights: tuple[Light | Strip, ...], grid: Grid, reference: Grid) -> t
 
 @lru_cache(maxsize=8)
 def _response(gamma: float) -> Singles:
-    """Grey level (0 to 255) of linear light in steps of 1/_STEPS."""
+    """Return the grey level (0 to 255) of linear light in steps of 1/_STEPS."""
     return np.asarray(255 * np.linspace(0.0, 1.0, _STEPS + 1) ** (1 / gamma), dtype=np.float32)
 
 
 def _slopes(surface: Surface, grid: Grid) -> tuple[Singles, Singles]:
-    """Slopes dz/dx, dz/dy (H, W) by central differences on the grid."""
+    """Return slopes dz/dx, dz/dy (H, W) by central differences on the grid."""
     depth = surface.depth_mm(grid)
     step_x, step_y = grid.spacing_mm
     kernel = np.array([-0.5, 0.0, 0.5], np.float32)
@@ -187,7 +183,7 @@ def _indices(shape: tuple[int, int]) -> tuple[Singles, Singles]:
 
 
 def _carried(ink: Singles, surface: Surface, grid: Grid) -> Singles:
-    """The ink's brightness where the gel has carried it."""
+    """Return the brightness of the ink, carried by the gel."""
     step_x, step_y = grid.spacing_mm
     shift_x, shift_y = surface.shift_mm(grid)
     rows, columns = _indices(ink.shape)
@@ -195,17 +191,17 @@ def _carried(ink: Singles, surface: Surface, grid: Grid) -> Singles:
     return np.asarray(cv2.remap(ink, from_x, from_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101))
 
 
-# The parts of a camera that a seed draws: lens, ink, markers, stray light, vignetting, noise.
+# Options and random parts of a camera: lens, ink, markers, stray light, vignetting, noise.
 
 
 @dataclass(frozen=True, slots=True)
 class CameraOptions:
-    """What a simulated camera is like.
+    """Options of a simulated camera.
 
-    `light_seed` None: the lights of GelSlim 3.0; a number: three lights drawn from it. `texture` is the ink's
-    relative contrast, `distortion_px` the lens' largest displacement (0: frames are rectified already),
-    `drift` the lamps' relative swing during a recording. Noise: `full_well` electrons at white,
-    `read_noise` in grey levels. `shadow_strip_mm`: the lamps cast shadows, as strips of this length and width do.
+    `light_seed`: None for the lights of GelSlim 3.0, or the seed of three random lights. `texture`: relative
+    contrast of the ink; `distortion_px`: largest displacement by the lens (0: rectified frames); `drift`: relative
+    oscillation of the lamps. Noise: `full_well` electrons at white, `read_noise` in grey levels.
+    `shadow_strip_mm`: the lamps cast shadows as strips of this length and width.
     """
 
     width_px: int = 427
@@ -214,37 +210,37 @@ class CameraOptions:
     light_seed: int | None = None
     markers: bool = False
     texture: float = 0.012
-    distortion_px: float = 9.0
+    distortion_px: float = 9
     blur_px: float = 0.6
     gamma: float = 1.8
-    full_well: float = 12000.0
+    full_well: float = 12_000
     read_noise: float = 0.6
     drift: float = 0.003
-    gloss: float = 0.03
+    gloss: float = GLOSS
     shadow_strip_mm: Pair | None = None
 
 
 def build_camera(options: CameraOptions, rng: np.random.Generator) -> Camera:
-    """A camera of the given kind; `rng` draws the ink, the dirt and the phase of the drift."""
+    """Return a camera of the given options; `rng` gives ink, dirt and drift."""
     width, height = options.width_px, options.height_px
     x = (np.arange(width, dtype=np.float64) - (width - 1) / 2) * options.mm_per_px[0]
     y = (np.arange(height, dtype=np.float64) - (height - 1) / 2) * options.mm_per_px[1]
     grid = Grid(x, y)
-    drawn = options.light_seed is not None
-    lights = random_lights(np.random.default_rng(options.light_seed)) if drawn else gelslim_lights()
+    random = options.light_seed is not None
+    lights = random_lights(np.random.default_rng(options.light_seed)) if random else gelslim_lights()
     return Camera(
         grid=grid,
         lights=lights,
         finish=Finish(gloss=options.gloss),
         ink=_ink(grid, options, rng),
-        stray=_stray(grid, drawn),
-        vignette=_vignette(grid, drawn),
+        stray=_stray(grid, random),
+        vignette=_vignette(grid, random),
         to_raw=distortion(options).to_raw if options.distortion_px > 0 else None,
         blur_px=options.blur_px,
         gamma=options.gamma,
         full_well=options.full_well,
         read_noise=options.read_noise,
-        drift=(options.drift * rng.uniform(0.3, 1.0, 3) * rng.choice([-1.0, 1.0], 3), rng.uniform(300.0, 900.0)),
+        drift=(options.drift * rng.uniform(0.3, 1.0, 3) * rng.choice([-1.0, 1.0], 3), rng.uniform(300, 900)),
         shadow_strip_mm=options.shadow_strip_mm,
     )
 
@@ -258,10 +254,10 @@ class Distortion:
 
 
 def distortion(options: CameraOptions) -> Distortion:
-    """A barrel with keystone that leaves the frame's border where it is.
+    """Return a barrel distortion with keystone that keeps the border of the frame.
 
-    raw = rectified + d (x + k y, y + k x) (1 - x²)(1 - y²)/b for x, y from -1 to 1 across the frame, its largest
-    displacement d = distortion_px; inverted by repeated substitution.
+    raw = rectified + d (x + k y, y + k x) (1 - x²)(1 - y²)/b for x, y from -1 to 1 across the frame, with the
+    largest displacement d = distortion_px; inverted by fixed-point iteration.
     """
     width, height = options.width_px, options.height_px
     columns, rows = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
@@ -281,10 +277,10 @@ def distortion(options: CameraOptions) -> Distortion:
 
 
 def _ink(grid: Grid, options: CameraOptions, rng: np.random.Generator) -> Singles:
-    """Brightness of the ink about 1: grain of one to six pixels, some dirt, and markers where asked for."""
+    """Return the brightness of the ink about 1: grain of one to six pixels, some dirt, and optional markers."""
     shape = grid.y_mm.size, grid.x_mm.size
     ink = np.ones(shape, np.float32)
-    for size, share in ((1.0, 0.6), (2.5, 0.3), (6.0, 0.5)):
+    for size, share in ((1.0, 0.6), (2.5, 0.3), (6, 0.5)):
         grain = cv2.GaussianBlur(rng.standard_normal(shape).astype(np.float32), (0, 0), size)
         ink += np.float32(options.texture * share) * grain / grain.std()
     x, y = grid.places()
@@ -296,31 +292,32 @@ def _ink(grid: Grid, options: CameraOptions, rng: np.random.Generator) -> Single
 
 
 def _markers(grid: Grid, rng: np.random.Generator) -> Singles:
-    """Dark dots, two by two, on a lattice of 1.6 mm, as a laser cuts them: 1 beside them, dark on them."""
+    """Return pairs of dark dots on a lattice, as a laser cuts them: 1 around them, dark on them."""
     x, y = grid.places()
-    cell_x, cell_y = np.round(x / 1.6), np.round(y / 1.6)
+    pitch_mm = 1.6
+    cell_x, cell_y = np.round(x / pitch_mm), np.round(y / pitch_mm)
     jitter = rng.normal(0.0, 0.03, 2)
     dark = np.zeros_like(x)
     for offset in (-0.18, 0.18):
-        distance = np.hypot(x - 1.6 * cell_x - offset - jitter[0], y - 1.6 * cell_y - jitter[1])
+        distance = np.hypot(x - pitch_mm * cell_x - offset - jitter[0], y - pitch_mm * cell_y - jitter[1])
         dark = np.maximum(dark, 1 / (1 + np.exp((distance - 0.16) / 0.03)))
     return np.asarray(1 - 0.75 * dark, dtype=np.float32)
 
 
-def _stray(grid: Grid, drawn: bool) -> Singles:
-    """Light that reaches the chip without the gel; GelSlim's has a reddish corner at the top left."""
-    level = (0.004, 0.03, 0.015) if drawn else (0.0, 0.03, 0.02)
+def _stray(grid: Grid, random: bool) -> Singles:
+    """Return the light that bypasses the gel; that of GelSlim is reddish in the top left corner."""
+    level = (0.004, 0.03, 0.015) if random else (0.0, 0.03, 0.02)
     stray = np.broadcast_to(np.array(level, np.float32), (grid.y_mm.size, grid.x_mm.size, 3)).copy()
-    if not drawn:
+    if not random:
         x, y = grid.places()
-        stray[..., 0] += 0.13 * np.exp(-(((x + 13.0) / 8.8) ** 2) - ((y + 10.0) / 7.0) ** 2)
+        stray[..., 0] += 0.13 * np.exp(-(((x + 13) / 8.8) ** 2) - ((y + 10) / 7) ** 2)
     return stray
 
 
-def _vignette(grid: Grid, drawn: bool) -> Singles:
-    """Fall-off towards the corners: a soft ellipse, for GelSlim shifted downwards and wide."""
+def _vignette(grid: Grid, random: bool) -> Singles:
+    """Return the fall-off towards the corners: a soft ellipse, wide and shifted downwards for GelSlim."""
     x, y = grid.places()
     u, v = x / abs(float(grid.x_mm[-1])), y / abs(float(grid.y_mm[-1]))
-    if drawn:
+    if random:
         return np.asarray(0.1 + 0.9 / (1 + np.exp((np.hypot(u, v) - 1.3) / 0.12)), dtype=np.float32)
     return np.asarray(1 / (1 + np.exp((np.hypot(u - 0.07, 0.66 * (v - 0.14)) - 0.79) / 0.14)), dtype=np.float32)

@@ -1,7 +1,7 @@
-"""The gel's surface under a body: what the camera looks at, with nothing of the reconstruction in it.
+"""Surfaces of the gel under a body, independent of the reconstruction.
 
-A surface is a function of a Grid of places on the pad; it gives the depth (mm, into the gel, towards the
-camera) and how far the gel's ink has been carried sideways. z into the gel, x right, y down.
+A surface gives the depth (mm, into the gel, towards the camera) and the sideways shift of the ink on a Grid of
+places. z into the gel, x right, y down.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ class Grid:
         return float(self.x_mm[1] - self.x_mm[0]), float(self.y_mm[1] - self.y_mm[0])
 
     def places(self, centre_mm: Pair = (0.0, 0.0)) -> tuple[Singles, Singles]:
-        """x, y (H, W) from a centre."""
+        """Return x, y (H, W) from a centre."""
         x, y = np.meshgrid(self.x_mm - centre_mm[0], self.y_mm - centre_mm[1])
         return x.astype(np.float32), y.astype(np.float32)
 
     def distance(self, centre_mm: Pair) -> Singles:
-        """Distance (H, W) from a centre, computed once for each centre."""
+        """Return the distance (H, W) from a centre, cached."""
         return _distance(self, centre_mm)
 
     def part(self, area: Area) -> tuple[slice, slice]:
-        """Rows and columns that lie in an area; empty where it is out of the grid."""
+        """Return the rows and columns in an area; empty where it is out of the grid."""
         columns = np.searchsorted(
             self.x_mm, [area.centre_mm[0] - area.half_mm[0], area.centre_mm[0] + area.half_mm[0]]
         )
@@ -58,7 +58,7 @@ class Grid:
         return slice(int(rows[0]), int(rows[1])), slice(int(columns[0]), int(columns[1]))
 
     def finer(self, part: tuple[slice, slice], times: int) -> Grid:
-        """The grid that divides each pixel of a part `times` along either axis."""
+        """Return the grid that divides each pixel of a part `times` along either axis."""
         offsets = (np.arange(times) + 0.5) / times - 0.5
         x = (self.x_mm[part[1], None] + offsets * self.spacing_mm[0]).ravel()
         y = (self.y_mm[part[0], None] + offsets * self.spacing_mm[1]).ravel()
@@ -71,15 +71,12 @@ class Surface(Protocol):
     @property
     def steep(self) -> tuple[Area, ...]:
         """Where slopes change within a pixel."""
-        ...
 
     def depth_mm(self, grid: Grid) -> Singles:
-        """Depth (H, W) mm on the grid."""
-        ...
+        """Return the depth (H, W) mm on the grid."""
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
-        """How far the ink seen at each place has been carried in x and y, (H, W) mm each."""
-        ...
+        """Return the sideways shift (H, W) mm of the ink at each place in x and in y."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,24 +86,24 @@ class Flat:
     steep: tuple[Area, ...] = ()
 
     def depth_mm(self, grid: Grid) -> Singles:
-        """Depth (H, W) mm on the grid."""
+        """Return the depth (H, W) mm on the grid."""
         return np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
-        """Sideways shift (H, W) mm of the ink in x and in y."""
+        """Return the sideways shift (H, W) mm of the ink in x and in y."""
         return self.depth_mm(grid), self.depth_mm(grid)
 
 
 @dataclass(frozen=True, slots=True)
 class Prescribed:
-    """Any height map: `depth_map_mm` on `map_grid`, linear in between, nearest beyond. No sideways shift."""
+    """A given height map: `depth_map_mm` on `map_grid`, linear in between, nearest beyond. No sideways shift."""
 
     depth_map_mm: Floats
     map_grid: Grid
     steep: tuple[Area, ...] = ()
 
     def depth_mm(self, grid: Grid) -> Singles:
-        """Depth (H, W) mm on the grid."""
+        """Return the depth (H, W) mm on the grid."""
         from scipy.ndimage import map_coordinates
 
         step_x, step_y = self.map_grid.spacing_mm
@@ -116,9 +113,15 @@ class Prescribed:
         return np.asarray(map_coordinates(self.depth_map_mm, places, order=1, mode="nearest"), dtype=np.float32)
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
-        """Sideways shift (H, W) mm of the ink in x and in y."""
+        """Return the sideways shift (H, W) mm of the ink in x and in y."""
         zero = np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
         return zero, zero.copy()
+
+
+def smooth_step(x: Floats) -> Floats:
+    """Return 3 x² - 2 x³ of x clipped to 0 to 1, of any shape."""
+    x = np.clip(x, 0.0, 1.0)
+    return np.asarray(x * x * (3 - 2 * x))
 
 
 @lru_cache(maxsize=16)
@@ -128,7 +131,7 @@ def _distance(grid: Grid, centre_mm: Pair) -> Singles:
 
 
 def lookup(r: Singles, places: Floats, values: Floats, *, rounding_mm: float = 0.0) -> Singles:
-    """`values` (n,), in their unit, at distances `r` (H, W) in mm: held inside the first, 0 beyond the last."""
+    """Return `values` (n,) interpolated at distances `r` (H, W) mm: constant below the first, 0 after the last."""
     step = 0.005
     even = np.arange(0.0, places[-1] + 2 * step, step)
     table = np.interp(even, places, values, left=values[0], right=0.0)

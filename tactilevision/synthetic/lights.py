@@ -10,27 +10,28 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.records.constants import MICRO
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.synthetic.gel import Grid, Singles, Surface
 
-# Three near-field coloured lights over a gel, and how their light comes back from a slope.
-#
-# At a place on the pad a light at position L (z towards the camera) shines with the vector e = I B (L - x)/|L -
-# x|³, B a Gaussian beam round the place it is aimed at. A surface of depth slope (p, q) has the normal n = (-p,
-# -q, 1)/sqrt(1 + p² + q²) and sends back
+# Three near-field coloured lights over a gel. At a place x on the pad a light at position L (z towards the camera)
+# gives the vector e = I B (L - x)/|L - x|³, B a Gaussian beam around its aim. A surface of depth slope (p, q) with
+# normal n = (-p, -q, 1)/sqrt(1 + p² + q²) returns
 #
 #     s(n·e)  +  gloss |e| (n·m)^16        s(v) = (v + sqrt(v² + (2δ|e|)²))/2
 #
-# with m half-way between light and camera. s lets a wall that is steeper than the light stands high go dark
-# over the soft edge δ that an extended light makes.
+# with m half-way between light and camera. s makes walls steeper than the elevation of the light dark over the
+# soft edge δ of an extended light.
 
 Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """One lamp: `position_mm` from the pad's centre, `aim_mm` and `beam_mm` of its Gaussian beam (a spread per
-    axis), `brightness` it gives the brightest place of a pad of GelSlim's size, `colour` it gives the channels."""
+    """One lamp: `position_mm` from the centre of the pad, `aim_mm` and `beam_mm` (per axis) of its Gaussian beam.
+
+    `brightness` at the brightest place of the pad, `colour` its share in the channels.
+    """
 
     position_mm: Triple
     aim_mm: Pair
@@ -39,11 +40,14 @@ class Light:
     colour: Triple
 
 
+GLOSS = 0.03  # of the highlight of a usual ink
+
+
 @dataclass(frozen=True, slots=True)
 class Finish:
-    """How the ink returns light: `gloss` of its highlight, `soft_edge` δ of attached shadows."""
+    """Reflection of the ink: `gloss` of its highlight, `soft_edge` δ of attached shadows."""
 
-    gloss: float = 0.03
+    gloss: float = GLOSS
     soft_edge: float = 0.06
 
 
@@ -58,7 +62,7 @@ class Shine:
 
 
 def shine(light: Light, grid: Grid, *, reference: Grid) -> Shine:
-    """The light on a grid; `reference` is the whole pad, on which its brightness is defined."""
+    """Return the light on a grid; `reference` is the whole pad, on which its brightness is defined."""
     x, y, z, strength = _rays(light, grid)
     _, _, z_all, strength_all = _rays(light, reference)
     strength = strength * np.float32(light.brightness / float((strength_all * z_all).max()))
@@ -68,7 +72,7 @@ def shine(light: Light, grid: Grid, *, reference: Grid) -> Shine:
 
 
 def shine_of(vector: tuple[Singles, Singles, Singles], scale: np.float32, *, colour: Triple) -> Shine:
-    """A light given by its vector (x, y, z), (H, W) each in a unit of its own, times `scale`, 1."""
+    """Return the light of a vector (x, y, z), (H, W) each in any unit, times `scale`."""
     strength = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
     x, y, z = (axis / strength for axis in vector)
     norm = np.sqrt(x * x + y * y + (z + 1) ** 2)
@@ -81,7 +85,7 @@ def _single(values: npt.NDArray[Any]) -> Singles:
 
 
 def _rays(light: Light, grid: Grid) -> tuple[Singles, Singles, Singles, Singles]:
-    """Unit direction to the light and unscaled strength, (H, W) each."""
+    """Return the unit direction to the light and its unscaled strength, (H, W) each."""
     px, py = grid.places()
     dx, dy, dz = light.position_mm[0] - px, light.position_mm[1] - py, np.float32(light.position_mm[2])
     squared = dx * dx + dy * dy + dz * dz
@@ -99,9 +103,9 @@ def reflect(
     finish: Finish,
     shares: tuple[Singles, ...] | None = None,
 ) -> Singles:
-    """Linear light (H, W, 3) that reaches the camera from slopes dz/dx, dz/dy, each lamp times its gain.
+    """Return linear light (H, W, 3) at the camera from slopes dz/dx, dz/dy, each lamp times its gain.
 
-    `shares` is how much of each lamp (H, W) each place sees; None: all of every lamp.
+    `shares`: visible share (H, W) of each lamp; None: all.
     """
     p, q = slopes
     up = 1 / np.sqrt(1 + p * p + q * q)
@@ -126,24 +130,24 @@ def reflect(
 
 
 def gelslim_lights() -> tuple[Light, ...]:
-    """Blue from the top, green from the left, red from the lower right, as GelSlim 3.0's frames show them."""
+    """Return the lights of GelSlim 3.0: blue from the top, green from the left, red from the lower right."""
     return (
-        Light((4.6, 11.0, 8.1), (-1.2, 4.2), (8.0, 8.0), 0.82, (1.0, 0.0, 0.12)),
-        Light((-19.4, 3.1, 5.0), (14.0, -0.7), (21.7, 14.0), 2.09, (0.0, 1.0, 0.70)),
-        Light((8.4, -12.4, 8.9), (-6.2, 11.0), (12.0, 17.3), 1.21, (0.0, 0.17, 1.0)),
+        Light((4.6, 11, 8.1), (-1.2, 4.2), (8, 8), 0.82, (1, 0, 0.12)),
+        Light((-19.4, 3.1, 5), (14, -0.7), (21.7, 14), 2.09, (0, 1, 0.7)),
+        Light((8.4, -12.4, 8.9), (-6.2, 11), (12, 17.3), 1.21, (0, 0.17, 1)),
     )
 
 
 def random_lights(rng: np.random.Generator) -> tuple[Light, ...]:
-    """Three lights about 120 degrees apart, at random elevations, distances, beams, colours and order."""
+    """Return three lights at about 120 degrees, of random elevations, distances, beams, colours and order."""
     start, hand = rng.uniform(0, 2 * np.pi), rng.choice([-1.0, 1.0])
     lights = []
     for i, main in enumerate(rng.permutation(3)):
         angle = start + hand * (i * 2 * np.pi / 3 + rng.uniform(-0.35, 0.35))
-        out, height = rng.uniform(14.0, 24.0), rng.uniform(9.0, 20.0)
+        out, height = rng.uniform(14, 24), rng.uniform(9, 20)
         direction = np.array([np.cos(angle), np.sin(angle)])
-        aim = direction * rng.uniform(0.0, 7.0) + rng.uniform(-2.0, 2.0, 2)
-        beam = rng.uniform(10.0, 22.0, 2)
+        aim = direction * rng.uniform(0, 7) + rng.uniform(-2, 2, 2)
+        beam = rng.uniform(10, 22, 2)
         colour = rng.uniform(0.02, 0.30, 3)
         colour[main] = 1.0
         x, y = direction * out
@@ -159,38 +163,36 @@ def random_lights(rng: np.random.Generator) -> tuple[Light, ...]:
     return tuple(lights)
 
 
-# Strip lamps near the gel, and the shadows that the gel casts on itself.
-#
-# A strip shines from its front with the same radiance in every direction (Lambert). At a place P of the pad it
-# gives the vector
+# Strip lamps near the gel and the shadows that the gel casts. A strip radiates from its front with the same
+# radiance in every direction (Lambert). At a place P of the pad it gives the vector
 #
 #     e = (1/N) Σ_k w_k d_k        d_k = (L_k - P)/r_k        w_k = max(-f·d_k, 0)/r_k²
 #
-# over N points L_k along its length; f is the direction that the front faces. How much of point k is seen from P
-# is
+# over N points L_k along its length, f the direction of the front. The visible share of point k is
 #
-#     V_k = (t⁺ - h)/(t⁺ - t⁻), held between 0 and 1        h = max_s (z(P + s u) - z(P))/s
+#     V_k = (t⁺ - h)/(t⁺ - t⁻), clipped to 0 to 1        h = max_s (z(P + s u) - z(P))/s
 #
-# with t± the tangents of the elevations at which the strip's two long edges stand over P, u the direction towards
-# L_k in the plane of the pad, and h the tangent of the horizon that the gel makes there. So a penumbra grows with
-# the distance from the edge that casts it. The share of the whole strip is Σ V_k w_k d_kz / Σ w_k d_kz.
+# with t± the tangents of the elevations of the strip's two long edges over P, u the direction towards L_k in the
+# plane of the pad, and h the tangent of the horizon of the gel. The share of the whole strip is Σ V_k w_k d_kz / Σ
+# w_k d_kz.
 #
-# Assumptions: the horizon is level over the strip's width, and the light falls on a surface that leans little. A
-# lamp's distance is measured from the untouched gel, so that raised places are not nearer to it. Light that the
-# gel sends to itself is left out. Beside Mitsuba's direct light on diffuse ink: 1 to 2.5 grey levels rms where a
-# shadow darkens by more than 5 (python -m benchmarks.rendered --compare).
+# Assumptions: the horizon is level over the strip's width, and the lit surface slopes little; distances to lamps
+# are from the untouched gel; no light from gel to gel. Compared with Mitsuba's direct light on diffuse ink: 1 to
+# 2.5 grey levels rms where a shadow darkens by more than 5 (python -m benchmarks.rendered --compare).
 
-SHADOW_STRIP_MM = (12.0, 2.0)  # mm, length and width of a usual lamp of these sensors
+SHADOW_STRIP_MM = (12, 2)  # mm, length and width of a usual lamp of these sensors
 _POINTS = 8  # points along a strip: twice as many change shaded places by less than .1 grey level rms
-_FINER = 3  # heights for each pixel along either axis, from which horizons are read
-_STEP = 3.0  # fine pixels from one height on the way to the lamp to the next
-_STEEP = 0.8  # of a lamp's lowest tangent: no gentler slope can cast a shadow
+_FINER = 3  # heights per pixel along either axis for horizons
+_STEP = 3  # fine pixels between heights on the way to the lamp
+_STEEP = 0.8  # of a lamp's lowest tangent: gentler slopes cast no shadow
 
 
 @dataclass(frozen=True, slots=True)
 class Strip:
-    """A lamp: `centre_mm` and the point `aim_mm` that its front faces, from the pad's centre with z towards the
-    camera; its long side is level. `brightness` it gives the brightest place, `colour` it gives the channels."""
+    """A strip lamp: `centre_mm` and the point `aim_mm` that its front faces, from the centre of the pad.
+
+    z is towards the camera; the long side is level. `brightness` and `colour` as of a `Light`.
+    """
 
     centre_mm: Triple
     aim_mm: Triple
@@ -201,12 +203,12 @@ class Strip:
 
     @property
     def front(self) -> Floats:
-        """Unit vector (3,) of the direction it faces."""
+        """Unit vector (3,) of the direction of its front."""
         way = np.subtract(self.aim_mm, self.centre_mm)
         return np.asarray(way / np.linalg.norm(way))
 
     def points(self) -> tuple[Floats, Floats]:
-        """Points (N, 3) mm along its middle, and the vector (3,) mm from there to its upper long edge."""
+        """Return points (N, 3) mm along its middle, and the vector (3,) mm from there to its upper long edge."""
         front = self.front
         along = np.cross(front, (0.0, 0.0, 1.0))
         along /= np.linalg.norm(along)
@@ -216,23 +218,20 @@ class Strip:
 
 
 def strip_of(light: Light, size_mm: Pair) -> Strip:
-    """A strip of length and width `size_mm` in a point light's place, which faces what the light is aimed at."""
+    """Return a strip of length and width `size_mm` with the position and aim of a point light."""
     aim = (light.aim_mm[0], light.aim_mm[1], 0.0)
     return Strip(light.position_mm, aim, *size_mm, brightness=light.brightness, colour=light.colour)
 
 
 def strip_shine(strip: Strip, grid: Grid, *, reference: Grid) -> Shine:
-    """The strip's light (H, W) on a grid; `reference` is the whole pad, on which its brightness is defined."""
+    """Return the strip's light on a grid; `reference` is the whole pad, on which its brightness is defined."""
     x, y, z = _vector(strip, grid)
     brightest = float(_vector(strip, reference)[2].max())
     return shine_of((x, y, z), np.float32(strip.brightness / brightest), colour=strip.colour)
 
 
 def visibility(strips: Sequence[Strip], surface: Surface, grid: Grid) -> tuple[Singles, ...]:
-    """Share (H, W) of each strip's light that reaches a place of a surface, a ratio; 1 with nothing in its way.
-
-    One number per pixel, of the grid's places; heights are read from a grid three times finer.
-    """
+    """Return the visible share (H, W) of each strip over a surface, by heights on a grid three times finer."""
     fine = grid.finer((slice(None), slice(None)), _FINER)
     relief = _Relief.of(surface.depth_mm(fine), fine)
     return tuple(_share(strip, relief, grid) for strip in strips)
@@ -274,7 +273,7 @@ class _Relief:
         return cls(fine, heights, slope, float(heights.min()), float(heights.max()))
 
     def reached(self, tangent: float) -> tuple[slice, slice] | None:
-        """Rows and columns of the coarse grid that a shadow can reach; None where no slope is steep enough."""
+        """Return rows and columns of the coarse grid that a shadow can reach; None without steep slopes."""
         steep = self.slope > _STEEP * tangent / np.sqrt(2)
         rows, columns = np.flatnonzero(steep.any(axis=1)), np.flatnonzero(steep.any(axis=0))
         if not rows.size:
@@ -289,7 +288,7 @@ class _Relief:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Place:
-    """Pixels (H, W) whose light is asked for: places and heights in mm, and where they are in the fine relief."""
+    """Pixels (H, W) to light: places and heights in mm, and their column and row in the fine relief."""
 
     x_mm: Singles
     y_mm: Singles
@@ -307,7 +306,7 @@ class _Place:
         return cls(x, y, cv2.remap(relief.heights, column, row, cv2.INTER_LINEAR), column, row, relief)
 
     def seen(self, point: Floats, upper: Floats) -> Singles:
-        """Share (H, W) of the strip's width that is seen at one point of its length."""
+        """Return the visible share (H, W) of the strip's width at one point of its length."""
         to_x, to_y = np.float32(point[0]) - self.x_mm, np.float32(point[1]) - self.y_mm
         distance = np.hypot(to_x, to_y)
         top, bottom = (self._tangent(point + sign * upper) for sign in (1, -1))
@@ -320,7 +319,7 @@ class _Place:
         return np.asarray((np.float32(point[2]) - self.z_mm) / distance, dtype=np.float32)
 
     def _horizon(self, along_x: Singles, along_y: Singles, lowest: float) -> Singles:
-        """Largest rise over run (H, W) on the way to the lamp."""
+        """Return the largest rise over run (H, W) on the way to the lamp."""
         horizon = np.zeros_like(self.z_mm)
         fine_mm, fine_y_mm = self.relief.fine.spacing_mm
         aspect = np.float32(fine_mm / fine_y_mm)
@@ -339,7 +338,7 @@ class _Place:
 
 
 def _vector(strip: Strip, grid: Grid) -> tuple[Singles, Singles, Singles]:
-    """The light's vector (x, y, z), (H, W) each in a unit of its own."""
+    """Return the vector (x, y, z) of a strip's light, (H, W) each, unscaled."""
     total = np.zeros((3, grid.y_mm.size, grid.x_mm.size), np.float32)
     points, _ = strip.points()
     for point in points:
@@ -350,30 +349,29 @@ def _vector(strip: Strip, grid: Grid) -> tuple[Singles, Singles, Singles]:
 
 
 def _strength(point: Floats, front: Floats, grid: Grid) -> tuple[Singles, tuple[Singles, Singles, np.float32]]:
-    """w/r (H, W) of one point in a unit of its own, and the way (x, y, z) mm to it."""
+    """Return w/r (H, W) of one point, unscaled, and the vector (x, y, z) mm to it."""
     x, y = grid.places()
     to_x, to_y, to_z = np.float32(point[0]) - x, np.float32(point[1]) - y, np.float32(point[2])
     squared = to_x * to_x + to_y * to_y + to_z * to_z
     facing = -(np.float32(front[0]) * to_x + np.float32(front[1]) * to_y + np.float32(front[2]) * to_z)
-    strength = np.maximum(facing, 0.0) / (squared * squared) * np.float32(1e3)
+    strength = np.maximum(facing, 0.0) / (squared * squared) * np.float32(1000)
     return np.asarray(strength, dtype=np.float32), (to_x, to_y, to_z)
 
 
 def _lowest(points: Floats, upper: Floats, grid: Grid) -> float:
-    """Tangent of the lowest elevation at which any place of the grid sees the strip."""
+    """Return the tangent of the lowest elevation of the strip over any place of the grid."""
     corners = np.array([(x, y) for x in grid.x_mm[[0, -1]] for y in grid.y_mm[[0, -1]]])
     lower = points - upper
     far = np.linalg.norm(lower[:, None, :2] - corners, axis=-1).max(axis=1)
     return float((lower[:, 2] / far).min())
 
 
-# How steep the gel looks to the light: what a recording may suffer after its reference pictures were taken.
+# Slope response: change of the light's response to slope after the reference pictures.
 #
 #     shown = S tanh(g s/S) s/|s|,    g = 1 + gain + drift t/T
 #
-# s the slope (its size |s|), t the time and T the recording's end. A gel that clouds scatters light before it
-# reaches the ink, so that it comes from all around and brightness follows slopes less: g below 1. Ink that wears
-# smooth, or an exposure that clips, shows nothing steeper than S.
+# s the slope (its size |s|), t the time and T the end of the recording. A clouded gel scatters light before it
+# reaches the ink, so that brightness follows slopes less: g below 1. Worn ink or clipped exposure saturates at S.
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,14 +384,14 @@ class SlopeResponse:
     end_s: float = 1.0
 
     def shown(self, slopes: tuple[Singles, Singles], time_s: float) -> tuple[Singles, Singles]:
-        """The slopes dz/dx, dz/dy (H, W) that the light shows; the same arrays where all are shown as they are."""
+        """Return the slopes dz/dx, dz/dy (H, W) that the light shows; the same arrays without any change."""
         factor = 1 + self.gain + self.drift * time_s / self.end_s
         if factor == 1 and np.isinf(self.steepest):
             return slopes
         p, q = slopes
         share: Singles | np.float32 = np.float32(factor)
         if np.isfinite(self.steepest):
-            x = np.maximum(np.hypot(p, q) * share / np.float32(self.steepest), np.float32(1e-6))
+            x = np.maximum(np.hypot(p, q) * share / np.float32(self.steepest), np.float32(MICRO))
             share = np.asarray(share * np.tanh(x) / x, dtype=np.float32)
         return p * share, q * share
 

@@ -1,4 +1,4 @@
-"""What a simulated recording is like; every number that a user may turn."""
+"""Options of a simulated recording."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from tactilevision.synthetic.lights import SOUND, SlopeResponse
 from tactilevision.synthetic.punch import EDGE_RADIUS_MM, FRICTION, PAD_RADIUS_MM
 from tactilevision.synthetic.rig import Protocol
 
-FAULTS = REASONS  # a bad press of every kind that a press can be rejected for
+FAULTS = REASONS  # one bad press for each reason of rejection
 
 
 @dataclass(frozen=True, slots=True)
 class GelOptions:
-    """The gel, and what the recording says of its Poisson ratio (`prior_std` None: nothing).
+    """The gel, and the prior of its Poisson ratio that the recording states (`prior_std` None: none).
 
-    `friction` is Coulomb's, between gel and face; `relaxing` (share, time constant s) makes the gel viscoelastic.
+    `friction`: Coulomb's coefficient between gel and face; `relaxing` (share, time constant s): viscoelasticity.
     """
 
     youngs_modulus_MPa: float = 0.19
@@ -33,15 +33,15 @@ class GelOptions:
     relaxing: Pair = (0.0, 1.0)
 
     def __post_init__(self) -> None:
-        Material(self.youngs_modulus_MPa, self.poisson_ratio)  # raises InputError for what no gel has
+        Material(self.youngs_modulus_MPa, self.poisson_ratio)  # raises InputError for impossible values
 
 
 @dataclass(frozen=True, slots=True)
 class IndenterOptions:
     """A set of flat cylinders that differ in the height of the face over the bevel.
 
-    True heights scatter about the machined ones by `height_std_mm`. `state_bevel_place` writes the bevel's
-    distance and angle into the recording; `edge_radius_mm`, the rounding of the face's rim, is never stated.
+    True heights scatter about the machined ones by `height_std_mm`. `state_bevel_place` writes the distance and
+    angle of the bevel into the recording; `edge_radius_mm`, the rounding of the rim, is not stated.
     """
 
     heights_mm: tuple[float, ...] = (0.15, 0.3, 0.4, 0.5, 0.6)
@@ -56,10 +56,11 @@ class IndenterOptions:
 
 @dataclass(frozen=True, slots=True)
 class RigOptions:
-    """Clocks, repeatability and noise. A frame is kept where it tells something, see `frames_per_press`.
+    """Clocks, repeatability and noise.
 
-    `clock_offset_s` None: drawn from +-0.2 s. `gain_std` is a press' relative force repeatability,
-    `tangential` the usual ratio of tangential to normal force, `tilt_std` the face's slope.
+    `clock_offset_s` None: random within +-0.2 s. `gain_std`: relative repeatability of the force; `tangential`:
+    typical ratio of tangential to normal force; `tilt_std`: slope of the face; `frames_per_press`: informative
+    frames that are kept of each press, None: all.
     """
 
     protocol: Protocol = field(default_factory=Protocol)
@@ -78,9 +79,9 @@ class RigOptions:
 class SimulationOptions:
     """A whole recording: `presses` good ones with each indenter and one press for each of `faults`.
 
-    `slope_response` is what happened to the light since the reference pictures; its `end_s` is the recording's.
-    `frames`: the pictures' format, or "none" for a recording of curves only, or "points" for certified points
-    only. `flats` and `balls` are the reference pictures; `state_balls` writes the balls' places into ball.csv.
+    `slope_response`: change of the light since the reference pictures; its `end_s` is that of the recording.
+    `frames`: format of the pictures, "curves" or "points" for curves or certified points only. `flats` and
+    `balls`: numbers of reference pictures.
     """
 
     name: str = "simulated"
@@ -97,7 +98,6 @@ class SimulationOptions:
     flats: int = 2
     balls: int = 24
     ball_radii_mm: tuple[float, ...] = (2.0, 4.0)
-    state_balls: bool = False
     torn_frame: bool = True
 
     def __post_init__(self) -> None:

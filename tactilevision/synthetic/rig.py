@@ -1,8 +1,8 @@
-"""The rig: how an indenter is moved, and what force and which clock are recorded while it moves.
+"""The rig: motion of the indenter, and the force and clock that are recorded.
 
-The punch's force is E times what finite elements of its own gel give (profile.py) at the true depth of the face.
-A bevel that overlaps the gel by δ(t) along its edge adds 1/2 E/(1 - ν²) ∫ δ dt, half of what a flat of that depth
-and unit aspect would: a small force that starts from zero at the first touch.
+The force of the punch is E times that of finite elements of its gel (punch.py) at the true depth of the face. A
+bevel that overlaps the gel by δ(t) along its edge adds 1/2 E/(1 - ν²) ∫ δ dt, which starts from zero at the first
+touch.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactilevision.records.constants import MICRO
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.synthetic.punch import Bevel, PunchProfile
 
@@ -19,11 +20,10 @@ QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)  # N, steps of the readings fx, fy, fz
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """How every press runs.
+    """Course of a press.
 
-    `free_s` of rest in air before the ramp and after the release, `gap_mm` above the gel; `rest_s` between one
-    press and the next; `dwell_s` is the pause at the bevel's touch (0: none), `overtravel_mm` how far the face
-    goes on after it, `hold_s` the pause there.
+    `free_s` in air before the ramp and after the release, `gap_mm` above the gel; `rest_s` between presses;
+    `dwell_s`: pause at the touch of the bevel; `overtravel_mm` of the face after it; `hold_s`: pause there.
     """
 
     free_s: float = 0.8
@@ -45,11 +45,11 @@ class Motion:
     phase: tuple[str, ...]
 
     def at(self, time_s: Floats | float) -> Floats:
-        """Depth (mm) of the face at times (T,) s."""
+        """Return the depth (mm) of the face at times (T,) s."""
         return np.asarray(np.interp(time_s, self.time_s, self.face_mm), dtype=np.float64)
 
     def loading_time_s(self, depth_mm: float) -> float:
-        """When the face first stands at a depth; NaN where it never does."""
+        """Return the time s at which the face first reaches a depth; NaN if it never does."""
         reached = np.flatnonzero(self.face_mm >= depth_mm - 1e-12)
         if reached.size == 0:
             return float("nan")
@@ -57,19 +57,19 @@ class Motion:
         return float(np.interp(depth_mm, self.face_mm[leg], self.time_s[leg]))
 
     def released_s(self) -> float:
-        """When the face leaves the gel."""
+        """Return the time s at which the face leaves the gel."""
         turn = self.face_mm.size - 1 - int(np.argmax(self.face_mm[::-1]))
         return float(np.interp(0.0, -self.face_mm[turn:], self.time_s[turn:]))
 
     def phase_at(self, time_s: Floats) -> list[str]:
-        """Free, load, hold or unload at each of the times (T,) s."""
+        """Return free, load, hold or unload at each of the times (T,) s."""
         spans = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, len(self.phase) - 1)
         words = [self.phase[i] for i in spans]
         return ["free" if face <= 0 else word for face, word in zip(self.at(time_s), words, strict=True)]
 
 
 def move(protocol: Protocol, touch_mm: float, *, deepest_mm: float) -> Motion:
-    """Air, ramp to the bevel's touch, the dwell there, on to the deepest point, hold, release, air."""
+    """Return the motion: air, ramp to the bevel's touch, dwell, ramp to the deepest point, hold, release, air."""
     legs = [(protocol.free_s, -protocol.gap_mm, "free")]
     if touch_mm < deepest_mm:
         legs.append(((touch_mm + protocol.gap_mm) / protocol.speed_mm_s, touch_mm, "load"))
@@ -90,7 +90,7 @@ def move(protocol: Protocol, touch_mm: float, *, deepest_mm: float) -> Motion:
 class GelLaw:
     """Force against depth on one gel of `youngs_modulus_MPa`, `reduced_modulus_MPa` E/(1 - ν²).
 
-    `relaxing` (share, time constant s): a Maxwell branch that carries a share of the force and forgets it.
+    `relaxing` (share, time constant s): a Maxwell branch that carries a share of the force.
     """
 
     youngs_modulus_MPa: float
@@ -98,11 +98,11 @@ class GelLaw:
     relaxing: Pair = (0.0, 1.0)
 
     def force_N(self, profile: PunchProfile, depth_mm: Floats | float) -> Floats:
-        """Force (T,) N of the punch of `profile` at depths (T,) mm, before the gel relaxes."""
+        """Return the force (T,) N of the punch of `profile` at depths (T,) mm, without relaxation."""
         return self.youngs_modulus_MPa * profile.force_per_modulus(depth_mm)
 
     def relaxed(self, force_N: Floats, interval_s: float) -> Floats:
-        """Force (T,) N after the branch has forgotten part of its past, for evenly spaced readings (T,)."""
+        """Return the force (T,) N with relaxation, for evenly spaced readings (T,)."""
         from scipy.signal import lfilter
 
         share, constant = self.relaxing
@@ -114,11 +114,11 @@ class GelLaw:
 
 
 def bevel_force_N(bevel: Bevel, profile: PunchProfile, *, reduced_modulus_MPa: float, depths_mm: Floats) -> Floats:
-    """Force (T,) N on the bevel at depths (T,) mm of the face."""
+    """Return the force (T,) N on the bevel at depths (T,) mm of the face."""
     along = np.linspace(-bevel.half_width_mm, bevel.half_width_mm, 81)
     distance = np.hypot(bevel.distance_mm, along)
     deepest = float(np.max(depths_mm, initial=0.0))
-    table = np.linspace(0.0, max(deepest, 1e-6), 60)
+    table = np.linspace(0.0, max(deepest, MICRO), 60)
     overlap = [np.maximum(w - bevel.height_mm - profile.depth_at(distance, w), 0.0) for w in table]
     force = 0.5 * reduced_modulus_MPa * np.trapezoid(overlap, along, axis=1)
     return np.asarray(np.interp(depths_mm, table, force, left=0.0), dtype=np.float64)
@@ -126,15 +126,15 @@ def bevel_force_N(bevel: Bevel, profile: PunchProfile, *, reduced_modulus_MPa: f
 
 @dataclass(frozen=True, slots=True)
 class ForceSensor:
-    """A six-axis sensor's habits: `noise_N` of a reading, `bias_N`, linear `drift_N_s`, symmetric `range_N`."""
+    """Errors of a six-axis sensor: `noise_N` of a reading, `bias_N`, linear `drift_N_s`, symmetric `range_N`."""
 
-    noise_N: tuple[float, float, float] = (0.00625, 0.00625, 0.0125)
+    noise_N: tuple[float, float, float] = QUANTUM_N
     bias_N: tuple[float, float, float] = (0.0, 0.0, 0.0)
     drift_N_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     range_N: float = float("inf")
 
     def read(self, force_N: Floats, time_s: Floats, rng: np.random.Generator) -> Floats:
-        """What it reports of true forces (T, 3): biased, drifting, noisy, limited, in steps of its resolution."""
+        """Return readings of true forces (T, 3): with bias, drift, noise, limits and quantisation."""
         reading = force_N + np.asarray(self.bias_N) + np.outer(time_s, self.drift_N_s)
         reading = reading + rng.standard_normal(force_N.shape) * np.asarray(self.noise_N)
         reading = np.clip(reading, -self.range_N, self.range_N)

@@ -1,4 +1,4 @@
-"""Makes the folders of sample_frames/ again, bit by bit: python -m tactilevision.synthetic.samples [FOLDER]."""
+"""Generate sample_frames/ reproducibly: python -m tactilevision.synthetic.samples [FOLDER]."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ from tactilevision.recording.model import Recording
 from tactilevision.recording.write import write_recording
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.rig import Gel, Indenter, Sensor
+from tactilevision.synthetic.camera import CameraOptions
 from tactilevision.synthetic.options import GelOptions, IndenterOptions, RigOptions, SimulationOptions
+from tactilevision.synthetic.punch import PAD_RADIUS_MM
 from tactilevision.synthetic.rig import Protocol
 from tactilevision.synthetic.simulation import simulate
 
 GELSLIM3_SEED = 20261121  # seed of the sample recording
 
-# Five lines through P/w = 5.2662 w/h + 3.4943, h = 3 mm; not the paper's readings, which were not printed.
-_PAPER_DEPTHS_MM = (0.15, 0.3, 0.4, 0.5, 0.6)
+# Five points of P/w = 5.2662 w/h + 3.4943, h = 3 mm; the paper does not print its readings.
 _PAPER_SLOPE_N_MM = 5.2662  # N/mm, growth of P/w with w/h
 _PAPER_INTERCEPT_N_MM = 3.4943  # N/mm, P/w at w = 0
 _PAPER_THICKNESS_MM = 3.0  # mm, the paper's gel
 
 
 def gelslim3_options() -> SimulationOptions:
-    """What sample_frames/gelslim3 is: few frames to a press, so that it stays small."""
+    """Return the options of sample_frames/gelslim3, with few frames per press."""
     return SimulationOptions(
         name="gelslim3-sample",
         gel=GelOptions(youngs_modulus_MPa=0.1942, poisson_ratio=0.478, friction=0.4, prior=0.48, prior_std=0.01),
@@ -39,7 +40,7 @@ def gelslim3_options() -> SimulationOptions:
 
 
 def make_samples(folder: Path | str) -> None:
-    """Write gelslim3 and paper_points into `folder`, in place of what is there."""
+    """Write gelslim3 and paper_points into `folder`, replacing existing ones."""
     root = Path(folder)
     for name in ("gelslim3", "paper_points"):
         shutil.rmtree(root / name, ignore_errors=True)
@@ -50,23 +51,20 @@ def make_samples(folder: Path | str) -> None:
 
 
 def write_paper_points(folder: Path) -> None:
-    """The paper's five presses as certified points, rebuilt from its printed line."""
+    """Write the paper's five presses as certified points on its printed line."""
+    kit, camera = IndenterOptions(), CameraOptions()
     made = [
-        (
-            f"A{i}",
-            depth,
-            round((_PAPER_INTERCEPT_N_MM + _PAPER_SLOPE_N_MM * depth / _PAPER_THICKNESS_MM) * depth, 4),
-        )
-        for i, depth in enumerate(_PAPER_DEPTHS_MM, start=1)
+        (f"A{i}", w, round((_PAPER_INTERCEPT_N_MM + _PAPER_SLOPE_N_MM * w / _PAPER_THICKNESS_MM) * w, 4))
+        for i, w in enumerate(kit.heights_mm, start=1)
     ]
-    gel = Gel(thickness_mm=_PAPER_THICKNESS_MM, shape="disc", radius_mm=15.0)
+    gel = Gel(thickness_mm=_PAPER_THICKNESS_MM, shape="disc", radius_mm=PAD_RADIUS_MM)
     write_recording(
         Recording(
             path=folder,
             name="paper-points",
-            sensor=Sensor("gelslim3", 427, 320, (0.0634, 0.0634), gel=gel),
+            sensor=Sensor("gelslim3", camera.width_px, camera.height_px, camera.mm_per_px, gel=gel),
             depth_source="gauge",
-            indenters={name: Indenter(name, radius_mm=2.5, height_mm=depth) for name, depth, _ in made},
+            indenters={name: Indenter(name, radius_mm=kit.radius_mm, height_mm=depth) for name, depth, _ in made},
             points=tuple(CertifiedPoint(name[1:], name, depth, force) for name, depth, force in made),
         )
     )

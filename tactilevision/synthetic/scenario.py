@@ -15,14 +15,12 @@ from tactilevision.synthetic.options import SimulationOptions
 from tactilevision.synthetic.punch import Bevel, PunchPress, PunchProfile, punch_profile
 from tactilevision.synthetic.rig import ForceSensor, GelLaw, Motion, Protocol, bevel_force_N, move
 
-# Which presses are made, in what order, and what goes wrong in the bad ones.
-
-_RECOVERY = (0.05, 1.0)  # share of the force that a gel lacks right after a press, and its time constant in s
+_RECOVERY = (0.05, 1.0)  # share of the force missing right after a press, and its time constant in s
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedPress:
-    """One press in full. `fault` is empty for a good one; `touch_mm` the true depth at the bevel's touch."""
+    """One press. `fault` is empty for a good one; `touch_mm`: true depth at the touch of the bevel."""
 
     label: str
     indenter: str
@@ -48,15 +46,15 @@ class PlannedPress:
 
     @property
     def touch_time_s(self) -> float:
-        """When the bevel first touches; NaN where it never does."""
+        """Time of the bevel's first touch; NaN if it never touches."""
         return self.motion.loading_time_s(self.touch_mm)
 
     def surface(self, time_s: float) -> PunchPress:
-        """The gel at a time on the camera's clock."""
+        """Return the gel at a time on the camera's clock."""
         return PunchPress(self.profile, float(self.motion.at(time_s)), self.centre_mm, self.tilt, self.bevel)
 
     def force_N(self, time_s: Floats, law: GelLaw) -> Floats:
-        """True force (T, 3) at evenly spaced times on the camera's clock."""
+        """Return the true force (T, 3) at evenly spaced times on the camera's clock."""
         depth = self.motion.at(time_s)
         normal = law.force_N(self.profile, depth) * self.gain
         normal = normal + bevel_force_N(
@@ -68,13 +66,13 @@ class PlannedPress:
 
 
 def gel_law(options: SimulationOptions) -> GelLaw:
-    """The modulus and the relaxation that the options ask for."""
+    """Return the modulus and the relaxation of the options."""
     gel = options.gel
     return GelLaw(gel.youngs_modulus_MPa, gel.youngs_modulus_MPa / (1 - gel.poisson_ratio**2), gel.relaxing)
 
 
 def gel_under(options: SimulationOptions, radius_mm: float) -> PunchProfile:
-    """The options' gel under a punch of this radius."""
+    """Return the gel of the options under a punch of this radius."""
     gel = options.gel
     return punch_profile(
         gel.poisson_ratio,
@@ -87,14 +85,14 @@ def gel_under(options: SimulationOptions, radius_mm: float) -> PunchProfile:
 
 
 def true_heights(options: SimulationOptions, rng: np.random.Generator) -> dict[str, float]:
-    """Heights over the bevel as they came out of the workshop, by indenter."""
-    machined = np.asarray(options.indenters.heights_mm)
-    made = machined + options.indenters.height_std_mm * rng.standard_normal(machined.size)
+    """Return the true heights over the bevel, by indenter."""
+    nominal = np.asarray(options.indenters.heights_mm)
+    made = nominal + options.indenters.height_std_mm * rng.standard_normal(nominal.size)
     return {f"A{i + 1}": float(height) for i, height in enumerate(made)}
 
 
 def plan_presses(options: SimulationOptions, rng: np.random.Generator) -> tuple[PlannedPress, ...]:
-    """Rounds through all indenters, the faults strewn in between, one after the other in time."""
+    """Return rounds of presses by all indenters, with the faults at random places in between."""
     heights = true_heights(options, rng)
     order = [(name, "") for _ in range(options.presses) for name in heights]
     for i, fault in enumerate(options.faults):
@@ -148,7 +146,7 @@ def _press(
 
 
 def _placed(press: PlannedPress, start_s: float, released_s: float, *, free_after_s: float) -> PlannedPress:
-    """The press at its time, with the rest the gel had before it."""
+    """Return the press at its time, with the rest of the gel before it."""
     motion = press.motion
     times = motion.time_s + start_s
     times[-1] = times[-2] + free_after_s
@@ -159,7 +157,7 @@ def _placed(press: PlannedPress, start_s: float, released_s: float, *, free_afte
 
 
 def _centre(options: SimulationOptions, rng: np.random.Generator, *, cut: bool) -> Pair:
-    """Near the middle, so far from the bevel's side that the bevel is in view; `cut`: over the far border."""
+    """Return a place near the middle with the bevel in view; `cut`: over the far border."""
     kit, camera = options.indenters, options.camera
     towards = {"right": (1, 0), "left": (-1, 0), "top": (0, -1), "bottom": (0, 1)}[kit.bevel]
     half = np.array([camera.width_px * camera.mm_per_px[0], camera.height_px * camera.mm_per_px[1]]) / 2
@@ -175,12 +173,9 @@ def _direction(rng: np.random.Generator) -> Floats:
     return np.array([np.cos(angle), np.sin(angle)])
 
 
-# What happens in a simulated recording before anybody looks at it.
-
-
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Everything that happens in a recording before anybody looks: presses, clocks, the force sensor."""
+    """Everything that happens in a simulated recording: presses, clocks, the force sensor."""
 
     options: SimulationOptions
     seed: int
@@ -191,12 +186,12 @@ class Scenario:
 
 
 def draw_scenario(options: SimulationOptions, seed: int) -> Scenario:
-    """Draw everything but the pictures' and the forces' noise."""
+    """Return a random scenario, without the noise of pictures and forces."""
     rng = stream(seed, 0)
     law = gel_law(options)
     presses = plan_presses(options, rng)
     offset = options.rig.clock_offset_s
-    drawn = float(rng.uniform(-0.2, 0.2))
+    random_offset = float(rng.uniform(-0.2, 0.2))
     largest = max(float(law.force_N(p.profile, p.touch_mm + options.rig.protocol.overtravel_mm)) for p in presses)
     bias, drift = rng.uniform(-0.3, 0.3, 3), rng.uniform(-1e-4, 1e-4, 3)
     sensor = ForceSensor(
@@ -204,21 +199,19 @@ def draw_scenario(options: SimulationOptions, seed: int) -> Scenario:
         drift_N_s=(float(drift[0]), float(drift[1]), float(drift[2])),
         range_N=round(1.4 * largest + 0.5, 1),
     )
-    return Scenario(options, seed, law, presses, drawn if offset is None else offset, sensor)
+    return Scenario(options, seed, law, presses, random_offset if offset is None else offset, sensor)
 
 
 def stream(seed: int, number: int) -> np.random.Generator:
-    """Independent streams, so that another picture format leaves the forces as they are."""
+    """Return one of several independent generators, so that the picture format does not affect the forces."""
     return np.random.default_rng([seed, number])
 
-
-# The tables of a simulated recording: readings of the force sensor, whole curves, certified points.
 
 DEPTH_STD_MM = 0.003  # of one reading of depth in curves.csv
 
 
 def read_forces(scenario: Scenario) -> tuple[Floats, Floats]:
-    """Times on the F/T sensor's clock and its readings (T, 3), without a gap over the whole recording."""
+    """Return times on the force sensor's clock and its readings (T, 3) over the whole recording."""
     rng = stream(scenario.seed, 1)
     end = scenario.presses[-1].end_s + 0.5
     camera_clock = np.arange(0.3, end, 1 / scenario.options.rig.force_rate_Hz)
@@ -226,7 +219,7 @@ def read_forces(scenario: Scenario) -> tuple[Floats, Floats]:
     for press in scenario.presses:
         rows = slice(*np.searchsorted(camera_clock, [press.start_s, press.end_s]))
         force[rows] = press.force_N(camera_clock[rows], scenario.law)
-        if press.fault == "saturated":  # a cable pulls on the sensor, which brings it to the end of its range
+        if press.fault == "saturated":  # a cable pulls the sensor to the end of its range
             touch = float(scenario.law.force_N(press.profile, press.touch_mm))
             force[rows, 2] += scenario.sensor.range_N - scenario.sensor.bias_N[2] - 0.7 * touch
     readings = scenario.sensor.read(force, camera_clock, rng)
@@ -234,7 +227,7 @@ def read_forces(scenario: Scenario) -> tuple[Floats, Floats]:
 
 
 def certified(scenario: Scenario) -> tuple[CertifiedPoint, ...]:
-    """What a perfect eye would certify, with the force sensor's noise of one second and the workshop's heights."""
+    """Return the true points, with the noise of one second of force readings and the nominal heights."""
     rng = stream(scenario.seed, 1)
     noise = np.asarray(scenario.sensor.noise_N) / np.sqrt(scenario.options.rig.force_rate_Hz)
     kit = scenario.options.indenters
@@ -255,11 +248,11 @@ def certified(scenario: Scenario) -> tuple[CertifiedPoint, ...]:
 
 
 def curves(scenario: Scenario) -> tuple[Curve, ...]:
-    """Depth of the gel and force against time at 50 Hz, on the camera's clock."""
+    """Return depth and force against time at 50 Hz, on the camera's clock."""
     rng = stream(scenario.seed, 1)
     made = []
     for press in (p for p in scenario.presses if not p.fault):
-        time_s = np.round(np.arange(press.start_s, press.end_s, 0.02), 4)
+        time_s = np.round(np.arange(press.start_s, press.end_s, 1 / 50), 4)
         depth = np.maximum(press.motion.at(time_s), 0.0) + DEPTH_STD_MM * rng.standard_normal(time_s.size)
         force = (
             press.force_N(time_s, scenario.law) + rng.standard_normal((time_s.size, 3)) * scenario.sensor.noise_N
@@ -269,11 +262,8 @@ def curves(scenario: Scenario) -> tuple[Curve, ...]:
     return tuple(made)
 
 
-# truth.toml: what a perfect calibration of a simulated recording would find.
-
-
 def truth_of(scenario: Scenario) -> dict[str, Any]:
-    """Material and clocks under the names of calibration.json, and every press as it really went."""
+    """Return the content of truth.toml: material and clocks by the names of calibration.json, and every press."""
     gel, kit = scenario.options.gel, scenario.options.indenters
     profile = gel_under(scenario.options, kit.radius_mm)
     line = profile.line()
@@ -296,7 +286,7 @@ def truth_of(scenario: Scenario) -> dict[str, Any]:
 
 
 def _hidden(slope_response: SlopeResponse) -> dict[str, Any]:
-    """What the light suffered since the reference pictures; nothing where it did not."""
+    """Return the changes of the light since the reference pictures; empty without any."""
     amounts = {
         "photometric_gain": (slope_response.gain, "1"),
         "photometric_drift": (slope_response.drift, "1"),

@@ -22,7 +22,7 @@ from tactilevision.records.measured import Bytes, Floats, ForceSeries, Pair
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Imaging, build_camera, distortion
-from tactilevision.synthetic.gel import Flat, Grid
+from tactilevision.synthetic.gel import Flat
 from tactilevision.synthetic.options import GelOptions, SimulationOptions
 from tactilevision.synthetic.scenario import (
     DEPTH_STD_MM,
@@ -36,20 +36,18 @@ from tactilevision.synthetic.scenario import (
     truth_of,
 )
 
-# Reference pictures: the untouched gel, and balls pressed into it here and there.
-
-_AVERAGED = 16  # frames in one reference picture: the gel stands still, so one averages
+_AVERAGED = 16  # frames in one reference picture
 
 
 def picture_still(camera: Imaging, surface: BallPress | Flat, *, rng: np.random.Generator) -> Bytes:
-    """A reference picture: the mean of several frames, raw geometry, (H, W, 3) uint8."""
+    """Return a reference picture (H, W, 3) uint8 in raw geometry, the mean of several frames."""
     return camera.expose(camera.ideal(surface), rng, averaged=_AVERAGED)
 
 
 def plan_balls(
     count: int, radii_mm: tuple[float, ...], *, half_mm: Pair, gel: GelOptions, rng: np.random.Generator
 ) -> tuple[BallPress, ...]:
-    """Ball presses over the whole field, by a sequence that fills it evenly (R2), radii in turn."""
+    """Return ball presses spread evenly over the field by the R2 sequence, radii in turn."""
     start = rng.random(2)
     steps = np.array([0.7548776662466927, 0.5698402909980532])
     balls = []
@@ -63,18 +61,16 @@ def plan_balls(
     return tuple(balls)
 
 
-# A simulated recording as the record that reading it gives, and its pictures, one at a time.
-
 _SUFFIX = {"png": ".png", "jpeg": ".jpg"}
 
 
 def recording_of(folder: Path, scenario: Scenario) -> Recording:
-    """All that the maker of the recording would know, but for its pictures."""
+    """Return the recording without its pictures."""
     options = scenario.options
     pictured = options.frames in _SUFFIX
     forces = ForceSeries(*read_forces(scenario), scenario.sensor.noise_N) if pictured else None
-    gauge, drawn = options.frames == "points", curves(scenario) if options.frames == "curves" else ()
-    listed = {curve.press for curve in drawn}
+    gauge, measured = options.frames == "points", curves(scenario) if options.frames == "curves" else ()
+    listed = {curve.press for curve in measured}
     return Recording(
         path=folder,
         name=options.name,
@@ -89,7 +85,7 @@ def recording_of(folder: Path, scenario: Scenario) -> Recording:
         presses=tuple(_press(p) for p in scenario.presses if pictured or p.label in listed),
         forces=forces,
         points=certified(scenario) if gauge else (),
-        curves=drawn,
+        curves=measured,
     )
 
 
@@ -131,7 +127,7 @@ def _indenter(options: SimulationOptions, number: int) -> Indenter:
 
 
 def _press(press: PlannedPress) -> Press:
-    """A row of presses.csv: the protocol, which does not know what went wrong."""
+    """Return a row of presses.csv, without the fault."""
     return Press(
         press=press.label,
         indenter=press.indenter,
@@ -143,21 +139,6 @@ def _press(press: PlannedPress) -> Press:
     )
 
 
-def ball_records(
-    folder: Path, balls: tuple[BallPress, ...], *, grid: Grid, stated: bool
-) -> tuple[BallRecord, ...]:
-    """Rows of the balls' table; with `stated` also where each ball is, in rectified pixels."""
-    records = []
-    for i, ball in enumerate(balls):
-        path = folder / layout.BALLS / f"{i:02d}.png"
-        step_x, step_y = grid.spacing_mm
-        x, y = (ball.centre_mm[0] - grid.x_mm[0]) / step_x, (ball.centre_mm[1] - grid.y_mm[0]) / step_y
-        place = (round(float(x), 2), round(float(y), 2)) if stated else None
-        contact = round(ball.contact_radius_mm / step_x, 2) if stated else None
-        records.append(BallRecord(path, ball.radius_mm, place, contact))
-    return tuple(records)
-
-
 def write_toml(path: Path, content: Mapping[str, Any]) -> None:
     import tomli_w
 
@@ -165,7 +146,7 @@ def write_toml(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def write_picture(path: Path, rgb: Bytes, *, jpeg_quality: int = 95) -> None:
-    """A picture by its suffix; JPEG keeps the colours at full resolution, which photometry needs."""
+    """Write a picture in the format of its suffix; JPEG with colours at full resolution."""
     settings = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]  # smallest for noisy pictures
     if path.suffix == ".jpg":
         settings = [
@@ -180,7 +161,7 @@ def write_picture(path: Path, rgb: Bytes, *, jpeg_quality: int = 95) -> None:
 
 
 class FrameWriter:
-    """Writes frames as they come and remembers their names and times for the table of frames."""
+    """Write frames one by one; `names` and `times_s` are for the table of frames."""
 
     def __init__(self, folder: Path, options: SimulationOptions) -> None:
         self._folder, self._quality = folder / layout.FRAMES, options.jpeg_quality
@@ -200,8 +181,6 @@ class FrameWriter:
         path.write_bytes(data[: len(data) // 2])
 
 
-# A whole recording with known truth, made frame by frame: the test bench of everything that reads recordings.
-
 Progress = Callable[[int, int], None]
 TRUTH = "truth.toml"
 
@@ -211,8 +190,8 @@ def simulate(
 ) -> Path:
     """Write a recording and its truth.toml into `out`, and return that path.
 
-    The same seed and options give the same bytes on the same machine and versions. `progress(done, of)` is
-    called after each picture. Raises InputError for impossible options, OutputError where `out` is refused.
+    The same seed and options give the same bytes on the same machine and versions. `progress(done, of)` is called
+    after each picture. Raises InputError for impossible options, OutputError where `out` is refused.
     """
     return write_scenario(out, draw_scenario(options or SimulationOptions(), seed), progress=progress)
 
@@ -237,7 +216,7 @@ def write_scenario(
 
 
 def _clear(folder: Path) -> None:
-    """Make room where an earlier simulation stands (it has a truth.toml); nothing else is ever replaced."""
+    """Remove an earlier simulation, which has a truth.toml. Raises OutputError for other files."""
     if not any(path.name != LOCK for path in folder.iterdir()):
         return
     if not (folder / TRUTH).is_file():
@@ -248,7 +227,7 @@ def _clear(folder: Path) -> None:
         )
     tables = (layout.FRAME_TABLE, layout.FORCES, layout.PRESSES, layout.STAGE, layout.CURVES, layout.POINTS)
     try:
-        for name in (layout.SETTINGS, *tables):  # the settings first: without them it is no recording
+        for name in (layout.SETTINGS, *tables):  # settings first: without them it is no recording
             (folder / name).unlink(missing_ok=True)
         for name in (layout.FRAMES, layout.FLATS, layout.BALLS):
             if (folder / name).is_dir():
@@ -261,7 +240,7 @@ def _clear(folder: Path) -> None:
 
 
 def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
-    """For each press the times (N,) s of the frames that are kept, on the camera's clock."""
+    """Return for each press the times (N,) s of the kept frames, on the camera's clock."""
     rng = stream(scenario.seed, 2)
     rig = scenario.options.rig
     chosen = []
@@ -269,7 +248,7 @@ def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
         times = np.arange(press.start_s, press.end_s, 1 / rig.frame_rate_Hz)
         times = times + np.clip(rng.normal(0.0, 4e-4, times.size), -2e-3, 2e-3)
         if rig.frames_per_press is not None:
-            times = times[_telling(press, times, rig.frames_per_press)]
+            times = times[_informative(press, times, rig.frames_per_press)]
         if press.fault == "dropped_frames":
             since = times - press.touch_time_s
             times = times[(since < -0.25) | (since > 0.25 + press.protocol.dwell_s)]
@@ -277,8 +256,8 @@ def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
     return chosen
 
 
-def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
-    """Indices of the frames worth keeping: dense round the bevel's touch, some of every other phase."""
+def _informative(press: PlannedPress, times: Floats, count: int) -> Floats:
+    """Return the indices of frames to keep: dense around the touch of the bevel, some of every other phase."""
     interval = float(np.median(np.diff(times)))
     turn = press.motion.loading_time_s(float(press.motion.face_mm.max()))
     contact = press.motion.loading_time_s(0.0)
@@ -288,7 +267,6 @@ def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
     contact_times = np.concatenate([event + interval * np.arange(-3, 5), onward])
     hold, release = press.protocol.hold_s, np.array(press.motion.time_s[-3:-1])
     rest = [press.start_s, contact + 3 * interval, turn + 0.7 * hold, press.end_s]
-    # the clocks show there
     release_times = release[0] + np.array([0.1, 0.25, 0.4, 0.55]) * (release[1] - release[0])
     more = max(count - contact_times.size - release_times.size - len(rest), 0)
     growing = np.linspace(event - 0.5 * (turn - event), turn, 2 * more // 3 + 2)[1:-1]
@@ -298,7 +276,7 @@ def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
 
 
 def _cameras(scenario: Scenario) -> tuple[Imaging, Imaging]:
-    """The camera as it took the reference pictures and as it takes the frames."""
+    """Return the camera of the reference pictures and that of the frames."""
     camera = build_camera(scenario.options.camera, stream(scenario.seed, 3))
     end_s = scenario.presses[-1].end_s if scenario.presses else 1.0
     return camera, replace(camera, slope_response=replace(scenario.options.slope_response, end_s=end_s))
@@ -307,7 +285,7 @@ def _cameras(scenario: Scenario) -> tuple[Imaging, Imaging]:
 def _pictured(
     record: Recording, scenario: Scenario, cameras: tuple[Imaging, Imaging], progress: Progress
 ) -> Recording:
-    """Write the pictures and give the record that lists them."""
+    """Write the pictures and return the record that lists them."""
     options, folder, (camera, worn) = scenario.options, record.path, cameras
     rng = stream(scenario.seed, 4)
     plan, balls = frame_times(scenario), _balls(scenario)
@@ -319,7 +297,9 @@ def _pictured(
             progress(done := done + 1, total)
     if options.torn_frame:
         frames.tear(_unimportant(plan))
-    records = ball_records(folder, balls, grid=camera.grid, stated=options.state_balls)
+    records = tuple(
+        BallRecord(folder / layout.BALLS / f"{i:02d}.png", ball.radius_mm) for i, ball in enumerate(balls)
+    )
     flats = [folder / layout.FLATS / f"{i:02d}.png" for i in range(options.flats)]
     stills = [(path, Flat()) for path in flats] + list(zip((r.path for r in records), balls, strict=True))
     for path, surface in stills:
@@ -330,7 +310,7 @@ def _pictured(
 
 
 def _unimportant(plan: list[tuple[PlannedPress, Floats]]) -> int:
-    """Index of the last frame, in free air, of the first good press."""
+    """Return the index of the last frame, in free air, of the first good press."""
     first = next((i for i, (press, _) in enumerate(plan) if not press.fault), 0)
     return sum(times.size for _, times in plan[: first + 1]) - 1
 

@@ -238,8 +238,8 @@ from pathlib import Path
 sys.path.insert(0, {tests!r})
 from test_depth_folder import SENSOR, RedIsSlope
 from tactilevision.batch.folder import reconstruct_folder
-from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import read_folder
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.recording.folder import read_folder
 
 class Slow(RedIsSlope):
     def slopes(self, rgb):

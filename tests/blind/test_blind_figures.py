@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from benchmarks.blind import figures, layer
 from benchmarks.blind.design import DESIGNS, Touch
@@ -85,7 +86,7 @@ def test_a_world_with_everything_at_nothing_is_the_clean_one(design: str) -> Non
     assert np.all(np.diff(clean.time_s.ravel()) > 0)  # one clock, never anew
 
 
-@pytest.mark.parametrize("key", [k for k in HIDDEN if k not in ("skin", "adhesion", "backing_compliance")])
+@each("key", [k for k in HIDDEN if k not in ("skin", "adhesion", "backing_compliance")])
 def test_what_is_hidden_shows_as_strongly_as_asked(key: str) -> None:
     """Sized to 10 sigma; within a fifth, or at an end of the effect's range."""
     rng = np.random.default_rng(5)

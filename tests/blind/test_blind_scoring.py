@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from each import each
 
 from benchmarks.blind.analyst import Finding
 from benchmarks.blind.cases import Case, make
@@ -95,8 +96,8 @@ def test_a_recording_does_not_say_what_is_hidden_in_it(tmp_path: Path) -> None:
     assert "mullins" in tomllib.loads((made.folder / "truth.toml").read_text())["hidden"]
 
 
-@pytest.mark.parametrize(
-    ("name", "keys"),
+@each(
+    "name, keys",
     [
         ("hidden_rig", ["photometric_gain"]),
         ("hidden_material", ["viscoelasticity"]),

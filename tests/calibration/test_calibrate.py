@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from made_presses import indenter, observations
 from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
 
@@ -149,7 +150,7 @@ def test_a_copied_press_is_left_out_of_a_calibration() -> None:
     copy = replace(measured.curves[5], depth_mm=measured.curves[2].depth_mm, force_N=measured.curves[2].force_N)
     result = calibrate(replace(measured, curves=(*measured.curves[:5], copy)))
     assert result.presses_accepted == ("0", "1", "2", "3", "4")
-    assert "press 5 has the samples of press 2: left out" in result.warnings
+    assert "press 5 has the samples of press 2: excluded" in result.warnings
 
 
 def test_a_calibration_refuses_times_in_milliseconds() -> None:
@@ -175,7 +176,7 @@ def test_presses_out_of_phase_are_left_out() -> None:
     result = calibrate(Measured(recording, curves=tuple(curves)))
     assert result.presses_accepted == ("1", "2", "4")
     assert result.presses_rejected == (("0", "out_of_phase"), ("3", "out_of_phase"))
-    assert any("60 ms apart: left out" in warning for warning in result.warnings)
+    assert any("60 ms: excluded" in warning for warning in result.warnings)
     assert result.c.value == pytest.approx(3.5, rel=0.05)
 
 
@@ -204,8 +205,8 @@ DEPTHS = np.array(HEIGHTS_MM)
 FORCES = 3.5 * DEPTHS * (1 + DEPTHS / 3)
 
 
-@pytest.mark.parametrize(
-    ("measured", "message"),
+@each(
+    "measured, message",
     [
         (points_of(-DEPTHS, FORCES), "above 0 mm"),
         (points_of(DEPTHS, -FORCES), "above 0 N"),
@@ -235,7 +236,7 @@ def test_curves_whose_depth_has_the_wrong_sign_are_refused() -> None:
     """A little air goes into the gel when the sign is turned: that alone must not be fitted."""
     depth = np.concatenate([np.linspace(-0.03, 0.0, 6), np.linspace(0.05, 0.5, 20)])
     turned = observations([-depth] * 2, [indenter("A")] * 2).with_force(np.tile(np.maximum(3.5 * depth, 0.0), 2))
-    with pytest.raises(InputError, match="largest forces come where the depth is none"):
+    with pytest.raises(InputError, match="largest forces occur at depths"):
         check(turned)
 
 

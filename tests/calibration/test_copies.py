@@ -48,12 +48,12 @@ def test_a_copied_press_is_left_out_and_named() -> None:
     data = made()
     kept = usable(copied(data, 2, onto=8))
     assert kept.count == data.count - 1
-    assert "press p8 has the samples of press p2: left out" in kept.warnings
+    assert "press p8 has the samples of press p2: excluded" in kept.warnings
 
 
 def test_a_press_copied_from_another_recording_is_named_with_it() -> None:
     kept = usable(copied(made(), 2, onto=8, recording=1))
-    assert "press p8 of friday has the samples of press p2 of monday: left out" in kept.warnings
+    assert "press p8 of friday has the samples of press p2 of monday: excluded" in kept.warnings
 
 
 def test_presses_of_one_law_that_repeat_each_other_are_no_copies() -> None:
@@ -70,7 +70,7 @@ def test_points_equal_to_each_other_stay_and_are_named() -> None:
     assert without_copies(points).warnings == points.warnings
     kept = without_copies(copied(points, 2, onto=8))
     assert kept.count == points.count
-    assert "copies if not rounded alike: p8 of p2" in kept.warnings[-1]
+    assert "copies unless by rounding: p8 of p2" in kept.warnings[-1]
 
 
 @pytest.mark.parametrize("stated", [True, False], ids=["speed stated", "speed not stated"])

@@ -77,7 +77,7 @@ def test_a_hidden_effect_is_named_and_E_comes_back(key: str, tmp_path: Path) -> 
     assert found.effects[0].p_adjusted < 0.05
     assert found.effects[0].transfer_skill > 0  # in N a tilt drowns in the deep presses
     assert found.errors.held_out_after < found.errors.held_out_before * (1.01 if key == "tilt" else 1)
-    assert found.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
+    assert found.material.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
     content = found.as_json()
     assert set(content) >= DIAGNOSIS_KEYS
     write_json(tmp_path / "diagnosis.json", content)
@@ -95,7 +95,7 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
     assert sigma["record air before the first touch"] > 3
     assert sigma["press with two more radii (x .6 and x 1.4)"] > 3
     assert "repeat the presses in a month" not in sigma
-    low, high = found.after.youngs_modulus.interval95 or (0, 0)
+    low, high = found.material.after.youngs_modulus.interval95 or (0, 0)
     assert low <= 0.2 <= high
 
 
@@ -198,13 +198,13 @@ def test_clean_presses_are_adequate_and_say_what_they_would_have_shown() -> None
     )
     assert found.verdict == "ADEQUATE"
     assert found.effects == ()
-    assert 0 < found.visible["depth_zero"] < 0.05
-    assert "thickness" in found.not_testable
-    assert found.possible_bias["force_gain"] == pytest.approx(0.02, rel=0.02), "2 % of gain is 2 % of E"
-    assert -0.12 < found.possible_bias["thickness"] < -0.05, "a gel thicker than stated reads too soft"
-    assert found.possible_bias["bevel_rise"] == 0, "no bevel certified these depths"
-    assert not set(found.below_visibility) & set(found.not_testable)
-    assert found.below_visibility["edge_fillet"] < 0, "a blunt punch is softer, and E reads low"
+    assert 0 < found.limits.visible["depth_zero"] < 0.05
+    assert "thickness" in found.limits.not_testable
+    assert found.limits.possible_bias["force_gain"] == pytest.approx(0.02, rel=0.02), "2 % of gain is 2 % of E"
+    assert -0.12 < found.limits.possible_bias["thickness"] < -0.05, "a gel thicker than stated reads too soft"
+    assert found.limits.possible_bias["bevel_rise"] == 0, "no bevel certified these depths"
+    assert not set(found.limits.below_visibility) & set(found.limits.not_testable)
+    assert found.limits.below_visibility["edge_fillet"] < 0, "a blunt punch is softer, and E reads low"
 
 
 def test_what_no_effect_explains_is_unknown() -> None:
@@ -212,7 +212,7 @@ def test_what_no_effect_explains_is_unknown() -> None:
     force = MODEL.predict(TRUTH, data.shifted(0.008 * np.sin(2 * np.pi * data.depth_mm / 0.15)))
     found = diagnose(measured(data, force, np.random.default_rng(4)), np.random.default_rng(0))
     assert found.verdict == "UNKNOWN"
-    assert found.covariates[0].p_adjusted < 0.025
+    assert found.search.covariates[0].p_adjusted < 0.025
 
 
 def test_the_published_points_are_not_adequate() -> None:
@@ -220,7 +220,7 @@ def test_the_published_points_are_not_adequate() -> None:
     assert found.verdict == "AMBIGUOUS"
     assert found.flags == ("beta_outside_theory",)
     assert set(found.candidates) >= {"thickness", "edge_fillet", "depth_zero", "stiffening"}
-    needed = {w.key: w for w in found.would_have_to_be}
+    needed = {w.key: w for w in found.remainder.would_have_to_be}
     assert needed["thickness"].value == pytest.approx(2.25 / 3 - 1, abs=0.01)
     assert needed["depth_zero"].value == pytest.approx(-0.0175, abs=0.002)
     assert needed["depth_zero"].r_squared == pytest.approx(0.977, abs=0.008)
@@ -272,13 +272,13 @@ def analysed(data: Observations) -> tuple[Diagnosis, str]:
     taken = data.with_force(force * (1 + 0.005 * noise[0, : data.count][data.press]) + 0.004 * noise[1])
     found = diagnose(taken, np.random.default_rng(0))
     assert found.verdict in ("ADEQUATE", "IDENTIFIED", "AMBIGUOUS", "UNKNOWN")
-    return found, " ".join(found.after.warnings)
+    return found, " ".join(found.material.after.warnings)
 
 
 def test_one_press_is_analysed_and_its_want_is_said() -> None:
     found, said = analysed(presses(1))
     assert "there is one press" in said
-    assert found.not_testable["ageing"]
+    assert found.limits.not_testable["ageing"]
 
 
 @pytest.mark.slow
@@ -290,8 +290,8 @@ def test_a_radius_pressed_to_one_depth_is_left_out_by_name() -> None:
     depths = [np.linspace(0.03, 0.6, 9)] * 6 + [np.array([0.4])] * 2
     kinds = [indenter("A", 2.5)] * 6 + [indenter("B", 1.5)] * 2
     found, said = analysed(observations(depths, kinds))
-    assert "radius 1.5 mm are left out" in said
-    assert found.base.data.count == 6
+    assert "radius 1.5 mm are excluded" in said
+    assert found.fits.base.data.count == 6
     with pytest.raises(InputError, match="one depth"):
         diagnose(
             observations([np.array([0.4])] * 3, [indenter()] * 3).with_force(np.ones(3)), np.random.default_rng(0)
@@ -315,6 +315,6 @@ def test_constant_force_is_refused() -> None:
 
 def test_an_effect_that_lacks_its_covariate_says_what_it_needs_and_the_rest_goes_on() -> None:
     found, _ = analysed(presses(8))
-    assert "needs a temperature" in found.not_testable["temperature"]
-    assert "needs presses at several places" in found.not_testable["thickness_wedge"]
-    assert "depth_zero" in found.visible
+    assert "needs a temperature" in found.limits.not_testable["temperature"]
+    assert "needs presses at several places" in found.limits.not_testable["thickness_wedge"]
+    assert "depth_zero" in found.limits.visible

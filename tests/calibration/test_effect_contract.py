@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-import pytest
+from each import each
 from test_effects import rich
 
 import calibration
@@ -38,7 +38,7 @@ def effects_known(path: Path) -> set[str]:
     return known
 
 
-@pytest.mark.parametrize("path", OTHERS, ids=lambda p: str(p.relative_to(PACKAGE)))
+@each("path", OTHERS)
 def test_no_other_file_knows_an_effect(path: Path) -> None:
     name = path.relative_to(PACKAGE).as_posix()
     known = {key for key in effects_known(path) if (name, key) not in HOMONYMS and PUBLIC.get(name) != key}
@@ -55,7 +55,7 @@ def test_a_file_that_knows_an_effect_is_found(tmp_path: Path) -> None:
     assert effects_known(path) == {"friction", *modules}
 
 
-@pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda e: e.key)
+@each("effect", EFFECTS.values())
 def test_an_effect_states_all_that_is_known_of_it(effect: EffectBase) -> None:
     assert isinstance(effect, EffectBase)
     own = vars(type(effect))
@@ -68,7 +68,7 @@ def test_an_effect_states_all_that_is_known_of_it(effect: EffectBase) -> None:
         assert effect.check.action
 
 
-@pytest.mark.parametrize("effect", [e for e in EFFECTS.values() if e.stage in OF_GEL], ids=lambda e: e.key)
+@each("effect", [e for e in EFFECTS.values() if e.stage in OF_GEL])
 def test_a_form_is_allowed_for_along_all_that_an_effect_of_the_gel_is_seen_in(effect: EffectBase) -> None:
     """Names that no covariate has are passed over; the azimuth follows the place, and the order the day."""
     assert set(effect.seen_in) <= {covariate.name for covariate in covariates(rich())}
@@ -87,7 +87,7 @@ def test_ranks_of_what_may_be_instead_of_beta_differ() -> None:
     assert ranks == list(range(1, len(ranks) + 1))
 
 
-@pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda e: e.key)
+@each("effect", EFFECTS.values())
 def test_what_the_picture_shows_bears_the_same_name(effect: EffectBase) -> None:
     shown = effect.in_picture()
     if shown is None:

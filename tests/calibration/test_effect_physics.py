@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 from made_presses import GEL, indenter, observations
 
 from calibration.effects import EFFECTS
@@ -98,7 +99,7 @@ def test_presses_too_fast_for_clocks_that_far_apart_are_left_out() -> None:
     assert offset_by_phase(data) == pytest.approx(-0.06)
     kept = in_phase(data)
     assert kept.presses.label == tuple(np.array(data.presses.label)[[1, 2, 4]])
-    assert "60 ms apart" in kept.warnings[-1]
+    assert "60 ms" in kept.warnings[-1]
     assert f"({data.presses.label[0]}, {data.presses.label[3]})" in kept.warnings[-1]
     right = replace(data, depth_mm=np.concatenate(true))
     assert in_phase(right) is right
@@ -183,14 +184,14 @@ def wide_presses_and_a_weak_one(late_s: float, *, samples: int, peak_N: float, s
     return replace(data, presses=replace(data.presses, speed_mm_s=speeds))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@each("seed", range(5))
 def test_a_radius_that_nothing_explains_does_not_hide_that_clocks_are_apart(seed: int) -> None:
     """80 ms, and a narrow press whose force is noise only."""
     data = wide_presses_and_a_weak_one(0.08, samples=25, peak_N=0.0, seed=seed)
     assert offset_by_phase(data) == pytest.approx(0.08, abs=0.011)
 
 
-@pytest.mark.parametrize("samples", [5, 6, 8, 12])
+@each("samples", [5, 6, 8, 12])
 def test_a_few_samples_of_a_weak_press_set_no_clock_wrong(samples: int) -> None:
     """Clocks that are right: a cubic at one of 41 offsets explains five samples of mere noise."""
     for seed in range(10):

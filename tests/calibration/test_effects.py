@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 from made_presses import GEL, indenter, observations
 
 from calibration.effects import CATALOGUE, EFFECTS, get_effect
@@ -25,11 +26,10 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import kappa
 from tactilevision.records.measured import Floats
 
-EVERY = [pytest.param(EFFECTS[key], id=key) for key in CATALOGUE]
+EVERY = [EFFECTS[key] for key in CATALOGUE]
 UNSEEN = ("force_gain", "photometric_gain", "bevel_rise", "cast_shadow", "lamp_fading")  # by force alone
-CLEAR = [p for p in EVERY if p.id not in UNSEEN]
+CLEAR = [effect for effect in EVERY if effect.key not in UNSEEN]
 LONG = ("edge_fillet", "tilt", "adhesion")  # fits of some seconds
-FITTED = [pytest.param(*p.values, id=p.id, marks=[pytest.mark.slow] if p.id in LONG else []) for p in CLEAR]
 
 
 def rich() -> Observations:
@@ -74,7 +74,7 @@ def planted(effect: Effect, values: Floats, data: Observations) -> Floats:
     return force
 
 
-@pytest.mark.parametrize("effect", EVERY)
+@each("effect", EVERY)
 def test_off_it_is_the_base_model_exactly(effect: Effect) -> None:
     data = data_for(effect)
     off = np.array([p.default for p in effect.parameters])
@@ -82,7 +82,7 @@ def test_off_it_is_the_base_model_exactly(effect: Effect) -> None:
     np.testing.assert_array_equal((Model(FlatPunch()) + effect).predict(np.concatenate([BASE, off]), data), bare)
 
 
-@pytest.mark.parametrize("effect", EVERY)
+@each("effect", EVERY)
 def test_it_is_finite_over_its_bounds_and_tends_to_nothing(effect: Effect) -> None:
     data, table = data_for(effect), effect.parameters
     bare = Model(FlatPunch()).predict(BASE, data)
@@ -95,7 +95,7 @@ def test_it_is_finite_over_its_bounds_and_tends_to_nothing(effect: Effect) -> No
         assert np.max(np.abs(planted(effect, near, data) - bare)) < 2e-2 * np.max(bare)
 
 
-@pytest.mark.parametrize("effect", EVERY)
+@each("effect", EVERY)
 def test_it_says_what_it_is(effect: Effect) -> None:
     assert type(effect).__doc__
     for part in ("title", "seen_in", "confused_with", "separated_by", "source"):
@@ -112,8 +112,18 @@ def test_it_says_what_it_is(effect: Effect) -> None:
             assert parameter.bounds[0] <= value <= parameter.bounds[1]
 
 
-@pytest.mark.parametrize("effect", FITTED)
+@each("effect", [effect for effect in CLEAR if effect.key not in LONG])
 def test_rich_data_can_show_it_and_its_planted_value_is_found(effect: Effect) -> None:
+    finds_what_was_planted(effect)
+
+
+@pytest.mark.slow
+@each("effect", [EFFECTS[key] for key in LONG])
+def test_effects_with_long_fits_are_found_too(effect: Effect) -> None:
+    finds_what_was_planted(effect)
+
+
+def finds_what_was_planted(effect: Effect) -> None:
     data = data_for(effect)
     assert effect.missing(data) == ""
     truth = effect.starts(data)[0] * 1.2
@@ -124,7 +134,7 @@ def test_rich_data_can_show_it_and_its_planted_value_is_found(effect: Effect) ->
     assert found.values[5] == pytest.approx(truth[0], rel=0.1, abs=0.02 * effect.parameters[0].scale)
 
 
-@pytest.mark.parametrize("effect", EVERY)
+@each("effect", EVERY)
 def test_the_jacobian_of_a_fit_is_the_difference_quotient(effect: Effect) -> None:
     data = data_for(effect)
     model = Model(FlatPunch()) + effect
@@ -141,7 +151,7 @@ def test_the_jacobian_of_a_fit_is_the_difference_quotient(effect: Effect) -> Non
     assert np.mean(np.abs(coarse - jacobian[:, 5])) < 0.02 * scale
 
 
-@pytest.mark.parametrize("effect", CLEAR)
+@each("effect", CLEAR)
 def test_poor_data_are_told_what_they_lack_or_the_effect_needs_nothing(effect: Effect) -> None:
     poor = observations([np.array([0.3]), np.array([0.5])], [indenter()] * 2, time_s=[np.array([np.nan])] * 2)
     poor = replace(
@@ -205,8 +215,8 @@ def test_the_skin_weight_runs_from_nothing_to_all() -> None:
     assert weight(np.array([x]), 0.3)[0] == pytest.approx(manual_checks)
 
 
-@pytest.mark.parametrize("key", ["viscoelasticity", "recovery"])
-@pytest.mark.parametrize("time_s", [0.5, 50.0, 500.0])
+@each("key", ["viscoelasticity", "recovery"])
+@each("time_s", [0.5, 50.0, 500.0])
 def test_the_past_never_pulls_on_the_punch(key: str, time_s: float) -> None:
     effect = EFFECTS[key]
     data = replace(RICH, presses=replace(RICH.presses, rest_s=np.full(RICH.count, 1.0)))

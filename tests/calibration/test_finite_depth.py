@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from made_recordings import HEIGHTS_MM, Made, points_of
 
 from calibration.inputs.observations import Measured
@@ -64,16 +65,16 @@ def others_rows() -> list[dict[str, str]]:
 
 
 @pytest.mark.skipif(not REFERENCE.exists(), reason="the reference curves are not at hand")
-@pytest.mark.parametrize("row", others_rows(), ids=lambda row: row["nu"])
-@pytest.mark.parametrize("edge_mm", [None, 0.05])
+@each("row", others_rows())
+@each("edge_mm", [None, 0.05])
 def test_E_of_others_elements(row: dict[str, str], edge_mm: float | None) -> None:
     per_depth = np.array([float(row[f"P_over_Ew_{w:.2f}_mm"]) for w in DEPTHS_MM])
     found = read(MODULUS_MPA * per_depth * DEPTHS_MM, float(row["nu"]), edge_mm=edge_mm)
     assert abs(off(found)) < 1.1 * LIMIT  # these rows are .3 to .9 % soft beside two other solvers
 
 
-@pytest.mark.parametrize("nu", POISSON)
-@pytest.mark.parametrize("thickness_mm", [2.6, 3.4])
+@each("nu", POISSON)
+@each("thickness_mm", [2.6, 3.4])
 def test_E_of_the_tables_elements(nu: float, thickness_mm: float) -> None:
     contact = FlatContact(2.5, thickness_mm / 60, thickness_mm, 0.3)
     depth = np.minimum(DEPTHS_MM, 0.45)
@@ -82,8 +83,8 @@ def test_E_of_the_tables_elements(nu: float, thickness_mm: float) -> None:
     assert abs(off(calibrate(found, bound=None))) < LIMIT
 
 
-@pytest.mark.parametrize(("friction", "edge_mm"), [(0.2, 0.04), (0.2, 0.07), (0.7, 0.04), (0.7, 0.07)])
-@pytest.mark.parametrize("nu", POISSON[::2])
+@each("friction, edge_mm", [(0.2, 0.04), (0.2, 0.07), (0.7, 0.04), (0.7, 0.07)])
+@each("nu", POISSON[::2])
 def test_other_frictions_and_edges_are_in_the_interval(friction: float, edge_mm: float, nu: float) -> None:
     force = punch_force(DEPTHS_MM, FlatContact(2.5, edge_mm, 3.0, friction), material=Material(MODULUS_MPA, nu))
     assert abs(off(read(force, nu))) < 0.02

@@ -40,7 +40,7 @@ def test_every_command_states_the_same_two_figures(
     held_out, repeatability = calibrated["held_out_N"], calibrated["noise_floor_N"]
     assert [base["held_out"], base["floor"]] == pytest.approx([held_out, repeatability], rel=1e-6)
     assert [diagnosed["held_out_before"], diagnosed["floor"]] == pytest.approx([held_out, repeatability], rel=1e-6)
-    assert f"error on presses left out {1e3 * held_out:.1f} mN" in said
+    assert f"error on held-out presses {1e3 * held_out:.1f} mN" in said
     assert f"repeatability {1e3 * repeatability:.1f} mN" in said
     capsys.readouterr()
     run(monkeypatch, "steps", tmp_path / "compared")

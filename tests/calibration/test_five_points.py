@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from benchmarks import five_points
 from benchmarks.five_points import CASES, Case, blocks, published, read, solve_case, solved
@@ -15,7 +16,7 @@ from tactilevision.recording.read import read_recording
 PAGE = (Path(__file__).parents[2] / "docs" / "evidence" / "five_points.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", ["reproduced", "depth_zero", "other_gels", "equal_depth", "left_open"])
+@each("name", ["reproduced", "depth_zero", "other_gels", "equal_depth", "left_open"])
 def test_the_page_holds_the_tables_as_they_are_computed(name: str) -> None:
     assert "\n".join(blocks()[name]) in PAGE
 

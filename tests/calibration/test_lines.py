@@ -53,6 +53,6 @@ def test_a_radius_of_one_depth_is_left_out_by_name() -> None:
     measured, begins = of_radii(0.3, 13, {1.5: 1, 2.5: 6, 4.0: 6})
     result = calibrate(measured)
     assert [radius for radius, _, _ in result.by_radius] == [2.5, 4.0]
-    assert any("radius 1.5 mm are left out" in warning for warning in result.warnings)
+    assert any("radius 1.5 mm are excluded" in warning for warning in result.warnings)
     low, high = result.c.interval95 or (0, 0)
     assert low < begins[2.5] < high

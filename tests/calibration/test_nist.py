@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from calibration.fit import least_squares as minimum_page
 from calibration.fit.least_squares import Box, Minimum, minimise
@@ -59,8 +60,8 @@ def solve(name: str, start: Floats) -> Minimum:
     return minimise(residual, start[None], box=box, tolerance=1e-15)
 
 
-@pytest.mark.parametrize("which", ["start1", "start2"])
-@pytest.mark.parametrize("name", [n for n in CURVES if n not in ("Norris", "Longley")])
+@each("which", ["start1", "start2"])
+@each("name", [n for n in CURVES if n not in ("Norris", "Longley")])
 def test_nonlinear_problems_from_both_of_their_starts(name: str, which: str) -> None:
     assert_certified(name, solve(name, np.array(PROBLEMS[name][which])), digits=6)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 from made_presses import indenter, observations
 from test_diagnose import noisy
 from test_effects import BASE, RICH
@@ -59,9 +60,11 @@ def test_a_gel_that_bends_as_theory_has_it_is_adequate() -> None:
     assert found.verdict == "ADEQUATE"
     assert found.flags == ("bend_within_theory",)
     assert few_sentence(found) == ""
-    few = found.base.data.take(np.arange(24) < 8)
-    assert "8 presses hardly tell" in few_sentence(replace(found, base=replace(found.base, data=few)))
-    assert found.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
+    few = found.fits.base.data.take(np.arange(24) < 8)
+    assert "8 presses hardly tell" in few_sentence(
+        replace(found, fits=replace(found.fits, base=replace(found.fits.base, data=few)))
+    )
+    assert found.material.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
 
 
 def plateaus(count: int, rng: np.random.Generator) -> Observations:
@@ -174,8 +177,8 @@ def unstated_points(rng: np.random.Generator, jump_mm: float) -> Observations:
     return data.with_force(MODEL.predict(np.array([0.2, 0.48, 0.85, 0.95, 1.1]), data.shifted(off)))
 
 
-@pytest.mark.parametrize(("jump_mm", "odd"), [(0.0, ()), (0.06, ("p3",))])
-@pytest.mark.parametrize("seed", range(4))
+@each("jump_mm, odd", [(0.0, ()), (0.06, ("p3",))])
+@each("seed", range(4))
 def test_scatter_in_mm_accuses_no_press_of_the_stiffest_punch(
     seed: int, jump_mm: float, odd: tuple[str, ...]
 ) -> None:
@@ -204,7 +207,7 @@ def test_a_zero_that_jumps_is_unknown_since_its_press() -> None:
     found = diagnose(measured(data, force, np.random.default_rng(1)), np.random.default_rng(0))
     assert found.verdict == "UNKNOWN"
     assert "presses_wander" in found.flags
-    assert found.change_point == "p14"
+    assert found.remainder.change_point == "p14"
     shown = own_offsets(found)
     assert shown is not None
     assert shown.labels[shown.since or 0] == "p14"

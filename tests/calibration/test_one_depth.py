@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from made_recordings import points_of
 
 from calibration.report.report import summary
@@ -12,7 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.records.rig import Gel
 
 
-@pytest.mark.parametrize("beta", [0.15, 0.6, 0.87, 1.1])
+@each("beta", [0.15, 0.6, 0.87, 1.1])
 def test_one_depth_leaves_the_curvature_to_theory_and_says_so(beta: float) -> None:
     depth, noise = np.full(5, 0.3), 0.003 * np.array([0.4, -1.2, 0.9, 0.3, -0.6])
     gel = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.48, poisson_ratio_std=0.002)
@@ -42,8 +43,8 @@ def test_depths_apart_by_their_scatter_are_one_depth() -> None:
     assert "one_depth" in few.flags
 
 
-@pytest.mark.parametrize("beta", [0.15, 0.6, 1.1])
-@pytest.mark.parametrize("depth", [0.15, 0.6])
+@each("beta", [0.15, 0.6, 1.1])
+@each("depth", [0.15, 0.6])
 def test_one_point_tells_what_its_secant_allows_and_says_so(depth: float, beta: float) -> None:
     gel = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.48, poisson_ratio_std=0.002)
     force = 3.5 * depth * (1 + beta * depth / 3)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 from test_diagnose import noisy
 from test_effects import BASE, RICH
 
@@ -92,7 +93,7 @@ def test_a_plain_error_without_a_reason_displaces_nothing() -> None:
     assert alternative_explanation(named(force, (), standing=chance)) is None
 
 
-@pytest.mark.parametrize("error", INSTRUMENT_ERRORS, ids=lambda error: error.key)
+@each("error", INSTRUMENT_ERRORS)
 def test_a_plain_error_is_nothing_at_its_defaults_and_starts_inside_its_bounds(error: InstrumentError) -> None:
     off = np.array([p.default for p in error.parameters_on(RICH)])
     np.testing.assert_array_equal(planted(error, off), LAW.predict(BASE, RICH))
@@ -117,7 +118,7 @@ def test_a_creeping_sensor_is_unknown_and_said_so() -> None:
     data = noisy(RICH, planted(SinceTouch(), CREEP), 4)
     found = diagnose(data, np.random.default_rng(0))
     assert found.verdict == "UNKNOWN"
-    assert found.alternative_explanation is not None
+    assert found.remainder.alternative_explanation is not None
     assert "grows from the moment of touch" in verdict_sentence(found)
     assert "dead weight" in found.measure_next[0].action
     assert found.as_json()["otherwise"]["key"] == "force_since_touch"

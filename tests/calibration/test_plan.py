@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 import calibration
 from calibration.fit.least_squares import fit
@@ -118,8 +119,8 @@ def test_a_goal_of_c_alone_needs_no_nu() -> None:
     assert content["fewest"]["presses"] == found.fewest.design.presses
 
 
-@pytest.mark.parametrize(
-    ("what", "change"),
+@each(
+    "what, change",
     [
         ("reaches through the gel", {"heights": (0.3, 3.5)}),
         ("step height lies above 0", {"heights": (-0.3, 0.5)}),

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 from made_recordings import HEIGHTS_MM, Truth, draw, points_of
 
 from calibration.inputs.observations import Measured
@@ -22,8 +23,8 @@ FORCES = 3.5 * DEPTHS * (1 + DEPTHS / 3)
 GEL = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.48, poisson_ratio_std=0.002)
 
 
-@pytest.mark.parametrize("law", ["default", "paper"])
-@pytest.mark.parametrize("unit", [1e3, 1e-3])
+@each("law", ["default", "paper"])
+@each("unit", [1e3, 1e-3])
 def test_forces_in_another_unit_are_asked_about(unit: float, law: str) -> None:
     right, wrong = (calibrate(points_of(DEPTHS, k * FORCES, gel=GEL), law=law) for k in (1.0, unit))
     assert not any("no gel" in line for line in right.warnings)
@@ -33,22 +34,19 @@ def test_forces_in_another_unit_are_asked_about(unit: float, law: str) -> None:
     assert wrong.youngs_modulus.value == pytest.approx(unit * (right.youngs_modulus.value or 0), rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("nu", "std", "told"), [(0.0, None, True), (0.2, 0.01, True), (0.25, 0.1, False), (0.4, None, False)]
-)
+@each("nu, std, told", [(0.0, None, True), (0.2, 0.01, True), (0.25, 0.1, False), (0.4, None, False)])
 def test_a_stated_nu_that_no_gel_has_is_flagged_and_said(nu: float, std: float | None, told: bool) -> None:
     gel = replace(GEL, poisson_ratio=nu, poisson_ratio_std=std)
     result = calibrate(points_of(DEPTHS, FORCES, gel=gel))
     assert (NU_FLAG in result.flags) is told
-    assert any("which [sensor.gel] states; rubbers and gels have" in line for line in result.warnings) is told
+    assert any("rubbers and gels have" in line for line in result.warnings) is told
 
 
 def test_a_diagnosis_says_that_its_modulus_rests_on_such_a_nu() -> None:
-    for nu, told in ((0.0, True), (0.48, False)):
-        data = observe([points_of(DEPTHS, FORCES, gel=replace(GEL, poisson_ratio=nu))])
-        found = diagnose(data, np.random.default_rng(0))
-        assert (NU_FLAG in found.flags) is told
-        assert ("rubbers and gels have" in verdict_sentence(found)) is told
+    data = observe([points_of(DEPTHS, FORCES, gel=replace(GEL, poisson_ratio=0.0))])
+    found = diagnose(data, np.random.default_rng(0))
+    assert NU_FLAG in found.flags
+    assert "rubbers and gels have" in verdict_sentence(found)
 
 
 def test_an_open_modulus_is_judged_by_its_interval() -> None:
@@ -66,7 +64,7 @@ def test_a_stated_modulus_that_the_result_contradicts_is_told() -> None:
     for stated, told in ((found, False), (3 * found, True)):
         gel = replace(GEL, youngs_modulus_MPa=stated, youngs_modulus_std_MPa=0.01 * found)
         result = calibrate(points_of(DEPTHS, FORCES, gel=gel))
-        assert any("apart from the" in line for line in result.warnings) is told
+        assert any("but [sensor.gel] states" in line for line in result.warnings) is told
         assert result.youngs_modulus.value == pytest.approx(found)
 
 
@@ -86,11 +84,13 @@ def test_a_diagnosis_is_not_adequate_where_the_slope_stands_at_its_end() -> None
     assert found.verdict == "AMBIGUOUS"
     assert "thickness" in found.candidates
     assert "or a unit" in verdict_sentence(found)
+    assert NU_FLAG not in found.flags
+    assert "rubbers and gels have" not in verdict_sentence(found), "of a nu that gels have"
 
 
 def of_three_radii(stated: dict[float, float]) -> Measured:
     """Presses of 1.5, 2.5 and 3.5 mm punches, some of which recording.toml states with another radius."""
-    measured = draw(Truth(radii_mm=(1.5, 2.5, 3.5)), np.random.default_rng(2))
+    measured = draw(Truth(radii_mm=(1.5, 2.5, 3.5), repeats=1), np.random.default_rng(2))
     indenters = {
         name: replace(indenter, radius_mm=stated.get(indenter.radius_mm or 0.0, indenter.radius_mm))
         for name, indenter in measured.recording.indenters.items()
@@ -98,12 +98,10 @@ def of_three_radii(stated: dict[float, float]) -> Measured:
     return replace(measured, recording=replace(measured.recording, indenters=indenters))  # type: ignore[type-var]
 
 
-@pytest.mark.parametrize(
-    ("stated", "told"),
+@each(
+    "stated, told",
     [
-        ({}, False),
         ({1.5: 0.75}, True),
-        ({2.5: 1.25}, True),
         ({3.5: 7.0}, True),
         ({1.5: 0.75, 2.5: 1.25, 3.5: 1.75}, True),
         ({1.5: 1.55}, False),

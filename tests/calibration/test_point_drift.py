@@ -46,9 +46,9 @@ def test_a_force_that_drifts_in_proportion_is_told_from_the_presses_scatter() ->
     """Twelve presses in mixed order, 10 % from first to last: like ones scatter by 4 %."""
     found = diagnosed(points(3, drift=0.1))
     assert found.verdict == "UNKNOWN"
-    assert found.plain is not None
-    assert found.plain.effect.key == "force_gain_drift"
-    assert found.plain.own_values[0] == pytest.approx(-0.1, abs=0.02)
+    assert found.remainder.plain is not None
+    assert found.remainder.plain.effect.key == "force_gain_drift"
+    assert found.remainder.plain.own_values[0] == pytest.approx(-0.1, abs=0.02)
     assert "a force that drifts in proportion" in verdict_sentence(found)
 
 
@@ -69,8 +69,8 @@ def test_a_speed_that_is_set_and_kept_within_some_percent_is_one_speed() -> None
 def test_a_plain_error_that_explains_nothing_is_not_suggested() -> None:
     found = diagnosed(points(3, slow=0.025))
     assert found.verdict == "UNKNOWN"
-    assert found.covariates[0].key == "log rate"
-    assert found.plain is None
+    assert found.search.covariates[0].key == "log rate"
+    assert found.remainder.plain is None
 
 
 def test_one_session_is_sorted_by_its_order_alone() -> None:
@@ -84,7 +84,8 @@ def test_one_session_is_sorted_by_its_order_alone() -> None:
 def test_what_only_the_picture_shows_is_not_laid_to_the_forces() -> None:
     """UNKNOWN of the depth that the picture reads, beside forces that nothing ails."""
     found = diagnosed(points(3))
-    unseen = Searched(found.base, found.base, (), (), ScoreTest((), (), {}, {}))
-    said = verdict_sentence(replace(found, verdict="UNKNOWN", sight=unseen))
-    assert said.startswith("The depth that the picture reads is off")
-    assert "The forces themselves are explained as well as they repeat." in said
+    base = found.fits.base
+    unseen = Searched(base, base, (), (), ScoreTest((), (), {}, {}))
+    said = verdict_sentence(replace(found, verdict="UNKNOWN", search=replace(found.search, sight=unseen)))
+    assert said.startswith("The reconstructed depth has an error")
+    assert "The forces themselves are explained within their repeatability." in said

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from test_screen import MODEL, TRUTH, measured, presses
 
 from calibration.effects.private import load_effect, new_effect
@@ -38,7 +39,7 @@ def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Pat
     data = presses(8)
     taken = measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1))
     found = diagnose(taken, np.random.default_rng(0), effects=[effect])
-    assert why in found.not_testable["my_effect"]
+    assert why in found.limits.not_testable["my_effect"]
     assert found.verdict in ("ADEQUATE", "IDENTIFIED", "AMBIGUOUS", "UNKNOWN")
     compared = compare(taken, [effect, "ageing", "depth_zero"], rng=np.random.default_rng(0))
     assert [model.effects for model in compared.models] == [(), ("depth_zero",)]
@@ -77,7 +78,7 @@ def test_a_private_effect_has_a_name_of_its_own(tmp_path: Path, key: str) -> Non
         load_effect(file)
 
 
-@pytest.mark.parametrize("key", ["two words", "tilt", "class", "9th", ""])
+@each("key", ["two words", "tilt", "class", "9th", ""])
 def test_a_template_is_not_written_for_a_key_that_could_not_be_loaded(tmp_path: Path, key: str) -> None:
     with pytest.raises(InputError, match="one word"):
         new_effect(tmp_path / "mine.py", key)

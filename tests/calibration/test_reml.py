@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 from made_presses import indenter, observations
 
 from calibration.noise import model as rectangles
@@ -14,8 +15,8 @@ from calibration.noise.reml import Weighing, minus_two_log_likelihood, newton_mo
 from tactilevision.records.measured import Floats
 
 
-@pytest.mark.parametrize(
-    ("sizes", "correlation", "white"),
+@each(
+    "sizes, correlation, white",
     [
         ((6, 6, 6), 0.0, 0.0),
         ((6, 3, 5), 0.0, 0.0),

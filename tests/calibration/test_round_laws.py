@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from made_recordings import points_of
 
 from calibration.inputs.observations import Measured
@@ -101,7 +102,7 @@ STUCK = {  # finite elements of balls: P_stick/P_free - 1 at w/h = .1 .15 .2, by
 }
 
 
-@pytest.mark.parametrize("case", STUCK)
+@each("case", STUCK)
 def test_a_ball_that_sticks_pushes_back_as_elements_say(case: tuple[float, float]) -> None:
     ratio, nu = case
     np.testing.assert_allclose(

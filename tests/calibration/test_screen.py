@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from made_presses import indenter, observations
 
 from calibration.diagnosis import score_test as score_test_page
@@ -151,7 +152,7 @@ def test_a_planted_zero_is_named_and_clean_data_are_not_accused() -> None:
     assert found.effects[0].p_adjusted < 1e-3
 
 
-@pytest.mark.parametrize(("zero_mm", "drawn"), [(0.0, 99), (0.004, 799), (0.005, 799), (0.03, 399)])
+@each("zero_mm, drawn", [(0.0, 99), (0.004, 799), (0.005, 799), (0.03, 399)])
 def test_draws_go_on_where_p_lies_near_a_level(
     monkeypatch: pytest.MonkeyPatch, zero_mm: float, drawn: int
 ) -> None:

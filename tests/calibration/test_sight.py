@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 from made_presses import indenter, observations
 from test_effects import RICH
 
@@ -68,8 +69,8 @@ def test_what_is_wrong_with_the_picture_is_named(key: str, picture: Floats, cand
     assert named in candidates, f"of one set either may come first; {key} was planted"
     assert set(found.candidates) == candidates
     assert found.verdict == ("IDENTIFIED" if len(candidates) == 1 else "AMBIGUOUS")
-    assert not candidates & set(found.not_testable)
-    low, high = found.after.youngs_modulus.interval95 or (0.0, 0.0)
+    assert not candidates & set(found.limits.not_testable)
+    low, high = found.material.after.youngs_modulus.interval95 or (0.0, 0.0)
     if key == "bevel_rise":
         assert high > 0.2 / 0.98, "E reaches up to what a forgotten rise would make of it"
         either = ("use an indenter whose bevel", "press a gauge")  # each parts the two
@@ -81,10 +82,10 @@ def test_what_is_wrong_with_the_picture_is_named(key: str, picture: Floats, cand
 @pytest.mark.slow
 def test_a_right_picture_is_left_alone(seed: int) -> None:
     found = diagnose(seen(GAUGE.depth_mm, seed), np.random.default_rng(0))
-    assert found.verdict == "ADEQUATE", found.tried
+    assert found.verdict == "ADEQUATE", found.search.tried
     content = found.as_json()["reconstructed_depth"]
     assert content["ratio_median"] == pytest.approx(1, abs=0.01)
-    assert 0 < found.visible["photometric_gain"] < 0.01
+    assert 0 < found.limits.visible["photometric_gain"] < 0.01
 
 
 def points(ratio: Floats, std: float) -> Observations:
@@ -123,7 +124,7 @@ def test_what_the_height_map_says_of_itself_accuses_nobody_and_what_is_beyond_it
     low = 1 - 0.2 * (depths - 0.14)  # a face that reads lower the deeper it is, by up to 8 %
     quiet = diagnose(points(low, 0.05), np.random.default_rng(0))
     assert quiet.verdict == "ADEQUATE"
-    assert "balls would show it" in quiet.not_testable["slope_saturation"]
+    assert "balls would show it" in quiet.limits.not_testable["slope_saturation"]
     loud = diagnose(points(0.7 * low, 0.05), np.random.default_rng(0))
     assert [effect.key for effect in loud.effects] == ["photometric_gain"]
     interval = dict(loud.effects[0].parameters)["gain"].interval95
@@ -137,7 +138,7 @@ def test_without_a_picture_there_is_nothing_to_compare() -> None:
     assert sight_of(few) is None
 
 
-@pytest.mark.parametrize("effect", in_picture(), ids=lambda e: e.key)
+@each("effect", in_picture())
 def test_switched_off_the_picture_is_the_depth(effect: InPicture) -> None:
     off = np.array([p.default for p in effect.parameters])
     np.testing.assert_array_equal(effect.seen(GAUGE.depth_mm, off, GAUGE), GAUGE.depth_mm)
@@ -155,9 +156,9 @@ def test_a_known_gain_of_the_picture_is_not_named_again_nor_put_into_the_force()
     data = points(np.full(15, 0.8), 0.05)
     found = diagnose(data, np.random.default_rng(0), known=[EFFECTS["photometric_gain"]])
     assert found.effects == ()
-    assert "photometric_gain" not in found.fitted.model.keys
-    assert found.sight is not None
-    assert "photometric_gain" in found.sight.base.model.keys
+    assert "photometric_gain" not in found.fits.fitted.model.keys
+    assert found.search.sight is not None
+    assert "photometric_gain" in found.search.sight.base.model.keys
 
 
 def test_a_comparison_says_how_far_the_picture_is_off_before_anything_is_added() -> None:
@@ -167,6 +168,6 @@ def test_a_comparison_says_how_far_the_picture_is_off_before_anything_is_added()
     assert fall.models == ("as read",)
     assert not fall.reached
     said = fall_sentence(fall)
-    assert said.startswith("As read, the error of the picture's depth on presses left out is")
-    assert "more than the presses repeat within" in said
+    assert said.startswith("Without effects the error of the reconstructed depth on held-out presses is")
+    assert "above the presses' repeatability" in said
     assert "faces" not in said, "nothing was read beside them"

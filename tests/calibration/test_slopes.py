@@ -122,7 +122,7 @@ def test_shadows_are_cured_by_leaving_out_what_a_wall_may_shade_or_not_at_all() 
     assert fall.faces == pytest.approx((faces, faces)), "shadows beside them leave the faces alone"
     assert f"{1e3 * faces:.1f}" in fall_sentence(fall)
     labels = [one.get_text() for one in draw_error_fall(fall).legends[0].get_texts()]
-    assert {"the faces", "the gel beside the faces"} <= set(labels)
+    assert {"the faces", "the gel outside the faces"} <= set(labels)
     deep = replace(dark, falls=tuple(fall for fall in dark.falls if fall in inside))
     left = compare(deep, ["cast_shadow"], rng=np.random.default_rng(0))
     assert left.left_out[0][0] == "cast_shadow"
@@ -209,6 +209,6 @@ def test_a_ceiling_of_slopes_has_no_unit_and_moves_no_certified_depth() -> None:
     pressed = data.with_force(0.9 * data.depth_mm * (1 + 0.8 * data.depth_mm / 3) + 1e-3 * np.resize([1, -1], 8))
     found = diagnose(pressed, np.random.default_rng(0))
     assert found.as_json()["smallest_visible_unit"]["slope_saturation"] == "1"
-    assert 0 < found.visible["slope_saturation"] < 8
+    assert 0 < found.limits.visible["slope_saturation"] < 8
     assert not shown_size(found, "slope_saturation").endswith("mm")
-    assert found.below_visibility["slope_saturation"] == 0
+    assert found.limits.below_visibility["slope_saturation"] == 0

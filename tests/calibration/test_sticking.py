@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 import calibration.laws.theory as theory
 from calibration.laws.theory import exact_surplus, sticking_surplus
@@ -26,7 +27,7 @@ def test_on_a_layer_it_is_that_of_finite_elements(nu: float, low: float, high: f
     assert low < sticking_surplus(nu, 2.5 / 3) < high
 
 
-@pytest.mark.parametrize("a_over_h", [0.4, 0.83, 1.3, 3.0])
+@each("a_over_h", [0.4, 0.83, 1.3, 3.0])
 def test_neither_the_number_of_shapes_nor_rounding_decides(
     a_over_h: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -107,14 +107,14 @@ def test_a_press_that_cannot_belong_is_set_aside_and_both_verdicts_are_said() ->
     data = presses(20)
     force = MODEL.predict(TRUTH, data.shifted(np.where(data.press == 5, -0.06, 0.0)))
     found = diagnose(measured(data, force, np.random.default_rng(1)), np.random.default_rng(0))
-    assert (found.verdict, found.without, found.set_aside) == ("UNKNOWN", "ADEQUATE", ("p5",))
-    assert found.odd.foreign
+    assert (found.verdict, found.presses.without, found.presses.set_aside) == ("UNKNOWN", "ADEQUATE", ("p5",))
+    assert found.presses.odd.foreign
     said = verdict_sentence(found)
     assert "Press p5 cannot belong" in said
     assert "Without it: ADEQUATE. The model explains" in said
     assert found.as_json()["set_aside"] == {"presses": ["p5"], "verdict_without": "ADEQUATE"}
     assert found.measure_next[0].action.startswith("press p5 again")
-    assert found.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02), "the others' E"
+    assert found.material.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02), "the others' E"
     assert any(line.startswith("E: ") for line in summary(found))
 
 

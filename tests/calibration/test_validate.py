@@ -10,15 +10,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from test_effect_physics import wide_presses_and_a_weak_one
 
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Measured, Observations
 from calibration.tasks import validate as method
 from calibration.tasks.calibrate import observe
-from calibration.tasks.validate import Validation, as_json, find_trend, representative, statements, table, validate
+from calibration.tasks.validate import (
+    Validation,
+    as_json,
+    find_trend,
+    middle_material,
+    representative,
+    statements,
+    table,
+    validate,
+)
 from tactilevision.cli import main
-from tactilevision.cli.simulate import _middle
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.punch_curve import PunchCurve
@@ -117,9 +126,7 @@ def test_few_depths_cannot_tell_a_trend(depth: Floats) -> None:
     assert "cannot be told" in trend.why
 
 
-@pytest.mark.parametrize(
-    ("modulus", "nu"), [(-0.2, 0.48), (0.0, 0.48), (math.nan, 0.48), (0.2, 0.5), (0.2, -0.1), (0.2, math.nan)]
-)
+@each("modulus, nu", [(-0.2, 0.48), (0.0, 0.48), (math.nan, 0.48), (0.2, 0.5), (0.2, -0.1), (0.2, math.nan)])
 def test_impossible_materials_are_refused(modulus: float, nu: float) -> None:
     with pytest.raises(InputError):
         validate(papers_points(), Material(modulus, nu), frictions=(0.3,))
@@ -134,8 +141,8 @@ def recording_of(folder: Path, points: str, *, gel: str = "thickness_mm = 3.0\nr
     return folder
 
 
-@pytest.mark.parametrize(
-    ("points", "gel", "said"),
+@each(
+    "points, gel, said",
     [
         ("0.2,1.2 0.4,0.9 0.5,0.4", "thickness_mm = 3.0\nradius_mm = 15.0", "force falls as the depth grows"),
         ("0.2,0.7 0.4,1.5", "thickness_mm = 3.0\nradius_mm = 2.4", "as wide as the gel pad"),
@@ -230,7 +237,7 @@ def test_what_calibrate_wrote_can_be_validated(
 
 
 def test_where_nu_stays_open_its_interval_is_that_of_the_material() -> None:
-    taken = _middle((0.45, 0.49), [(0.45, 0.25), (0.47, 0.22), (0.49, 0.19)]).as_json()
+    taken = middle_material((0.45, 0.49), [(0.45, 0.25), (0.47, 0.22), (0.49, 0.19)]).as_json()
     assert taken["poisson_ratio"]["value"] == pytest.approx(0.47)
     assert taken["poisson_ratio"]["interval95"] == pytest.approx([0.45, 0.49])
     assert taken["youngs_modulus_MPa"]["interval95"] == pytest.approx([0.19, 0.25])
@@ -254,4 +261,4 @@ def test_presses_that_clocks_far_apart_put_out_of_phase_are_not_compared(monkeyp
     kept = in_phase(data)
     assert kept.count == data.count - 4
     np.testing.assert_array_equal(found.samples.force_N, representative(kept).force_N)
-    assert "150 ms apart" in found.assumptions[0]
+    assert "150 ms" in found.assumptions[0]

@@ -22,7 +22,7 @@ from tactilevision.recording.write import write_image
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
 from tactilevision.robots import camera as sources
-from tactilevision.robots.live import Counts, Stream, Told
+from tactilevision.robots.live import Counts, LiveResult, Stream
 from tactilevision.robots.preview import Foxglove, Preview, draw, words
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
@@ -142,7 +142,7 @@ def test_a_camera_of_another_size_without_a_profile_or_told_wrongly_is_refused(
     assert run("live", "--camera", 0) == 2
     assert "a camera needs a calibrated sensor" in capsys.readouterr().err
     assert run("live", "--camera", folder(tmp_path / "f"), "--sensor", profile, "--format", "raw") == 2
-    assert "only a camera is told what to send" in capsys.readouterr().err
+    assert "only a camera has a format" in capsys.readouterr().err
     black = [np.zeros((*SHAPE, 3), np.uint8)] * 3
     for number, rgb in enumerate(black):
         write_image(tmp_path / "black" / f"{number}.png", rgb)
@@ -168,10 +168,10 @@ def test_a_newer_reference_is_taken(profile: Path, tmp_path: Path) -> None:
     assert run("live", *words, "--reference", tmp_path / "f" / "0.png") == 0
 
 
-def told(profile: Path, rgb: Bytes) -> Told:
+def told(profile: Path, rgb: Bytes) -> LiveResult:
     stream = Stream(load_sensor(profile))
     stream.take(Frame(free(1)))
-    return Told(sources.Shot(rgb, 0.0, 7, "a.png"), stream.take(Frame(rgb)), 12.3)
+    return LiveResult(sources.Shot(rgb, 0.0, 7, "a.png"), stream.take(Frame(rgb)), 12.3)
 
 
 def test_the_page_shows_picture_depth_and_numbers(profile: Path) -> None:
@@ -287,7 +287,7 @@ def test_ctrl_c_ends_with_the_sums_of_what_was_read(
     ("camera", "said"),
     [
         ("/dev/video93", r"no camera of that number can be opened (got 93)"),
-        ("rtsp://127.0.0.1/x", "streams of a network are not read"),
+        ("rtsp://127.0.0.1/x", "network streams are not supported"),
     ],
 )
 def test_a_camera_by_its_device_and_a_stream_are_told(

@@ -27,6 +27,6 @@ def test_what_happens_to_the_picture_is_named_once_and_not_followed(
     assert run("live", *words, "--json", tmp_path / "told.json") == 0
     said = " ".join(capsys.readouterr().err.split())
     assert said.count("06.png: the frames are mirrored left to right") == said.count("mirrored") == 1
-    assert "3 of 9 frames are flagged 'light': most of the picture is unlike the reference" in said
+    assert "3 of 9 frames are flagged 'light': most of the picture differs from the reference" in said
     assert json.loads((tmp_path / "told.json").read_text())["flags"]["light"] == 3
     assert len(followed) == 6

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.scene_faults import blocks_grey
@@ -173,7 +174,7 @@ def test_what_is_planted_is_seen() -> None:
     assert set(automatic.as_json()) >= {"rate_Hz", "blocks_grey", "warnings"}
 
 
-@pytest.mark.parametrize("quality", [95, 80, 50, 30])
+@each("quality", [95, 80, 50, 30])
 def test_compression_of_any_quality_is_told_and_its_absence_too(quality: int) -> None:
     rgb = gel(np.random.default_rng(1))
     data = cv2.imencode(".jpg", rgb, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]

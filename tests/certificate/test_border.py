@@ -6,13 +6,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
+from each import each
 
 from tactilevision.press.rejection import _border
 
 
-@pytest.mark.parametrize(
-    ("x_mm", "words"),
+@each(
+    "x_mm, words",
     [
         (0.0, None),
         (2.45, "within 0.05 mm of the view's border"),

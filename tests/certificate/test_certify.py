@@ -135,10 +135,12 @@ def test_any_side_and_a_bevel_whose_place_is_not_stated(side: str, tmp_path: Pat
         assert point.depth_mm == pytest.approx(press.touch_mm, abs=3 * point.depth_std_mm)
 
 
-def test_a_stated_offset_is_used(tmp_path: Path) -> None:
+def test_a_stated_offset_is_used_and_frames_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     made = line_up([Made(0.3), Made(0.3)])
     read, drawn = recording(tmp_path, made)
+    (tmp_path / "00003.png").write_bytes(b"torn")
     certificate = certify(replace(read, clock_offset_s=OFFSET_S), drawn)
+    assert any("00003.png" in warning for warning in certificate.warnings)
     assert certificate.clock_offset.value == OFFSET_S
     assert all(point.accepted for point in certificate.points)
 
@@ -162,12 +164,6 @@ def test_a_long_press_is_read_the_same_without_keeping_its_maps(
     for once, again in zip(short.points, certify(read, drawn).points, strict=True):
         assert again.time_s == pytest.approx(once.time_s, abs=2 * once.details.contact_std_s)
         assert again.accepted
-
-
-def test_frames_that_cannot_be_read_are_named(tmp_path: Path) -> None:
-    read, drawn = recording(tmp_path, line_up([Made(0.35), Made(0.5)]))
-    (tmp_path / "00003.png").write_bytes(b"torn")
-    assert any("00003.png" in warning for warning in certify(read, drawn).warnings)
 
 
 @pytest.mark.slow

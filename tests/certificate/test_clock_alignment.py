@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.press.clock import (
     PressDepths,
@@ -59,8 +60,8 @@ def presses(
     return seen, ForceSeries(force_time + offset_s, force, (0.00625, 0.00625, 0.0125))
 
 
-@pytest.mark.parametrize("rate_Hz", [15.0, 30.0, 90.0])
-@pytest.mark.parametrize("offset_s", [-0.15, 0.0, 0.08])
+@each("rate_Hz", [15.0, 30.0, 90.0])
+@each("offset_s", [-0.15, 0.0, 0.08])
 def test_offset_within_three_milliseconds(rate_Hz: float, offset_s: float) -> None:
     seen, forces = presses(offset_s, np.random.default_rng(int(rate_Hz)), rate_Hz=rate_Hz)
     start, sure = correlation_offset(seen, forces)
@@ -85,7 +86,7 @@ def test_noise_that_was_taken_for_a_face_moves_no_clock() -> None:
     assert start == pytest.approx(0.12, abs=0.1)
 
 
-@pytest.mark.parametrize(("stated_s", "warned"), [(0.12, False), (0.125, False), (0.17, True), (0.05, True)])
+@each("stated_s, warned", [(0.12, False), (0.125, False), (0.17, True), (0.05, True)])
 def test_a_stated_offset_that_the_presses_contradict_is_told(stated_s: float, warned: bool) -> None:
     seen, forces = presses(0.12, np.random.default_rng(6))
     said = stated_offset_warnings(stated_s, seen, forces)
@@ -113,7 +114,7 @@ def test_clocks_of_different_origin() -> None:
 
 def test_std_is_what_the_estimate_scatters_by() -> None:
     errors, stds = [], []
-    for seed in range(20):
+    for seed in range(12):
         seen, forces = presses(0.05, np.random.default_rng(seed), frames=40)
         found = estimate_offset(seen, forces, start_s=0.06)
         assert found.value is not None

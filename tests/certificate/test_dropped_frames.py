@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
-import pytest
+from each import each
 
 from tactilevision.press.rejection import PressEvidence, RecordingStatistics, _dropped
 from tactilevision.records.measured import ForceSeries
@@ -32,15 +32,14 @@ def reason(event_s: float, seen_s: float) -> str | None:
     return None if found is None else found.reason
 
 
-@pytest.mark.parametrize(
-    ("event_s", "seen_s", "expected"),
+@each(
+    "event_s, seen_s, expected",
     [
         (TOUCH_S, float("nan"), None),
         (1.2, float("nan"), "dropped_frames"),
         (1.49, TOUCH_S, None),
         (1.49, 1.2, "dropped_frames"),
     ],
-    ids=["seen", "in a gap", "moved into a gap", "seen in a gap, too"],
 )
 def test_frames_count_where_the_event_was_seen(event_s: float, seen_s: float, expected: str | None) -> None:
     assert reason(event_s, seen_s) == expected

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.press.event_force import event_force, force_crossing, force_in_dwell, force_on_ramp
 from tactilevision.press.force_readings import Phases, find_phases, find_tare, force_window
@@ -218,8 +219,8 @@ def test_a_wall_read_now_one_way_now_the_other_is_no_face_that_goes_deeper(rail_
     assert _stopped(way, wrong_mm, rail_N=rail_N, slope_N_per_mm=4.1, rate_Hz=30.0) is (rail_N < 2)
 
 
-@pytest.mark.parametrize(
-    ("sigmas", "at_mm", "named"),
+@each(
+    "sigmas, at_mm, named",
     [(6.0, 0.38, True), (6.0, 0.45, False), (14.0, 0.38, False), (9.0, 0.53, True), (30.0, 0.31, True)],
 )
 def test_a_touch_far_from_where_the_others_touch_is_none(sigmas: float, at_mm: float, named: bool) -> None:
@@ -265,8 +266,8 @@ GOES_ON = (
 )
 
 
-@pytest.mark.parametrize(
-    ("read_um", "still", "deeper"),
+@each(
+    "read_um, still, deeper",
     [(HOLDS_40, 17, False), (HOLDS_45, 17, False), (HOLDS_44, 15, False), (GOES_ON, 17, True)],
 )
 def test_a_wall_read_two_ways_goes_deeper_in_both_where_the_face_does(

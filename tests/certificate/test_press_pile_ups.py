@@ -7,6 +7,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.mechanics.tables.punch import profile_model
 from tactilevision.mechanics.touch import touch_depth
@@ -49,7 +50,7 @@ def pressed(height_mm: float, rise: float) -> ContactTimes:
     return cast(ContactTimes, SimpleNamespace(bevel_contact=contact, touch=touch))
 
 
-@pytest.mark.parametrize("nu", [0.42, 0.45, 0.48, 0.495])
+@each("nu", [0.42, 0.45, 0.48, 0.495])
 def test_depths_keep_their_ratio_though_the_rise_grows_with_the_depth(nu: float) -> None:
     model = profile_model(nu, 2.5 / THICKNESS_MM, deepest=0.6 / THICKNESS_MM)
     truth = np.array(

@@ -13,13 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from each import each
+from shared_scenes import calibrated_points
 from typer.main import get_command
 
 from calibration.result.result import NO_CLOCK
 from tactilevision.cli import console, main
 from tactilevision.cli.app import app
-from tactilevision.cli.calibrate import calibrate_one
-from tactilevision.cli.measure import Taken
+from tactilevision.pipeline import CertifiedRecording, calibrate_certified
 from tactilevision.press.certificate import Certificate
 from tactilevision.recording.read import read_recording
 
@@ -49,7 +50,7 @@ def test_the_papers_points_give_the_papers_figures(
     assert json.loads((tmp_path / "r.json").read_text()) == result
     out = capsys.readouterr()
     assert "reproduction" in out.out
-    assert "outside of what contact laws allow" in out.err
+    assert "outside the range of contact laws" in out.err
     assert "<img" in (tmp_path / "report.html").read_text()
 
 
@@ -63,14 +64,13 @@ def test_what_was_said_while_frames_were_read_stands_in_the_result() -> None:
         warnings=("lamps cast shadows",),
         flags=("cast_shadow",),
     )
-    content = calibrate_one(Taken(recording, certificate), "default").content
+    content = calibrate_certified(CertifiedRecording(recording, certificate)).content
     assert content["warnings"][:2] == ["no rectification", "lamps cast shadows"]
     assert "cast_shadow" in content["flags"]
 
 
-def test_one_punch_does_not_fix_nu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run(monkeypatch, "calibrate", PAPER, "--out", tmp_path) == 0
-    result = json.loads((tmp_path / "calibration.json").read_text())
+def test_one_punch_does_not_fix_nu() -> None:
+    result = json.loads((calibrated_points() / "calibration.json").read_text())
     nu, modulus = result["poisson_ratio"], result["youngs_modulus_MPa"]
     assert nu["value"] is None
     assert nu["why"]
@@ -79,9 +79,8 @@ def test_one_punch_does_not_fix_nu(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert min(curve) <= 0.4797 <= max(curve)
 
 
-def test_the_page_needs_no_second_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run(monkeypatch, "calibrate", PAPER, "--out", tmp_path) == 0
-    text = (tmp_path / "report.html").read_text()
+def test_the_page_needs_no_second_file() -> None:
+    text = (calibrated_points() / "report.html").read_text()
     assert "http" not in text.replace("http-equiv", "")
     assert "<script" not in text
 
@@ -97,8 +96,8 @@ def test_what_a_certificate_needs_is_asked_for_before_the_light_is_calibrated(
     assert "forces.csv" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
+@each(
+    "arguments, said",
     [
         (("calibrate", "nowhere"), "nowhere"),
         (("calibrate", PAPER, "--law", "magic"), "magic"),
@@ -186,8 +185,7 @@ def test_without_a_sound_press_each_reason_is_said(
         assert "no press can be trusted" in content[key]["why"]
     assert (out / "points.csv").exists()
     assert "no press can be trusted" in (out / "report.html").read_text()
-    assert run(monkeypatch, "calibrate", PAPER, "--out", tmp_path / "good") == 0
-    assert set(content) == set(json.loads((tmp_path / "good" / "calibration.json").read_text()))
+    assert set(content) == set(json.loads((calibrated_points() / "calibration.json").read_text()))
 
 
 def test_nothing_of_an_earlier_calibration_stays_beside_a_later_one(

@@ -9,9 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from each import each
 
+from tactilevision.batch.selection import strongest_frames
 from tactilevision.cli import main
-from tactilevision.cli.source import Choice, telling
+from tactilevision.cli.source import Choice
 from tactilevision.errors import InputError
 from tactilevision.recording.folder import read_folder
 from tactilevision.records.measured import Bytes
@@ -82,7 +84,7 @@ def test_a_bad_reference_is_named_with_the_option_for_another(
     assert f"{tmp_path / '0.png'}: the picture is 320 x 240, the others " in told
 
 
-@pytest.mark.parametrize("scale", ["1e9", "1e-9", "nan", "inf", "-1", "0"])
+@each("scale", ["1e9", "1e-9", "nan", "inf", "-1", "0"])
 def test_a_scale_out_of_all_reason_is_refused(
     scale: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -103,7 +105,7 @@ def test_more_pictures_than_frames_are_all_of_them(tmp_path: Path) -> None:
     for number in range(3):
         cv2.imwrite(str(tmp_path / f"{number}.png"), untouched())
     recording = read_folder(tmp_path, "gelslim3", reference=tmp_path / "0.png")
-    assert telling(recording, [0.1, 0.3, 0.2], most=10**26) == [0, 1, 2]
+    assert strongest_frames(recording, [0.1, 0.3, 0.2], most=10**26) == [0, 1, 2]
 
 
 def test_a_method_that_was_trained_anew_is_another_way_to_read(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def test_the_papers_points_are_not_called_adequate(
     assert {"history.json", "repeat.sh", "report.html", "residuals.png"} <= {p.name for p in tmp_path.iterdir()}
     drawn = {form: {path.stem for path in tmp_path.rglob(f"*.{form}")} for form in ("png", "pdf")}
     assert drawn["png"] == drawn["pdf"], "each figure is written in both forms"
-    assert "cannot tell which of" in capsys.readouterr().out
+    assert "these data cannot distinguish" in capsys.readouterr().out
 
 
 def test_comparison_lists_models_in_the_order_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,7 +52,7 @@ def test_comparison_lists_models_in_the_order_added(tmp_path: Path, monkeypatch:
     models = json.loads((out / "comparison.json").read_text())
     said = (out / "report.html").read_text()
     assert [model["effects"][-1:] for model in models[:2]] == [[], ["depth_zero"]]
-    assert "Force over time is left out" in said, "points have no working time to drift over"
+    assert "Force over time is excluded" in said, "points have no working time to drift over"
     assert {"before", "after", "held_out_before", "held_out_after", "floor"} <= set(models[1]["rms_error_N"])
     assert models[1]["youngs_modulus_MPa"]["interval95"]
     assert len(models[1]["presses"]) == len(models[0]["presses"]) > 2
@@ -132,11 +132,11 @@ def test_a_comparison_out_of_time_says_what_it_did_not_add(
     monkeypatch.setattr(module.Deadline, "passed", property(lambda self: self.at_s < float("inf")))
     out = tmp_path / "out"
     assert run(monkeypatch, "compare", PAPER, "--with", "depth_zero", "--time-limit", 1, "--out", out) == 0
-    assert "Depth zero is left out: the time was over" in (out / "report.html").read_text()
+    assert "Depth zero is excluded: the time was over" in (out / "report.html").read_text()
     assert run(monkeypatch, "diagnose", PAPER, "--time-limit", 1, "--out", out) == 0
     found = json.loads((out / "diagnosis.json").read_text())
     assert found["stopped"]
-    assert "Nothing in the catalogue" not in (out / "report.html").read_text(), (
+    assert "No effect of the catalogue comes near" not in (out / "report.html").read_text(), (
         "what was not tried is not said to fail"
     )
     assert "best answer so far" in (out / "report.html").read_text()
@@ -168,6 +168,7 @@ def test_a_method_made_from_balls_comes_with_its_card(tmp_path: Path, monkeypatc
     assert len(card["sha256"]) == 64
 
 
+@pytest.mark.slow
 def test_the_shadows_of_a_path_tracer_are_named_from_its_pictures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from calibration.tasks import validate as method
 from tactilevision.cli import main
@@ -56,7 +57,7 @@ def test_a_validation_is_drawn_in_that_form_too(tmp_path: Path, monkeypatch: pyt
     assert all(content.startswith(BEGINS["pdf"]) for content in others.values())
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@each("command", COMMANDS)
 def test_a_wrong_format_is_one_clear_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:

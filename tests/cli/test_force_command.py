@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 
 from tactilevision.cli import depth as command, main
+from tactilevision.force.comparison import shear_summary
 from tactilevision.force.field import NO_CONTACT
 from tactilevision.force.frame import FrameForce
 from tactilevision.recording.read import read_recording
 
 RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
-FRAMES = 45  # of 162: a few presses
+FRAMES = 30  # of 162: a few presses
 CALIBRATION: dict[str, Any] = {
     "youngs_modulus_MPa": {"value": 0.2, "std": 0.006, "interval95": [0.188, 0.212], "unit": "MPa"},
     "poisson_ratio": {"value": 0.48, "std": 0.005, "interval95": [0.47, 0.49], "unit": "1"},
@@ -118,9 +119,10 @@ def test_a_gel_that_the_force_sensor_finds_stiffer_is_warned_of(
 def test_where_some_frames_tell_no_shear_the_output_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     known = FrameForce("0", 0.0, (0.1, 0.1, 1.0), (0.1,) * 3)
     lost = replace(known, resultant_N=(np.nan, np.nan, 1.0), flags="shear not used: markers lost")
-    said = command._shear([known, known, lost, replace(known, flags=NO_CONTACT)])
+    said = shear_summary([known, known, lost, replace(known, flags=NO_CONTACT)])
+    command._say_shear(said)
     assert (said["touched"], said["known"]) == (3, 2)
-    assert "fx and fy are known in 2 of 3 frames that touch; else shear not used" in capsys.readouterr().out
+    assert "fx and fy are known in 2 of 3 frames with contact; else shear not used" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("left", [True, False])
@@ -131,8 +133,8 @@ def test_a_zero_that_cannot_be_taken_off_is_told(
     said = {"z": {"rms_N": 0.4, "frames": 3, "inside_interval95": 0.0, "ratio": 1.0}}
     monkeypatch.setattr("tactilevision.force.comparison.summary", lambda found: said)
     found: Any = SimpleNamespace(touched=5, left_out={"why": 2})
-    assert command._beside(found, zero_left=left) == said
+    assert command._say_residuals(found, has_offset=left) == said
     out = capsys.readouterr().out
     assert "rms 0.400 N over 3 of 5 frames" in out
-    assert "2 frames that touch are not compared: why" in out
+    assert "2 frames with contact are not compared: why" in out
     assert ("no presses.csv" in out) is left

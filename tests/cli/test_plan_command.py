@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from each import each
 
 from tactilevision.cli import main
 
@@ -41,8 +42,8 @@ def test_a_recording_gives_gel_and_faces(
     assert "presses reach" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
+@each(
+    "change, said",
     [
         (("--heights", ".3,3.5"), "reaches through the gel"),
         (("--heights", ".3,nan"), "step height"),

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import pytest
+from each import each
 
 from tactilevision.cli.pictures import picture_name
 
 
-@pytest.mark.parametrize("label", ["p01", "7", "Druck 3", "прес", "a-b_c+1.5"])
+@each("label", ["p01", "7", "Druck 3", "прес", "a-b_c+1.5"])
 def test_a_plain_label_is_the_name(label: str) -> None:
     assert picture_name(label, 2) == f"{label}.png"
 
 
-@pytest.mark.parametrize("label", ["../../x", "a/b", "<script>", "..", ".hidden", "C:\\x", "a" * 300])
+@each("label", ["../../x", "a/b", "<script>", "..", ".hidden", "C:\\x", "a" * 300])
 def test_no_label_leads_out_of_the_folder(label: str) -> None:
     name = picture_name(label, 2)
     assert name.startswith("002_")

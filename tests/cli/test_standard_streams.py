@@ -31,12 +31,6 @@ def in_shell(line: str, *arguments: object, **environment: str) -> subprocess.Co
     )
 
 
-def test_results_are_written_though_every_stream_is_closed(tmp_path: Path) -> None:
-    done = in_shell('"$@" <&- >&- 2>&-', "calibrate", PAPER, "--out", tmp_path)
-    assert done.returncode == 0
-    assert (tmp_path / "report.html").is_file()
-
-
 @FULL
 def test_a_summary_that_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> None:
     done = in_shell('"$@" > /dev/full', "calibrate", PAPER, "--out", tmp_path)
@@ -95,11 +89,11 @@ def test_names_steer_no_terminal(capsys: pytest.CaptureFixture[str], monkeypatch
     assert "error: a\\x1b[31mred: there is no such folder." in told.err
 
 
-def test_a_folder_that_ascii_cannot_name_holds_its_report(tmp_path: Path) -> None:
+def test_a_folder_that_ascii_cannot_name_holds_its_report_though_every_stream_is_closed(tmp_path: Path) -> None:
     """Python's own UTF-8 mode off, as under an old POSIX locale: OpenCV crashed on such a name."""
     there, out = tmp_path / 'it\'s "q" 😀', tmp_path / "aus – 結果"
     shutil.copytree(PAPER, there)
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": "ascii"}
-    done = in_shell('"$@"', "calibrate", there, "--out", out, **plain)
-    assert done.returncode == 0, done.stderr
+    done = in_shell('"$@" <&- >&- 2>&-', "calibrate", there, "--out", out, **plain)
+    assert done.returncode == 0, "it cannot say why: every stream is closed"
     assert "<img" in (out / "report.html").read_text(encoding="utf-8")

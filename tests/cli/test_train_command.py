@@ -98,4 +98,4 @@ def test_a_bare_folder_of_presses_without_a_radius_is_told_the_option(
     for number, ball in enumerate(sample.balls[:3]):
         shutil.copy(ball.path, tmp_path / f"{number}{ball.path.suffix}")
     assert run(monkeypatch, "train", tmp_path, "--sensor", "gelslim3", "--out", tmp_path / "light.npz") == 2
-    assert "--ball-radius-mm states the radius" in capsys.readouterr().err
+    assert "state the radius with --ball-radius-mm" in capsys.readouterr().err

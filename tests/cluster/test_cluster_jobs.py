@@ -15,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.batch.folder import reconstruct_folder
 from tactilevision.batch.tree import reconstruct_tree
@@ -304,9 +305,7 @@ def test_workers_of_another_version_are_refused(machines: Machines, monkeypatch:
         connect.check_cluster(machines.address)
 
 
-@pytest.mark.parametrize(
-    "where", ["tcp://127.0.0.1:1", "missing.json", "no address", "tcp://nohost.invalid:8786", "tcp://localhost"]
-)
+@each("where", ["tcp://127.0.0.1:1", "missing.json", "no address", "tcp://nohost.invalid:8786", "tcp://localhost"])
 def test_a_cluster_out_of_reach_is_one_sentence_and_nothing_is_written(
     where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

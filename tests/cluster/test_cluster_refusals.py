@@ -44,5 +44,5 @@ def test_a_scheduler_file_states_an_address(tmp_path: Path) -> None:
     file.write_text('{"address": "tcp://10.0.0.1:8786"}')
     assert connect.address_of(str(file)) == "tcp://10.0.0.1:8786"
     file.write_text('{"id": 3}')
-    with pytest.raises(InputError, match="states `address`"):
+    with pytest.raises(InputError, match="no `address`"):
         connect.address_of(str(file))

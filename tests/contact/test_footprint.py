@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from contact_scenes import Scene, height_map
+from each import each
 
 from tactilevision.contact.footprint import find_footprint, relief_mm, shared_ring, unevenness_mm
 from tactilevision.heightmap.circular_edges import fit_circle
@@ -27,7 +28,7 @@ SCENES: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("given", SCENES, ids=str)
+@each("given", SCENES)
 def test_circle_is_found_below_a_pixel(given: dict[str, Any]) -> None:
     scene = Scene(**given)
     face = find_footprint(height_map(scene, np.random.default_rng(1)), scene.indenter())
@@ -111,7 +112,7 @@ def test_circle_fit_is_exact_on_a_circle_and_deaf_to_a_third_of_strangers() -> N
     assert fit_circle(points[:5], start=((0.8, -1.7), 2.2), scale_mm=0.03, independent=5) is None
 
 
-@pytest.mark.parametrize("arc_rad", [1e-4, 5e-4, 2e-3, 0.2])
+@each("arc_rad", [1e-4, 5e-4, 2e-3, 0.2])
 def test_a_short_arc_leaves_centre_and_radius_open(arc_rad: float) -> None:
     for seed in range(20):
         angle = np.random.default_rng(seed).uniform(0, arc_rad, 38)

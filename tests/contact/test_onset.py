@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.contact.bevel import Growth, find_onset, picture_signal, strip_places
 from tactilevision.records.measured import Floats
@@ -21,7 +22,7 @@ def trace(
     return x, y
 
 
-@pytest.mark.parametrize(("share", "over_mm"), [(1.0, 0.02), (1.0, 0.06), (0.7, 0.07), (0.0, 0.07)])
+@each("share, over_mm", [(1.0, 0.02), (1.0, 0.06), (0.7, 0.07), (0.0, 0.07)])
 def test_onset_within_a_frame_and_within_its_std(share: float, over_mm: float) -> None:
     errors, sigmas = [], []
     for seed in range(40):

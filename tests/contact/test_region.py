@@ -7,6 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.contact.region import at_border, find_contact, strong_evidence
 from tactilevision.records.maps import HeightMap
@@ -49,8 +50,8 @@ def seen(depth: Floats, blur_px: float = 0.8) -> HeightMap:
     return HeightMap(depth - far, np.ones(SHAPE, np.bool_), (SCALE, SCALE), np.full(SHAPE, NOISE_MM))
 
 
-@pytest.mark.parametrize("contact_mm", [0.5, 1.2, 2.5])
-@pytest.mark.parametrize("radius_mm", [4.0, 12.0])
+@each("contact_mm", [0.5, 1.2, 2.5])
+@each("radius_mm", [4.0, 12.0])
 def test_a_ball_touches_within_its_rim(contact_mm: float, radius_mm: float) -> None:
     area = np.count_nonzero(find_contact(seen(ball(radii(), contact_mm, radius_mm)))) * SCALE**2
     assert area == pytest.approx(np.pi * contact_mm**2, rel=0.21), "the gentlest is 20 um deep"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-import pytest
+from each import each
 
 from tactilevision.batch.folder import FrameResult, table
 from tactilevision.files.documents import cell_text, csv_text
@@ -18,7 +18,7 @@ FORMULAS = ["=1+1", "@SUM(A1)", "+cmd|' /C calc'!A0", "-2+3", '=HYPERLINK("x")',
 HARMLESS = ["-1.5", "+2", "1e-3", "a=b", "p-1", "'quoted'", "nan", "-inf"]
 
 
-@pytest.mark.parametrize("cell", [*FORMULAS, "'=1+1", "''-x"])
+@each("cell", [*FORMULAS, "'=1+1", "''-x"])
 def test_a_formula_is_written_as_text(cell: str) -> None:
     written = csv_text([[cell]])
     (read,) = next(csv.reader([written]))
@@ -26,7 +26,7 @@ def test_a_formula_is_written_as_text(cell: str) -> None:
     assert cell_text(read) == cell
 
 
-@pytest.mark.parametrize("cell", HARMLESS)
+@each("cell", HARMLESS)
 def test_numbers_and_other_text_are_left_alone(cell: str) -> None:
     (read,) = next(csv.reader([csv_text([[cell]])]))
     assert read == cell == cell_text(read)

@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from each import each
 from hypothesis import example, given, settings, strategies as st
 
 from tactilevision.errors import InputError
@@ -31,13 +32,13 @@ def npy(header: str) -> bytes:
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header.encode()
 
 
-@pytest.mark.parametrize("name", OUTWARD)
+@each("name", OUTWARD)
 def test_a_name_that_leads_out_of_its_folder_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="leads out of its folder"):
         inside(tmp_path, name, where="frames.csv")
 
 
-@pytest.mark.parametrize("mark", list("\n\x1b\x7f\x85\x9b\u2028\u2029\u202e\u2066"))
+@each("mark", list("\n\x1b\x7f\x85\x9b\u2028\u2029\u202e\u2066"))
 def test_a_name_that_breaks_lines_or_turns_them_round_is_refused(mark: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds a control character"):
         inside(tmp_path, f"a{mark}b.png", where="frames.csv")
@@ -110,7 +111,7 @@ def test_a_damaged_header_has_no_size_and_no_fault(data: bytes, magic: bytes) ->
     assert size is None or len(size) == 2
 
 
-@pytest.mark.parametrize(
+@each(
     "header",
     [
         "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000, 1000000), }\n",
@@ -153,8 +154,8 @@ def test_a_flipped_byte_never_gets_through_as_another_error(
     assert all(isinstance(array, np.ndarray) for array in arrays.values())
 
 
-@pytest.mark.parametrize(
-    ("text", "why"),
+@each(
+    "text, why",
     [
         (".".join(["a"] * 20_000) + " = 1", "parts of a key"),
         ("[" + ".".join(['"a"'] * 20_000) + "]", "parts of a key"),
@@ -177,7 +178,7 @@ def test_ordinary_toml_passes() -> None:
 DEEP, LONG = '{"a": ' + "[" * 100_000, '{"a": ' + "9" * 5_000 + "}"
 
 
-@pytest.mark.parametrize("text", ['{"a": 1e400}', '{"a": NaN}', DEEP, LONG, "[1]", "{", '"a"', "\ufeff"])
+@each("text", ['{"a": 1e400}', '{"a": NaN}', DEEP, LONG, "[1]", "{", '"a"', "\ufeff"])
 def test_json_that_is_no_table_of_finite_numbers_is_refused(text: str, tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text(text, encoding="utf-8")
@@ -199,7 +200,7 @@ def test_truth_values_and_text_are_no_numbers() -> None:
             number(value, what="x", where="a")
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1e13, 10**250])
+@each("value", [float("nan"), float("inf"), -1e13, 10**250])
 def test_a_number_that_no_sensor_gives_is_refused(value: float) -> None:
     with pytest.raises(InputError):
         number(value, what="x", where="a")
@@ -231,9 +232,7 @@ def test_a_chunk_longer_than_its_file_is_cut() -> None:
 BOMB = b"GIF89a" + struct.pack("<HHBBB", 30_000, 30_000, 0xF0, 0, 0) + b"\0\0\0\xff\xff\xff,"
 
 
-@pytest.mark.parametrize(
-    "data", [BOMB, b"RIFF\0\0\0\0WEBPVP8L", b"P6 30000 30000 255\n", b"<html>", png(9, 9)[:20]]
-)
+@each("data", [BOMB, b"RIFF\0\0\0\0WEBPVP8L", b"P6 30000 30000 255\n", b"<html>", png(9, 9)[:20]])
 def test_a_picture_that_states_no_size_never_reaches_a_decoder(data: bytes) -> None:
     with pytest.raises(UnknownPictureError, match="is no PNG, JPEG, TIFF or BMP"):
         check_picture(data, where="a.png")

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+from each import each
 
 from benchmarks.fuzz.readers import READERS
 
@@ -29,7 +29,7 @@ def test_no_reader_is_broken_by_the_corpus_or_by_mutants(tmp_path: Path) -> None
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
 
 
-@pytest.mark.parametrize("folder", sorted(CORPUS.iterdir()), ids=lambda folder: folder.name)
+@each("folder", sorted(CORPUS.iterdir()))
 def test_every_file_of_the_corpus_has_its_reader(folder: Path) -> None:
     assert folder.name in READERS
     assert all(path.stat().st_size < 300_000 for path in folder.iterdir())

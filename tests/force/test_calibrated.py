@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.force.calibrated import read_material
@@ -51,9 +52,9 @@ def test_a_ratio_that_no_gel_has_is_not_made_to_fit(tmp_path: Path, nu: float) -
         read_material(written(tmp_path, {"youngs_modulus_MPa": E, "poisson_ratio": nu}))
 
 
-@pytest.mark.parametrize("content", ["not json", "[1, 2]", {"youngs_modulus_MPa": E}, {"poisson_ratio": NU}])
+@each("content", ["not json", "[1, 2]", {"youngs_modulus_MPa": E}, {"poisson_ratio": NU}])
 def test_what_is_no_calibration_is_refused(tmp_path: Path, content: Any) -> None:
     with pytest.raises(InputError):
         read_material(written(tmp_path, content))
-    with pytest.raises(InputError, match="can be read"):
+    with pytest.raises(InputError, match="readable calibration"):
         read_material(tmp_path / "absent.json")

@@ -56,7 +56,7 @@ def test_noise_of_a_mean_falls_with_pixels_until_they_are_alike() -> None:
 def test_a_scale_or_spacing_that_makes_no_grid_is_refused() -> None:
     with pytest.raises(InputError, match="scale in mm"):
         lay_grid((100, 100), (float("nan"), 0.1), spacing_mm=0.5)
-    with pytest.raises(InputError, match="above a pixel"):
+    with pytest.raises(InputError, match="at least a pixel"):
         lay_grid((100, 100), (0.6, 0.6), spacing_mm=0.5)
     with pytest.raises(InputError, match="less than 4 cells"):
         lay_grid((10, 10), (0.1, 0.1), spacing_mm=0.5)

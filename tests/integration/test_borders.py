@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.poisson import integrate
@@ -30,7 +31,7 @@ def off(found: npt.NDArray[np.floating[Any]], true: Floats, where: Bools, away: 
     return float(np.abs(found - true - level)[where].max()) / DEEP
 
 
-@pytest.mark.parametrize("left_mm", [5.0, 7.0, 8.0, 8.8])
+@each("left_mm", [5.0, 7.0, 8.0, 8.8])
 def test_a_region_that_cuts_a_contact_keeps_its_depth(left_mm: float) -> None:
     """Slopes outside the region are nonsense; the cut goes beside, through and past the middle."""
     true, slopes, r = dent((8.0, 6.0))
@@ -48,14 +49,14 @@ def test_a_region_with_a_hole_carries_the_depth_round_it() -> None:
     assert off(integrate(SlopeMap(p, slopes.dz_dy), (STEP, STEP)), true, region, r > 4.0) < 0.02
 
 
-@pytest.mark.parametrize("centre_mm", [(0.0, 6.0), (1.0, 6.0), (8.0, 0.2), (0.5, 0.5)])
+@each("centre_mm", [(0.0, 6.0), (1.0, 6.0), (8.0, 0.2), (0.5, 0.5)])
 def test_a_free_border_keeps_the_depth_of_a_contact_that_it_cuts(centre_mm: Pair) -> None:
     true, slopes, r = dent(centre_mm)
     everywhere = np.ones(SHAPE, np.bool_)
     assert off(integrate(slopes, (STEP, STEP)), true, everywhere, r > 4.0) < 0.01
 
 
-@pytest.mark.parametrize("centre_mm", [(0.0, 6.0), (1.0, 6.0), (8.0, 0.2), (1.5, 1.5)])
+@each("centre_mm", [(0.0, 6.0), (1.0, 6.0), (8.0, 0.2), (1.5, 1.5)])
 def test_a_border_that_cuts_a_contact_is_not_called_flat(centre_mm: Pair) -> None:
     with pytest.raises(InputError, match="not flat"):
         integrate(dent(centre_mm)[1], (STEP, STEP), border="flat")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from each import each
 
 from tactilevision.heightmap.poisson import TransformSolver, divergence, gradient
 
 
-@pytest.mark.parametrize("shape", [(24, 30), (37, 30), (24, 41), (61, 37), (2, 13), (13, 2), (320, 427)])
-@pytest.mark.parametrize("mm_per_px", [(0.06, 0.06), (0.03, 0.11), (0.11, 0.03)])
+@each("shape", [(24, 30), (37, 30), (24, 41), (61, 37), (2, 13), (13, 2), (320, 427)])
+@each("mm_per_px", [(0.06, 0.06), (0.03, 0.11), (0.11, 0.03)])
 def test_the_solution_solves_the_equations_of_the_picture_alone(
     shape: tuple[int, int], mm_per_px: tuple[float, float]
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given, settings, strategies as st
 
 from tactilevision.errors import ConvergenceError, InputError
@@ -30,7 +31,7 @@ def cap(radius_px: float, *, centre: tuple[float, float] = (160.3, 119.6)) -> tu
     return depth, SlopeMap(np.where(inside, -x / drop, 0.0), np.where(inside, -y / drop, 0.0))
 
 
-@pytest.mark.parametrize("radius_px", [6, 9, 12, 18, 25, 35, 50, 70, 90])
+@each("radius_px", [6, 9, 12, 18, 25, 35, 50, 70, 90])
 def test_a_ball_is_as_deep_as_it_is_at_every_size(radius_px: float) -> None:
     depth, slopes = cap(radius_px)
     found = integrate(slopes, (1.0, 1.0))
@@ -128,7 +129,7 @@ def test_single_precision_is_good_for_a_tenth_of_a_micrometre() -> None:
     assert np.abs(quick - exact).max() < 1e-4
 
 
-@pytest.mark.parametrize("shape", [(240, 320), (320, 427), (61, 47), (53, 128)])
+@each("shape", [(240, 320), (320, 427), (61, 47), (53, 128)])
 def test_awkward_sizes_are_solved_as_exactly(shape: tuple[int, int]) -> None:
     x, y = grid(shape, (0.05, 0.06))
     depth = 0.3 * x - 0.2 * y + 0.01 * x * y

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.heightmap.circular_edges import find_circular_edges
 from tactilevision.heightmap.poisson import integrate
@@ -83,10 +84,8 @@ def true_over_gel(depth: Floats, centre: tuple[float, float] = (7.3, 5.9)) -> fl
     return float(depth[r < 1.5].mean() - depth[(r > 2.6) & (r < 3.0)].mean())
 
 
-@pytest.mark.parametrize(
-    ("w", "nu", "friction"), [(0.3, 0.43, 0.6), (0.4, 0.47, 0.3), (0.4, 0.43, 0.15), (0.5, 0.487, 0.3)]
-)
-@pytest.mark.parametrize("blur_px", [0.5, 1.0])
+@each("w, nu, friction", [(0.3, 0.43, 0.6), (0.4, 0.47, 0.3), (0.4, 0.43, 0.15), (0.5, 0.487, 0.3)])
+@each("blur_px", [0.5, 1.0])
 def test_the_hidden_step_is_found(w: float, nu: float, friction: float, blur_px: float) -> None:
     depth = punch(w, nu, friction)
     slopes = photographed(depth, blur_px)
@@ -117,7 +116,7 @@ def test_a_taught_wall_carries_the_depth_that_it_was_taught(share: float) -> Non
     assert after.std_mm == pytest.approx(0.01 * before.depth_mm) != before.std_mm
 
 
-@pytest.mark.parametrize("change_mm", [-0.15, -0.04, -0.005, 0.005, 0.04, 0.15])
+@each("change_mm", [-0.15, -0.04, -0.005, 0.005, 0.04, 0.15])
 def test_a_change_of_depth_lies_where_the_wall_is_steepest(change_mm: float) -> None:
     (edge,) = find_punch_edges(photographed(punch(0.6)), (STEP, STEP), law=WallLaw(LIMIT))
     part, s = edge.carried(change_mm), edge.places_mm

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.heightmap.walls import MIN_COUNT, PLACE_STD, PRIOR_STD, WallFace, teach
 from tactilevision.records.certified import USUAL_MM
@@ -63,8 +64,8 @@ def test_depths_about_alike_count_as_one_wherever_they_lie() -> None:
     assert taught(0.44, 0.5)[0] < 0.9 * taught(0.475, 0.475)[0], "these are two"
 
 
-@pytest.mark.parametrize("name", ["read_mm", "hidden_mm", "depth_mm", "certified_mm"])
-@pytest.mark.parametrize("value", [-0.01, 0.0, np.nan, np.inf])
+@each("name", ["read_mm", "hidden_mm", "depth_mm", "certified_mm"])
+@each("value", [-0.01, 0.0, np.nan, np.inf])
 def test_faces_of_no_depth_teach_nothing(name: str, value: float) -> None:
     good = faces(0.2, 0.3, seed=4)
     wrong: dict[str, Any] = {name: value}

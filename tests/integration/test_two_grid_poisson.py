@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.heightmap.two_grid_poisson import TwoGridPoisson, _solved
@@ -45,8 +46,8 @@ def window_about(centre: tuple[float, float], px: int) -> Window:
     return slice(*ends[0]), slice(*ends[1])
 
 
-@pytest.mark.parametrize("px", [2, 3, 4])
-@pytest.mark.parametrize("centre", [(4.5, 4.0), (0.6, 4.0), (9.4, 8.1), (5.0, 0.4)])
+@each("px", [2, 3, 4])
+@each("centre", [(4.5, 4.0), (0.6, 4.0), (9.4, 8.1), (5.0, 0.4)])
 def test_the_depth_of_a_contact_is_that_of_one_solution(px: int, centre: tuple[float, float]) -> None:
     _, slopes = punch(centre)
     window, grids = window_about(centre, px), TwoGridPoisson(SHAPE, px, STEP)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.heightmap.zero_plane import find_zero_plane, level
 from tactilevision.records.measured import Bools, Floats
@@ -33,7 +34,7 @@ def test_an_added_plane_is_taken_off_and_the_punch_keeps_its_tilt() -> None:
     assert np.polyfit(x[face], tilted[face], 1)[0] == pytest.approx(0.02, abs=2e-4)
 
 
-@pytest.mark.parametrize("thickness_mm", [None, 2.0, 3.0, 4.5])
+@each("thickness_mm", [None, 2.0, 3.0, 4.5])
 def test_the_rise_beside_a_contact_is_not_taken_for_zero(thickness_mm: float | None) -> None:
     depth, untouched = scene()
     zero = find_zero_plane(depth, untouched, mm_per_px=(STEP, STEP), thickness_mm=thickness_mm)

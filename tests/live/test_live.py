@@ -7,19 +7,17 @@ import gc
 import sys
 import tracemalloc
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.batch.folder import measure
 from tactilevision.errors import InputError
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.untouched_frames import subtract_background
-from tactilevision.photometric.calibrate import calibrate_from_balls
-from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.reference import make_reference
 from tactilevision.records.maps import Frame
@@ -28,15 +26,11 @@ from tactilevision.records.rig import Indenter
 from tactilevision.robots.live import Stream
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
-from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, picture
+from lamp_room import SENSOR, SHAPE, ball, flat, picture, room_calibration
 
 
-@lru_cache
 def calibrated() -> CalibratedMethod:
-    rng = np.random.default_rng(1)
-    shots = ball_pictures(8, rng)
-    reference = make_reference([flat(rng) for _ in range(3)])
-    return calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"]).method
+    return room_calibration(8).method
 
 
 def stream(renew: float = 0.0) -> Stream:
@@ -90,8 +84,8 @@ BAD: dict[str, Callable[[Bytes], Bytes]] = {
 }
 
 
-@pytest.mark.parametrize("said", BAD)
-@pytest.mark.parametrize("halved", [False, True])
+@each("said", BAD)
+@each("halved", [False, True])
 def test_a_frame_of_another_kind_is_refused_and_the_next_one_read(said: str, halved: bool) -> None:
     rng = np.random.default_rng(6)
     live = stream(0.1)

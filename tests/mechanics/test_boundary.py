@@ -84,7 +84,7 @@ def test_card_states_what_the_table_is() -> None:
 
 
 def test_nothing_is_extrapolated() -> None:
-    with pytest.raises(InputError, match="rim"):
+    with pytest.raises(InputError, match="d/h"):
         softening(0.5, **GEL)
     with pytest.raises(InputError, match="Poisson"):
         softening(5.0, radius_mm=2.5, thickness_mm=3.0, poisson_ratio=0.2)

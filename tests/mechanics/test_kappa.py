@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import fast_kappa, fast_kappa_gradient, kappa, kappa_gradient, write_table
@@ -33,7 +34,7 @@ PINNED = [
 ]
 
 
-@pytest.mark.parametrize(("nu", "alpha", "expected"), PINNED)
+@each("nu, alpha, expected", PINNED)
 def test_kappa_of_published_digits(nu: float, alpha: float, expected: float) -> None:
     assert kappa(nu, alpha) == pytest.approx(expected, abs=1e-8)
 
@@ -72,7 +73,7 @@ def test_quadrature_converges_geometrically() -> None:
     assert errors[-1] < 1e-10
 
 
-@pytest.mark.parametrize(("nu", "alpha"), [(0.02, 0.06), (0.3, 0.8), (0.48, 2.5 / 3), (0.499, 9.9)])
+@each("nu, alpha", [(0.02, 0.06), (0.3, 0.8), (0.48, 2.5 / 3), (0.499, 9.9)])
 def test_gradient_against_differences(nu: float, alpha: float) -> None:
     step = 2e-4
     by_nu = (
@@ -112,7 +113,7 @@ def test_table_is_reproduced_from_the_equation(tmp_path: Path) -> None:
         np.testing.assert_allclose(shipped["log_kappa"], fresh["log_kappa"], rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize(("nu", "alpha"), [(-0.01, 1), (0.51, 1), (0.4, 0.04), (0.4, 10.1), (float("nan"), 1)])
+@each("nu, alpha", [(-0.01, 1), (0.51, 1), (0.4, 0.04), (0.4, 10.1), (float("nan"), 1)])
 def test_nothing_is_extrapolated(nu: float, alpha: float) -> None:
     for function in (kappa, fast_kappa):
         with pytest.raises(InputError, match="lies in"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 from scipy.linalg import expm
 
 from tactilevision.errors import InputError
@@ -12,7 +13,7 @@ from tactilevision.mechanics.material import constrained_modulus
 from tactilevision.mechanics.punch_equation import layer_defect
 
 
-@pytest.mark.parametrize("nu", [0.0, 0.3, 0.48, 0.5])
+@each("nu", [0.0, 0.3, 0.48, 0.5])
 def test_short_waves_see_a_half_space(nu: float) -> None:
     u = np.array([30.0, 500.0, 1e5])
     part = layer_compliance(u, nu)
@@ -22,7 +23,7 @@ def test_short_waves_see_a_half_space(nu: float) -> None:
     np.testing.assert_allclose(part.coupling * u, (1 - 2 * nu) / 2, atol=1e-12)
 
 
-@pytest.mark.parametrize("nu", [0.0, 0.3, 0.48, 0.4999])
+@each("nu", [0.0, 0.3, 0.48, 0.4999])
 def test_long_waves_compress_and_shear_uniformly(nu: float) -> None:
     mean = surface_compliance(0.0, 0.0, youngs_modulus_MPa=0.2, poisson_ratio=nu, thickness_mm=3.0)
     shear = 3.0 / (0.2 / (2 * (1 + nu)))
@@ -40,8 +41,8 @@ def test_series_and_closed_form_meet() -> None:
     assert above / below - 1 == pytest.approx(4e-9, abs=1e-10)
 
 
-@pytest.mark.parametrize("nu", [0.0, 0.3, 0.45, 0.499])
-@pytest.mark.parametrize("u", [0.01, 0.5, 1.0, 4.0])
+@each("nu", [0.0, 0.3, 0.45, 0.499])
+@each("u", [0.01, 0.5, 1.0, 4.0])
 def test_against_an_independent_solution_of_the_layer(nu: float, u: float) -> None:
     # Navier's equations for exp(i x) through the thickness as a first-order system, solved by a matrix exponential
     ratio = 1 / (1 - 2 * nu)

@@ -29,25 +29,8 @@ def test_stiffness_and_modulus_are_inverse() -> None:
 
 
 def test_modulus_moves_with_poisson_ratio_at_fixed_stiffness() -> None:
-    slopes = material.youngs_modulus_log_gradient(0.48, **PUNCH)
-    assert slopes["poisson_ratio"] == pytest.approx(-3.9, abs=0.1)
-    assert slopes["ln_thickness"] == pytest.approx(0.93, abs=0.01)  # 1 % of h is .93 % of E
     low, high = material.youngs_modulus(1.0, np.array([0.45, 0.5]), **PUNCH) / (1 - np.array([0.45, 0.5]) ** 2)
     assert low / high - 1 == pytest.approx(0.13, abs=0.01)  # E/(1 - nu^2) moves 13 % from nu = .45 to .5
-
-
-@pytest.mark.parametrize("nu", [0.1, 0.48, 0.499])
-def test_gradient_against_differences(nu: float) -> None:
-    slopes = material.youngs_modulus_log_gradient(nu, **PUNCH)
-
-    def log_modulus(shift_nu: float = 0, shift_a: float = 0, shift_h: float = 0) -> float:
-        a, h = 2.5 * np.exp(shift_a), 3 * np.exp(shift_h)
-        return float(np.log(material.youngs_modulus(1.0, nu + shift_nu, radius_mm=a, thickness_mm=h)))
-
-    for key, name in (("poisson_ratio", "shift_nu"), ("ln_radius", "shift_a"), ("ln_thickness", "shift_h")):
-        step = 1e-4
-        difference = (log_modulus(**{name: step}) - log_modulus(**{name: -step})) / (2 * step)
-        assert float(slopes[key]) == pytest.approx(difference, rel=1e-4)
 
 
 def test_moduli_agree_with_each_other() -> None:

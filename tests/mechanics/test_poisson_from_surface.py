@@ -143,7 +143,7 @@ def test_bad_input_is_named() -> None:
         fit_poisson_ratio([flat], thickness_mm=3.0)
     with pytest.raises(InputError, match="thickness"):
         fit_poisson_ratio([flat], thickness_mm=-3.0)
-    with pytest.raises(InputError, match="alike"):
+    with pytest.raises(InputError, match="one shape"):
         fit_poisson_ratio([replace(flat, valid=np.ones((3, 3), bool))], thickness_mm=3.0)
     with pytest.raises(InputError, match="blur"):
         fit_poisson_ratio([flat], thickness_mm=3.0, settings=SurfaceFitSettings(blur_mm=0.3))

@@ -6,6 +6,7 @@ from typing import TypedDict
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.layer import layer_compliance
@@ -29,8 +30,8 @@ class Geometry(TypedDict):
 PUNCH = Geometry(radius_mm=2.5, thickness_mm=3.0)
 
 
-@pytest.mark.parametrize("alpha", [0.2, 2.5 / 3, 3.0])
-@pytest.mark.parametrize("nu", [0.0, 0.3, 0.48, 0.5])
+@each("alpha", [0.2, 2.5 / 3, 3.0])
+@each("nu", [0.0, 0.3, 0.48, 0.5])
 def test_displaced_volume_is_that_of_the_compressed_layer(nu: float, alpha: float) -> None:
     # Int u_z dA = P h/M: the wave of length infinity; an incompressible gel rises by what the punch displaces
     t, weights = np.polynomial.legendre.leggauss(200)

@@ -46,7 +46,7 @@ def test_bad_input_is_named() -> None:
             poisson_ratio=0.48,
             poisson_ratio_std=0.01,
         )
-    with pytest.raises(InputError, match="beside the face"):
+    with pytest.raises(InputError, match="outside the face"):
         touch_depth(
             Indenter("D", radius_mm=2.5, height_mm=0.4, bevel_distance_mm=2.0),
             thickness_mm=3.0,

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from shared_scenes import shared
 
 from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.reference import make_reference
 from tactilevision.records.measured import Bytes, Floats
 from tactilevision.sensors import get_sensor
 
@@ -105,3 +109,12 @@ def dots(shift_px: tuple[float, float] = (0.0, 0.0)) -> Floats:
 
 def with_dots(rgb: Bytes, shift_px: tuple[float, float] = (0.0, 0.0)) -> Bytes:
     return np.rint(rgb * dots(shift_px)[..., None]).astype(np.uint8)
+
+
+@shared
+def room_calibration(balls: int) -> Calibration:
+    """The polynomial of so many ball presses of this light."""
+    rng = np.random.default_rng(1)
+    shots = ball_pictures(balls, rng)
+    reference = make_reference([flat(rng) for _ in range(3)])
+    return calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, in_px, picture, presses
+from shared_scenes import shared
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball_pictures import BallPicture
@@ -31,6 +32,7 @@ def pictures(count: int, seed: int = 1) -> list[BallPicture]:
 
 
 @lru_cache
+@shared
 def calibrated(name: str) -> Calibration:
     rng = np.random.default_rng(0)
     reference = make_reference([flat(rng) for _ in range(3)])
@@ -216,7 +218,7 @@ def test_a_ball_where_the_light_is_saturated_is_left_out() -> None:
     shots.append(BallPicture(shots[0].rgb, RADIUS_MM, centre_px=lost, contact_radius_px=10.0, name="lost"))
     found = calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"])
     assert found.balls[-1] is None
-    assert any("lost left out" in warning for warning in found.warnings)
+    assert any("lost excluded" in warning for warning in found.warnings)
 
 
 @pytest.mark.parametrize(("radius_mm", "contact_px"), [(0.004, None), (RADIUS_MM, 1.7)])

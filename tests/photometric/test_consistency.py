@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
+from each import each
 from lamp_room import BALL_MM, MM_PER_PX, ball, ball_pictures, flat, picture, presses
 
 from tactilevision.errors import InputError
@@ -103,7 +104,6 @@ def test_one_ball_of_another_radius_is_named_by_its_picture() -> None:
         dataclasses.replace(shot, name=f"{number:02d}.png")
         for number, shot in enumerate(ball_pictures(16, np.random.default_rng(4)))
     ]
-    assert calibrated(pictures).warnings == ()
     pictures[5] = dataclasses.replace(pictures[5], radius_mm=0.6 * BALL_MM)
     (warning,) = calibrated(pictures).warnings
     assert warning.startswith("05.png: its slopes")
@@ -179,15 +179,15 @@ def test_labels_that_the_pictures_do_not_show_are_named() -> None:
     (said,) = label_warnings(moved, balls)
     assert said.startswith("6 of 6")
     assert "9.0 px" in said
-    assert "2 times" in said
+    assert "a factor of 2 " in said
 
 
-@pytest.mark.parametrize(
-    ("gain", "told"),
+@each(
+    "gain, told",
     [(2.0, "2 times"), (0.4, "0.4 times"), (0.0, "less than 0.1 times"), (610.0, "more than 10 times")],
 )
 def test_an_odd_ball_is_told_by_a_figure_that_means_something(gain: float, told: str) -> None:
     gains = dict.fromkeys(range(9), 1.0) | {4: gain}
     balls = [Ball((10.0, 10.0), 5.0, BALL_MM)] * 9
     (said,) = odd_balls(gains, balls, names=[f"{k}.png" for k in range(9)], unsure={})
-    assert said.startswith(f"4.png: its slopes are {told} what the other balls")
+    assert said.startswith(f"4.png: its slopes are {told} those")

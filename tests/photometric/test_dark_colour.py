@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from lamp_room import BALL_MM, SENSOR, ball, ball_pictures, flat, in_px, picture
+from shared_scenes import shared
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.build import build_reconstructor
@@ -17,8 +18,8 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_samples import radii_from
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.colour_change import ColourChange
-from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.reference import (
     DARK,
     Reference,
@@ -42,13 +43,14 @@ def dark(rgb: Bytes, colour: int, grey: float = 0.0) -> Bytes:
 
 
 @lru_cache
-def calibrated(colour: int | None, grey: float = 0.0) -> Calibration:
+@shared
+def calibrated(colour: int | None, grey: float = 0.0, method: str = "auto") -> Calibration:
     rng = np.random.default_rng(1)
     flats, shots = [flat(rng) for _ in range(3)], ball_pictures(14, rng)
     if colour is not None:
         flats = [dark(one, colour, grey) for one in flats]
         shots = [dataclasses.replace(shot, rgb=dark(shot.rgb, colour, grey)) for shot in shots]
-    return calibrate_from_balls(make_reference(flats), shots, mm_per_px=SENSOR.mm_per_px, fit=AutoMethod())
+    return calibrate_from_balls(make_reference(flats), shots, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC[method])
 
 
 def reference(*, colours: tuple[int, ...], grey: float = 0.0) -> Reference:
@@ -70,9 +72,11 @@ def assert_balls_are_deep(reader: Reconstructor, colour: int, grey: float, withi
         assert height.depth_mm[under < 1.0].max() == pytest.approx(depth.max(), rel=within)
 
 
-@pytest.mark.parametrize(("colour", "grey"), [(0, 0.0), (1, 4.0), (2, 0.0)])
-def test_balls_are_as_deep_by_two_colours(colour: int, grey: float) -> None:
-    found = calibrated(colour, grey)
+@pytest.mark.parametrize(
+    ("colour", "grey", "method"), [(0, 0.0, "polynomial"), (1, 4.0, "auto"), (2, 0.0, "polynomial")]
+)
+def test_balls_are_as_deep_by_two_colours(colour: int, grey: float, method: str) -> None:
+    found = calibrated(colour, grey, method)
     assert all(one is not None for one in found.balls)
     assert_balls_are_deep(Reconstructor(SENSOR, found.method), colour, grey, within=0.15)
 

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
+from shared_scenes import shared
 
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.ball_pictures import BallPicture
@@ -24,6 +25,7 @@ BALL_MM = 4.0
 
 
 @cache
+@shared
 def method() -> CalibratedMethod:
     rng = np.random.default_rng(0)
     shots = []

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from each import each
 from lamp_room import SHAPE, ball, picture, places
 
 from tactilevision.photometric.colour_change import ColourChange
@@ -41,8 +42,8 @@ def drift(gain: float | Floats, *, contact_mm: float = 0.0, stray_grey: float = 
     return following.measure(picture(p, q, rng, gain=gain, stray_grey=stray_grey, bright=BRIGHT))
 
 
-@pytest.mark.parametrize("gain", [0.95, 1.05])
-@pytest.mark.parametrize("contact_mm", [0.0, 2.0, 3.6])
+@each("gain", [0.95, 1.05])
+@each("contact_mm", [0.0, 2.0, 3.6])
 def test_lamps_that_fade_alike_leave_no_pattern(gain: float, contact_mm: float) -> None:
     rng = np.random.default_rng(0)
     following = tracker(0.0, rng)
@@ -98,8 +99,8 @@ def test_a_frame_of_faded_lamps_shows_no_change() -> None:
         assert np.abs(halves).max() < 1.5e-3, "stray light taken off again when it is gone"
 
 
-@pytest.mark.parametrize("power", [1, 2])
-@pytest.mark.parametrize("lamp", [0, 1, 2])
+@each("power", [1, 2])
+@each("lamp", [0, 1, 2])
 def test_a_lamp_that_fades_in_three_channels_takes_its_pattern_along(lamp: int, power: int) -> None:
     """Where it shone brightest most is gone, in each channel its own part: no plane, and no change of the gel."""
     gains = [0.92 if number == lamp else 1.0 for number in range(3)]

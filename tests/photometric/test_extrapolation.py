@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.photometric.ball_samples import Samples
 from tactilevision.photometric.cross_validation import (
@@ -23,8 +24,8 @@ def test_distance_is_that_from_the_hull_and_nothing_inside_it() -> None:
     assert distance_beyond(SQUARE, at) == pytest.approx([0.0, 0.3, 0.5, 0.0], abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("rate", [0.2, 1.5])
+@each("seed", range(3))
+@each("rate", [0.2, 1.5])
 def test_errors_that_grow_with_distance_tell_how_fast(rate: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     beyond = rng.uniform(0.0, 0.4, 400)

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from each import each
 from lamp_room import SHAPE, ball, picture
 
 from tactilevision.heightmap.reference_match import image_shift
@@ -35,7 +36,7 @@ def ink(contrast: float) -> Floats:
     return np.asarray(1.0 + contrast * rough / rough.std())
 
 
-@pytest.mark.parametrize("shift", SHIFTS)
+@each("shift", SHIFTS)
 def test_a_shift_is_seen_and_measured(shift: Pair) -> None:
     rng = np.random.default_rng(SEED)
     reference = gel(rng, ink(0.02))
@@ -87,7 +88,7 @@ SETS = [
 
 
 @real
-@pytest.mark.parametrize(("folder", "reference", "frames"), SETS)
+@each("folder, reference, frames", SETS)
 def test_real_presses_have_not_moved_until_they_are(folder: str, reference: str, frames: str) -> None:
     def read(path: Path) -> Bytes:
         return np.asarray(cv2.imread(str(path)), np.uint8)

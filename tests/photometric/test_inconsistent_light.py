@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture
 from scipy.special import j0, j1
+from shared_scenes import shared
 
 from tactilevision.heightmap.inconsistent_light import MIN_AREA_MM2, RISE_MM, LightCheck, stands_out
 from tactilevision.heightmap.reconstructor import Reconstructor
@@ -32,6 +33,7 @@ SHADED = 0.2  # of the light that is missing there; more is taken for steep gel,
 
 
 @lru_cache
+@shared
 def reader() -> Reconstructor:
     rng = np.random.default_rng(1)
     shots = ball_pictures(14, rng)

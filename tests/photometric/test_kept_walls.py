@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.storage import taught_walls, wall_numbers
@@ -18,9 +19,7 @@ def test_lessons_come_back_as_they_went() -> None:
     assert taught_walls(wall_numbers(LESSON), where=FILE) == LESSON
 
 
-@pytest.mark.parametrize(
-    ("place", "value"), [(0, 9.0), (1, -9.0), (2, -0.1), (4, 0.5), (5, 0.9), (5, 0.0), (7, -1.0)]
-)
+@each("place, value", [(0, 9.0), (1, -9.0), (2, -0.1), (4, 0.5), (5, 0.9), (5, 0.0), (7, -1.0)])
 def test_numbers_that_no_faces_teach_are_refused(place: int, value: float) -> None:
     numbers = wall_numbers(LESSON)
     numbers[place] = value

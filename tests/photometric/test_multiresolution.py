@@ -7,7 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from each import each
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
+from shared_scenes import shared
 
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.heightmap.untouched_frames import subtract_background
@@ -30,6 +32,7 @@ FITS = {**PHOTOMETRIC, "network": NetworkFitter(steps=150)}  # trained briefly
 
 
 @lru_cache
+@shared
 def calibrated(name: str = "polynomial", odd: bool = False) -> CalibratedMethod:
     rng = np.random.default_rng(1)
     shots = [BallPicture(cut(picture(*ball(c, a, 4.0)[1:], rng), odd), 4.0) for c, a in presses(8, rng)]
@@ -86,8 +89,8 @@ def test_a_gentle_contact_of_few_pixels_is_as_deep_as_pixel_by_pixel(size_px: in
     assert quick == pytest.approx(whole, abs=0.06)  # .055 on some processors, .05 on others
 
 
-@pytest.mark.parametrize("name", ["polynomial", "lookup"])
-@pytest.mark.parametrize("px", [2, 3, 4])
+@each("name", ["polynomial", "lookup"])
+@each("px", [2, 3, 4])
 def test_a_contact_of_few_means_is_read_in_full_and_free_gel_is_not(name: str, px: int) -> None:
     reader, (_, p, q) = TiledEvaluator(calibrated(name), px), ball((1.1, -0.7), 6 * MM_PER_PX, 2.0)
     y, x = np.unravel_index(int(np.argmax(np.hypot(p, q))), SHAPE)
@@ -98,8 +101,8 @@ def test_a_contact_of_few_means_is_read_in_full_and_free_gel_is_not(name: str, p
         assert reader.read_tiles(flat(rng)).windows == []
 
 
-@pytest.mark.parametrize("name", ["polynomial", "lookup"])
-@pytest.mark.parametrize("gain", [1.0, 0.96])
+@each("name", ["polynomial", "lookup"])
+@each("gain", [1.0, 0.96])
 def test_depths_are_no_worse(name: str, gain: float) -> None:
     method, (true, p, q) = calibrated(name), ball((-0.6, 0.4), 1.8, 4.0)
     true = true - np.median(true[:6])

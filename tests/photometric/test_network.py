@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
+from shared_scenes import shared
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball_detection import Ball
@@ -40,13 +41,14 @@ SCALE = (MM_PER_PX, MM_PER_PX)
 
 
 @lru_cache
+@shared
 def calibrated() -> Calibration:
     rng = np.random.default_rng(0)
     reference = make_reference([flat(rng) for _ in range(3)])
     shots = [
         BallPicture(picture(*ball(centre, contact, 4.0)[1:], rng), 4.0) for centre, contact in presses(12, rng)
     ]
-    return calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=NetworkFitter(steps=150))
+    return calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=NetworkFitter(steps=90))
 
 
 def linear(count: int) -> tuple[Samples, Samples]:
@@ -274,6 +276,7 @@ def test_without_the_exporter_it_is_told_before_training(monkeypatch: pytest.Mon
 
 
 def test_importing_photometry_loads_nothing_heavy() -> None:
-    code = "import sys, tactilevision.reconstruct; print(*{'torch', 'kornia', 'onnxruntime'} & set(sys.modules))"
+    heavy = "{'torch', 'kornia', 'onnxruntime'}"
+    code = f"import sys, tactilevision.heightmap.build; print(*{heavy} & set(sys.modules))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.split() == []

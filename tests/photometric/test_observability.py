@@ -46,7 +46,7 @@ def test_lights_that_hide_a_direction_are_named(
     places: tuple[tuple[float, float, float], ...], tints: Floats, hidden: bool
 ) -> None:
     found = made(places, tints, seed=32)
-    assert any("hardly tell slopes along" in warning for warning in found.warnings) == hidden
+    assert any("hardly show slopes" in warning for warning in found.warnings) == hidden
     card = found.method.card
     assert card.max_slope_noise is not None
     assert (card.max_slope_noise > 0.1) == hidden
@@ -58,7 +58,7 @@ def test_lights_that_hide_a_direction_are_named(
 def test_colours_that_tell_all_directions_faintly_are_named(share: float, faint: bool) -> None:
     tints = share * TINTS + (1 - share) * TINTS.mean(axis=1, keepdims=True)
     found = made(LAMPS, tints, seed=32)
-    assert any("tell slopes faintly" in warning for warning in found.warnings) == faint
+    assert any("show slopes faintly" in warning for warning in found.warnings) == faint
     assert (found.direction_error_deg > 10) == faint
 
 

@@ -8,8 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from each import each
+from shared_scenes import scenes, shared
 
 from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.self_calibration import (
     MIN_CONTACTS,
     Contact,
@@ -72,7 +75,7 @@ def contacts(count: int, seed: int) -> list[Contact]:
     return [one for one in found if one is not None]
 
 
-@pytest.mark.parametrize("count", [1, 2, MIN_CONTACTS, 10, 30])
+@each("count", [1, 2, MIN_CONTACTS, 10, 30])
 def test_a_planted_light_is_found_but_for_its_scale(count: int) -> None:
     law = calibrate_on_contacts(contacts(count, seed=count), None)
     assert law is not None
@@ -173,6 +176,15 @@ def bare_folder(folder: Path, sensor: Sensor, *, swapped: bool = False) -> Recor
     return read_folder(folder, sensor, reference=folder / "untouched")
 
 
+@shared
+def marker_folder() -> tuple[Recording, Reconstructor]:
+    """Those frames as of a GelSlim with markers, and what reads them."""
+    folder = scenes() / "marker_folder"
+    folder.mkdir()
+    recording = bare_folder(folder, get_sensor("gelslim3_markers"))
+    return recording, build_reconstructor(recording)
+
+
 def test_a_bare_folder_is_read_by_its_own_contacts(tmp_path: Path) -> None:
     sample = read_recording(SAMPLE)
     sensor = get_sensor("custom", width_px=427, height_px=320, mm_per_px=0.0634)
@@ -196,23 +208,20 @@ def test_a_bare_folder_is_read_by_its_own_contacts(tmp_path: Path) -> None:
 
 
 def test_red_changed_for_blue_is_named_by_the_contacts(tmp_path: Path) -> None:
-    said = {}
-    for swapped in (False, True):
-        folder = tmp_path / str(swapped)
-        folder.mkdir()
-        found = build_reconstructor(bare_folder(folder, get_sensor("gelslim3_markers"), swapped=swapped))
-        said[swapped] = " ".join(found.warnings)
-    assert "the scale is that of a usual gelslim3_markers" in said[False]
-    assert "contradict" not in said[False]
-    assert "contradict the ready network" in said[True]
-    assert "red changed for blue" in said[True]
+    swapped = build_reconstructor(bare_folder(tmp_path, get_sensor("gelslim3_markers"), swapped=True))
+    right, wrong = (" ".join(found.warnings) for found in (marker_folder()[1], swapped))
+    assert "the scale is that of a usual gelslim3_markers" in right
+    assert "contradict" not in right
+    assert "contradict the ready network" in wrong
+    assert "red changed for blue" in wrong
 
 
 def test_a_first_frame_that_is_pressed_gives_way_to_the_median(tmp_path: Path) -> None:
     """Balls at sixteen places and no untouched picture: maps are as by one, where the first frame makes hills."""
     sensor = get_sensor("gelslim3_markers")
-    stated = build_reconstructor(bare_folder(tmp_path, sensor))
+    bare_folder(tmp_path, sensor)
     shutil.rmtree(tmp_path / "untouched")
+    stated = marker_folder()[1]
     recording = read_folder(tmp_path, sensor, guess=True)
     found = build_reconstructor(recording)
     said = " ".join(found.warnings)
@@ -247,16 +256,16 @@ def test_a_median_that_is_pressed_itself_is_no_reference(tmp_path: Path) -> None
         assert REFERENCE in found.rectified_map(read_frame(recording, number).rgb).flags
 
 
-def test_a_stated_reference_that_is_pressed_is_named_and_turns_no_dent(tmp_path: Path) -> None:
+def test_a_stated_reference_that_is_pressed_is_named_and_turns_no_dent() -> None:
     sensor = get_sensor("gelslim3_markers")
-    stated = bare_folder(tmp_path, sensor)
-    pressed = tmp_path / stated.frame_names[0]
-    found = build_reconstructor(read_folder(tmp_path, sensor, reference=pressed))
+    stated, reader = marker_folder()
+    pressed = stated.path / stated.frame_names[0]
+    found = build_reconstructor(read_folder(stated.path, sensor, reference=pressed))
     said = " ".join(found.warnings)
     assert "most frames show a hill" in said
     assert "contradict" not in said
     height = found.rectified_map(read_frame(stated, 7).rgb)
-    true = build_reconstructor(stated).rectified_map(read_frame(stated, 7).rgb).depth_mm
+    true = reader.rectified_map(read_frame(stated, 7).rgb).depth_mm
     assert REFERENCE in height.flags
     assert height.depth_mm.max() == pytest.approx(true.max(), rel=0.3)
     assert np.argmax(height.depth_mm) == pytest.approx(np.argmax(true), abs=10 * true.shape[1])

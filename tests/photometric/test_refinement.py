@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
 from tactilevision.photometric.ball_pictures import BallPicture, collect_balls, refine_balls, refined_circle
@@ -52,8 +53,8 @@ def frame(change: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> Bytes:
     return np.ascontiguousarray(np.rint(GREY * (1.0 + change)).astype(np.uint8).transpose(1, 2, 0))
 
 
-@pytest.mark.parametrize("start", [(2.0, -1.5, 2.5), (-3.0, 2.0, -2.0)])
-@pytest.mark.parametrize("lost", [False, True])
+@each("start", [(2.0, -1.5, 2.5), (-3.0, 2.0, -2.0)])
+@each("lost", [False, True])
 def test_a_circle_that_is_off_is_found(start: tuple[float, float, float], lost: bool) -> None:
     change = picture(0.03)
     if lost:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lamp_room import BALL_MM, SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture
+from shared_scenes import shared
 
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.ball_detection import Ball
@@ -37,11 +38,12 @@ def gain() -> float:
 
 
 @lru_cache
+@shared
 def calibrated(over: bool) -> Calibration:
     rng = np.random.default_rng(1)
     factor = gain() if over else 1.0
     reference = make_reference([overexposed(flat(rng), factor) for _ in range(3)])
-    shots = [dataclasses.replace(shot, rgb=overexposed(shot.rgb, factor)) for shot in ball_pictures(14, rng)]
+    shots = [dataclasses.replace(shot, rgb=overexposed(shot.rgb, factor)) for shot in ball_pictures(10, rng)]
     return calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=fit_polynomial)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import Collection, LineCollection
@@ -45,8 +46,7 @@ UNITS = (
     "ν",
     "press",
     "frame",
-    "if this",
-    "could this",
+    "effect",
     "loading",
 )  # ratios, counts and names have no unit
 OLD_WORDS = ("touch", "floor", "ruler")
@@ -219,7 +219,7 @@ def words(figure: Figure) -> list[Text]:
     return [text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip()]
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@each("name", FIGURES)
 def test_text_is_legible_at_500_px(name: str, drawn: dict[str, Figure]) -> None:
     figure = drawn[name]
     width_in = figure.get_figwidth()
@@ -237,7 +237,7 @@ def test_the_words_over_a_panel_end_where_it_ends(drawn: dict[str, Figure]) -> N
         assert title.get_window_extent().x1 < axes.get_window_extent().x1
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@each("name", FIGURES)
 def test_every_axis_says_what_it_is_and_in_which_unit(name: str, drawn: dict[str, Figure]) -> None:
     for axes in shown(drawn[name]):
         for axis in (axes.xaxis, axes.yaxis):
@@ -247,7 +247,7 @@ def test_every_axis_says_what_it_is_and_in_which_unit(name: str, drawn: dict[str
             assert not label or any(unit in label for unit in UNITS), label
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@each("name", FIGURES)
 def test_every_colour_and_area_is_explained(name: str, drawn: dict[str, Figure]) -> None:
     figure = drawn[name]
     legends = [*figure.legends, *(one for one in (axes.get_legend() for axes in figure.axes) if one is not None)]
@@ -290,7 +290,7 @@ def colours(artist: Artist) -> Iterator[tuple[float, float, float]]:
         yield from (to_rgb(c) for c in to_rgba_array(faces if len(np.asarray(faces)) else edges))
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@each("name", FIGURES)
 def test_words_are_those_of_the_manual(name: str, drawn: dict[str, Figure]) -> None:
     said = " ".join(text.get_text() for text in words(drawn[name])).lower()
     assert [word for word in OLD_WORDS if word in said] == []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.plots.calibration import draw_joint
+from tactilevision.plots.calibration import WORDS, draw_joint
 
 CURVE = np.column_stack([np.linspace(0.43, 0.4999, 20), np.linspace(0.23, 0.18, 20)])
 REGION = np.array([[0.465, 0.21], [0.485, 0.2], [0.485, 0.19], [0.465, 0.2]])
@@ -16,7 +16,7 @@ def test_the_region_the_best_value_and_every_route_are_drawn() -> None:
     figure = draw_joint(CURVE, REGION, best=(0.475, 0.2), routes=routes)
     (axes,) = figure.axes
     labels = [line.get_label() for line in axes.lines]
-    assert "rise beside the punch" in labels
+    assert WORDS["bulge"] in labels
     assert any("off the picture" in str(label) and "0.400 to 0.420" in str(label) for label in labels)
     left, right = axes.get_xlim()
     assert left < 0.465

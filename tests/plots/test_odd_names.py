@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.cli.pictures import keep_every_press
 from tactilevision.plots import style, style as letters
@@ -18,7 +19,7 @@ from tactilevision.records.misfit import ForceCurves, PressCurve
 X = np.linspace(0.05, 0.5, 12)
 
 
-@pytest.mark.parametrize("name", ["tab\there", "汉字", "🤖", "A" * 10_000, "$x_{$", "<b>"])
+@each("name", ["tab\there", "汉字", "🤖", "A" * 10_000, "$x_{$", "<b>"])
 def test_a_name_fits_its_figure_and_is_drawn_without_a_warning(name: str, tmp_path: Path) -> None:
     press = PressCurve(name, name, 2.5, X, X, X, np.array([0.9 * X]), ("load",) * 12)
     figure = draw_presses(ForceCurves(("plain law",), (press,), whole=True), (press,))

@@ -9,10 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.photometric.calibrate import calibrate_from_balls
-from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.reference import make_reference
 from tactilevision.profile.make import stated_material, with_compliance
 from tactilevision.profile.model import Profile
 from tactilevision.profile.storage import write_profile
@@ -21,7 +18,7 @@ from tactilevision.records.measured import Bytes
 from tactilevision.records.rig import Gel, Indenter, Sensor
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
-from lamp_room import BALL_MM, SENSOR, SHAPE, ball, ball_pictures, flat, picture, presses
+from lamp_room import BALL_MM, SENSOR, SHAPE, ball, flat, picture, presses, room_calibration
 
 __all__ = [
     "GEL",
@@ -59,10 +56,7 @@ poisson_ratio_std = 0.01
 
 @lru_cache
 def method() -> CalibratedMethod:
-    rng = np.random.default_rng(1)
-    shots = ball_pictures(8, rng)
-    reference = make_reference([flat(rng) for _ in range(3)])
-    return calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"]).method
+    return room_calibration(8).method
 
 
 @lru_cache

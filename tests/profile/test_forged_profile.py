@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from each import each
 from lamp_sensor import saved
 
 from tactilevision.errors import InputError
@@ -52,9 +53,7 @@ def stated(**changes: Any) -> Callable[[dict[str, bytes]], None]:
     return change
 
 
-@pytest.mark.parametrize(
-    "name", ["method.npz", "method.json", "untouched.png", "calibration.json", "compliance.npz"]
-)
+@each("name", ["method.npz", "method.json", "untouched.png", "calibration.json", "compliance.npz"])
 def test_a_file_that_was_changed_is_named(path: Path, tmp_path: Path, name: str) -> None:
     def change(files: dict[str, bytes]) -> None:
         files[name] = files[name][:-1] + bytes([files[name][-1] ^ 1])
@@ -86,7 +85,7 @@ FALSE = {
     "do not fit together: KeyError 'sensor'": lambda files: stated_without(files, "sensor"),
     "do not fit together: ValueError": stated(date="tomorrow"),
     "thickness lies above 0": stated(sensor__gel__thickness_mm=-3.0),
-    "thickness_mm is of another kind": stated(sensor__gel__thickness_mm="3"),
+    "thickness_mm has the wrong type": stated(sensor__gel__thickness_mm="3"),
     "is not solved": stated(sensor__gel__shape="dome"),
     "do not fit together: TypeError": stated(indenters={"A1": {"radius": 2.0}}),
     "followed is one of markers, texture, nothing": stated(sensor__followed="the stars"),
@@ -109,16 +108,19 @@ def in_json(files: dict[str, bytes], name: str, key: str, value: Any) -> None:
     files[name] = json.dumps(json.loads(files[name]) | {key: value}).encode()
 
 
-@pytest.mark.parametrize("said", FALSE)
+@each("said", FALSE)
 def test_a_forged_profile_whose_hashes_fit_is_still_refused(path: Path, tmp_path: Path, said: str) -> None:
     with pytest.raises(InputError, match=said):
         load_sensor(repacked(path, tmp_path / "a.tvs", FALSE[said], hashed=True))
 
 
-@pytest.mark.parametrize(
-    ("version", "said"),
+@each(
+    "version, said",
     [
-        (3, r"is of a newer version: this one reads format 2 \(got 3\)\. Take a newer version of tactilevision"),
+        (
+            3,
+            r"is of a newer version: this one reads format 2 \(got 3\)\. Install a newer version of tactilevision",
+        ),
         (1, "is not a sensor profile of a known format"),
         (True, "is not a sensor profile of a known format"),
         ("1", "is not a sensor profile of a known format"),
@@ -144,7 +146,7 @@ def test_what_is_no_profile_is_told(path: Path, tmp_path: Path) -> None:
         load_sensor(there)
     with zipfile.ZipFile(there, "w", zipfile.ZIP_DEFLATED) as packed:
         packed.writestr("profile.json", "{}" * 100)
-    with pytest.raises(InputError, match="what is not stored as it is"):
+    with pytest.raises(InputError, match="compressed"):
         load_sensor(there)
     with zipfile.ZipFile(there, "w") as packed:
         packed.writestr("profile.json", "{}")
@@ -158,6 +160,10 @@ def test_what_is_no_profile_is_told(path: Path, tmp_path: Path) -> None:
 
 def test_what_is_no_profile_is_told_apart(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(b"no picture")
-    for given, said in (("digit", "a kind of sensor"), (tmp_path, "a folder"), (tmp_path / "a.png", "no sensor")):
+    for given, said in (
+        ("digit", "a kind of sensor"),
+        (tmp_path, "a folder"),
+        (tmp_path / "a.png", "not a sensor"),
+    ):
         with pytest.raises(InputError, match=f"{said}.*Make one with `tactilevision calibrate-sensor"):
             load_sensor(given)

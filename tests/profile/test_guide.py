@@ -17,8 +17,7 @@ from sample_light import light_of_sample
 
 from tactilevision.cli import main
 from tactilevision.errors import InputError
-from tactilevision.profile.ball_guide import Guide, Session
-from tactilevision.profile.ball_labels import labels_of, start_table
+from tactilevision.profile.ball_guide import Guide, Session, labels_of, start_table
 from tactilevision.profile.storage import read_profile
 from tactilevision.recording import layout
 from tactilevision.recording.read import read_recording
@@ -70,7 +69,7 @@ def test_a_label_is_kept_and_what_is_left_out_returns(recording: Path) -> None:
     session = Session(read_recording(recording))
     assert [label.state for label in session.labels] == ["found"] * 5
     session.set(1, {"circle": [100.5, 90.25, 20.0], "state": "checked"})
-    session.set(2, {"circle": None, "state": "left out"})
+    session.set(2, {"circle": None, "state": "excluded"})
     session.save()
     kept = read_table(table, layout.BALL_COLUMNS)
     assert len(kept.lines) == 4
@@ -78,7 +77,7 @@ def test_a_label_is_kept_and_what_is_left_out_returns(recording: Path) -> None:
     np.testing.assert_allclose(kept.numbers["centre_x_px"], [np.nan, 100.5, np.nan, np.nan])
     assert kept.extra["who"].tolist() == ["me"] * 4
     again = labels_of(read_recording(recording))
-    assert [label.state for label in again] == ["not found", "checked", "not found", "not found", "left out"]
+    assert [label.state for label in again] == ["not found", "checked", "not found", "not found", "excluded"]
     assert again[1].circle == (100.5, 90.25, 20.0)
 
 
@@ -154,7 +153,7 @@ def test_a_fit_tells_each_press_by_a_law_that_never_saw_it(page: Guide) -> None:
     for view in ("picture/0", "change/0", "depth/0"):
         assert ask(page, "GET", view)[1].startswith(b"\x89PNG")
     for index in range(3):
-        post(page, f"set/{index}", {"circle": None, "state": "left out"})
+        post(page, f"set/{index}", {"circle": None, "state": "excluded"})
     _, few = post(page, "fit", {})
     assert "too few ball presses" in few["fault"]
     assert ask(page, "GET", "depth/4")[0] == 404
@@ -181,7 +180,7 @@ def test_train_takes_the_circles_as_drawn_and_writes_a_profile(
 
     def draw(self: Guide) -> None:
         page.append(self.address)
-        assert post(self, "set/4", {"circle": None, "state": "left out"})[0] == 200
+        assert post(self, "set/4", {"circle": None, "state": "excluded"})[0] == 200
         assert post(self, "done", {})[0] == 200
         assert self.done.is_set()
 
@@ -240,12 +239,12 @@ def leave_out_and_take_in(canvas: Canvas) -> None:
     view = canvas.view
     view.wait_for_selector("li:nth-child(2) [aria-current='true']")
     view.keyboard.press("x")
-    view.wait_for_selector("li:nth-child(2) [data-state='left out']")
+    view.wait_for_selector("li:nth-child(2) [data-state='excluded']")
     view.mouse.click(*canvas.at(60, 60))
     view.wait_for_selector("li:nth-child(2) [data-state='drawn']")
     np.testing.assert_allclose(canvas.circle(1)[:2], (60, 60), atol=0.6)
     view.keyboard.press("x")
-    view.wait_for_selector("li:nth-child(2) [data-state='left out']")
+    view.wait_for_selector("li:nth-child(2) [data-state='excluded']")
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from lamp_sensor import TOML, free, pressed, saved, write_ball_folder, write_frames
 
 from tactilevision.cli import main, train as command
@@ -114,17 +115,17 @@ def test_the_recording_that_a_profile_was_made_from_is_read_with_it(tmp_path: Pa
     settings.write_text(settings.read_text().replace('"simulated"', '"08"'))
     told = tmp_path / "told.json"
     assert run("depth", tmp_path / "tree", *profile, "--out", tmp_path / "three", "--json", told) == 0
-    assert "its serial is simulated, the recording's 08" in json.loads(told.read_text())["passed_over"]["b"]
+    assert "its serial is simulated, the recording's is 08" in json.loads(told.read_text())["passed_over"]["b"]
     assert (tmp_path / "three" / "a" / "depth" / "00012.tiff").is_file()
 
 
 SAID = {
-    "is said by the sensor profile already": ("depth", "{frames}", "--sensor", "{tvs}", "--mm-per-px", 0.05),
-    "frames of 240 x 180 px are what the profile": ("depth", "{small}", "--sensor", "{tvs}"),
+    "is determined by the sensor profile": ("depth", "{frames}", "--sensor", "{tvs}", "--mm-per-px", 0.05),
+    "was made for frames of 240 x 180 px": ("depth", "{small}", "--sensor", "{tvs}"),
     "E and nu of the gel are not known": ("force", "{frames}", "--sensor", "{toml}"),
     "there is no such sensor profile": ("view", "{frames}", "--sensor", "{frames}/none.tvs"),
     "the name of a sensor profile ends in .tvs": ("calibrate-sensor", "{frames}", "--out", "a"),
-    "a profile is made of a sensor that has none yet": ("calibrate-sensor", "{frames}", "--sensor", "{tvs}"),
+    "a profile cannot be made from a profile": ("calibrate-sensor", "{frames}", "--sensor", "{tvs}"),
     "Name it with --sensor: gelslim3": ("depth", "{frames}"),
     "Name what was calibrated before with --method FILE.npz or --sensor FILE.tvs": (
         "depth",
@@ -136,12 +137,12 @@ SAID = {
     ),
     "State it with --mm-per-px": ("depth", "{frames}", "--sensor", "digit"),
     "the folder holds no pictures": ("depth", "{empty}", "--sensor", "digit"),
-    "Say it with --ball-radius-mm": ("calibrate-sensor", "{untold}", "--sensor", "{toml}"),
+    "State it with --ball-radius-mm": ("calibrate-sensor", "{untold}", "--sensor", "{toml}"),
     "Name it with --reference": ("calibrate-sensor", "{frames}", "--sensor", "{toml}", "--ball-radius-mm", 4),
 }
 
 
-@pytest.mark.parametrize("said", SAID)
+@each("said", SAID)
 def test_what_is_wrong_is_said_with_the_option_that_would_help(
     said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

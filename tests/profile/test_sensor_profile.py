@@ -229,7 +229,7 @@ def test_pictures_of_another_unit_are_told(sensor: CalibratedSensor) -> None:
 
 
 def test_a_profile_is_written_under_a_name_that_commands_know(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"ends in \.tvs .*Take .*a\.tvs"):
+    with pytest.raises(InputError, match=r"ends in \.tvs .*Use .*a\.tvs"):
         write_profile(profile(), tmp_path / "a.zip")
     assert list(tmp_path.iterdir()) == []
 

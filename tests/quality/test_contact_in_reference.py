@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.reference_match import pressed_beside
@@ -27,8 +27,8 @@ def method(changed: np.ndarray) -> Any:
     return SimpleNamespace(change=SimpleNamespace(tracker=tracker))
 
 
-@pytest.mark.parametrize(
-    ("where", "dent", "pressed"),
+@each(
+    "where, dent, pressed",
     [
         (BESIDE, 0.3, False),
         (BESIDE, 0.5, True),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.cli import source
 from tactilevision.errors import InputError
@@ -28,12 +29,13 @@ from tactilevision.robots.live import Stream
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import BALL_MM, SENSOR, SHAPE, ball_pictures, flat
+from shared_scenes import shared
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 
 
-@pytest.mark.parametrize(
-    ("direction", "ratio", "fit"),
+@each(
+    "direction, ratio, fit",
     [(3.5, 0.97, True), (14.7, 0.9, True), (19.0, 0.97, False), (4.0, 0.4, False), (40.0, 2.0, False)],
 )
 def test_what_balls_left_out_say_decides(direction: float, ratio: float, fit: bool) -> None:
@@ -43,6 +45,7 @@ def test_what_balls_left_out_say_decides(direction: float, ratio: float, fit: bo
 
 
 @lru_cache
+@shared
 def on_wrong_circles() -> Reconstructor:
     """Circles where no ball is, as those of another folder would be."""
     rng = np.random.default_rng(2)

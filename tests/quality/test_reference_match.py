@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
@@ -24,6 +25,7 @@ from tactilevision.robots.live import Stream
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import LAMPS, MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture, places, presses
+from shared_scenes import shared
 
 SEED = 61
 
@@ -39,6 +41,7 @@ def shots() -> tuple[BallPicture, ...]:
 
 
 @lru_cache
+@shared
 def made() -> Reconstructor:
     rng = np.random.default_rng(SEED)
     reference = make_reference([flat(rng, gain=grain()) for _ in range(3)], may_have_marks=False)
@@ -172,8 +175,8 @@ def touched(place: Pair, contact_mm: float, rng: np.random.Generator) -> Reconst
     return Reconstructor(SENSOR, method.with_reference(make_reference(flats, may_have_marks=False)))
 
 
-@pytest.mark.parametrize(("place", "contact_mm"), [((-3.5, 2.0), 1.0), ((4.0, -1.5), 1.6), ((0.5, 0.5), 2.2)])
-@pytest.mark.parametrize("lamps", [(1.0, 1.0, 1.0), (0.93, 1.0, 1.04)])
+@each("place, contact_mm", [((-3.5, 2.0), 1.0), ((4.0, -1.5), 1.6), ((0.5, 0.5), 2.2)])
+@each("lamps", [(1.0, 1.0, 1.0), (0.93, 1.0, 1.04)])
 def test_a_ready_method_sees_a_contact_in_its_reference(
     place: Pair, contact_mm: float, lamps: tuple[float, ...]
 ) -> None:
@@ -189,8 +192,8 @@ def test_a_ready_method_sees_a_contact_in_its_reference(
     assert all(REFERENCE in found.rectified_map(rgb).flags for rgb in frames)
 
 
-@pytest.mark.parametrize("lamps", [(1.0, 1.0, 1.0), (0.93, 1.0, 1.04), (0.8, 0.8, 0.8)])
-@pytest.mark.parametrize("radius_mm", [0.0, 1.0, 2.2])
+@each("lamps", [(1.0, 1.0, 1.0), (0.93, 1.0, 1.04), (0.8, 0.8, 0.8)])
+@each("radius_mm", [0.0, 1.0, 2.2])
 def test_no_contact_in_the_reference_is_seen_where_there_is_none(
     lamps: tuple[float, ...], radius_mm: float
 ) -> None:
@@ -246,8 +249,8 @@ def face(radius_mm: float, length_mm: float, place: Pair) -> tuple[np.ndarray, n
     return -steep * x, -steep * y
 
 
-@pytest.mark.parametrize(("radius_mm", "length_mm"), [(2.2, 4.0), (2.8, 2.5)])
-@pytest.mark.parametrize("place", [(0.0, 0.0), (-2.0, 1.0)])
+@each("radius_mm, length_mm", [(2.2, 4.0), (2.8, 2.5)])
+@each("place", [(0.0, 0.0), (-2.0, 1.0)])
 def test_gel_that_slopes_beside_a_face_is_no_other_light(radius_mm: float, length_mm: float, place: Pair) -> None:
     rng = np.random.default_rng(SEED + 12)
     slopes, found = face(radius_mm, length_mm, place), reader()

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from each import each
+from shared_scenes import rendered_reconstructor
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.build import build_reconstructor, with_flats
@@ -84,7 +86,7 @@ for k, colour in enumerate(("red", "green", "blue")):
 OF_SOME = ("exposure", "torn", "torn later", "lamp later")  # the others spoil all maps
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@each("name", FAULTS)
 def test_each_fault_is_told_by_its_name(scene: tuple[Picture, list[Bytes]], name: str) -> None:
     reference, pictures = scene
     said, change = FAULTS[name]
@@ -102,7 +104,7 @@ def test_sound_pictures_show_none(scene: tuple[Picture, list[Bytes]]) -> None:
     assert scene_faults(reference[:-1], pictures) == ()
 
 
-@pytest.mark.parametrize("name", ["swapped", "mirrored", "flipped", "both"])
+@each("name", ["swapped", "mirrored", "flipped", "both"])
 def test_ball_pictures_of_another_order_are_refused(scene: tuple[Picture, list[Bytes]], name: str) -> None:
     reference, pictures = scene
     said, change = FAULTS[name]
@@ -136,7 +138,7 @@ def test_real_presses_show_none(name: str) -> None:
 
 def test_a_reconstructor_warns_and_flags_its_maps() -> None:
     recording = read_recording(ROOT / "sample_frames" / "rendered_shadows")
-    found = build_reconstructor(recording)
+    found = rendered_reconstructor()
     pictures = some_frames(recording)
     assert "light" not in found.rectified_map(pictures[0]).flags
     found = found.look([rgb[:, ::-1].copy() for rgb in pictures])
@@ -149,8 +151,7 @@ def test_an_exchange_against_the_methods_own_pictures_is_named(name: str) -> Non
     recording = read_recording(ROOT / "sample_frames" / "rendered_shadows")
     flats = [FAULTS[name][1](read_image(path), 0).copy() for path in recording.flats]
     assert recording.sensor.rectification is None
-    made = build_reconstructor(recording)
-    found = with_flats(recording.sensor, made.method, flats=flats)
+    found = with_flats(recording.sensor, rendered_reconstructor().method, flats=flats)
     assert any(FAULTS[name][0] in line and "the method was made of" in line for line in found.warnings)
     assert found.match is not None
     assert found.match.other_light
@@ -174,7 +175,7 @@ def test_the_press_of_a_frame_is_told() -> None:
     assert frame.name.endswith(f"(press {first.press})")
 
 
-@pytest.mark.parametrize("colour", range(3))
+@each("colour", range(3))
 def test_stray_light_hides_no_lamp(scene: tuple[Picture, list[Bytes]], colour: int) -> None:
     reference, pictures = scene
     room = [0.75 * rgb.astype(np.float64) + 40.0 for rgb in (reference, *pictures)]  # all of it in 8 bits

@@ -31,7 +31,18 @@ from tactilevision.sensors import get_sensor
 from tactilevision.sensors.rectification import maps_from_lookup, rectify
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
-from lamp_room import MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, picture, places, presses
+from lamp_room import (
+    MM_PER_PX,
+    SENSOR,
+    SHAPE,
+    ball,
+    ball_pictures,
+    flat,
+    picture,
+    places,
+    presses,
+    room_calibration,
+)
 
 from tactilevision.heightmap.ball_validation import held_out_depth
 from tactilevision.heightmap.deviation_terms import hidden_step_mm
@@ -39,12 +50,8 @@ from tactilevision.heightmap.deviation_terms import hidden_step_mm
 REAL = Path(__file__).parents[3] / "shared" / "real"
 
 
-@lru_cache
 def calibrated() -> Calibration:
-    rng = np.random.default_rng(1)
-    shots = ball_pictures(12, rng)
-    reference = make_reference([flat(rng) for _ in range(3)])
-    return calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    return room_calibration(12)
 
 
 @lru_cache
@@ -286,7 +293,7 @@ def test_threads_that_share_a_reconstructor_get_the_maps_of_one() -> None:
     recording = read_recording(SAMPLE)
     pictures = [reconstructor.rectified(read_frame(recording, k)) for k in range(80, 120, 8)]
     alone = [reconstructor.rectified_map(picture).depth_mm.copy() for picture in pictures]
-    turns = [*range(len(pictures))] * 6
+    turns = [*range(len(pictures))] * 3
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(lambda k: reconstructor.rectified_map(pictures[k]).depth_mm, turns))
     for k, depth_mm in zip(turns, together, strict=True):

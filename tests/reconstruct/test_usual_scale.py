@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from each import each
 
 from tactilevision.heightmap.ball_validation import (
     UsualReading,
@@ -38,8 +38,8 @@ class Usual:
         return SlopeMap(turned.real, turned.imag, np.ones(p.shape, bool))
 
 
-@pytest.mark.parametrize(
-    ("stated_mm", "turn_deg", "grey", "said"),
+@each(
+    "stated_mm, turn_deg, grey, said",
     [
         (BALL_MM, 0.0, 90, ""),
         (1.3 * BALL_MM, 0.0, 90, ""),
@@ -76,9 +76,7 @@ def test_pictures_without_a_ball_are_told_nothing() -> None:
 SOUND = (1.06, 1.19, 0.99, 1.14, 0.95, 1.08, 1.02, 1.14, 1.05, 1.07)  # scales of ten real balls, set D
 
 
-@pytest.mark.parametrize(
-    ("number", "times", "named"), [(0, 1.0, ""), (3, 1.5, "d:"), (8, 1 / 1.5, "i:"), (8, 1.2, ""), (4, 2.0, "e:")]
-)
+@each("number, times, named", [(0, 1.0, ""), (3, 1.5, "d:"), (8, 1 / 1.5, "i:"), (8, 1.2, ""), (4, 2.0, "e:")])
 def test_one_ball_of_ten_of_another_radius_is_named(number: int, times: float, named: str) -> None:
     gains = [gain * (times if k == number else 1.0) for k, gain in enumerate(SOUND)]
     read = {k: UsualReading(gain, 0.95, 90.0) for k, gain in enumerate(gains)}

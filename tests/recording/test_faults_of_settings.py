@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from small_recording import edit, write_small
 
 from tactilevision.errors import RecordingError
@@ -15,8 +16,8 @@ from tactilevision.recording.read import read_recording
 FAULTS = [
     ("format = 1", "format = 2", "this version reads format = 1 only (got 2)"),
     ("format = 1", 'format = "1"', "this version reads format = 1 only (got '1')"),
-    ("format = 1", "", "the format's number is missing"),
-    ("format = 1", "fromat = 1", "the format's number is missing (got 'fromat')"),
+    ("format = 1", "", "the number of the format is missing"),
+    ("format = 1", "fromat = 1", "the number of the format is missing (got 'fromat')"),
     ('kind = "custom"\n', "", "[sensor] kind is missing. State one of gelslim3"),
     ("format = 1", "format =", "recording.toml, line 1: is not TOML"),
     ("[sensor.gel]", "[sensor.gel", "recording.toml, line 11: is not TOML"),
@@ -47,21 +48,21 @@ FAULTS = [
         "diameter_mm = 30",
         '[sensor.gel] shape = "disc" needs radius_mm, half of its diameter_mm = 30',
     ),
-    ("radius_mm = 2.5", "radius_mm = 2,5", "numbers have a decimal point"),
+    ("radius_mm = 2.5", "radius_mm = 2,5", "numbers with a decimal point"),
     ("radius_mm = 2.5", "radius = 2.5", "[indenter.A1] radius is not known (got 2.5). Did you mean radius_mm?"),
     ('bevel = "right"', 'bevel = "rihgt"', "[indenter.A1] bevel must be 'right', 'left', 'top' or 'bottom'"),
     ("[indenter.A1]", "[indenters.A1]", "indenters is not known. Did you mean indenter?"),
     ("[force]", "[forces]", "forces is not known. Did you mean force?"),
     ("std_N = [0.01, 0.01, 0.02]", "std_N = [0.01, 0.02]", "[force] std_N must hold 3 values"),
     ("std_N = [0.01, 0.01, 0.02]", "std_N = [0.01, -1, 0.02]", "[force] std_N[1] must be at least 0 (got -1"),
-    ("rate_Hz", "rotation = [[1,0,0],[0,1,0],[0,0,2]]\nrate_Hz", "[force] rotation must turn without stretching"),
+    ("rate_Hz", "rotation = [[1,0,0],[0,1,0],[0,0,2]]\nrate_Hz", "[force] rotation must be orthogonal"),
     ("rate_Hz", "rotation = [[1,0,0],[0,1,0]]\nrate_Hz", "[force] rotation must hold 3 values"),
     ("offset_s = 0.0", "offset = 0.0", "[clock] offset is not known (got 0.0). Did you mean offset_s?"),
     ("2026-11-21", '"21.11.2026"', "date must be a date such as 2026-11-21 (got '21.11.2026')"),
     ("mm_per_px = 0.06", "mm_per_px = [0.06]", "[sensor] mm_per_px must hold 2 values"),
-    ("mm_per_px = 0.06", "", "[sensor] mm_per_px is missing, and a custom sensor needs it"),
+    ("mm_per_px = 0.06", "", "[sensor] mm_per_px is missing; a custom sensor needs it"),
     ("mm_per_px = 0.06", "mm_per_pix = 0.06", "Did you mean mm_per_px?"),
-    ("width_px = 32", "", "[sensor] width_px is missing, and a custom sensor needs it"),
+    ("width_px = 32", "", "[sensor] width_px is missing; a custom sensor needs it"),
     ("width_px = 32", "width_px = 64", "[sensor] width_px = 64, but the frames have 32"),
     ("width_px = 32", "width_px = 32.5", "[sensor] width_px must be a whole number (got 32.5)"),
     (
@@ -83,8 +84,9 @@ def message(root: Path) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(("old", "new", "said"), FAULTS)
-def test_a_fault_is_named_with_its_key(folder: Path, old: str, new: str, said: str) -> None:
+@each("old, new, said", FAULTS)
+def test_a_fault_is_named_with_its_key(tmp_path: Path, old: str, new: str, said: str) -> None:
+    folder = write_small(tmp_path / "small")
     edit(folder / "recording.toml", old, new)
     text = message(folder)
     assert said in text
@@ -102,8 +104,8 @@ def test_text_in_another_encoding_is_named(folder: Path) -> None:
     assert "recording.toml: is not UTF-8 text" in message(folder)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
+@each(
+    "old, new, said",
     [
         (
             "radius_mm = 2.5",
@@ -117,13 +119,14 @@ def test_text_in_another_encoding_is_named(folder: Path) -> None:
             "[sensor] mm_per_px = 16.7 is very large: is it in pixels per mm?",
         ),
         ("thickness_mm = 3.0", "thickness_mm = 3.0\nyoungs_modulus_MPa = 200", "is it in kPa or Pa?"),
-        ('name = "small"', 'name = "small"\noperator = "Ada"', "operator has no meaning here and is left alone"),
+        ('name = "small"', 'name = "small"\noperator = "Ada"', "operator has no meaning here and is ignored"),
         ("[sensor.gel]", "[gel]", "recording.toml: gel has no meaning here; it has one in [sensor]"),
         ("[sensor.gel]\n", "", "[sensor] thickness_mm has no meaning here; it has one in [sensor.gel]"),
-        ("[clock]", "[robot]\nkind = 3\n[clock]", "robot has no meaning here and is left alone"),
+        ("[clock]", "[robot]\nkind = 3\n[clock]", "robot has no meaning here and is ignored"),
     ],
 )
-def test_what_is_unlikely_or_unknown_is_a_warning(folder: Path, old: str, new: str, said: str) -> None:
+def test_what_is_unlikely_or_unknown_is_a_warning(tmp_path: Path, old: str, new: str, said: str) -> None:
+    folder = write_small(tmp_path / "small")
     edit(folder / "recording.toml", old, new)
     assert any(said in warning for warning in read_recording(folder).warnings)
 
@@ -133,16 +136,20 @@ def test_unknown_settings_are_kept(folder: Path) -> None:
     assert read_recording(folder).settings["robot"] == {"kind": 3}
 
 
-@pytest.mark.parametrize(
-    ("arrays", "said"),
+@each(
+    "arrays, said",
     [
         ({"map_x": np.zeros((4, 5))}, "map_y is missing; there are map_x"),
-        ({"map_x": np.zeros((4, 5)), "map_y": np.zeros((5, 4))}, "map_x and map_y are (height, width) alike"),
+        (
+            {"map_x": np.zeros((4, 5)), "map_y": np.zeros((5, 4))},
+            "map_x and map_y have the same shape (height, width)",
+        ),
         ({"map_x": np.array(["a"]), "map_y": np.array(["a"])}, "the rectification cannot be read"),
         ({"map_x": np.array([None]), "map_y": np.array([None])}, "the rectification cannot be read"),
     ],
 )
-def test_damaged_maps_are_named(folder: Path, arrays: dict[str, Any], said: str) -> None:
+def test_damaged_maps_are_named(tmp_path: Path, arrays: dict[str, Any], said: str) -> None:
+    folder = write_small(tmp_path / "small")
     edit(folder / "recording.toml", "width_px", 'rectification = "maps.npz"\nwidth_px')
     np.savez(folder / "maps.npz", **arrays)
     assert said in message(folder)
@@ -162,4 +169,4 @@ def test_a_named_sensor_with_frames_of_another_size_asks_for_its_scale(folder: P
     (folder / "recording.toml").write_text(named)
     recording = read_recording(folder)
     assert (recording.sensor.width_px, recording.sensor.height_px) == (32, 24)
-    assert any("rectification is left out" in warning for warning in recording.warnings)
+    assert any("rectification is missing" in warning for warning in recording.warnings)

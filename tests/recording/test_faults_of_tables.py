@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from each import each
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
@@ -35,15 +36,15 @@ EDITS = [
         "\n0.02,0.1\n",
         "forces.csv, line 4: the row has 2 cells, the header 4",
     ),
-    ("forces.csv", "\n0.02,0.1", "\n0,02,0.1", "a decimal comma makes cells too many"),
+    ("forces.csv", "\n0.02,0.1", "\n0,02,0.1", "or has it decimal commas"),
     ("forces.csv", "0.02,0.1", '0.02,"0,1"', "(got '0,1'). Write it with a decimal point"),
     (
         "forces.csv",
         "0.02,0.1",
         '0.02,"1,206.5"',
-        "(got '1,206.5'). Write it with a decimal point, not a comma, and without",
+        "(got '1,206.5'). Write it with a decimal point and without",
     ),
-    ("forces.csv", "0.02,0.1", "0.02,1'206", "without marks between thousands"),
+    ("forces.csv", "0.02,0.1", "0.02,1'206", "without thousands separators"),
     ("forces.csv", "0.02,0.1", "0.02,1_206", "fx_N holds no finite number (got '1_206'). Write it with a decimal"),
     ("forces.csv", "fz_N\n", "fz_N\ns,N,N,N\n", "line 2: column time_s holds no finite number (got 's'). Correct"),
     ("forces.csv", "fz_N\n", "fz_N\ns,N,N,N\n", "if the line holds units, remove it"),
@@ -51,7 +52,7 @@ EDITS = [
     ("presses.csv", "2,A1", "2,B 7", 'Add a table [indenter."B 7"] there'),
     ("forces.csv", "fz_N", "fz", "column fz_N is missing; there are time_s, fx_N, fy_N, fz"),
     ("forces.csv", "fz_N", "fz", "Rename fz to fz_N"),
-    ("forces.csv", "fy_N", "fx_N", "column fx_N stands twice"),
+    ("forces.csv", "fy_N", "fx_N", "column fx_N occurs twice"),
     ("frames.csv", "f2.png,0.2", "f2.png,0.05", "frames.csv, line 4: time_s goes backwards, from 0.1 to 0.05"),
     ("frames.csv", "f2.png,0.2", "f1.png,0.2", "frames.csv, line 4: the frame is listed twice, first in line 3"),
     ("frames.csv", "f2.png", "f2", "Write its name with its ending: f2.png"),
@@ -60,7 +61,7 @@ EDITS = [
     ("presses.csv", "2,A1,0.5", "2,A1,0.3", "press 2 starts at 0.3 s, before press 1 of line 2 ends at 0.4 s"),
     ("presses.csv", "2,A1", "2,B7", "presses.csv, line 3: indenter B7 is not described in recording.toml"),
     ("presses.csv", "2,A1", "2,a1", "Did you mean A1?"),
-    ("presses.csv", "2,A1", "1,A1", "presses.csv, line 3: press 1 stands in line 2 already"),
+    ("presses.csv", "2,A1", "1,A1", "presses.csv, line 3: the press is listed twice, first in line 2"),
     (
         "presses.csv",
         "end_s\n1,A1,0.1,0.4\n2,A1,0.5,0.9",
@@ -92,7 +93,7 @@ CONTENTS = [
     ("forces.csv", HEAD.encode(), "forces.csv: has no rows under its header"),
     ("forces.csv", (HEAD + "0,0,0,0\n").encode(), "forces.csv: has 1 row, at least 2 are needed"),
     ("forces.csv", b"time_s;fx_N;fy_N;fz_N\n0;0;0;0\n", "line 1: its columns are separated by semicolons"),
-    ("forces.csv", b"# made by X\n" + HEAD.encode() + b"0,0,0,0\n", "names the columns: take comments out"),
+    ("forces.csv", b"# made by X\n" + HEAD.encode() + b"0,0,0,0\n", "names the columns: remove comments"),
     ("forces.csv", b"time_s\tfx_N\tfy_N\tfz_N\n0\t0\t0\t0\n", "line 1: its columns are separated by tabs"),
     ("forces.csv", HEAD.encode() + b"0,0,0,0\n1,0,0,\xff\n", "forces.csv, line 3: is not UTF-8 text"),
     ("forces.csv", HEAD.encode("utf-16-le") + b"0\0", "forces.csv, line 1: is not UTF-8 text"),
@@ -140,20 +141,23 @@ def message(root: Path) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(("name", "old", "new", "said"), EDITS)
-def test_a_spoilt_cell_is_named(folder: Path, name: str, old: str, new: str, said: str) -> None:
+@each("name, old, new, said", EDITS)
+def test_a_spoilt_cell_is_named(tmp_path: Path, name: str, old: str, new: str, said: str) -> None:
+    folder = write_small(tmp_path / "small")
     edit(folder / name, old, new)
     assert said in message(folder)
 
 
-@pytest.mark.parametrize(("name", "content", "said"), CONTENTS)
-def test_a_spoilt_file_is_named(folder: Path, name: str, content: bytes, said: str) -> None:
+@each("name, content, said", CONTENTS)
+def test_a_spoilt_file_is_named(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+    folder = write_small(tmp_path / "small")
     (folder / name).write_bytes(content)
     assert said in message(folder)
 
 
-@pytest.mark.parametrize("name", ["frames.csv", "forces.csv", "presses.csv", "stage.csv"])
-def test_a_table_that_is_a_pipe_is_not_taken_for_absent(folder: Path, name: str) -> None:
+@each("name", ["frames.csv", "forces.csv", "presses.csv", "stage.csv"])
+def test_a_table_that_is_a_pipe_is_not_taken_for_absent(tmp_path: Path, name: str) -> None:
+    folder = write_small(tmp_path / "small")
     (folder / name).unlink(missing_ok=True)
     os.mkfifo(folder / name)
     with pytest.raises(InputError, match=f"{name}: is a pipe, not a file"):
@@ -178,13 +182,13 @@ def _without(*names: str) -> Callable[[Path], None]:
     return spoil
 
 
-@pytest.mark.parametrize(
-    ("spoil", "said"),
+@each(
+    "spoil, said",
     [
         (_without("frames"), "frames: frames are listed, but there are no pictures"),
         (
             _without("frames", "frames.csv", "reference/ball", "reference/ball.csv"),
-            "holds nothing to work on: neither frames nor curves nor points",
+            "holds neither frames nor curves nor points",
         ),
         (
             _without("frames", "frames.csv", "forces.csv", "presses.csv", "reference/ball.csv"),
@@ -198,7 +202,8 @@ def _without(*names: str) -> Callable[[Path], None]:
         (_without("recording.toml"), "is not a recording: recording.toml is missing"),
     ],
 )
-def test_a_missing_part_is_named(folder: Path, spoil: Callable[[Path], None], said: str) -> None:
+def test_a_missing_part_is_named(tmp_path: Path, spoil: Callable[[Path], None], said: str) -> None:
+    folder = write_small(tmp_path / "small")
     spoil(folder)
     assert said in message(folder)
 
@@ -221,7 +226,7 @@ def test_what_is_legal_but_unlikely_is_a_warning(folder: Path) -> None:
     (folder / "recording.toml").write_text((folder / "recording.toml").read_text().replace("100.0", "500.0"))
     warnings = "\n".join(read_recording(folder).warnings)
     assert "1 pictures are not listed in frames.csv" in warnings
-    assert "1 frames have the very time of the frame before" in warnings
+    assert "1 frames have the same time as the frame before" in warnings
     assert "column temperature has no meaning here; temperature_C has" in warnings
     assert "no frames were taken during late" in warnings
     assert "readings come at 100 Hz, not at rate_Hz = 500" in warnings
@@ -265,7 +270,7 @@ def test_forces_that_are_logged_by_press_are_no_jumping_clock(clock: str, folder
             for k in range(130)
         )
         (folder / "forces.csv").write_text("time_s,fx_N,fy_N,fz_N\n" + rows)
-        told = any("where the clock jumped" in said for said in read_recording(folder).warnings)
+        told = any("if the clock jumped" in said for said in read_recording(folder).warnings)
         assert told == (jump > 0 and clock == "known")
 
 
@@ -286,23 +291,24 @@ def test_pictures_of_an_unknown_kind_are_named(folder: Path) -> None:
     for picture_path in list((folder / "frames").iterdir()):
         picture_path.rename(picture_path.with_suffix(".webp"))
     said = message(folder)
-    assert "frames: none of its 10 files is a picture or a video of a known kind (got 'f0.webp')" in said
+    assert "frames: none of its 10 files is a picture or a video of a supported kind (got 'f0.webp')" in said
 
 
 CURVES = "press,time_s,depth_mm,fx_N,fy_N,fz_N\n1,0.1,0,0,0,0\n1,0.4,0.1,0,0,1\n2,0.5,0,0,0,0\n2,0.9,0.1,0,0,1\n"
 CURVES_MS = re.sub(r"0\.([1459]),(0[.1]*,0,0)", r"\g<1>00,\2", CURVES)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
+@each(
+    "old, new, said",
     [
-        ("1,0.4,0.1,0,0,1\n", "1,0.4,0.1,0,0,1\n" * 3, "2 rows are those before them once more, in press 1: "),
+        ("1,0.4,0.1,0,0,1\n", "1,0.4,0.1,0,0,1\n" * 3, "2 rows repeat the row before them, in press 1: "),
         ("2,0.5,0,0,0,0\n2,0.9,0.1,0,0,1\n", "", "no rows of press 2, which presses.csv lists"),
         ("2,0.9", "2,90", "press 2 lasts 89.5 s, but 0.4 s in presses.csv: did its clock jump?"),
-        (CURVES, CURVES_MS, "2 of 2 presses last longer than presses.csv says, press 1 300 s and not 0.3 s"),
+        (CURVES, CURVES_MS, "2 of 2 presses last longer than in presses.csv, press 1 300 s and not 0.3 s"),
     ],
 )
-def test_curves_that_are_unlikely_are_named(folder: Path, old: str, new: str, said: str) -> None:
+def test_curves_that_are_unlikely_are_named(tmp_path: Path, old: str, new: str, said: str) -> None:
+    folder = write_small(tmp_path / "small")
     (folder / "curves.csv").write_text(CURVES)
     assert read_recording(folder).warnings == ()
     edit(folder / "curves.csv", old, new)

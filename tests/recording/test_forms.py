@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
@@ -128,7 +129,7 @@ def test_noise_left_out_is_estimated_from_the_readings(folder: Path) -> None:
     recording = read_recording(folder)
     # a median of 4000 differences scatters by 2 %
     np.testing.assert_allclose(recording.force_std_N or 0, [0.01, 0.02, 0.05], rtol=0.08)
-    assert any("std_N is left out" in warning for warning in recording.warnings)
+    assert any("std_N is missing" in warning for warning in recording.warnings)
 
 
 def test_a_rectification_gives_the_sensor_its_size(folder: Path) -> None:
@@ -194,7 +195,7 @@ def test_curves_alone_are_a_recording(tmp_path: Path) -> None:
 def test_a_time_that_starts_anew_between_curves_is_a_warning(tmp_path: Path) -> None:
     text = "press,time_s,depth_mm,fx_N,fy_N,fz_N\na,5,0,0,0,0\na,6,0,0,0,0\nb,0,0,0,0,0\n"
     warnings = read_recording(tables_only(tmp_path / "curves", "curves.csv", text)).warnings
-    assert any("starts anew between presses, at b, so" in warning for warning in warnings)
+    assert any("starts again between presses, at b, so" in warning for warning in warnings)
 
 
 @pytest.mark.parametrize(("scale", "told"), [(1, False), (1000, True)])
@@ -222,8 +223,8 @@ def test_frames_and_a_reference_are_enough_for_depth(folder: Path) -> None:
     assert any("frames.csv is missing" in warning for warning in recording.warnings)
 
 
-@pytest.mark.parametrize(
-    ("needs", "said"),
+@each(
+    "needs, said",
     [
         (("frames", "forces"), "forces.csv: certify needs force readings. Add the table: columns time_s, fx_N"),
         (("presses",), "presses.csv: certify needs the protocol of presses"),
@@ -233,7 +234,8 @@ def test_frames_and_a_reference_are_enough_for_depth(folder: Path) -> None:
         (("curves",), "curves.csv: certify needs curves of depth and force"),
     ],
 )
-def test_what_a_step_lacks_is_named_with_its_file(folder: Path, needs: tuple[str, ...], said: str) -> None:
+def test_what_a_step_lacks_is_named_with_its_file(tmp_path: Path, needs: tuple[str, ...], said: str) -> None:
+    folder = write_small(tmp_path / "small")
     for name in ("forces.csv", "presses.csv", "frames.csv"):
         (folder / name).unlink()
     recording = read_recording(folder)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.recording.ball_folder import read_ball_folder
@@ -65,8 +66,8 @@ def test_names_of_windows_are_read(tmp_path: Path) -> None:
     assert len(read_ball_folder(root, "gelsight_mini").balls) == 3
 
 
-@pytest.mark.parametrize(
-    ("row", "said"),
+@each(
+    "row, said",
     [
         ("../elsewhere,4.0", "leads out of its folder"),
         ("/etc,4.0", "leads out of its folder"),
@@ -82,7 +83,7 @@ def test_what_is_wrong_is_named_with_its_line(row: str, said: str, tmp_path: Pat
         read_ball_folder(root, "gelsight_mini")
 
 
-@pytest.mark.parametrize(
+@each(
     "content",
     [
         {"center": [1.0, 2.0]},

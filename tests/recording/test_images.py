@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from each import each
 from PIL import Image
 from small_recording import edit, picture, write_small
 
@@ -30,7 +31,7 @@ def save(array: npt.NDArray[Any], path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff", ".bmp", ".npy", ".PNG"])
+@each("suffix", [".png", ".tif", ".tiff", ".bmp", ".npy", ".PNG"])
 def test_pictures_without_loss_come_back_as_they_were(tmp_path: Path, suffix: str) -> None:
     write_image(tmp_path / f"a{suffix}", picture(1))
     np.testing.assert_array_equal(read_image(tmp_path / f"a{suffix}"), picture(1))
@@ -67,8 +68,8 @@ def test_what_another_thread_says_while_a_picture_is_decoded_is_no_damage(
     np.testing.assert_array_equal(read_image(path), picture(1))
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("suffix", [".tiff", ".npy"])
+@each("dtype", [np.float32, np.float64])
+@each("suffix", [".tiff", ".npy"])
 def test_floating_point_runs_from_0_to_1(tmp_path: Path, suffix: str, dtype: type) -> None:
     path = save((picture(3) / 255).astype(dtype), tmp_path / f"a{suffix}")
     np.testing.assert_array_equal(read_image(path), picture(3))
@@ -80,8 +81,8 @@ def test_transparency_is_dropped(tmp_path: Path, suffix: str) -> None:
     np.testing.assert_array_equal(read_image(save(opaque, tmp_path / f"a{suffix}")), picture(4))
 
 
-@pytest.mark.parametrize(
-    ("array", "suffix", "said"),
+@each(
+    "array, suffix, said",
     [
         (picture()[..., 0], ".png", "grey"),
         (picture()[..., 0], ".jpg", "grey"),
@@ -101,18 +102,16 @@ def test_pictures_of_no_use_are_named(tmp_path: Path, array: npt.NDArray[Any], s
         read_image(path)
 
 
-@pytest.mark.parametrize(("mode", "suffix"), [("P", ".png"), ("P", ".tif"), ("P", ".bmp"), ("LAB", ".tif")])
+@each("mode, suffix", [("P", ".png"), ("P", ".tif"), ("P", ".bmp"), ("LAB", ".tif")])
 def test_colours_that_a_file_has_changed_are_refused(tmp_path: Path, mode: str, suffix: str) -> None:
     """A palette of 256 colours is tens of grey levels off a real frame; L*, a*, b* are no red, green and blue."""
     Image.fromarray(picture(5)).convert(mode).save(tmp_path / f"a{suffix}")
-    with pytest.raises(
-        RecordingError, match=rf"a{suffix}: the picture's colours are not those that the sensor saw"
-    ):
+    with pytest.raises(RecordingError, match=rf"a{suffix}: the picture's colours are not those of the sensor"):
         read_image(tmp_path / f"a{suffix}")
 
 
-@pytest.mark.parametrize("suffix", [".png", ".npy", ".tiff"])
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@each("suffix", [".png", ".npy", ".tiff"])
+@each("dtype", [np.uint8, np.uint16])
 def test_grey_in_three_equal_colours_is_grey(tmp_path: Path, suffix: str, dtype: type) -> None:
     grey: npt.NDArray[Any] = np.repeat(picture(6)[..., :1], 3, axis=2).astype(dtype) * (
         257 if dtype is np.uint16 else 1
@@ -139,7 +138,7 @@ def test_an_orientation_that_is_stated_is_not_followed(tmp_path: Path, suffix: s
 def test_a_film_of_png_is_refused(tmp_path: Path) -> None:
     one, two = Image.fromarray(picture(1)), Image.fromarray(picture(2))
     one.save(tmp_path / "film.png", save_all=True, append_images=[two])
-    with pytest.raises(RecordingError, match="holds several pictures, and a frame is one"):
+    with pytest.raises(RecordingError, match="holds several pictures instead of one"):
         read_image(tmp_path / "film.png")
 
 
@@ -196,7 +195,7 @@ def test_damage_is_named_and_the_decoder_says_nothing_of_its_own(
 def test_a_stack_of_tiffs_is_refused_and_thumbnails_and_masks_are_none(tmp_path: Path) -> None:
     one, two = Image.fromarray(picture(1)), Image.fromarray(picture(2))
     one.save(tmp_path / "stack.tiff", save_all=True, append_images=[two])
-    with pytest.raises(RecordingError, match="holds several pictures, and a frame is one"):
+    with pytest.raises(RecordingError, match="holds several pictures instead of one"):
         read_image(tmp_path / "stack.tiff")
     for kind, second in ((1, two.resize((8, 8))), (4, two.convert("1"))):
         second.encoderinfo = {"tiffinfo": {254: kind}}

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from each import each
 from PIL import Image
 from small_recording import picture, write_small
 
@@ -36,7 +37,7 @@ def test_the_size_that_most_pictures_have_counts_not_that_of_the_first(tmp_path:
     assert found.frame_size_px == (32, 24)
     assert found.flat_frames == (2,)
     said = " ".join(found.warnings)
-    assert "the first pictures are 64 x 48, most others 32 x 24: 2.png and those alike are read" in said
+    assert "the first pictures are 64 x 48, most others 32 x 24: 2.png and others of its size are read" in said
     assert "the first frame, 2.png, shows the untouched gel" in said
 
 
@@ -71,7 +72,7 @@ def test_a_folder_without_pictures_says_where_some_lie_or_what_it_holds(tmp_path
     (tmp_path / "b" / "x.webp").write_bytes(b"")
     with pytest.raises(RecordingError, match=r"holds no pictures. It holds .webp. Read are .*videos: .mp4"):
         read_folder(tmp_path / "b", "gelsight_mini")
-    with pytest.raises(RecordingError, match="is neither a picture nor a video that is read"):
+    with pytest.raises(RecordingError, match="is neither a picture nor a video of a supported kind"):
         read_folder(tmp_path / "b" / "x.webp", "gelsight_mini")
 
 
@@ -80,7 +81,7 @@ def test_pictures_of_a_kind_that_is_not_read_are_told_of(tmp_path: Path) -> None
     (folder / "notes.txt").write_text("")
     (folder / "3.WEBP").write_bytes(b"")
     said = " ".join(read_folder(folder, "gelsight_mini").warnings)
-    assert "passed over, since pictures of this kind are not read: 3.WEBP" in said
+    assert "skipped, since pictures of this kind are not read: 3.WEBP" in said
     assert "notes" not in said
 
 
@@ -105,8 +106,8 @@ def test_a_folder_or_a_pipe_with_a_picture_s_name_is_a_lost_picture_only(tmp_pat
     assert lost == ["is a folder, not a file", "is a pipe, not a file"]
 
 
-@pytest.mark.parametrize("place", ["00", "9"])
-@pytest.mark.parametrize("kind", ["stack.tiff", "bomb.png", "bomb.npy"])
+@each("place", ["00", "9"])
+@each("kind", ["stack.tiff", "bomb.png", "bomb.npy"])
 def test_a_stack_or_a_bomb_is_a_lost_picture_only_first_or_last(
     kind: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -161,7 +162,7 @@ def test_references_of_twelve_bits_in_sixteen_are_asked_about(tmp_path: Path, na
     folder = write_small(tmp_path / "small")
     cv2.imwrite(str(folder / "reference" / name), picture(3)[..., ::-1].astype(np.uint16) * 16)
     (warning,) = read_recording(folder).warnings
-    assert warning.startswith(f"{name}: its brightest number is 40")
+    assert warning.startswith(f"{name}: its largest value is 40")
     assert "state white_level in recording.toml" in warning
 
 
@@ -174,7 +175,7 @@ def test_references_that_state_another_orientation_than_the_frames_are_named(tmp
     flat = folder / "reference" / "flat" / f"tagged{suffix}"
     Image.fromarray(picture(20)).save(flat, **how)
     (warning,) = read_recording(folder).warnings
-    assert warning.startswith(f"flat/tagged{suffix}: a tag of orientation 3 is stated, 1 by the frames")
+    assert warning.startswith(f"flat/tagged{suffix}: the orientation tag is 3, that of the frames 1")
     exif[274] = 1
     Image.fromarray(picture(20)).save(flat, **how)
     assert read_recording(folder).warnings == ()
@@ -190,7 +191,7 @@ def test_frames_and_references_of_one_orientation_agree(tmp_path: Path) -> None:
     assert not any("orientation" in warning for warning in found.warnings)
     write_image(tmp_path / "flat" / "1.png", picture(1))
     found = read_folder(tmp_path / "frames", "gelsight_mini", reference=tmp_path / "flat")
-    assert any("flat/1.png: a tag of orientation 1 is stated, 6 by the frames" in one for one in found.warnings)
+    assert any("flat/1.png: the orientation tag is 1, that of the frames 6" in one for one in found.warnings)
 
 
 def test_listed_frames_of_a_kind_that_is_not_read_are_named(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.pictures import iter_frames
@@ -22,7 +23,7 @@ SETS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "size", "count"), SETS)
+@each("name, size, count", SETS)
 def test_real_frames_stream_in_colour(name: str, size: tuple[int, int], count: int, tmp_path: Path) -> None:
     folder = REAL / name
     if not folder.is_dir():

@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from each import each
 from scipy.stats import spearmanr
 
 from tactilevision.errors import InputError
@@ -68,8 +69,8 @@ def test_a_sphere_larger_than_the_view_is_not_taken_for_a_ball_press() -> None:
         first_guess(change.measure(read(last))[0].transpose(1, 2, 0))
 
 
-@pytest.mark.parametrize(
-    ("name", "least"),
+@each(
+    "name, least",
     [
         ("golf_ball_1", 0.9),
         ("foam_brick_1", 0.95),

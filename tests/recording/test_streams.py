@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from each import each
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
@@ -59,9 +60,10 @@ def cut_to(path: Path, share: float) -> None:
     path.write_bytes(data[: int(len(data) * share)])
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff", ".bmp", ".npy"])
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.98])
-def test_a_torn_picture_is_flagged_and_the_rest_goes_on(folder: Path, suffix: str, share: float) -> None:
+@each("suffix", [".png", ".jpg", ".tiff", ".bmp", ".npy"])
+@each("share", [0.0, 0.02, 0.5, 0.98])
+def test_a_torn_picture_is_flagged_and_the_rest_goes_on(tmp_path: Path, suffix: str, share: float) -> None:
+    folder = write_small(tmp_path / "small")
     write_image(folder / f"frames/torn{suffix}", picture(4))
     cut_to(folder / f"frames/torn{suffix}", share)
     edit(folder / "frames.csv", "f4.png", f"torn{suffix}")
@@ -157,8 +159,9 @@ def make_video_recording(folder: Path, name: str, code: str, count: int = 10) ->
 VIDEOS = [("frames.avi", "FFV1"), ("frames.mkv", "FFV1"), ("frames.avi", "MJPG"), ("frames.mp4", "mp4v")]
 
 
-@pytest.mark.parametrize(("name", "code"), VIDEOS)
-def test_frames_of_a_video_are_found_by_their_number(folder: Path, name: str, code: str) -> None:
+@each("name, code", VIDEOS)
+def test_frames_of_a_video_are_found_by_their_number(tmp_path: Path, name: str, code: str) -> None:
+    folder = write_small(tmp_path / "small")
     recording = read_recording(make_video_recording(folder, name, code))
     assert recording.frame_names == tuple(str(i) for i in range(10))
     windows = [(0.0, 0.3), (0.35, 0.6), (0.75, 2.0), (0.1, 0.2)]  # on from where one stopped, then back
@@ -216,7 +219,7 @@ def test_whole_numbers_may_be_written_as_a_spreadsheet_does(folder: Path) -> Non
     [
         ("0,0\n1,0.1\n12,0.9\n", "line 4: frame 12 is missing: frames.avi has 10 frames"),
         ("0,0\n1,0.1\n1.5,0.9\n", r"line 4: frames of a video \(frames.avi\) are numbers, from 0"),
-        ("0,0\n3,0.1\n2,0.9\n", "line 4: frame 2 stands after frame 3"),
+        ("0,0\n3,0.1\n2,0.9\n", "line 4: frame 2 comes after frame 3"),
     ],
 )
 def test_faults_in_the_list_of_a_video_are_named(folder: Path, listed: str, said: str) -> None:
@@ -257,7 +260,7 @@ def test_a_listed_picture_that_is_gone_is_named_and_passed_over(folder: Path) ->
     for name in ("f0.png", "f3.png"):
         (folder / "frames" / name).unlink()
     read = read_recording(folder)
-    said = "frames.csv: 2 of 10 pictures listed are missing and are passed over: f0.png, f3.png"
+    said = "frames.csv: 2 of 10 pictures listed are missing and are skipped: f0.png, f3.png"
     assert said in read.warnings
     frames = list(iter_frames(read))
     assert [frame.name for frame in frames if isinstance(frame, BadFrame)] == ["f0.png", "f3.png"]

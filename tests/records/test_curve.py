@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.records.measured import Curve
@@ -18,7 +19,7 @@ def test_arrays_of_one_length_are_a_curve() -> None:
     assert Curve("p1", T, T, FORCE, PHASE).press == "p1"
 
 
-@pytest.mark.parametrize(
+@each(
     "given",
     [(T, T[1:], FORCE, PHASE), (T, T, T, PHASE), (T, T, FORCE.T, PHASE), (T, T, FORCE, None)],
 )

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.records.maps import Frame
@@ -14,8 +15,8 @@ from tactilevision.records.maps import Frame
 RGB = np.zeros((4, 6, 3), np.uint8)
 
 
-@pytest.mark.parametrize(
-    ("given", "remedy"),
+@each(
+    "given, remedy",
     [
         (Frame(RGB), "frame.rgb"),
         ([RGB, RGB], r"numpy.stack\(frames\)"),

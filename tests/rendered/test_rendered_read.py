@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import tomli_w
+from each import each
 
 from benchmarks.rendered import read
 from benchmarks.rendered.read import ASKED, content, report, revision, scored
@@ -53,8 +54,8 @@ def test_a_good_reading_does_all_that_is_asked(tmp_path: Path) -> None:
     assert (one.good, one.lost, one.bad, one.named) == (2, (), 2, 2)
 
 
-@pytest.mark.parametrize(
-    ("changes", "missed"),
+@each(
+    "changes, missed",
     [
         ({"poisson_ratio": estimate(0.44, 0.005)}, {"nu within .0075", "interval of nu holds"}),
         ({"poisson_ratio": estimate(0.451, 0.03)}, {"interval of nu under .04"}),

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from each import each
 
 from benchmarks.rendered.camera import build_camera
 from benchmarks.rendered.families import draw_rig
@@ -67,7 +68,7 @@ def test_it_is_of_the_family_that_may_be_learned_from() -> None:
     assert [list(lamp.centre_mm) for lamp in rig.lamps] == [lamp["centre_mm"] for lamp in truth()["rig"]["lamps"]]
 
 
-@pytest.mark.parametrize("number", [3, 4, 7, 8])
+@each("number", [3, 4, 7, 8])
 def test_each_lamp_s_colour_is_short_where_that_lamp_is_hidden(number: int) -> None:
     rig = draw_rig("train", truth()["rig"]["seed"])
     grid = build_camera(rig, Path()).grid

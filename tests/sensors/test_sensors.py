@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.methods.network import find_model
@@ -21,7 +22,7 @@ def ramp(height: int = 60, width: int = 80) -> Bytes:
     return np.stack([x, y, np.zeros_like(x)], axis=-1).astype(np.uint8)
 
 
-@pytest.mark.parametrize("kind", sorted(SENSORS))
+@each("kind", sorted(SENSORS))
 def test_every_sensor_is_called_by_its_name_and_has_a_size(kind: str) -> None:
     sensor = get_sensor(kind)
     assert sensor.kind == kind

@@ -74,7 +74,7 @@ def test_a_frame_without_markers_is_refused_where_they_are_promised_and_unknown_
     grey = np.full_like(before, 120)
     with pytest.raises(InputError, match="too few markers"):
         measure_shear(grey, after, SCALE, markers=True)
-    with pytest.raises(InputError, match="one size"):
+    with pytest.raises(InputError, match="differ in size"):
         measure_shear(before, after[1:], SCALE)
     vanished = measure_shear(before, grey, SCALE, markers=True)
     assert not vanished.valid.any()

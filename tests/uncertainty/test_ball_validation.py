@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.ball_validation import Known, bands, conformal_factor, dent_mm, told
@@ -62,8 +63,8 @@ def test_what_other_balls_would_have_changed_is_told_place_by_place() -> None:
     assert place_gain_std(MethodCard(), 0.5) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("count", [3, 5, 10, 40])
-@pytest.mark.parametrize("tail", [2.0, 50.0])
+@each("count", [3, 5, 10, 40])
+@each("tail", [2.0, 50.0])
 def test_the_stated_deviation_holds_for_a_further_ball(count: int, tail: float) -> None:
     """Two thirds of further errors lie within it, whatever their law, and however few balls told it."""
     rng = np.random.default_rng(count)
@@ -79,8 +80,8 @@ def test_no_ball_left_out_changes_nothing_stated() -> None:
     assert conformal_factor(np.zeros(12)) == 0.5
 
 
-@pytest.mark.parametrize("key", ["place_gain_std", "extrapolated_gain_std"])
-@pytest.mark.parametrize(
+@each("key", ["place_gain_std", "extrapolated_gain_std"])
+@each(
     "forged",
     ["a", 3.0, [], [[]], [["a"]], [[None]], [[True]], [[0.1, 0.2], [0.1]], [[-0.1]], [[1e30]], [[np.nan]]],
 )

@@ -29,14 +29,11 @@ from tactilevision.heightmap.deviation_terms import (
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.walls import PunchEdge
 from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane
-from tactilevision.photometric.calibrate import calibrate_from_balls
-from tactilevision.photometric.catalogue import PHOTOMETRIC
-from tactilevision.photometric.reference import make_reference
 from tactilevision.records.maps import HeightMap, SlopeMap
 from tactilevision.records.rig import SHADOW_ZONE
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
-from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, picture
+from lamp_room import SENSOR, SHAPE, ball, picture, room_calibration
 
 Floats = npt.NDArray[np.float32]
 PX = (0.05, 0.05)
@@ -152,12 +149,7 @@ def test_slopes_that_balls_showed_hide_nothing_and_steeper_ones_do() -> None:
 
 @lru_cache
 def reader() -> Reconstructor:
-    rng = np.random.default_rng(1)
-    reference = make_reference([flat(rng) for _ in range(3)])
-    made = calibrate_from_balls(
-        reference, ball_pictures(8, rng), mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"]
-    )
-    return Reconstructor(SENSOR, made.method)
+    return Reconstructor(SENSOR, room_calibration(8).method)
 
 
 def height_map(*, warm: float = 0.0) -> HeightMap:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 from made_bench import PRESSES, bench, do, presses
 
 from calibration.effects.private import load_effect, new_effect
@@ -33,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def made(folder: Path) -> Bench:
-    """One workbench for all tests here; each leaves it at the plain law."""
+    """One workbench for all tests here; each leaves it at the base model."""
     return bench(folder)
 
 
@@ -77,7 +78,7 @@ def test_a_state_has_the_numbers_of_the_command_line(made: Bench) -> None:
 def test_what_stands_out_names_what_is_missing_and_what_it_would_leave(made: Bench) -> None:
     cards = state_view(made)["cards"]
     card = next(one for one in cards if one["key"] == "depth_zero")
-    assert card["stands_out"]
+    assert card["significant"]
     assert card["overlay"] is not None
     assert card["rms"][1] < 0.5 * card["rms"][0]
     added = do(made, "add", "depth_zero")
@@ -98,7 +99,7 @@ def test_one_step_is_removed_from_between_others_and_can_be_put_back(made: Bench
 def test_a_press_is_left_out_and_put_back(made: Bench, tmp_path: Path) -> None:
     shown = do(made, "leave_out", "p1")
     view = state_view(made)
-    assert next(p for p in view["presses"] if p["name"] == "p1")["state"] == "left out"
+    assert next(p for p in view["presses"] if p["name"] == "p1")["state"] == "excluded"
     assert len(curve_view(shown)["presses"]) == PRESSES - 1
     assert "--leave-out p1" in shown.history.script(tmp_path)
     assert shown.now is not None
@@ -117,7 +118,7 @@ def test_presses_of_several_recordings_have_names_of_their_own() -> None:
     kept = leave_out(both, ["gel 2/p0"])
     assert kept.count == data.count - 1
     assert kept.presses.recording.sum() == data.count // 2 - 1
-    with pytest.raises(InputError, match="no press is left"):
+    with pytest.raises(InputError, match="every press is excluded"):
         leave_out(both, press_names(both))
     with pytest.raises(InputError, match="--leave-out"):
         leave_out(both, ["p0"])
@@ -127,11 +128,11 @@ def test_states_have_names_and_stand_side_by_side(made: Bench) -> None:
     do(made, "add", "depth_zero")
     do(made, "label", "with zero")
     do(made, "undo")
-    shown = do(made, "sides", "plain law\nwith zero")
+    shown = do(made, "sides", "base model\nwith zero")
     view = state_view(made)["sides"]
-    assert view["names"] == ["plain law", "with zero"]
+    assert view["names"] == ["base model", "with zero"]
     assert ["effects", "none", "depth zero"] in view["rows"]
-    assert curve_view(shown)["models"] == ["plain law", "with zero"]
+    assert curve_view(shown)["models"] == ["base model", "with zero"]
     assert do(made, "sides", "").sides is None
     shown = do(made, "restore", "with zero")
     assert [step.key for step in shown.history.steps] == ["depth_zero"]
@@ -150,8 +151,8 @@ def test_a_slider_moves_the_force_with_all_else_held(made: Bench) -> None:
             tried_view(shown, name, wrong)
 
 
-@pytest.mark.parametrize(
-    ("action", "value"),
+@each(
+    "action, value",
     [
         ("add", "magic"),
         ("add", "ageing"),  # needs several days
@@ -160,7 +161,7 @@ def test_a_slider_moves_the_force_with_all_else_held(made: Bench) -> None:
         ("put_back", "p1"),
         ("label", "a\nb"),
         ("restore", "nothing"),
-        ("sides", "plain law\nnothing"),
+        ("sides", "base model\nnothing"),
         ("dance", ""),
     ],
 )

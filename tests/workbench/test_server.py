@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from each import each
 from made_bench import presses
 
 from calibration.tasks.session import History
@@ -75,7 +76,7 @@ def test_it_listens_on_this_machine_alone_and_its_page_may_ask_nobody_else(serve
     assert headers["X-Content-Type-Options"] == "nosniff"
 
 
-@pytest.mark.parametrize(
+@each(
     "headers",
     [
         {"Host": "evil.example"},
@@ -86,20 +87,20 @@ def test_it_listens_on_this_machine_alone_and_its_page_may_ask_nobody_else(serve
         {"Origin": "null"},
     ],
 )
-@pytest.mark.parametrize("path", ["", "state", "curves"])
+@each("path", ["", "state", "curves"])
 def test_another_sites_page_is_turned_away(server: Server, headers: dict[str, str], path: str) -> None:
     status, _, content = ask(server, path, headers=headers)
     assert status == 403
     assert b"error" in content
 
 
-@pytest.mark.parametrize("token", ["", "x" * 32, "..", "%2e%2e", "ä"])
+@each("token", ["", "x" * 32, "..", "%2e%2e", "ä"])
 def test_without_the_token_nothing_is_found(server: Server, token: str) -> None:
     token = token.encode("utf-8").decode("latin-1")
     assert ask(server, "state", token=token.replace("Ã¤", "%C3%A4"))[0] == 404
 
 
-@pytest.mark.parametrize(
+@each(
     "path",
     [
         "../../../etc/passwd",
@@ -115,16 +116,14 @@ def test_no_file_is_served_but_the_pages_own(server: Server, path: str) -> None:
     assert ask(server, path)[0] == 404
 
 
-@pytest.mark.parametrize(
-    "headers", [{"Origin": ""}, {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Host": "evil.example"}]
-)
+@each("headers", [{"Origin": ""}, {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Host": "evil.example"}])
 def test_an_action_of_another_page_is_turned_away(server: Server, headers: dict[str, str]) -> None:
     body = {"action": "add", "value": "tilt", "version": 1}
     assert ask(server, "act", method="POST", body=body, headers=headers)[0] == 403
 
 
-@pytest.mark.parametrize(
-    ("body", "headers", "status"),
+@each(
+    "body, headers, status",
     [
         ({"action": "undo", "version": 1}, {"Content-Type": "text/plain"}, 403),
         ({"action": "undo"}, {}, 400),
@@ -143,7 +142,7 @@ def test_an_action_that_is_none_is_refused(
     assert json.loads(content)["error"]
 
 
-@pytest.mark.parametrize(
+@each(
     "path",
     [
         "tried?name=x&value=0",

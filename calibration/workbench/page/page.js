@@ -94,7 +94,7 @@ function tick() {
 }
 
 function showVerdict([verdict, falls, modulus]) {
-  const withWords = verdict.with.length ? `With ${verdict.with.join(" and ")} in the model` : "With the plain law alone";
+  const withWords = verdict.with.length ? `With ${verdict.with.join(" and ")} in the model` : "With the base model alone";
   const clean = verdict.word === "ADEQUATE" && falls.every(([, reached]) => reached);
   $("verdict").className = verdict.word ? (clean ? "clean" : "found") : "";
   fill("verdict",
@@ -110,12 +110,12 @@ function showVerdict([verdict, falls, modulus]) {
     modulus ? h("p", {}, `${modulus.name}: ${modulus.before}${modulus.now === modulus.before ? "" : ` → ${modulus.now}`}`) : "",
     verdict.remarks.map((text) => h("p", { class: "soft" }, text)),
     verdict.next.length ? [h("h2", {}, "Measure next"), h("ul", {}, verdict.next.slice(0, 3).map((one) => h("li", {}, `${one.action} (${one.minutes} minutes`,
-      one.gain ? `, expected to tell the candidates apart by ${one.gain} std)` : ")")))] : "");
+      one.gain ? `, expected to separate the candidates by ${one.gain} std)` : ")")))] : "");
 }
 
 function showFalls(falls) {
   fill("falls", falls.map((fall) => [h("div", { class: "chart fall", role: "img", "aria-label": fall.sentence }),
-    h("p", { class: "soft" }, `Error of ${fall.of} on presses ${fall.held_out ? "left out of the fit" : "fitted"}. Dashed: how far like presses repeat`,
+    h("p", { class: "soft" }, `Error of ${fall.of} on ${fall.held_out ? "held-out" : "fitted"} presses. Dashed: repeatability`,
       fall.band ? ", shaded its 95 % interval." : ".")]));
   [...$("falls").querySelectorAll(".chart")].forEach((node, k) => drawFall(node, falls[k]));
   if (watching && matchMedia("(max-width: 760px)").matches) $("fall").scrollIntoView();
@@ -128,7 +128,7 @@ function showComponents([components, material]) {
     one.about ? h("p", { class: "soft" }, one.about) : "",
     one.parameters.filter((p) => !p.aside).map((p) => h("div", {}, `${p.words}: ${p.text}`)), tolerances(one), sliders(one))));
   fill("material", material.length ? h("details", { open: open.has("sliders gel"), ontoggle: (e) => keepOpen("sliders gel", e.target.open) }, h("summary", {}, "What it says of the gel"), h("table", {},
-    h("thead", {}, h("tr", {}, h("th", {}, ""), h("th", { scope: "col" }, "plain law"), h("th", { scope: "col" }, "now"))),
+    h("thead", {}, h("tr", {}, h("th", {}, ""), h("th", { scope: "col" }, "base model"), h("th", { scope: "col" }, "now"))),
     h("tbody", {}, material.map((row) => h("tr", {}, h("th", { scope: "row" }, row.name), h("td", {}, row.before), h("td", {}, row.now)))))) : "");
 }
 
@@ -179,14 +179,14 @@ function badge(card) {
 }
 
 function showCards([cards, word]) {
-  const far = cards.filter((one) => !one.stands_out && !one.why), cannot = cards.filter((one) => one.why && one.evidence === "not looked at");
-  const weak = word === "ADEQUATE" || word === "IDENTIFIED" ? cards.filter((one) => one.stands_out && !one.named && !one.candidate) : [];
+  const far = cards.filter((one) => !one.significant && !one.why), cannot = cards.filter((one) => one.why && one.evidence === "not tested");
+  const weak = word === "ADEQUATE" || word === "IDENTIFIED" ? cards.filter((one) => one.significant && !one.named && !one.candidate) : [];
   const near = cards.filter((one) => !far.includes(one) && !cannot.includes(one) && !weak.includes(one));
   const known = new Set(cards.map((one) => one.key));
   for (const key of [...open]) if (!known.has(key) && !/^sliders |^tolerances |^(near|weak|far|cannot|weeks shut)$/.test(key)) open.delete(key);
   fill("cards",
-    cards.length ? "" : h("p", { class: "soft" }, "What stands out is being looked for."),
-    cards.length && !near.length ? h("p", {}, weak.length ? "The diagnosis names nothing more." : "Nothing stands out any more.") : "",
+    cards.length ? "" : h("p", { class: "soft" }, "Effects are being tested."),
+    cards.length && !near.length ? h("p", {}, weak.length ? "The diagnosis names nothing more." : "No other effect is significant.") : "",
     near.slice(0, FIRST).map(cardOf),
     near.length > FIRST ? h("details", { open: open.has("near"), ontoggle: (e) => keepOpen("near", e.target.open) }, h("summary", {}, `Others that stand out (${near.length - FIRST})`), near.slice(FIRST).map(cardOf)) : "",
     weak.length ? h("details", { open: open.has("weak"), ontoggle: (e) => keepOpen("weak", e.target.open) }, h("summary", {}, `Stand out, but the diagnosis does not name them (${weak.length})`), weak.map(cardOf)) : "",
@@ -203,7 +203,7 @@ function cardOf(card) {
     h("div", { class: "bar" }, h("h3", {}, card.title), h("button", { class: card.named || card.candidate ? "main" : "", "data-add": card.key,
       onclick: () => { act("add", card.key); toTop(); } }, "Add")),
     card.about ? h("p", {}, card.about) : "",
-    h("p", { class: card.stands_out ? "" : "soft" }, card.evidence, card.kind === "effect" ? "" : ` · ${card.kind}`, card.of === "the force" ? "" : ` · acts on ${card.of}`, " ", badge(card)),
+    h("p", { class: card.significant ? "" : "soft" }, card.evidence, card.kind === "effect" ? "" : ` · ${card.kind}`, card.of === "the force" ? "" : ` · acts on ${card.of}`, " ", badge(card)),
     card.why ? h("p", { class: "bad" }, card.why) : "",
     card.overlay ? [h("div", { class: "chart small", "data-overlay": card.key, role: "img", "aria-label": `What ${card.title} would leave` }),
       h("p", { class: "soft" }, h("span", { class: "dot", style: "background: var(--first)" }), "left now; ", h("span", { class: "dot", style: "background: var(--ink)" }),
@@ -224,7 +224,7 @@ function showPresses([presses]) {
     const fitted = one.state === "fitted", rejected = one.state.startsWith("rejected");
     const words = fitted ? one.rms.map((v) => v.toFixed(1)).filter((v, k, all) => k === 0 || v !== all[0]).join(" → ") + " mN" : one.state;
     return h("div", { class: fitted ? "press" : "press out", "aria-current": one.name === chosen ? "true" : null },
-      h("button", { onclick: () => choose(one.name, one.recording), "data-press": one.name }, h("span", {}, one.name), one.odd ? h("span", { class: "bad" }, " stands out") : "",
+      h("button", { onclick: () => choose(one.name, one.recording), "data-press": one.name }, h("span", {}, one.name), one.odd ? h("span", { class: "bad" }, " outlier") : "",
         h("small", {}, one.indenter), h("small", {}, words)),
       rejected ? "" : h("button", { class: "link", onclick: () => act(fitted ? "leave_out" : "put_back", one.name),
         "aria-label": fitted ? `Leave out ${one.name}` : `Put back ${one.name}` }, fitted ? "leave out" : "put back"));
@@ -233,12 +233,12 @@ function showPresses([presses]) {
 }
 
 function showStates([labels]) {
-  const names = ["plain law", "now", ...labels.map((one) => one.name)];
+  const names = ["base model", "now", ...labels.map((one) => one.name)];
   const pick = (id, at) => h("select", { id }, names.map((name) => h("option", { value: name, selected: name === at }, name)));
   fill("states", h("h2", {}, "States"),
     labels.map((one) => h("div", { class: "box" }, h("div", { class: "bar" }, h("h3", {}, one.name), h("button", { onclick: () => act("restore", one.name) }, "Go to")),
-      h("p", { class: "soft" }, one.effects.length ? one.effects.join(" + ") : "plain law", one.left_out.length ? `; without ${one.left_out.join(", ")}` : ""))),
-    h("div", { class: "line" }, h("label", {}, "Compare ", pick("side-a", "plain law")), h("label", {}, "with ", pick("side-b", labels.length ? labels.at(-1).name : "now"))),
+      h("p", { class: "soft" }, one.effects.length ? one.effects.join(" + ") : "base model", one.left_out.length ? `; without ${one.left_out.join(", ")}` : ""))),
+    h("div", { class: "line" }, h("label", {}, "Compare ", pick("side-a", "base model")), h("label", {}, "with ", pick("side-b", labels.length ? labels.at(-1).name : "now"))),
     h("button", { id: "compare", onclick: () => act("sides", `${$("side-a").value}\n${$("side-b").value}`) }, "Side by side"));
 }
 
@@ -283,7 +283,7 @@ function drawChosen() {
 
 function drawResiduals() {
   const strip = curves.strips.find((one) => one.name === $("covariate").value) || curves.strips[0];
-  if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to look for a pattern." : "What it depends on is being looked for."; return; }
+  if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to test covariates." : "Covariates are being tested."; return; }
   $("strip-words").textContent = [...new Set(strip.evidence)].join(" → ") + ". Large: means with their 95 % intervals; pale: single readings; rings: the press above. Choose a point to see its press.";
   drawStrip(curves, strip, curves.strips.find((one) => one.name === $("colour").value), chosen, choose);
 }

@@ -75,24 +75,25 @@ class ContactState:
 
 
 def signed_gap(punch: RoundedPunch, place: Floats) -> tuple[Floats, Floats, Floats]:
-    """Distance from the punch (negative inside), outward normal (..., 2) and curvature, at `place` (..., 2).
+    """Return the distance from the punch (negative inside), outward normal (..., 2) and curvature, at `place`
+    (..., 2).
 
     `place` is relative to the punch: r, and z from its face, up.
     """
     rho = punch.edge_radius_mm
-    beside = place[..., 0] - (punch.radius_mm - rho)
+    across = place[..., 0] - (punch.radius_mm - rho)
     below = rho - place[..., 1]
-    corner = (beside > 0) & (below > 0)
-    distance = np.where(corner, np.hypot(beside, below), 1.0)
-    face = ~corner & (below >= beside)
-    gap = np.where(corner, distance, np.where(face, below, beside)) - rho
-    normal_r = np.where(corner, beside / distance, np.where(face, 0.0, 1.0))
+    corner = (across > 0) & (below > 0)
+    distance = np.where(corner, np.hypot(across, below), 1.0)
+    face = ~corner & (below >= across)
+    gap = np.where(corner, distance, np.where(face, below, across)) - rho
+    normal_r = np.where(corner, across / distance, np.where(face, 0.0, 1.0))
     normal_z = np.where(corner, -below / distance, np.where(face, -1.0, 0.0))
     return gap, np.stack([normal_r, normal_z], axis=-1), np.where(corner, 1 / distance, 0.0)
 
 
 def places(surface: Surface, u: Floats) -> Floats:
-    """Surface points relative to the punch (K, Q, 2): r, and z from the face; `u` all unknowns."""
+    """Return the surface points relative to the punch (K, Q, 2): r, and z from the face; `u` all unknowns."""
     local = u[surface.dofs]
     r = surface.r_mm + np.einsum("kqn,kn->kq", surface.shape, local[:, :3])
     z = np.einsum("kqn,kn->kq", surface.shape, local[:, 3:6]) - local[:, 6:7]
@@ -100,7 +101,7 @@ def places(surface: Surface, u: Floats) -> Floats:
 
 
 def untouched(surface: Surface, punch: RoundedPunch) -> ContactHistory:
-    """The history before any load."""
+    """Return the history before any load."""
     place = np.stack([surface.r_mm, np.zeros_like(surface.r_mm)], axis=-1)
     gap = signed_gap(punch, place)[0]
     return ContactHistory(place, gap, np.zeros_like(gap))
@@ -115,10 +116,10 @@ def touch(
     history: ContactHistory,
     keep: bool = False,
 ) -> ContactState:
-    """Contact forces and their exact tangent at `u` (U,) mm; `stiffness` is the penalty k in MPa/mm.
+    """Return the contact forces and their exact tangent at `u` (U,) mm; `stiffness` is the penalty k in MPa/mm.
 
     With `keep`, points that touched at the last step still do, in tension if need be: where sliding material is
-    extrapolated along its tangent it leaves the round edge, and Newton's method must not let go of it at once.
+    extrapolated along its tangent it leaves the round edge, and Newton's method must not release it at once.
     """
     place = places(surface, u)
     gap, normal, curvature = signed_gap(punch, place)
@@ -153,7 +154,7 @@ def touch(
 def _elastic_shear(
     history: ContactHistory, place: Floats, active: Bools, k: Floats, frame: tuple[Floats, Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Shear traction (K, Q) MPa of points that stick, and its derivative along the tangent, MPa/mm.
+    """Return the shear traction (K, Q) MPa of points that stick, and its derivative along the tangent, MPa/mm.
 
     `place` (K, Q, 2) mm, `active` and stiffness `k` (K, Q), `frame`: normal, tangent (K, Q, 2) and curvature.
     """
@@ -165,7 +166,9 @@ def _elastic_shear(
 
 
 def _dyads(*terms: tuple[Floats, Floats, Floats]) -> Floats:
-    """Sum (K, Q, 2, 2) of weight times left times right over terms of shapes (K, Q), (K, Q, 2), (K, Q, 2)."""
+    """Return the sum (K, Q, 2, 2) of weight times left times right over terms of shapes (K, Q), (K, Q, 2), (K, Q,
+    2).
+    """
     total = np.zeros((*terms[0][0].shape, 2, 2))
     for weight, left, right in terms:
         total += weight[..., None, None] * left[..., :, None] * right[..., None, :]
@@ -173,7 +176,7 @@ def _dyads(*terms: tuple[Floats, Floats, Floats]) -> Floats:
 
 
 def slip(friction: float, trial: Floats, *, pressure: Floats) -> tuple[Floats, Floats, Floats]:
-    """Tangential traction for an elastic `trial`, and its derivatives by trial and by pressure.
+    """Return the tangential traction for an elastic `trial`, and its derivatives by trial and by pressure.
 
     T = L phi(|trial|/L) with L = mu q and phi(x) = min(x, 1), its corner replaced by a parabola.
     """
@@ -194,7 +197,8 @@ def slip(friction: float, trial: Floats, *, pressure: Floats) -> tuple[Floats, F
 
 
 def turned_back(by_trial: Floats, shear: Floats, *, trial: Floats, before: Floats) -> Floats:
-    """The tangent's slopes (K, Q), a secant where a point slips the other way than in the iteration `before`.
+    """Return the tangent's slopes (K, Q), a secant where a point slips the other way than in the iteration
+    `before`.
 
     Such a point sticks: between the two its traction has gone from -mu q to mu q. The slope at either end is 0 and
     would send Newton's method back and forth for ever, most of all at first touch, where shortening the step
@@ -205,7 +209,9 @@ def turned_back(by_trial: Floats, shear: Floats, *, trial: Floats, before: Float
 
 
 def _gathered(surface: Surface, traction: Floats, slope: Floats) -> tuple[Floats, Floats]:
-    """Force (K, 7) and stiffness (K, 7, 7) on an edge's unknowns, of traction (K, Q, 2) and slope (K, Q, 2, 2)."""
+    """Return the force (K, 7) and stiffness (K, 7, 7) on an edge's unknowns, of traction (K, Q, 2) and slope (K,
+    Q, 2, 2).
+    """
     spread = _spread(surface)
     area = surface.weight_mm2[..., None]
     force = -np.einsum("kqia,kqi->ka", spread, area * traction)
@@ -214,7 +220,9 @@ def _gathered(surface: Surface, traction: Floats, slope: Floats) -> tuple[Floats
 
 
 def _spread(surface: Surface) -> Floats:
-    """(K, Q, 2, 7): the seven unknowns of an edge to the motion of its points relative to the punch."""
+    """Return (K, Q, 2, 7), which takes the seven unknowns of an edge to the motion of its points relative to the
+    punch.
+    """
     spread = np.zeros((*surface.r_mm.shape, 2, 7))
     spread[..., 0, :3] = surface.shape
     spread[..., 1, 3:6] = surface.shape

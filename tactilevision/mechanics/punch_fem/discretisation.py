@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from tactilevision.errors import InputError
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats
 
 # The graded mesh of a gel pad: fine at the punch's edge, coarse far away. Axes r outward, z up from the base.
@@ -44,9 +45,12 @@ class MeshSettings:
 
 
 def sizes_from(first: float, length: float, *, settings: MeshSettings) -> Floats:
-    """Element sizes (N,) mm over `length`, from about `first` growing; scaled so that they fill it exactly."""
+    """Return the element sizes (N,) mm over `length`, from about `first` growing.
+
+    Scaled so that they fill it exactly.
+    """
     sizes, total = [first], first
-    while total < length * (1 - 1e-9):
+    while total < length * (1 - ROUNDING):
         sizes.append(min(sizes[-1] * settings.growth, settings.largest_mm))
         total += sizes[-1]
     return np.array(sizes) * (length / total)
@@ -55,7 +59,7 @@ def sizes_from(first: float, length: float, *, settings: MeshSettings) -> Floats
 def graded_lines(
     radius_mm: float, thickness_mm: float, *, pad_radius_mm: float, settings: MeshSettings
 ) -> tuple[Floats, Floats]:
-    """The r (N,) and z (M,) mm of the mesh lines; one of them lies at r = radius_mm exactly."""
+    """Return the r (N,) and z (M,) mm of the mesh lines; one of them lies at r = radius_mm exactly."""
     fine = settings.edge_size_mm
     inner = min(settings.inside_mm, radius_mm / 2)
     outer = min(settings.outside_mm, (pad_radius_mm - radius_mm) / 2)
@@ -73,8 +77,10 @@ def graded_lines(
 def graded_mesh(
     radius_mm: float, thickness_mm: float, *, pad_radius_mm: float, settings: MeshSettings
 ) -> skfem.MeshQuad:
-    """Quadrilaterals over 0 <= r <= pad_radius_mm, 0 <= z <= thickness_mm. Raises InputError unless 0 < a < R, h
-    > 0."""
+    """Mesh with quadrilaterals 0 <= r <= pad_radius_mm, 0 <= z <= thickness_mm.
+
+    Raises InputError unless 0 < a < R, h > 0.
+    """
     if not (thickness_mm > 0 and 0 < radius_mm < pad_radius_mm):
         raise InputError(
             "the punch's radius lies between 0 and the pad's, and the gel has a thickness",
@@ -140,8 +146,10 @@ class Discretisation:
 
 
 def discretise(mesh: skfem.MeshQuad, *, order: int = 4, surface_order: int = 8) -> Discretisation:
-    """Tabulate basis and quadrature of `mesh`; `order` and `surface_order` are polynomial degrees integrated
-    exactly."""
+    """Tabulate basis and quadrature of `mesh`.
+
+    `order` and `surface_order` are polynomial degrees integrated exactly.
+    """
     basis = skfem.Basis(mesh, skfem.ElementQuad2(), intorder=order)
     points = np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1)
     values = np.stack([np.broadcast_to(np.asarray(b[0]), points.shape[:2]) for b in basis.basis], axis=-1)
@@ -168,7 +176,7 @@ def discretise(mesh: skfem.MeshQuad, *, order: int = 4, surface_order: int = 8) 
 
 
 def _plane_gradient(basis: skfem.Basis) -> Floats:
-    """(E, Q, 4, 18): the unknowns of an element to F_rr, F_rz, F_zr, F_zz less the identity."""
+    """Return (E, Q, 4, 18): the unknowns of an element to F_rr, F_rz, F_zr, F_zz less the identity."""
     slopes = np.stack([np.moveaxis(np.asarray(b[0].grad), 0, -1) for b in basis.basis], axis=-1)
     gradient = np.zeros((*slopes.shape[:2], 4, 18))
     gradient[:, :, 0:2, :9] = slopes
@@ -217,7 +225,7 @@ class Pattern:
 
 
 def find_pattern(tables: tuple[Ints, ...], free: Bools) -> Pattern:
-    """The pattern of all `tables` (K, n) of unknowns together, restricted to `free` (N,)."""
+    """Return the pattern of all `tables` (K, n) of unknowns together, restricted to `free` (N,)."""
     number = np.cumsum(free) - 1
     size = int(free.sum())
     kept, keys = [], []
@@ -248,7 +256,7 @@ def assemble(pattern: Pattern, stiffnesses: tuple[Floats, ...]) -> sparse.csc_ar
 
 
 def factorise(matrix: sparse.csc_array) -> SuperLU:
-    """LU in SuperLU's symmetric mode: the pattern is symmetric, and the values nearly so."""
+    """Return LU in SuperLU's symmetric mode: the pattern is symmetric, and the values nearly so."""
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True, "DiagPivotThresh": 0.001})
 
 

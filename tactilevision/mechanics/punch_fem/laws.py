@@ -45,7 +45,7 @@ class Deformation:
 
 
 def deformation(F: Floats) -> Deformation:
-    """The determinants of F (N, 5) and their derivatives: J = (F_rr F_zz - F_rz F_zr) F_tt."""
+    """Return the determinants of F (N, 5) and their derivatives: J = (F_rr F_zz - F_rz F_zr) F_tt."""
     hoop = F[:, 4]
     plane = F[:, 0] * F[:, 3] - F[:, 1] * F[:, 2]
     plane_gradient = np.zeros_like(F)
@@ -59,7 +59,7 @@ def deformation(F: Floats) -> Deformation:
 
 
 def outer(left: Floats, right: Floats) -> Floats:
-    """Dyad of two (N, 5) fields: (N, 5, 5)."""
+    """Return the dyad of two (N, 5) fields: (N, 5, 5)."""
     product: Floats = left[:, :, None] * right[:, None, :]
     return product
 
@@ -72,36 +72,36 @@ def outer(left: Floats, right: Floats) -> Floats:
 
 
 class Law(Protocol):
-    """What the solver asks of a law. Stress is dW_d/dF (N, 5), tangent d²W_d/dF² (N, 5, 5), both in MPa."""
+    """A constitutive law. Stress is dW_d/dF (N, 5), tangent d²W_d/dF² (N, 5, 5), both in MPa."""
 
     @property
     def name(self) -> str: ...
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
+        """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
         ...
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
-        """Energy of distortion per volume (N,), MPa."""
+        """Return the energy of distortion per volume (N,), MPa."""
         ...
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
-        """Volumetric measure g(J) (N,), with g' and g''."""
+        """Return the volumetric measure g(J) (N,), with g' and g''."""
         ...
 
 
 def shear_modulus_MPa(material: Material) -> float:
-    """mu = E / (2 (1 + nu))."""
+    """Return mu = E / (2 (1 + nu))."""
     return material.youngs_modulus_MPa / (2 * (1 + material.poisson_ratio))
 
 
 def bulk_modulus_MPa(material: Material) -> float:
-    """K = E / (3 (1 - 2 nu))."""
+    """Return K = E / (3 (1 - 2 nu))."""
     return material.youngs_modulus_MPa / (3 * (1 - 2 * material.poisson_ratio))
 
 
 def linear_volume(J: Floats) -> tuple[Floats, Floats, Floats]:
-    """g = J - 1 (N,), with g' and g''."""
+    """Return g = J - 1 (N,), with g' and g''."""
     return J - 1, np.ones_like(J), np.zeros_like(J)
 
 
@@ -115,15 +115,15 @@ class NeoHooke:
     name: str = "neo-hooke"
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
-        """Energy of distortion per volume (N,), MPa."""
+        """Return the energy of distortion per volume (N,), MPa."""
         return shear_MPa / 2 * (first_invariant(state) - 3)
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
+        """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
         return from_first_invariant(state, lambda i: (np.full_like(i, shear_MPa / 2), np.zeros_like(i)))
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
-        """Volumetric measure g(J) (N,), with g' and g''."""
+        """Return the volumetric measure g(J) (N,), with g' and g''."""
         return linear_volume(J)
 
 
@@ -140,12 +140,12 @@ class Yeoh:
     name: str = "yeoh"
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
-        """Energy of distortion per volume (N,), MPa."""
+        """Return the energy of distortion per volume (N,), MPa."""
         x = first_invariant(state) - 3
         return shear_MPa / 2 * (x + self.c2 * x**2 + self.c3 * x**3)
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
+        """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
 
         def slope(i: Floats) -> tuple[Floats, Floats]:
             x = i - 3
@@ -155,7 +155,7 @@ class Yeoh:
         return from_first_invariant(state, slope)
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
-        """Volumetric measure g(J) (N,), with g' and g''."""
+        """Return the volumetric measure g(J) (N,), with g' and g''."""
         return linear_volume(J)
 
 
@@ -167,7 +167,7 @@ class Gent:
     Source: Gent, Rubber Chem. Technol. 69 (1996) 59.
     """
 
-    limit: float = 30.0
+    limit: float = 30
     name: str = "gent"
 
     def __post_init__(self) -> None:
@@ -175,12 +175,12 @@ class Gent:
             raise InputError("Gent's limit Jm of I1 - 3 lies above 0", where="Gent", value=self.limit)
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
-        """Energy of distortion per volume (N,), MPa."""
+        """Return the energy of distortion per volume (N,), MPa."""
         room = 1 - (first_invariant(state) - 3) / self.limit
         return -shear_MPa / 2 * self.limit * np.log(np.where(room > 0, room, np.nan))
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
+        """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
 
         def slope(i: Floats) -> tuple[Floats, Floats]:
             room = 1 - (i - 3) / self.limit
@@ -190,12 +190,12 @@ class Gent:
         return from_first_invariant(state, slope)
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
-        """Volumetric measure g(J) (N,), with g' and g''."""
+        """Return the volumetric measure g(J) (N,), with g' and g''."""
         return linear_volume(J)
 
 
 def first_invariant(state: Deformation) -> Floats:
-    """I1' = J^(-2/3) F:F, 3 in any pure dilatation (N,)."""
+    """Return I1' = J^(-2/3) F:F, 3 in any pure dilatation (N,)."""
     value: Floats = state.volume ** (-2 / 3) * np.einsum("ni,ni->n", state.F, state.F)
     return value
 
@@ -203,7 +203,7 @@ def first_invariant(state: Deformation) -> Floats:
 def from_first_invariant(
     state: Deformation, slope: Callable[[Floats], tuple[Floats, Floats]]
 ) -> tuple[Floats, Floats]:
-    """Stress (N, 5) and tangent (N, 5, 5), MPa, of an energy f(I1'); `slope` gives f' and f''."""
+    """Return the stress (N, 5) and tangent (N, 5, 5), MPa, of an energy f(I1'); `slope` gives f' and f''."""
     F, J, G = state.F, state.volume, state.volume_gradient
     scale = J ** (-2 / 3)
     length = np.einsum("ni,ni->n", F, F)
@@ -246,14 +246,14 @@ class Hencky:
     name: str = "hencky"
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
-        """Energy of distortion per volume (N,), MPa."""
+        """Return the energy of distortion per volume (N,), MPa."""
         square = _arccosh_square(_excess(state))[0]
         plane, hoop = np.log(state.plane), np.log(state.F[:, 4])
         energy: Floats = shear_MPa * (plane**2 / 2 + square / 2 + hoop**2 - (plane + hoop) ** 2 / 3)
         return energy
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
+        """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
         j, hoop, grad_j = state.plane, state.F[:, 4], state.plane_gradient
         log_j, log_hoop = np.log(j), np.log(hoop)
         # W_d/mu = (ln j)²/6 + (2/3)(ln F_tt)² - (2/3) ln j ln F_tt + q(x)/2
@@ -280,19 +280,19 @@ class Hencky:
         return shear_MPa * stress, shear_MPa * tangent
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
-        """Volumetric measure g(J) (N,), with g' and g''."""
+        """Return the volumetric measure g(J) (N,), with g' and g''."""
         return np.log(J), 1 / J, -1 / J**2
 
 
 def _excess(state: Deformation) -> Floats:
-    """x - 1 = ((F_rr - F_zz)² + (F_rz + F_zr)²) / (2 j) >= 0 (N,)."""
+    """Return x - 1 = ((F_rr - F_zz)² + (F_rz + F_zr)²) / (2 j) >= 0 (N,)."""
     F = state.F
     value: Floats = ((F[:, 0] - F[:, 3]) ** 2 + (F[:, 1] + F[:, 2]) ** 2) / (2 * state.plane)
     return value
 
 
 def _arccosh_square(excess: Floats) -> tuple[Floats, Floats, Floats]:
-    """q(x) = arccosh(x)² and its first two derivatives at x = 1 + excess; a series where they cancel."""
+    """Return q(x) = arccosh(x)² and its first two derivatives at x = 1 + excess; a series where they cancel."""
     y = np.maximum(excess, _SERIES_BELOW)
     angle = 2 * np.arcsinh(np.sqrt(y / 2))  # arccosh(1 + y) without its cancellation
     root = np.sqrt(y * (2 + y))
@@ -308,20 +308,22 @@ def _arccosh_square(excess: Floats) -> tuple[Floats, Floats, Floats]:
     )
 
 
-# Where a law stops being one: the loss of ellipticity, beyond which shear bands of any width cost no energy.
+# Loss of ellipticity, beyond which shear bands of any width cost no energy.
 #
 #     Q_ik(n) = d²W/dF_ij dF_kl n_j n_l,      elliptic while Q is positive definite for all directions n.
 #
-# Beyond, an equilibrium hangs on its mesh. Neo-Hooke never gets there; Hencky's law does in shear, incompressible
-# and in plane strain at ln(stretch) tanh(ln(stretch)) ... = 1, a stretch of 3.32, compressible sooner. Directions
-# in the plane (r, z) only: bands round the axis. Source: Knowles, Sternberg, J. Elasticity 8 (1978) 329; for
-# Hencky's law Bruhns, Xiao, Meyers, Proc. R. Soc. A 457 (2001) 2207.
+# Beyond, an equilibrium depends on its mesh. Neo-Hooke never gets there; Hencky's law does in shear,
+# incompressible and in plane strain at ln(stretch) tanh(ln(stretch)) ... = 1, a stretch of 3.32, compressible
+# sooner. Directions in the plane (r, z) only: bands round the axis. Source: Knowles, Sternberg, J. Elasticity 8
+# (1978) 329; for Hencky's law Bruhns, Xiao, Meyers, Proc. R. Soc. A 457 (2001) 2207.
 
 DIRECTIONS = 180  # of the acoustic tensor
 
 
 def least_acoustic(law: Law, material: Material, *, state: Deformation) -> Floats:
-    """The smallest eigenvalue of Q over all directions, in shear moduli (N,): below 0 ellipticity is lost."""
+    """Return the smallest eigenvalue of Q over all directions, in shear moduli (N,): below 0 ellipticity is
+    lost.
+    """
     shear = shear_modulus_MPa(material)
     g, dg, ddg = law.volume(state.volume)
     bulk, gradient = bulk_modulus_MPa(material), state.volume_gradient

@@ -19,17 +19,18 @@ from tactilevision.mechanics.punch_fem.discretisation import (
 )
 from tactilevision.mechanics.punch_fem.problem import Model
 from tactilevision.mechanics.punch_fem.solid import ElementSystem, corner_volumes, deform, linearise
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats
 
-# Newton's method for one load step: displacement, pressure and, where a force drives, the punch's depth
-# together.
+# Newton's method for one load step: displacement, pressure and, under a prescribed force, the punch's depth.
 
 
 @dataclass(frozen=True, slots=True)
 class State:
     """An equilibrium: unknowns `u` (N,), `pressure` (E, 3), contact history, punch depth and force on the gel,
-    Newton's iterations that it took, the out-of-balance force left over the punch's, and whether the surface has
-    folded (only where the problem lets it)."""
+    Newton's iterations, the residual force over the punch's, and whether the surface has folded (only if the
+    problem allows it).
+    """
 
     u: Floats
     pressure: Floats
@@ -59,18 +60,16 @@ class Failure:
 
 MAX_ITERATIONS = 10  # of one step
 FORCE_TOLERANCE = 1e-6  # out-of-balance force over the punch's
-# Out-of-balance force over the punch's, where single contact points change between stick and slip for ever: these
-# keep the residual from 1e-6, not P from being right.
-CHATTER_TOLERANCE = 1e-4
+CHATTER_TOLERANCE = 1e-4  # the same, where single contact points alternate between stick and slip; P is right
 VOLUME_TOLERANCE = 1e-9  # of each element's volume
 CHATTER_VOLUME = 1e-6  # of each element's volume, where contact points chatter
-# A step that will converge is here by the fifth iteration; waiting longer costs more than a shorter step. But at
-# first touch stick and slip have the same extent however short the step is, and later points may change one by
-# one: there only patience helps.
+# A step that converges is here by the fifth iteration; more iterations cost more than a shorter step. But at first
+# touch stick and slip have the same extent however short the step, and later points may change one by one: there
+# more iterations are needed.
 LATE = 5  # iterations, see above
 LATE_ERROR = 1e-2  # relative out-of-balance force that is too much by then
-WORST_ERROR = 3.0  # relative out-of-balance force that is too much at any time
-MAX_WITH_PATIENCE = 30  # iterations of one step, where only patience helps
+WORST_ERROR = 3  # relative out-of-balance force that is too much at any time
+MAX_WITH_PATIENCE = 30  # iterations of one step there
 
 
 def equations(model: Model, *, by_force: bool) -> Equations:
@@ -82,7 +81,7 @@ def equations(model: Model, *, by_force: bool) -> Equations:
 
 
 def at_rest(model: Model) -> State:
-    """The undeformed gel, the punch just touching."""
+    """Return the undeformed gel, the punch just touching."""
     mesh, punch = model.mesh, model.problem.punch
     history = untouched(mesh.surface, punch) if isinstance(punch, RoundedPunch) else None
     return State(np.zeros(mesh.size), np.zeros((len(mesh.dofs), 3)), history, 0.0, 0.0, 0, 0.0)
@@ -91,7 +90,8 @@ def at_rest(model: Model) -> State:
 def solve_step(
     system: Equations, last: State, *, target: float, guess: tuple[Floats, Floats], patient: bool = False
 ) -> State | Failure:
-    """The equilibrium at depth (mm) or force (N) `target`, from the converged `last` and a guess of (u, pressure).
+    """Return the equilibrium at depth (mm) or force (N) `target`, from the converged `last` and a guess of (u,
+    pressure).
 
     Where the guess has another depth than the target, the first iteration is the tangent predictor. `patient`
     goes on where a shorter step would usually be cheaper.
@@ -133,7 +133,7 @@ def solve_step(
 def contact_at(
     model: Model, u: Floats, *, history: ContactHistory | None, keep: bool = False
 ) -> ContactState | None:
-    """Contact forces at the unknowns `u` (U,) mm; None for a glued face."""
+    """Return the contact forces at the unknowns `u` (U,) mm; None for a glued face."""
     punch = model.problem.punch
     if not isinstance(punch, RoundedPunch) or history is None:
         return None
@@ -145,7 +145,7 @@ def _touches(model: Model) -> bool:
 
 
 def _imbalance(system: Equations, solid: ElementSystem, contact: ContactState | None, target: float) -> float:
-    """Norm of the out-of-balance forces over the punch's force."""
+    """Return the norm of the out-of-balance forces over the punch's force."""
     residual = _sum(system, solid.internal, contact)
     problem, punch = system.model.problem, system.model.mesh.punch
     floor = 1e-5 * problem.material.youngs_modulus_MPa * problem.thickness_mm**2
@@ -157,7 +157,7 @@ def _imbalance(system: Equations, solid: ElementSystem, contact: ContactState | 
 
 
 def _volume_error(mesh: Discretisation, solid: ElementSystem) -> float:
-    """The largest error of an element's mean volume change."""
+    """Return the largest error of an element's mean volume change."""
     return float(np.abs(solid.pressure_residual[:, 0] / mesh.weight_mm3.sum(axis=1)).max())
 
 
@@ -171,7 +171,7 @@ def _sum(system: Equations, forces: Floats, contact: ContactState | None) -> Flo
 def _increment(
     system: Equations, solid: ElementSystem, contact: ContactState | None, target: float, jump: float
 ) -> Floats:
-    """Newton's increment of all unknowns, the punch's prescribed `jump` included."""
+    """Return Newton's increment of all unknowns, the punch's prescribed `jump` included."""
     mesh, free = system.model.mesh, system.pattern.free
     right = -_sum(system, solid.force, contact)
     if system.by_force:
@@ -188,7 +188,7 @@ def _increment(
     return du
 
 
-# Loading and unloading in adaptive steps: a step that fails is cut, and what cannot be reached is said.
+# Loading and unloading in adaptive steps: a step that fails is cut.
 
 SMALLEST_CUT = 1 / 64  # of a step, below which none is cut further
 QUICK = 5  # iterations after which a step may grow
@@ -196,8 +196,9 @@ QUICK = 5  # iterations after which a step may grow
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """One attempted step: the load that it aimed at (mm or N), iterations, the out-of-balance force left over the
-    punch's, and why it failed ("" where it did not)."""
+    """One attempted step: its target load (mm or N), iterations, the residual force over the punch's, and why
+    it failed ("" if it did not).
+    """
 
     target: float
     iterations: int
@@ -216,7 +217,7 @@ def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord])
     for target in targets:
         whole = abs(target - _load(system, last))
         while abs(left := target - _load(system, last)) > 1e-12 * max(abs(target), whole):
-            parts = np.ceil(abs(left) / step - 1e-9)
+            parts = np.ceil(abs(left) / step - ROUNDING)
             aim = target if parts <= 1 else _load(system, last) + left / parts
             outcome = solve_step(
                 system, last, target=aim, guess=_extrapolate(system, before, last, aim), patient=patient
@@ -235,7 +236,10 @@ def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord])
 
 
 def first_step(system: Equations) -> float:
-    """The first step to try: a quarter of the edge radius, since the first touch wraps the edge; glued, any."""
+    """Return the first step to try: a quarter of the edge radius, since the first touch wraps the edge.
+
+    Glued, any.
+    """
     punch = system.model.problem.punch
     if not isinstance(punch, RoundedPunch):
         return np.inf
@@ -250,8 +254,10 @@ def _load(system: Equations, state: State) -> float:
 
 
 def _extrapolate(system: Equations, before: State | None, last: State, aim: float) -> tuple[Floats, Floats]:
-    """Continue the line through the last two equilibria; from one alone Newton's method makes its own
-    prediction."""
+    """Continue the line through the last two equilibria.
+
+    From one alone Newton's method makes its own prediction.
+    """
     if before is None or _load(system, last) == _load(system, before):
         return last.u, last.pressure
     share = (aim - _load(system, last)) / (_load(system, last) - _load(system, before))

@@ -16,16 +16,14 @@ from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build
 from tactilevision.mechanics.punch_fem.solid import deform, pressure_at_points, stored_energy
 from tactilevision.records.measured import Floats
 
-# What a press comes to: curve, surface, contact tractions, stresses, and the record of how it was solved.
-
 
 @dataclass(frozen=True, slots=True)
 class PunchSolution:
-    """A press at T depths. Axes: r outward, z up, out of the gel; material points are named by where they were.
+    """A press at T depths. Axes: r outward, z up, out of the gel; material coordinates are those before the press.
 
     `depth_mm`, `force_N`, `energy_N_mm` (T,): the punch's depth and force into the gel, and the strain energy.
     `r_mm` (S,) material radii of the surface's nodes; `u_r_mm`, `u_z_mm` (T, S) their displacements, the rise
-    beside the punch positive. `contact_r_mm` (C,) material radii; `pressure_MPa`, `shear_MPa` (T, C) true contact
+    around the punch positive. `contact_r_mm` (C,) material radii; `pressure_MPa`, `shear_MPa` (T, C) true contact
     tractions on the gel, shear positive outward along the punch; None where a face is glued. `points_mm` (T, N,
     2) places of the quadrature points now, `stress_MPa` (T, N, 4) true stress there: rr, zz, rz, hoop. `steps`
     every attempted step.
@@ -46,7 +44,7 @@ class PunchSolution:
 
 
 def gather(model: Model, states: list[State], *, steps: list[StepRecord]) -> PunchSolution:
-    """Put the equilibria of one march together."""
+    """Collect the equilibria of one march."""
     r, _ = surface_profile(model, states[0])
     profiles = np.stack([surface_profile(model, state)[1] for state in states])
     tractions = [contact_tractions(model, state) for state in states]
@@ -69,7 +67,7 @@ def gather(model: Model, states: list[State], *, steps: list[StepRecord]) -> Pun
 
 
 def surface_profile(model: Model, state: State) -> tuple[Floats, Floats]:
-    """Material radii (S,) of the surface nodes, and (u_r, u_z) there (2, S), all in mm."""
+    """Return the material radii (S,) of the surface nodes, and (u_r, u_z) there (2, S), all in mm."""
     dofs = model.mesh.surface.dofs
     _, first = np.unique(dofs[:, :3], return_index=True)
     across, along = dofs[:, :3].ravel()[first], dofs[:, 3:6].ravel()[first]
@@ -79,7 +77,7 @@ def surface_profile(model: Model, state: State) -> tuple[Floats, Floats]:
 
 
 def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | None:
-    """True pressure and shear (C,), in MPa, at the contact points; None for a glued face."""
+    """Return the true pressure and shear (C,), in MPa, at the contact points; None for a glued face."""
     contact = contact_at(model, state.u, history=state.history)
     if contact is None or state.history is None:
         return None
@@ -88,7 +86,10 @@ def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | Non
 
 
 def area_ratio(surface: Surface, u: Floats) -> Floats:
-    """Deformed over reference area of the surface, a ratio, at its quadrature points (K, Q); `u` in mm."""
+    """Return the deformed over reference area of the surface, a ratio, at its quadrature points (K, Q).
+
+    `u` in mm.
+    """
     local = u[surface.dofs]
     r = surface.r_mm + np.einsum("kqn,kn->kq", surface.shape, local[:, :3])
     dr = 1 + np.einsum("kqn,kn->kq", surface.slope, local[:, :3])
@@ -98,7 +99,7 @@ def area_ratio(surface: Surface, u: Floats) -> Floats:
 
 
 def stress_field(model: Model, state: State) -> tuple[Floats, Floats]:
-    """Places (N, 2) and true stress (N, 4): rr, zz, rz, hoop; sigma = (dW/dF) F^T / J."""
+    """Return the places (N, 2) and true stress (N, 4): rr, zz, rz, hoop; sigma = (dW/dF) F^T / J."""
     mesh, problem = model.mesh, model.problem
     kinematics = deform(mesh, state.u)
     stress, _ = problem.law.distortion(kinematics, shear_modulus_MPa(problem.material))
@@ -113,7 +114,7 @@ def stress_field(model: Model, state: State) -> tuple[Floats, Floats]:
 
 
 def energy(model: Model, state: State) -> float:
-    """Strain energy in N mm, the contact penalty's share left out."""
+    """Return the strain energy in N mm, without that of the contact penalty."""
     return stored_energy(
         model.mesh, model.problem.law, material=model.problem.material, u=state.u, pressure=state.pressure
     )
@@ -126,7 +127,7 @@ def _moved_points(model: Model, state: State) -> Floats:
     return (mesh.points_mm + shift).reshape(-1, 2)
 
 
-# Press a flat punch into a gel pad, by depth or by force, in and out again.
+# Loading and unloading, by depth or by force.
 
 
 def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSolution:

@@ -1,4 +1,4 @@
-"""What is pressed into what, and the equations that follow: everything that stays the same during one press."""
+"""A punch problem and its discrete model, which stay the same during one press."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.discretisation import Discretisation, MeshSettings, discretise, graded_mesh
 from tactilevision.mechanics.punch_fem.laws import Law, NeoHooke
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Material
 
 
@@ -18,7 +19,7 @@ class GluedFace:
     """A perfectly sharp flat punch: the nodes with r <= radius_mm move down with it.
 
     With `slides` they keep their freedom along r, as in Hayes' linear problem: valid for small depths only, since
-    nodes may pass the edge. Glued, the surface beside the edge folds beyond a depth of .13 to .2 of the thickness.
+    nodes may pass the edge. Glued, the surface at the edge folds beyond a depth of .13 to .2 of the thickness.
     """
 
     radius_mm: float
@@ -34,7 +35,7 @@ class PunchProblem:
     the punch sinks in by edge_size_mm / penalty times pressure over modulus; made stiffer, contact points chatter.
     `mesh` None takes `default_mesh`. A press ends where the surface folds at the punch's edge: where a corner of
     an element turns inside out. With `may_fold` it goes on while all quadrature points keep their volume, and the
-    caller is to show that what he takes from it does not hang on the fold.
+    caller must show that the results do not depend on the fold.
     """
 
     material: Material
@@ -43,13 +44,14 @@ class PunchProblem:
     pad_radius_mm: float
     law: Law = field(default_factory=NeoHooke)
     side_fixed: bool = False
-    penalty: float = 80.0
+    penalty: float = 80
     mesh: MeshSettings | None = None
     may_fold: bool = False
 
 
 def default_mesh(problem: PunchProblem) -> MeshSettings:
-    """A third of the edge radius at the edge, or 1/50 of the radius where it is sharp; growing to 1/6 of the gel.
+    """Return element sizes of a third of the edge radius at the edge (1/50 of the radius if sharp), growing to 1/6
+    of the gel.
 
     Where there is little friction, gel from further inside slides out round the edge, and is meshed for it.
     """
@@ -87,7 +89,7 @@ def build(problem: PunchProblem) -> Model:
     mesh = discretise(grid)
     r, z = mesh.nodes_mm.T
     held = np.zeros(mesh.size, dtype=bool)
-    tiny = 1e-9 * problem.thickness_mm
+    tiny = ROUNDING * problem.thickness_mm
     base = z < tiny
     held[:-1:2] |= base | (r < tiny)
     held[1:-1:2] |= base

@@ -1,4 +1,4 @@
-"""The gel itself: element forces and stiffness of the mixed form, the pressure condensed but kept as an unknown.
+"""Element forces and stiffness of the mixed form, the pressure condensed but kept as an unknown.
 
 Stationarity of the integral of W(F, p) (see laws) gives, by Newton's method for one element,
 [K_uu K_up; K_pu K_pp] [du; dp] = -[R_u; R_p]. The pressure is discontinuous, so dp = -K_pp^-1 (R_p + K_pu du) is
@@ -40,7 +40,7 @@ class ElementSystem:
 
 
 def deform(mesh: Discretisation, u: Floats) -> Deformation:
-    """The deformation at all quadrature points (E Q) for the unknowns `u` (U,) mm."""
+    """Return the deformation at all quadrature points (E Q) for the unknowns `u` (U,) mm."""
     elements, points = mesh.weight_mm3.shape
     local = u[mesh.dofs][:, :, None]
     strain = mesh.gradient.reshape(elements, points * 5, 18) @ local
@@ -48,7 +48,9 @@ def deform(mesh: Discretisation, u: Floats) -> Deformation:
 
 
 def corner_volumes(mesh: Discretisation, u: Floats) -> Floats:
-    """In-plane volume ratio at the elements' corners (E, 4): where one is not above 0, the mesh has folded."""
+    """Return the in-plane volume ratio at the elements' corners (E, 4): where one is not above 0, the mesh has
+    folded.
+    """
     elements = len(mesh.dofs)
     strain = mesh.corner_gradient.reshape(elements, 16, 18) @ u[mesh.dofs][:, :, None]
     F = strain.reshape(elements, 4, 4) + IDENTITY[:4]
@@ -57,7 +59,7 @@ def corner_volumes(mesh: Discretisation, u: Floats) -> Floats:
 
 
 def pressure_at_points(mesh: Discretisation, pressure: Floats) -> Floats:
-    """Pressure unknowns (E, 3), in MPa, as values at all quadrature points (E Q,)."""
+    """Return the pressure unknowns (E, 3), in MPa, as values at all quadrature points (E Q,)."""
     values: Floats = np.einsum("eqm,em->eq", mesh.modes, pressure).ravel()
     return values
 
@@ -65,7 +67,7 @@ def pressure_at_points(mesh: Discretisation, pressure: Floats) -> Floats:
 def linearise(
     mesh: Discretisation, law: Law, *, material: Material, state: Deformation, pressure: Floats
 ) -> ElementSystem:
-    """Forces (N) and stiffness (N per mm) at `state` and `pressure` (E, 3), in MPa.
+    """Return the forces (N) and stiffness (N per mm) at `state` and `pressure` (E, 3), in MPa.
 
     NaN where the law is not defined there.
     """
@@ -104,7 +106,7 @@ def linearise(
 
 
 def stored_energy(mesh: Discretisation, law: Law, *, material: Material, u: Floats, pressure: Floats) -> float:
-    """Strain energy in N mm for unknowns `u` (U,) mm: the integral of W_d + p g(J) - p²/(2K)."""
+    """Return the strain energy in N mm for unknowns `u` (U,) mm: the integral of W_d + p g(J) - p²/(2K)."""
     state = deform(mesh, u)
     p = pressure_at_points(mesh, pressure)
     density = law.energy(state, shear_modulus_MPa(material)) + p * law.volume(state.volume)[0]

@@ -1,1 +1,1 @@
-"""The finite-element table of the flat punch: P/(E w) and the profile beside it, made, kept and read."""
+"""The finite-element table of the flat punch: P/(E w) and the profile around it."""

@@ -1,4 +1,4 @@
-"""One solved punch problem of the table: its name, its numbers, and how it is kept."""
+"""One solved punch problem of the table, and its file."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ import numpy as np
 
 from tactilevision.files.arrays import read_arrays
 from tactilevision.files.writing import replacing
+from tactilevision.records.constants import NU_MAX
 from tactilevision.records.measured import Floats
 
 # w/h, nodes of the tables
 DEPTHS = (0.002, 0.006, 0.0125, 0.025, 0.04, 0.055, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.225, 0.25)
-REACH = 3.5  # thicknesses beside the punch
-PLACES = 25  # of the surface beside the punch
-BESIDE = tuple(
-    REACH * (k / (PLACES - 1)) ** 2 for k in range(PLACES)
-)  # even in the root, which the edge is smooth in
+REACH = 3.5  # thicknesses beyond the punch
+PLACES = 25  # of the surface around the punch
+# (r - a)/h, uniform in the root, in which the edge is smooth
+BESIDE = tuple(REACH * (k / (PLACES - 1)) ** 2 for k in range(PLACES))
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -39,12 +39,12 @@ class Case:
 
     @property
     def block(self) -> tuple[str, float, float, float]:
-        """What is never interpolated: law, friction, edge radius, pad radius."""
+        """Law, friction, edge radius and pad radius, which are not interpolated."""
         return self.law, self.friction, self.edge_over_h, self.pad_over_h
 
     @property
     def name(self) -> str:
-        """A file name of its own, stable over runs."""
+        """Unique file name, stable over runs."""
         numbers = asdict(self)
         digest = hashlib.sha256(json.dumps({k: str(v) for k, v in numbers.items()}).encode()).hexdigest()[:8]
         return f"{self.law}_mu{self.friction:g}_nu{self.poisson_ratio:g}_a{self.a_over_h:g}_{digest}"
@@ -58,11 +58,11 @@ class Grid:
     frictions: tuple[float, ...] = (0.3, math.inf, 0.0, 0.15, 0.6, 0.22, 0.1)
     edges_over_h: tuple[float, ...] = (1 / 60, 1 / 30)
     pads_over_h: tuple[float, ...] = (5.0,)
-    poisson_ratios: tuple[float, ...] = (0.3, 0.37, 0.43, 0.465, 0.487, 0.4999)
+    poisson_ratios: tuple[float, ...] = (0.3, 0.37, 0.43, 0.465, 0.487, NU_MAX)
     a_over_h: tuple[float, ...] = (0.2, 0.3, 0.45, 0.67, 1.0, 1.5)
 
     def cases(self) -> Iterator[Case]:
-        """All cases, blocks outermost."""
+        """Yield all cases, blocks outermost."""
         blocks = product(self.laws, self.edges_over_h, self.pads_over_h, self.frictions)
         for law, edge, pad, friction in blocks:
             for nu, alpha in product(self.poisson_ratios, self.a_over_h):
@@ -72,8 +72,9 @@ class Grid:
 @dataclass(frozen=True, slots=True)
 class SolvedCase:
     """`depth` (T,) w/h solved; `force` (T,) P/(E w h); `u_r`, `u_z` (T, B) over w, at (r - a)/h = BESIDE, NaN
-    beyond the pad. Beyond `sound` (w/h) the surface is folded at the punch's edge and what stands here is what
-    meshes agree on; `ended` says why there is nothing deeper ("": all asked for were solved)."""
+    beyond the pad. Beyond `sound` (w/h) the surface is folded at the punch's edge, and meshes agree; `ended` is
+    why there is nothing deeper ("": all were solved).
+    """
 
     depth: Floats
     force: Floats
@@ -84,7 +85,7 @@ class SolvedCase:
 
 
 def case_path(folder: Path, case: Case) -> Path:
-    """Where a work folder keeps a case."""
+    """Return the path of a case in a work folder."""
     return folder / f"{case.name}.npz"
 
 

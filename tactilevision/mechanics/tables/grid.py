@@ -1,8 +1,7 @@
-"""A smooth function of nu, a/h and w/h that is known at most nodes of a grid: cubic splines that know their holes.
+"""Cubic splines of nu, a/h and w/h on a grid with unknown nodes.
 
-The splines run over nu, ln(a/h) and sqrt(w/h), in which what is tabulated is smooth. Where the solver did not get
-deep enough the values are continued along depth by a straight line, so that the splines have something to stand
-on; what lies in a cell with such a corner is marked as not known.
+The splines run over nu, ln(a/h) and sqrt(w/h), in which the tables are smooth. Beyond the solved depths the values
+are continued along depth by a straight line; cells with such a corner are marked as unknown.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats
 
 if TYPE_CHECKING:
@@ -29,42 +29,42 @@ class Axes:
 
     @property
     def stretched(self) -> tuple[Floats, Floats, Floats]:
-        """The coordinates that the splines run over."""
+        """Coordinates of the splines."""
         return self.poisson_ratios, np.log(self.a_over_h), np.sqrt(self.depths)
 
     def places(self, poisson_ratio: Floats, a_over_h: Floats, depths: Floats) -> Floats:
-        """(N, 3) stretched coordinates; depths below the first node count as that."""
+        """Return (N, 3) stretched coordinates; depths below the first node count as that."""
         deep = np.sqrt(np.maximum(depths, self.depths[0]))
         return np.stack(np.broadcast_arrays(poisson_ratio, np.log(a_over_h), deep), axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HoledSpline:
-    """The function; `known` (cells of the grid) is True where all corners were solved."""
+    """Spline on a grid; `known` (cells) is True where all corners were solved."""
 
     axes: Axes
     known: Bools
     spline: NdBSpline
 
     def __call__(self, places: Floats) -> Floats:
-        """Values (N, ...) at stretched places (N, 3), continued where they are not known."""
+        """Return values (N, ...) at stretched places (N, 3), continued where they are not known."""
         return np.asarray(self.spline(places), dtype=float)
 
     def inside(self, places: Floats) -> Bools:
-        """True (N,) where a place lies on the grid and in a cell that was solved."""
+        """Return True (N,) where a place lies on the grid and in a cell that was solved."""
         return _in_known_cells(self.axes, self.known, places)
 
     def reach(self, poisson_ratio: float, a_over_h: float) -> float:
-        """The greatest w/h that is known at this nu and a/h; 0 off the grid."""
+        """Return the greatest w/h that is known at this nu and a/h; 0 off the grid."""
         depths = self.axes.depths
         inside = self.inside(self.axes.places(np.array(poisson_ratio), np.array(a_over_h), depths))
         return float(depths[np.argmin(inside) - 1 if not inside.all() else -1]) if inside[:2].all() else 0.0
 
 
 def fit_grid(axes: Axes, values: Floats) -> HoledSpline:
-    """The spline through `values` (nu, a/h, depth, ...), in their unit; NaN from some depth on means not solved.
+    """Return the spline through `values` (nu, a/h, depth, ...), in their unit.
 
-    At least two depths must be known everywhere.
+    NaN from some depth on means not solved. At least two depths must be known everywhere.
     """
     from scipy.interpolate import NdBSpline, make_interp_spline
 
@@ -80,15 +80,15 @@ def fit_grid(axes: Axes, values: Floats) -> HoledSpline:
 
 
 def inside_cells(axes: Axes, known: Bools, *, places: Floats) -> Bools:
-    """True (N,) where a stretched place lies in a cell of which all corners are among the `known` nodes."""
+    """Return True (N,) where a stretched place lies in a cell of which all corners are among the `known` nodes."""
     return _in_known_cells(axes, _cells(known), places)
 
 
 def _in_known_cells(axes: Axes, known: Bools, places: Floats) -> Bools:
-    """A place on a node belongs to the cells on both sides of it: one of them known is enough."""
+    """Return the mask of places in a known cell; a place on a node belongs to the cells on both sides of it."""
     sides, on_grid = [], np.ones(len(places), dtype=bool)
     for k, nodes in enumerate(axes.stretched):
-        slack = 1e-9 * (nodes[-1] - nodes[0])
+        slack = ROUNDING * (nodes[-1] - nodes[0])
         on_grid &= (places[:, k] >= nodes[0] - slack) & (places[:, k] <= nodes[-1] + slack)
         below, above = (np.searchsorted(nodes + move, places[:, k]) - 1 for move in (slack, -slack))
         sides.append([np.clip(cell, 0, len(nodes) - 2) for cell in (below, above)])
@@ -97,12 +97,14 @@ def _in_known_cells(axes: Axes, known: Bools, places: Floats) -> Bools:
 
 
 def solved_nodes(values: Floats) -> Bools:
-    """Mask (nu, a/h, depth) of nodes at which nothing is NaN."""
+    """Return the mask (nu, a/h, depth) of nodes at which nothing is NaN."""
     return np.asarray(np.isfinite(values.reshape(*values.shape[:3], -1)).all(axis=-1))
 
 
 def continued(depths: Floats, values: Floats) -> Floats:
-    """`values` (nu, a/h, depth, ...), in their unit, continued in depth along the line of the last two known."""
+    """Return `values` (nu, a/h, depth, ...), in their unit, continued in depth along the line of the last two
+    known.
+    """
     whole = values.copy()
     known = solved_nodes(values)
     for at in zip(*np.nonzero(~known.all(axis=-1)), strict=True):
@@ -114,7 +116,7 @@ def continued(depths: Floats, values: Floats) -> Floats:
 
 
 def _cells(known: Bools) -> Bools:
-    """From nodes to the cells of which all eight corners are known."""
+    """Return the mask of the cells of which all eight corners are known."""
     for axis in range(3):
         low = np.take(known, range(known.shape[axis] - 1), axis=axis)
         high = np.take(known, range(1, known.shape[axis]), axis=axis)

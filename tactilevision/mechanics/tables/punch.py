@@ -1,4 +1,4 @@
-"""Return the force and the surface of a flat punch from the finite-element table."""
+"""Force and surface of a flat punch from the finite-element table, in microseconds."""
 
 from __future__ import annotations
 
@@ -15,21 +15,20 @@ from tactilevision.mechanics.tables import table as tables
 from tactilevision.mechanics.tables.blocks import hayes_stiffness
 from tactilevision.mechanics.tables.cases import BESIDE, REACH
 from tactilevision.mechanics.tables.table import shipped_table
+from tactilevision.records.constants import NU_MAX, ROUNDING
 from tactilevision.records.measured import Bools, Floats, Material
-
-# Force and surface of a flat punch from the table: what punch_fem would say, in microseconds.
 
 
 def punch_force(
     depth_mm: npt.ArrayLike, contact: FlatContact, *, material: Material, table: tables.Table | None = None
 ) -> Floats:
-    """Force in N of a flat punch pressed `depth_mm` (any shape) into a bonded gel on its first loading.
+    """Return the force in N of a flat punch pressed `depth_mm` (any shape) into a bonded gel on its first loading.
 
     P = E h w x Hayes' P/(E w h) of the flat part x the tabulated ratio x (1 - s). Below the first depth solved
-    (.002 h) the force is proportional to depth. s is what a near rim takes off (boundary.py: good to 10 % of s);
-    0 for a pad of five thicknesses and more. Between tabulated frictions and edge radii the table
-    interpolates; sharper than the smallest radius is its limit, with the error that the card states.
-    Raises InputError beyond the table in any direction. Source: punch_fem; errors on the card.
+    (.002 h) the force is proportional to depth. s is the effect of a near rim (boundary.py: within 10 % of s); 0
+    for a pad of five thicknesses and more. Frictions and edge radii are interpolated; sharper than the smallest
+    radius is its limit, with the error on the card. Raises InputError beyond the table in any direction. Source:
+    punch_fem.
     """
     depth = np.asarray(depth_mm, dtype=float)
     ratio, known = force_ratio(depth.ravel(), contact, material=material, table=table)
@@ -46,7 +45,7 @@ def punch_force(
 def force_ratio(
     depth_mm: Floats, contact: FlatContact, *, material: Material, table: tables.Table | None = None
 ) -> tuple[Floats, Bools]:
-    """P/w over Hayes' for the flat part (N,) at `depth_mm` (N,), and where it is known."""
+    """Return P/w over Hayes' for the flat part (N,) at `depth_mm` (N,), and where it is known."""
     there = table or tables.shipped_table()
     mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
     nu, alpha = np.array(material.poisson_ratio), np.array(contact.a_over_h)
@@ -56,7 +55,7 @@ def force_ratio(
 
 
 def punch_reach(contact: FlatContact, material: Material, *, table: tables.Table | None = None) -> float:
-    """The greatest depth (mm) that the table holds for this contact and material; 0 where it holds none."""
+    """Return the greatest depth (mm) that the table holds for this contact and material; 0 where it holds none."""
     there = table or tables.shipped_table()
     mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
     return contact.thickness_mm * tables.reach(mixture, material.poisson_ratio, a_over_h=contact.a_over_h)
@@ -70,7 +69,8 @@ def punch_profile(
     material: Material,
     table: tables.Table | None = None,
 ) -> tuple[Floats, Floats]:
-    """(u_z, u_r) in mm at the material radii `r_mm` beside the punch: u_z positive out of the gel, u_r outward.
+    """Return (u_z, u_r) in mm at the material radii `r_mm` outside the punch: u_z positive out of the gel, u_r
+    outward.
 
     The camera sees a point at r + u_r. From the punch's radius to 3.5 thicknesses beyond it; on a wide pad.
     Raises InputError beyond the table in any direction.
@@ -88,10 +88,10 @@ def punch_profile(
 
 
 def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mixture) -> tuple[Floats, bool]:
-    """Rise and u_r over w (2, ...) at r/a >= 1, and whether the table knows them at this depth.
+    """Return the rise and u_r over w (2, ...) at r/a >= 1, and whether the table has them at this depth.
 
     Linear theory plus the tabulated excess, a spline in the root of the distance from the punch; from 3.5
-    thicknesses on the excess fades like the profile itself.
+    thicknesses on the excess fades like the profile.
     """
     from scipy.interpolate import CubicSpline
 
@@ -114,7 +114,7 @@ def _demand(
     reach = punch_reach(contact, material, table=table)
     nu, alpha = axes.poisson_ratios, axes.a_over_h
     raise InputError(
-        "this lies beyond the table",
+        "this is beyond the table",
         where="punch table",
         value={
             "depth_mm": [float(depth.min()), float(depth.max())],
@@ -127,22 +127,21 @@ def _demand(
 
 
 def _check_places(r: Floats, contact: FlatContact) -> None:
-    beside = (r - contact.radius_mm) / contact.thickness_mm
-    if not (np.isfinite(beside).all() and beside.min() >= -1e-9 and beside.max() <= REACH + 1e-9):
+    beyond = (r - contact.radius_mm) / contact.thickness_mm
+    if not (np.isfinite(beyond).all() and beyond.min() >= -ROUNDING and beyond.max() <= REACH + ROUNDING):
         raise InputError(
-            f"(r - a)/h lies beyond the table, 0 to {REACH:g}",
+            f"(r - a)/h is beyond the table, 0 to {REACH:g}",
             where="punch_profile",
-            value=[float(beside.min()), float(beside.max())],
+            value=[float(beyond.min()), float(beyond.max())],
         )
 
 
-# The tabulated surface beside a punch as a ProfileModel: what the fits of nu and the certificate read.
-#
-# The mechanics under test reads this table; every simulated gel is solved anew at its own friction and edge radius
-# (synthetic/punch.py), so that no error of the table cancels there.
+# The tabulated surface as a ProfileModel, for the fits of nu and the certificate. Simulated gels do not use it:
+# each is solved anew at its own friction and edge radius (synthetic/punch.py), so that errors of the table do not
+# cancel.
 
 EDGE_OVER_H = 1 / 60  # edge radius of the table's punch over h
-POISSON_RANGE = (0.3, 0.4999)  # Poisson's ratio of the table
+POISSON_RANGE = (0.3, NU_MAX)  # Poisson's ratio of the table
 A_OVER_H_RANGE = (0.2, 1.5)  # a/h of the table
 DEEPEST = 0.25  # w/h of the table
 
@@ -151,26 +150,28 @@ DEEPEST = 0.25  # w/h of the table
 class TableProfile:
     """A ProfileSource for one law and edge radius; friction comes with the case.
 
-    Deeper than the solver got (w/h of .08 to .25, see the list of cases) the surface over the depth goes on along
-    the straight line of its last two depths. Raises InputError off the grid of nu, a/h and w/h <= .25.
+    Beyond the solved depth (w/h of .08 to .25, see the list of cases) the surface over the depth is continued
+    linearly from its last two depths. Raises InputError off the grid of nu, a/h and w/h <= .25.
     """
 
     law: str = "neo-hooke"
     edge_over_h: float = EDGE_OVER_H
 
     def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
-        """Rise and u_r per unit of depth at r/a >= 1 (any shape)."""
+        """Return rise and u_r per unit of depth at r/a >= 1 (any shape)."""
         for what, value, (low, high) in (
             ("Poisson's ratio", case.poisson_ratio, POISSON_RANGE),
             ("a/h", case.a_over_h, A_OVER_H_RANGE),
             ("w/h", case.w_over_h, (0.0, DEEPEST)),
         ):
-            if not low - 1e-9 <= value <= high + 1e-9:
+            if not low - ROUNDING <= value <= high + ROUNDING:
                 raise InputError(
-                    f"the table of profiles has {what} in [{low:g}, {high:g}]", where="TableProfile", value=value
+                    f"the table of profiles is for {what} in [{low:g}, {high:g}]",
+                    where="TableProfile",
+                    value=value,
                 )
         if not (r_over_a >= 1).all():
-            raise InputError("the profile beside the punch begins at r = a", where="TableProfile")
+            raise InputError("the profile around the punch begins at r = a", where="TableProfile")
         mixture = shipped_table().mixture(self.law, case.friction, edge_over_h=self.edge_over_h)
         (rise, outward), _ = surface_over_depth(np.asarray(r_over_a, dtype=float), case, mixture=mixture)
         return rise, outward
@@ -190,6 +191,6 @@ TABULATED = ProfileModel(
 
 
 def profile_model(poisson_ratio: float, a_over_h: float, *, deepest: float) -> ProfileModel:
-    """The tabulated model where it holds this nu, a/h and w/h; linear theory, with its larger error, elsewhere."""
+    """Return the tabulated model where it holds this nu, a/h and w/h, else linear theory with its larger error."""
     wanted = (poisson_ratio, POISSON_RANGE), (a_over_h, A_OVER_H_RANGE), (deepest, (0.0, DEEPEST))
     return TABULATED if all(low <= value <= high for value, (low, high) in wanted) else LINEAR

@@ -21,31 +21,29 @@ from tactilevision.mechanics.punch_fem.press import surface_profile
 from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build, default_mesh
 from tactilevision.mechanics.punch_fem.solid import deform
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCase, case_path, save_case
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats, Material
 
-# How a case of the table is solved, also beyond the depth at which the surface folds at the punch's edge.
-#
 # Where the gel leaves a sharp edge one corner of the mesh turns inside out at w/h of .08 to .25. A neo-Hookean
-# gel's force grows on as if nothing had been; Hencky's law has lost its ellipticity there. So it is not the fold
-# that ends a case, but that the force hangs on it: beyond, a depth is kept while a mesh twice as coarse at the
-# edge, or, where that one ends early and the law is still elliptic, a finer one says the same of how the force
-# grows from the last depth without a fold, to SAME_GROWTH.
+# gel's force continues smoothly; Hencky's law has lost its ellipticity there. Beyond the fold a depth is kept
+# while the growth of the force from the last depth without a fold agrees, within SAME_GROWTH, with that of a mesh
+# twice as coarse at the edge or, where that one ends early and the law is still elliptic, of a finer one.
 #
 # Shortly before the elements break down, gel that slides round the edge jams there, and the force of the last
-# depths may be .3 to 2 % high. So a case also ends where P/w rises above the parabola in sqrt(w) through the four
-# depths before by SAME_GROWTH; deeper than a third of the punch's radius it bends as much by itself, and is not
-# tested.
+# depths may be .3 to 2 % high. So a case also ends where P/w exceeds the parabola in sqrt(w) through the four
+# depths before by SAME_GROWTH; deeper than a third of the punch's radius P/w is as curved without a jam, and is
+# not tested.
 
 LAWS: tuple[Law, ...] = (NeoHooke(), Hencky())
 COARSER = 2.0  # edge elements of the coarser mesh over those of the first
 FINER = 0.6  # edge elements of the finer mesh over those of the first
-SAME_GROWTH = 0.003  # of P/w, within which two growths are one
-FIRST_JAM = 0.09  # w/h: before it first touch bends P/w
-WINDOW = 0.1  # w/h: the four depths lie no further back
-BRINK = 1.02  # a depth this near to where the elements break down is not kept
-HANGS = "the surface folds, and the force hangs on its mesh"
+SAME_GROWTH = 0.003  # relative tolerance of two growths of P/w
+FIRST_JAM = 0.09  # w/h: below it P/w is curved by the first touch
+WINDOW = 0.1  # w/h: range of the four depths
+BRINK = 1.02  # ratio of the depth where the elements break down to the deepest that is kept
+HANGS = "the surface folds, and the force depends on its mesh"
 JAMS = "gel that slides jams under the punch's edge"
-LOST = "the law loses ellipticity at the punch's edge, and the force hangs on its mesh"
+LOST = "the law loses ellipticity at the punch's edge, and the force depends on its mesh"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +60,9 @@ class Press:
 
 
 def problem_of(case: Case, coarser: float = 1.0) -> PunchProblem:
-    """The case with a gel of thickness 1 and modulus 1; its edge meshed so much coarser, as hard to the touch."""
+    """Return the case with a gel of thickness 1 and modulus 1, its edge meshed coarser by a factor, as stiff in
+    contact.
+    """
     law = next(law for law in LAWS if law.name == case.law)
     punch = RoundedPunch(case.a_over_h, case.edge_over_h, case.friction)
     problem = PunchProblem(Material(1.0, case.poisson_ratio), punch, 1.0, case.pad_over_h, law=law, may_fold=True)
@@ -72,7 +72,7 @@ def problem_of(case: Case, coarser: float = 1.0) -> PunchProblem:
 
 
 def solve_case(case: Case, depths: Sequence[float] = DEPTHS) -> SolvedCase:
-    """Press as deep as the solver gets and meshes agree; what cannot be reached is left out, never filled in."""
+    """Press as deep as the solver gets and meshes agree; other depths are omitted."""
     press = _press(case, depths, 1.0)
     kept, ended = len(press.force), press.ended
     if 0 < press.sound < kept:
@@ -89,7 +89,7 @@ def solve_case(case: Case, depths: Sequence[float] = DEPTHS) -> SolvedCase:
 
 
 def agreed(press: Press, other: Press) -> int:
-    """To how many depths `press` stands: all without a fold, and those beyond that `other` confirms."""
+    """Return how many depths of `press` hold: all without a fold, and those beyond that `other` confirms."""
     common, last = min(len(press.force), len(other.force)), press.sound - 1
     if common <= press.sound:
         return press.sound
@@ -99,10 +99,12 @@ def agreed(press: Press, other: Press) -> int:
 
 
 def before_a_jam(case: Case, depths: Sequence[float], *, force: Floats) -> int:
-    """How many of `depths` (n,), w/h, come before P/w (`force`, N per mm) rises above the line of four before."""
+    """Return how many `depths` (n,), w/h, come before P/w (`force`, N per mm) rises above the line of four
+    before.
+    """
     root, log = np.sqrt(depths), np.log(force)
     for k in range(4, len(root)):
-        near = depths[k] - depths[k - 4] <= WINDOW * (1 + 1e-9)
+        near = depths[k] - depths[k - 4] <= WINDOW * (1 + ROUNDING)
         if near and FIRST_JAM <= depths[k] <= case.a_over_h / 3:
             line = np.polynomial.polynomial.polyfit(root[k - 4 : k] - root[k], log[k - 4 : k], 2)
             if log[k] - line[0] > SAME_GROWTH:
@@ -123,7 +125,7 @@ def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
         last = max((step.target for step in steps if not step.failure), default=0.0)
         states = [state for state in states if state.depth_mm * BRINK <= last]
     force = np.array([state.force_N / state.depth_mm for state in states])
-    surface = np.array([_beside(model, state, case) for state in states]).reshape(-1, 2, len(BESIDE))
+    surface = np.array([_surface(model, state, case) for state in states]).reshape(-1, 2, len(BESIDE))
     folded = [state.folded for state in states]
     sound = folded.index(True) if True in folded else len(states)
     return Press(force, surface, sound, ended, bool(states) and _lost(model, states[-1]))
@@ -134,26 +136,24 @@ def _lost(model: Model, state: State) -> bool:
     return bool((least_acoustic(problem.law, problem.material, state=deform(model.mesh, state.u)) < 0).any())
 
 
-def _beside(model: Model, state: State, case: Case) -> Floats:
-    """(u_r, u_z) over the depth (2, places) where the table has places."""
+def _surface(model: Model, state: State, case: Case) -> Floats:
+    """Return (u_r, u_z) over the depth (2, places) where the table has places."""
     from scipy.interpolate import CubicSpline
 
     wanted = case.a_over_h + np.array(BESIDE)
-    on_pad = wanted <= case.pad_over_h * (1 + 1e-9)
+    on_pad = wanted <= case.pad_over_h * (1 + ROUNDING)
     r, profile = surface_profile(model, state)
-    beside = r >= case.a_over_h * (1 - 1e-9)
+    outside = r >= case.a_over_h * (1 - ROUNDING)
     found = np.full((2, len(wanted)), np.nan)
-    found[:, on_pad] = CubicSpline(r[beside], profile[:, beside], axis=1)(wanted[on_pad]) / state.depth_mm
+    found[:, on_pad] = CubicSpline(r[outside], profile[:, outside], axis=1)(wanted[on_pad]) / state.depth_mm
     return found
-
-
-# Fill a work folder with solved cases, one file each; stop and start again at will.
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is: `done` of `total` cases stand in the folder, of them `now` solved by this run, the last of
-    them `case`, as deep as `depth` (w/h); `left_s` is an estimate of the time that the rest takes."""
+    """Progress of a run: `done` of `total` cases are in the folder, `now` of them solved by this run, the last
+    of them `case`, to `depth` (w/h); `left_s` estimates the remaining time.
+    """
 
     done: int
     total: int
@@ -169,10 +169,10 @@ Report = Callable[[Progress], None]
 def tabulate(
     cases: Iterable[Case], folder: Path | str, *, workers: Executor | None = None, report: Report | None = None
 ) -> int:
-    """Solve every case that `folder` does not hold yet; returns how many were solved now.
+    """Solve every case that is not in `folder` yet; return how many were solved now.
 
-    A case is written under a temporary name and renamed: a run that is killed loses only what it was at. Without
-    `workers` (see `processes`, and cluster/pool.py) the cases are solved one by one, here.
+    Cases are written atomically, so a run may be stopped and started again. Without `workers` (see `processes`,
+    and cluster/pool.py) the cases are solved one by one in this process.
     """
     place, every = Path(folder), list(cases)
     with output_lock(place):
@@ -186,7 +186,7 @@ def tabulate(
 
 
 def processes(count: int | None = None) -> AbstractContextManager[Executor]:
-    """So many processes on this machine, all its cores where none is said; they end with their parent."""
+    """Return a pool of so many processes on this machine, by default one a core; they end with their parent."""
     return worker_pool(count or len(os.sched_getaffinity(0)))
 
 
@@ -212,7 +212,7 @@ class _Clock:
         self.started, self.spent, self.standing = monotonic(), 0.0, total - len(missing)
 
     def tick(self, case: Case, depth: float) -> Progress:
-        """One more case is solved."""
+        """Count one more case as solved."""
         self.now += 1
         self.spent += effort(case)
         self.left -= effort(case)
@@ -221,6 +221,6 @@ class _Clock:
 
 
 def effort(case: Case) -> float:
-    """About how long a case takes beside one of some friction at an edge radius of h/60."""
-    sliding = 3.0 if case.friction == 0 else 1.0
+    """Estimate how long a case takes relative to one with some friction at an edge radius of h/60."""
+    sliding = 3 if case.friction == 0 else 1
     return float(sliding * (1 / (60 * case.edge_over_h)) ** 0.7)

@@ -25,21 +25,18 @@ from tactilevision.mechanics.flat_contact import friction_place
 from tactilevision.mechanics.tables.blocks import Block, Key, Solved, build_blocks, on_one_grid
 from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, load_case
 from tactilevision.mechanics.tables.grid import Axes, HoledSpline, fit_grid
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats
 
-# From one tabulated friction to the next: a monotone cubic in mu/(mu + 3).
-#
-# What friction does grows in proportion to mu and stops at some mu of .1 to .3, where the whole face sticks. This
-# cubic follows both and never swings beyond its nodes, as one without bounds does by .9 % of the force.
-# Source: Fritsch, Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, with the weights of Brodlie.
-
-ROUNDING = 1e-9  # of the way from node to node: met but for rounding, and the other node must not lend its reach
+# Interpolation in friction: a monotone cubic in mu/(mu + 3). The effect of friction is proportional to mu up to a
+# mu of .1 to .3, where the whole face sticks. The monotone cubic does not overshoot there, as another does by .9 %
+# of the force. Source: Fritsch, Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300.
 
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """The one block of a friction that is tabulated, else those about it: at most two on either side, at ascending
-    `places`; it lies at `at`, between the two that `about` gives."""
+    """Blocks around a friction: the one of a tabulated friction, else at most two on either side, at ascending
+    `places`; the friction is at `at`, between the two of `about`."""
 
     blocks: tuple[Block, ...]
     places: tuple[float, ...] = (0.0,)
@@ -47,17 +44,17 @@ class Neighbours:
 
     @property
     def about(self) -> tuple[Block, ...]:
-        """The block itself, or the next on either side: what they know is known here."""
+        """The block itself, or the next on either side, which must be known."""
         low = _interval(self.places, self.at)
         return self.blocks[low : low + 2]
 
     def blend(self, values: Sequence[Floats]) -> Floats:
-        """What lies between the blocks' `values`."""
+        """Interpolate between the blocks' `values`."""
         return values[0] if len(values) == 1 else monotone(np.array(self.places), np.array(values), at=self.at)
 
 
 def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
-    """Of `blocks`, alike but for their frictions, those that lie about `friction`, which is among theirs."""
+    """Return those of `blocks`, alike but for their frictions, that enclose `friction`, which is among theirs."""
     ordered = sorted(blocks, key=lambda block: block.friction)
     places = [friction_place(block.friction) for block in ordered]
     at = friction_place(friction)
@@ -70,7 +67,9 @@ def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
 
 
 def monotone(places: Floats, values: Floats, *, at: float) -> Floats:
-    """Monotone cubic through `values` (K, ...) at ascending `places` (K,), K >= 2, read at `at` in their unit."""
+    """Interpolate `values` (K, ...) at ascending `places` (K,), K >= 2, by a monotone cubic, at `at` in their
+    unit.
+    """
     step = np.diff(places)
     secant = np.diff(values, axis=0) / step.reshape(-1, *[1] * (values.ndim - 1))
     low = _interval(places.tolist(), at)
@@ -81,7 +80,7 @@ def monotone(places: Floats, values: Floats, *, at: float) -> Floats:
 
 
 def _slope(step: Floats, secant: Floats, node: int) -> Floats:
-    """The cubic's slope at a node: the harmonic mean of its neighbours', 0 where they differ in sign."""
+    """Return the cubic's slope at a node: the harmonic mean of its neighbours', 0 where they differ in sign."""
     if len(step) == 1:
         return np.asarray(secant[0])
     if node in (0, len(step)):
@@ -94,7 +93,10 @@ def _slope(step: Floats, secant: Floats, node: int) -> Floats:
 
 
 def _end_slope(step: Floats, secant: Floats) -> Floats:
-    """At the outermost node, from the parabola through three; never against its own secant, nor too steep."""
+    """Return the slope at the outermost node, from the parabola through three.
+
+    Never against its own secant, nor too steep.
+    """
     slope = ((2 * step[0] + step[1]) * secant[0] - step[0] * secant[1]) / (step[0] + step[1])
     slope = np.where(slope * secant[0] > 0, slope, 0.0)
     steep = (secant[0] * secant[1] < 0) & (np.abs(slope) > 3 * np.abs(secant[0]))
@@ -105,16 +107,15 @@ def _interval(places: Sequence[float], at: float) -> int:
     return min(max(bisect_right(places, at) - 1, 0), max(len(places) - 2, 0))
 
 
-# The table in memory and on disk: blocks of one law, friction and edge radius, and weights between them.
+# The table: blocks of one law, friction and edge radius, and weights between them.
 #
 #     P/(E w h) = S(nu, a/h, w/h; law, mu, edge) x Hayes' for the flat part of the face
 #
-# S is a spline in nu, a/h and depth, a monotone cubic from one friction to the next (friction.py), and straight in
-# the edge radius, from two tabulated radii on to the sharp limit. What lies in a cell of the grid that was not
-# solved is not known.
+# S is a spline in nu, a/h and depth, a monotone cubic in friction, and linear in the edge radius, also on to the
+# sharp limit. Cells of the grid that were not solved are unknown.
 
 SHIPPED = Path(__file__).with_name("punch.npz")
-EDGE_TOLERANCE = 0.1  # a table of one edge radius serves others as near as this
+EDGE_TOLERANCE = 0.1  # relative difference of edge radii that a table of one radius allows
 Mixture = tuple[tuple[float, Neighbours], ...]  # weights of edges, that add up to 1, and their blocks
 
 
@@ -131,9 +132,9 @@ class Table:
         return self.blocks[0].axes
 
     def mixture(self, law: str, friction: float, *, edge_over_h: float) -> Mixture:
-        """The blocks that surround a friction and an edge radius, with their weights.
+        """Return the blocks that surround a friction and an edge radius, with their weights.
 
-        Raises InputError, with what there is, for another law or a larger edge radius than the tabulated ones.
+        Raises InputError, naming those available, for another law or a larger edge radius than the tabulated ones.
         """
         mine = {(block.edge_over_h, block.friction): block for block in self.blocks if block.law == law}
         if not mine:
@@ -142,47 +143,49 @@ class Table:
         edges = sorted(edge for edge, there in frictions.items() if there[0] <= friction <= there[-1])
         if not edges:
             raise _absent("friction", friction, sorted({mu for _, mu in mine}))
-        alone = len(edges) == 1  # Hayes' stiffness of the flat part still follows the edge that is asked for
-        near = (
-            abs(edge_over_h / edges[0] - 1) <= EDGE_TOLERANCE if alone else edge_over_h <= edges[-1] * (1 + 1e-9)
-        )
+        if len(edges) == 1:  # Hayes' stiffness of the flat part still depends on the edge asked for
+            near = abs(edge_over_h / edges[0] - 1) <= EDGE_TOLERANCE
+        else:
+            near = edge_over_h <= edges[-1] * (1 + ROUNDING)
         if not (near and edge_over_h >= 0):
             raise _absent("edge radius over thickness", edge_over_h, edges)
         rows = {edge: [block for (other, _), block in mine.items() if other == edge] for edge in edges}
         return tuple(
-            (weight, neighbours(rows[edge], friction)) for edge, weight in straight(edges, edges, at=edge_over_h)
+            (weight, neighbours(rows[edge], friction)) for edge, weight in straight(edges, at=edge_over_h)
         )
 
 
 def stiffness_ratio(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
-    """S (N,) at stretched places (N, 3) of the grid, and where it is known."""
+    """Return S (N,) at stretched places (N, 3) of the grid, and where it is known."""
     return _mixed(mixture, _stiffness, places)
 
 
 def surface_excess(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
-    """Rise and u_r over w (N, 2, places beside the punch) beyond linear theory's, and where it is known (N,)."""
+    """Return rise and u_r over w (N, 2, places outside the punch) beyond linear theory's, and where it is known
+    (N,).
+    """
     return _mixed(mixture, _surface, places)
 
 
 def reach(mixture: Mixture, poisson_ratio: float, *, a_over_h: float) -> float:
-    """The greatest w/h that all blocks know here; 0 off the grid."""
+    """Return the greatest w/h that all blocks know here; 0 off the grid."""
     return min(_stiffness(block).reach(poisson_ratio, a_over_h) for _, near in mixture for block in near.about)
 
 
 @lru_cache(maxsize=1)
 def shipped_table() -> Table:
-    """The table that comes with the library. Raises InputError where it is not what its card says."""
+    """Return the table that comes with the library. Raises InputError if it differs from its card."""
     return read_table(SHIPPED)
 
 
 def read_table(path: Path) -> Table:
-    """Read PATH and the card beside it, and check one against the other."""
+    """Read PATH and check it by the card next to it."""
     card = read_json(path.with_suffix(".json"))
     if hashlib.sha256(read_bytes(path)).hexdigest() != card.get("sha256"):
         raise InputError(
-            "the table is not the one that its card describes",
+            "the table differs from its card",
             where=path,
-            remedy="Install the package again, or tabulate anew.",
+            remedy="Reinstall tactilevision, or tabulate anew.",
         )
     data = read_arrays(path)
     own = [_block(about, data, number) for number, about in enumerate(card["blocks"])]
@@ -223,14 +226,14 @@ def _mixed(mixture: Mixture, spline: Callable[[Block], HoledSpline], places: Flo
     return np.asarray(values), np.asarray(known)
 
 
-def straight(names: Sequence[float], places: Sequence[float], *, at: float) -> list[tuple[float, float]]:
-    """(name, weight) of the two of `names`, at ascending `places`, between which `at` lies, or beyond which."""
+def straight(places: Sequence[float], *, at: float) -> list[tuple[float, float]]:
+    """Return (place, weight) of the two of ascending `places` between or beyond which `at` lies."""
     if len(places) == 1:
-        return [(names[0], 1.0)]
-    low = min(max(bisect_right(places, at) - 1, 0), len(places) - 2)
+        return [(places[0], 1.0)]
+    low = _interval(places, at)
     share = (at - places[low]) / (places[low + 1] - places[low])
-    pair = (names[low], 1 - share), (names[low + 1], share)
-    return [(name, weight) for name, weight in pair if abs(weight) > ROUNDING]
+    pair = (places[low], 1 - share), (places[low + 1], share)
+    return [(place, weight) for place, weight in pair if abs(weight) > ROUNDING]
 
 
 def _absent(what: str, value: object, there: Sequence[object]) -> InputError:
@@ -268,17 +271,15 @@ def _about(block: Block) -> dict[str, Any]:
     }
 
 
-# From a work folder of solved cases to the one table that is shipped, with its card and the list of its cases.
-
 COLUMNS = "law", "friction", "edge_over_h", "poisson_ratio", "a_over_h", "to_w_over_h", "no_fold_to", "ended"
 
 
 def merge(cases: Iterable[Case], folder: Path | str, *, out: Path | str, notes: dict[str, Any]) -> list[str]:
-    """Put every block of which all cases are solved into `out` (.npz), with its card (.json) and its cases (.csv:
-    how deep each got, and why no deeper); returns the names of the cases that are missing.
+    """Write complete blocks into `out` (.npz), with card (.json) and cases (.csv: how deep each got, and why no
+    deeper).
 
-    `notes` go into the card: solver settings, errors and what else is to be known. Raises InputError where no
-    block is whole.
+    Returns the names of the missing cases. `notes` go into the card: solver settings, errors and more. Raises
+    InputError if no block is complete.
     """
     blocks: dict[Key, list[Case]] = defaultdict(list)
     for case in cases:
@@ -292,13 +293,13 @@ def merge(cases: Iterable[Case], folder: Path | str, *, out: Path | str, notes: 
             solved |= {case: load_case(case_path(place, case)) for case in members}
     if not solved:
         raise InputError(
-            "no block of the table is solved to the end",
+            "no block of the table is complete",
             where=folder,
             value=f"{len(missing)} cases missing",
             remedy="Run tabulate longer.",
         )
     card = {
-        "what": "P/(E w h) of a flat punch over Hayes' for its flat part, and the surface beside it over w beyond "
+        "what": "P/(E w h) of a flat punch over Hayes' for its flat part, and the surface around it over w beyond "
         "linear theory's; friction null: no slip",
         "source": "tactilevision.mechanics.punch_fem, made by tactilevision tabulate",
         "date": date.today().isoformat(),

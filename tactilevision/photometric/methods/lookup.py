@@ -1,13 +1,12 @@
-"""Slope out of a table of colour changes.
+"""Slope from a table of colour changes.
 
-The table has CELLS^3 entries over the range of changes that were seen; each holds the mean slope of the ball
-samples that fell near it, shrunk towards a cubic polynomial of the change fitted to all of them:
+The table has CELLS^3 entries over the observed range of changes. Each holds the mean slope of the n ball samples
+in its cell, shrunk towards a cubic polynomial of the change fitted to all samples:
 
     table = (n mean + PRIOR cubic) / (n + PRIOR)
 
-so that cells with no sample are filled smoothly. Read at the nearest entry of a table twice as fine, linear in
-between, whose steps even the mean of 4 by 4 noisy pixels blurs. One table for the whole picture: simple and fast,
-and less accurate than the polynomial, since the light's direction is taken to be the same everywhere.
+It is read at the nearest entry of a table twice as fine, linear in between. One table serves the whole picture:
+fast, but less accurate than the polynomial, as the direction of the light is taken to be the same everywhere.
 """
 
 from __future__ import annotations
@@ -21,13 +20,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import Samples
-from tactilevision.photometric.colour_change import strips
+from tactilevision.photometric.protocols import StripEvaluator
 from tactilevision.photometric.windows import Window
 from tactilevision.records.measured import Floats
 
-CELLS = 48  # entries along each colour; more leave more of them to the cubic
-FINE = 2 * CELLS - 1  # entries along each colour of the table that is read; at most 256, as a byte counts them
-PRIOR = 4.0  # samples that the cubic is worth in each cell; more smooth the table towards it
+CELLS = 48  # entries along each colour
+FINE = 2 * CELLS - 1  # entries along each colour of the table that is read; at most 256, for byte indices
+PRIOR = 4  # weight of the cubic in each cell, in samples
 
 
 @dataclass(frozen=True)
@@ -41,18 +40,18 @@ class Lookup:
     name = "lookup"
 
     def at(self, change: Floats, place: Floats) -> Floats:
-        """Slopes (N, 2) for changes (N, 3); `place` does not matter."""
+        """Return slopes (N, 2) for changes (N, 3); `place` is ignored."""
         i, j, k = np.clip(np.rint((change - self.lowest) * self.per), 0, FINE - 1).astype(np.intp).T
         return np.asarray(self.fine[i, j, k], np.float64)
 
     @property
     def per(self) -> Floats:
-        """Fine entries (3,) to a change of one."""
+        """Fine entries (3,) per unit of change."""
         return (FINE - 1) / (self.highest - self.lowest)
 
     @cached_property
     def fine(self) -> npt.NDArray[np.float32]:
-        """The table (FINE, FINE, FINE, 2) that is read: linear between entries, 0 where no colour changes."""
+        """The table (FINE, FINE, FINE, 2) that is read: linear between entries, 0 for no change."""
         fine = self.table
         for axis in range(3):
             fine = np.repeat(fine, 2, axis=axis)
@@ -60,7 +59,7 @@ class Lookup:
         return np.ascontiguousarray(fine - fine[_entry_of_zero(self)])
 
     def averaged(self, noise: Floats) -> Lookup:
-        """The table that says of a colour what this one says, on the mean, of that colour with `noise` (3,)."""
+        """Return the table of mean slopes for colours with `noise` (3,)."""
         from scipy.ndimage import gaussian_filter
 
         table = gaussian_filter(self.table, (*(0.5 * noise * self.per), 0.0), mode="nearest")
@@ -74,10 +73,7 @@ class Lookup:
 
 
 def fit_lookup(contact: Samples, untouched_samples: Samples, *, ridge: float) -> Lookup:
-    """The table of the samples.
-
-    `ridge` is the penalty of the cubic that fills it, in parts of its terms' power.
-    """
+    """Fit a table to samples; `ridge` is the penalty of the cubic, relative to the power of its terms."""
     changes = np.concatenate([contact.change, untouched_samples.change])
     slopes = np.concatenate([contact.slopes, untouched_samples.slopes])
     lowest, highest = np.percentile(changes, 0.1, axis=0), np.percentile(changes, 99.9, axis=0)
@@ -87,7 +83,7 @@ def fit_lookup(contact: Samples, untouched_samples: Samples, *, ridge: float) ->
     scale = np.sqrt(np.mean(terms**2, axis=0))
     normal = (terms / scale).T @ (terms / scale) / len(terms) + ridge * 1e-2 * np.eye(terms.shape[1])
     weights = np.linalg.solve(normal, (terms / scale).T @ slopes / len(terms)) / scale[:, None]
-    axes = [np.linspace(lowest[c], highest[c], CELLS) for c in range(3)]
+    axes = np.linspace(lowest, highest, CELLS).T
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     steepest = 1.5 * np.abs(slopes).max()
     cells = np.clip((changes - lowest) / (highest - lowest) * (CELLS - 1) + 0.5, 0, CELLS - 1).astype(np.intp)
@@ -99,7 +95,7 @@ def fit_lookup(contact: Samples, untouched_samples: Samples, *, ridge: float) ->
     return Lookup(table.reshape(CELLS, CELLS, CELLS, 2).astype(np.float32), lowest, highest)
 
 
-class LookupEvaluator:
+class LookupEvaluator(StripEvaluator):
     """The table over a whole picture, both slopes of an entry as the parts of one complex number."""
 
     def __init__(self, lookup: Lookup, shape: tuple[int, int]) -> None:
@@ -107,23 +103,16 @@ class LookupEvaluator:
         self.per, self.shift = lookup.per, -lookup.lowest * lookup.per
         self.lookup = lookup
 
-    def __call__(self, change: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """Slopes (H, W) and (H, W) of changes (3, H, W)."""
-        out = np.empty((2, *change.shape[1:]), np.float32)
-        for window in strips((slice(0, change.shape[1]), slice(0, change.shape[2]))):
-            self.strip(change[:, window[0]], window, out[:, window[0]])
-        return out[0], out[1]
-
     def strip(self, change: npt.NDArray[np.float32], window: Window, out: npt.NDArray[np.float32]) -> None:
-        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
+        """Write slopes (2, h, w) of the changes (3, h, w) of a window, one of `strips`, to `out`."""
         slopes = self.slopes.take(self._entries(change), mode="clip")
         out[0], out[1] = slopes.real, slopes.imag
 
     def _entries(self, change: npt.NDArray[np.float32]) -> npt.NDArray[np.intp]:
-        """Entries (h, w) for changes (3, h, w); float32 counts to FINE^3 exactly."""
+        """Return the entries (h, w) for changes (3, h, w); float32 is exact up to FINE^3."""
         cells = np.empty(change.shape, np.uint8)
         for channel, cell, per, shift in zip(change, cells, self.per, self.shift, strict=True):
-            # rounded, and held between 0 and 255
+            # rounded and clipped to 0 to 255
             cv2.addWeighted(channel, float(per), channel, 0.0, float(shift), dst=cell, dtype=cv2.CV_8U)
         np.minimum(cells, FINE - 1, out=cells)
         red, green, blue = cells.astype(np.float32)
@@ -134,12 +123,12 @@ class LookupEvaluator:
         return np.asarray(red, np.intp)
 
     def noise(self, noise: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
+        """Return the standard deviation (H, W) of a slope on untouched gel from that of the changes (3, H, W)."""
         entry, table = _entry_of_zero(self.lookup), self.lookup.fine
         rates = []
         for axis in range(3):
             above, below = (tuple(n + step * (c == axis) for c, n in enumerate(entry)) for step in (2, -2))
-            rates.append((table[above] - table[below]) * np.float32(self.per[axis] / 4.0))
+            rates.append((table[above] - table[below]) * np.float32(self.per[axis] / 4))
         squares = np.square(np.stack(rates))
         return np.asarray(np.sqrt(np.einsum("cs,chw->hw", squares, noise**2) / 2.0), dtype=np.float32)
 

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import replacing
-from tactilevision.photometric.colour_change import strips
 from tactilevision.photometric.methods.polynomial import REACH
+from tactilevision.photometric.protocols import StripEvaluator
 from tactilevision.photometric.windows import Window
 from tactilevision.records.measured import Floats
 
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
     import torch
 
 
-# Networks as files: opened by onnxruntime on one core and only with the hash of their card, written by torch.
+# Network files: opened by onnxruntime on one core and only with the hash of their card, written by torch.
 
-OPSET = 17  # of ONNX, written in the method's card; a newer one shuts out older versions of onnxruntime
-# none repeats, and none makes more numbers than it is given: a foreign network ends, and fits into memory
+OPSET = 17  # of ONNX, written in the method's card; a newer one excludes older versions of onnxruntime
+# none loops, and none enlarges its input: a foreign network ends, and fits into memory
 _ALLOWED = (
     "Abs Add BatchNormalization Cast Clip Concat Constant Conv Div Elu Exp Gemm Identity LeakyRelu MatMul Max Min "
     "Mul Neg Pow Relu Reshape Sigmoid Slice Softplus Sqrt Squeeze Sub Tanh Transpose Unsqueeze"
 )
 OPERATORS = frozenset(_ALLOWED.split())
-MAX_STEP = 1_000_000  # numbers that a step of a network may give for one pixel; ours give some tens
+MAX_STEP = 1_000_000  # numbers per pixel that a step of a network may give; ours give some tens
 Array = npt.NDArray[np.float32]
 
 
 def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
-    """An onnxruntime session of the network in a file's `content`, on one core.
+    """Return an onnxruntime session of the network in a file's `content`, on one core.
 
-    Raises InputError where it is not the one of its card (`sha256`), is no network, or has other OPERATORS.
+    Raises InputError where its hash is not `sha256`, it is no network, or it has operators not in OPERATORS.
     """
     import onnxruntime
 
@@ -53,7 +53,7 @@ def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
     options.log_severity_level = 3
     try:
         return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    except Exception as fault:  # onnxruntime has an error of its own for each way of being no network
+    except Exception as fault:  # onnxruntime has many exception types
         raise InputError(f"the network cannot be read: {str(fault)[:200]}", where=where) from fault
 
 
@@ -63,33 +63,33 @@ def _check_operators(content: bytes, where: Path) -> None:
     try:
         model = onnx.load_from_string(content)
         graph, largest = model.graph, _largest_step(model)
-    except Exception as fault:  # protobuf has its own errors, too
+    except Exception as fault:  # protobuf has its own exception types
         raise InputError(f"the network cannot be read: {str(fault)[:200]}", where=where) from fault
     strange = sorted({str(node.op_type) for node in graph.node} - OPERATORS)
     if strange:
         raise InputError(
-            "the network has operators that are not run",
+            "the network has operators that are not supported",
             where=where,
             value=", ".join(strange)[:200],
-            remedy="Build it of convolutions and functions of single numbers.",
+            remedy="Use convolutions and element-wise functions only.",
         )
     if largest > MAX_STEP:
         raise InputError(
             f"a step of the network gives more than {MAX_STEP:,} numbers for one pixel", where=where, value=largest
         )
     if any(tensor.data_location for tensor in graph.initializer):
-        raise InputError("the network names other files for its numbers", where=where)
+        raise InputError("the network stores weights in other files", where=where)
 
 
 def _largest_step(model: Any) -> float:
-    """Numbers that a step gives where the free axes are one pixel; infinite where the file leaves it open."""
+    """Return the largest output of a step for one pixel; infinite where the file leaves it open."""
     import onnx
 
     for given in model.graph.input:
         for side in given.type.tensor_type.shape.dim:
             if not side.HasField("dim_value"):
                 side.dim_value = 1
-    del model.graph.value_info[:]  # what the file says of its own steps is not believed
+    del model.graph.value_info[:]  # the file's own shapes are not trusted
     for result in model.graph.output:
         result.type.tensor_type.ClearField("shape")
     graph = onnx.shape_inference.infer_shapes(model, data_prop=True).graph
@@ -102,9 +102,9 @@ def _largest_step(model: Any) -> float:
 
 
 def run_network(session: Any, *inputs: Array) -> Array:
-    """The first output for the inputs in their order: slopes (1, 2, h, w) of colours and places (1, 5, h, w).
+    """Return the first output for the inputs in order: slopes (1, 2, h, w) of colours and places (1, 5, h, w).
 
-    Raises InputError where the network wants others.
+    Raises InputError where the network has other inputs.
     """
     wanted = session.get_inputs()
     try:
@@ -114,14 +114,14 @@ def run_network(session: Any, *inputs: Array) -> Array:
 
 
 def require_exporter() -> None:
-    """Raises InputError where torch cannot write ONNX, before any time is spent on training."""
+    """Raise InputError where torch cannot write ONNX, before training."""
     try:
         import onnx  # noqa: F401 -- torch's exporter asks for it
     except ImportError as fault:
         raise InputError(
-            "a network is written by the package onnx, which is missing",
+            "the package onnx, which writes networks, is missing",
             where="train",
-            remedy="Install onnx, or take polynomial.",
+            remedy="Install onnx, or choose polynomial.",
         ) from fault
 
 
@@ -136,7 +136,7 @@ def export_network(
     target = Path(path)
     module.eval()
     with replacing(target) as temporary, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the exporter that needs no further package says it is the older one
+        warnings.simplefilter("ignore")  # this exporter, which needs no further package, is deprecated
         torch.onnx.export(
             module,
             (example,),
@@ -150,23 +150,23 @@ def export_network(
     return hashlib.sha256(target.read_bytes()).hexdigest()
 
 
-# Slope out of a small network, run by onnxruntime.
+# Slope by a small network, evaluated by onnxruntime:
 #
 #     (p, q) = M(u, X, Y) u        u (3,) the colour change, X, Y the place from -1 to 1
 #
-# M (2, 3) is a perceptron's output, the same at every pixel: convolutions of one pixel, so that the ONNX file
-# takes a picture (1, 5, h, w) of any size. No change of colour is no slope, whatever the weights. A picture is run
-# in strips of rows whose layers stay in the cache, on one core: up to half as long as the whole at once. Valid for
-# slopes the balls reached; the result is held to REACH times the steepest slope seen.
+# M (2, 3) is the output of a perceptron of convolutions of one pixel, so that the ONNX file takes a picture (1, 5,
+# h, w) of any size. No change of colour is no slope, whatever the weights. Strips of rows whose layers stay in the
+# cache, on one core, take up to half as long as the whole picture. Results are limited to REACH times the steepest
+# slope of the samples.
 
-CHANGE_STEP = 0.05  # colour change over which the slope of the law at rest is taken
+CHANGE_STEP = 0.05  # colour change of the finite difference at rest
 
 Picture = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Network:
-    """`content` of an ONNX file; `steepest` slope among the samples; `source`, the file, for what errors say."""
+    """`content` of an ONNX file; `steepest` slope among the samples; `source`, the file, for error messages."""
 
     content: bytes
     steepest: float
@@ -175,7 +175,7 @@ class Network:
     name = "network"
 
     def __reduce__(self) -> tuple[type[Network], tuple[bytes, float, Path]]:
-        """For other processes: each opens the file itself."""
+        """Support pickling: each process opens the file itself."""
         return Network, (self.content, self.steepest, self.source)
 
     @property
@@ -187,14 +187,14 @@ class Network:
         return open_bytes(self.content, self.sha256, where=self.source)
 
     def at(self, change: Floats, place: Floats) -> Floats:
-        """Slopes (N, 2) for changes (N, 3) at places (N, 2)."""
+        """Return slopes (N, 2) for changes (N, 3) at places (N, 2)."""
         inputs = np.concatenate([change, place], axis=1).astype(np.float32)
         bound = REACH * self.steepest
         slopes = run_network(self.session, np.ascontiguousarray(inputs.T)[None, :, None])
         return np.asarray(np.clip(slopes[0, :, 0].T, -bound, bound), np.float64)
 
     def averaged(self, noise: Floats) -> Network:
-        """Itself: it is as smooth as a polynomial."""
+        """Return itself: it is as smooth as a polynomial."""
         return self
 
     def evaluator(self, shape: tuple[int, int]) -> NetworkEvaluator:
@@ -204,7 +204,7 @@ class Network:
         return {"steepest": np.array(self.steepest)}
 
 
-class NetworkEvaluator:
+class NetworkEvaluator(StripEvaluator):
     """The network over a whole picture, strip by strip."""
 
     def __init__(self, network: Network, shape: tuple[int, int]) -> None:
@@ -216,13 +216,6 @@ class NetworkEvaluator:
     def __reduce__(self) -> tuple[type[NetworkEvaluator], tuple[Network, tuple[int, int]]]:
         return NetworkEvaluator, (self.network, self.shape)
 
-    def __call__(self, change: Picture) -> tuple[Picture, Picture]:
-        """Slopes (H, W) and (H, W) of changes (3, H, W)."""
-        out = np.empty((2, *self.shape), np.float32)
-        for window in strips((slice(0, self.shape[0]), slice(0, self.shape[1]))):
-            self.strip(change[:, window[0]], window, out[:, window[0]])
-        return out[0], out[1]
-
     def strip(self, change: Picture, window: Window, out: Picture) -> None:
         """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
         inputs = np.empty((1, 5, *change.shape[1:]), np.float32)
@@ -232,7 +225,7 @@ class NetworkEvaluator:
         np.maximum(slopes, -self.bound, out=out)
 
     def noise(self, noise: Picture) -> Picture:
-        """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
+        """Return the standard deviation (H, W) of a slope on untouched gel from that of the changes (3, H, W)."""
         total = np.zeros(self.shape, np.float32)
         for colour in range(3):
             step = np.zeros((3, *self.shape), np.float32)
@@ -243,15 +236,13 @@ class NetworkEvaluator:
         return np.asarray(np.sqrt(0.5 * total), np.float32)
 
 
-# Finds what was trained beforehand: `_models` in an installed wheel, `models` beside the package in a checkout.
-#
-# A user's own folder of that name is never looked into. Each file is checked against its card when it is loaded.
+# Trained networks: `_models` in an installed wheel, `models` next to the package in a checkout.
 
 HERE = Path(__file__).parents[2]  # the package
 
 
 def models_folder() -> Path:
-    """The folder of trained methods. Raises InputError where the installation has none."""
+    """Return the folder of trained methods. Raises InputError where the installation has none."""
     for folder in (HERE / "_models", HERE.parent / "models"):
         if folder.is_dir():
             return folder
@@ -259,11 +250,11 @@ def models_folder() -> Path:
 
 
 def find_model(name: str) -> Path | None:
-    """The network of that name, or None where there is none."""
+    """Return the path of the network of that name, or None."""
     path = models_folder() / f"{name}.onnx"
     return path if path.is_file() else None
 
 
 def ready_models() -> tuple[str, ...]:
-    """Names of the networks that came along, each of a kind of sensor."""
+    """Return the names of the installed networks, each of a kind of sensor."""
     return tuple(sorted(path.stem for path in models_folder().glob("*.onnx")))

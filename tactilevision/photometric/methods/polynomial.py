@@ -1,28 +1,20 @@
-"""Slope as a polynomial of the colour change, its coefficients varying smoothly over the picture.
+"""Slope as a polynomial of the colour change, with coefficients varying smoothly over the picture.
 
     p, q = sum_k C_k(X, Y) phi_k(u)        phi: the 19 products of one to three of the colour changes r, g, b
     C_k(X, Y) = sum_m c_km X^i Y^j         i + j up to 5, 2, 1 for products of one, two, three; X, Y from -1 to 1
 
-Lamps as near as the pad is wide turn and fade over the picture, and what undoes them is no low polynomial: on the
-lights of a GelSlim 3.0, 14 balls, slopes of .1 are off by 8 % (rms over places) with 3 in place of 5, by 6 with 5.
-
-u (3,) is the colour change of `colour_change.py`. There is no constant term: no change of colour is no slope. The
-fit is ridge regression on the ball samples, each weighed by 1/(slope^2 + TYPICAL^2) so that gentle slopes are
-right in proportion as steep ones are. The ridge grows with the order in place, so that where no ball was pressed
-the light is taken to be as elsewhere.
-
-Colours are noisy, and a plain regression on what is noisy reads slopes too low (by 4 % for u of .014). With D how
-the products phi scatter by noise, drawn for each sample, the law that is right on the mean over noise solves
+Near lamps turn and fade over the picture: on a GelSlim 3.0 with 14 balls, slopes of .1 are off by 8 % (rms over
+places) with order 3 instead of 5, by 6 % with 5. There is no constant term: no change of colour is no slope. The
+fit is ridge regression on the ball samples with weights 1/(slope^2 + TYPICAL^2); the ridge grows with the order in
+place. With D the simulated noise of the products phi, the law without the bias by noise (4 % for u of .014) solves
 
     (phi'W phi - D'W D) c = phi'W s
 
-What noise makes of slopes is to be small as well, but no depth rests on one pixel: as variance it counts with 1 /
-AVERAGED, over samples and untouched gel alike, which keeps dark channels from shouting.
-Where gel turns from a low lamp its light ends, which bends what colours tell. `fit_fourth_order` adds the 15
-products of four colours, with i + j up to 1 and a penalty, as they run away sooner: directions of real balls left
-out come from 2.03 to 1.99 degrees (a GelSight Mini) and 3.35 to 3.23 (a GelSlim). Balls left out choose.
-Valid for slopes the balls reached; beyond them a polynomial runs away, so the result is held to REACH times the
-steepest slope seen.
+The variance that noise adds to slopes is penalised with weight 1 / AVERAGED over samples and untouched gel, which
+limits dark channels. `fit_fourth_order` adds the 15 products of four colours, with i + j up to 1 and a penalty:
+light ends where gel turns from a low lamp. Directions of held-out real balls improve from 2.03 to 1.99 degrees (a
+GelSight Mini) and 3.35 to 3.23 (a GelSlim). Valid for slopes within those of the balls; results are limited to
+REACH times the steepest.
 """
 
 from __future__ import annotations
@@ -35,12 +27,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import KEPT, TYPICAL, Samples
-from tactilevision.photometric.colour_change import strips
+from tactilevision.photometric.protocols import StripEvaluator
 from tactilevision.photometric.windows import Window
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Floats
 
 PRODUCTS = tuple(pick for n in (1, 2, 3, 4) for pick in combinations_with_replacement(range(3), n))
-RAISED = tuple(  # colour, the products of one order from it on, their products with it
+RAISED = tuple(  # a colour, the products of one order from it on, their products with it
     (slice(c, c + 1), slice(start + skip, end), slice(above, above + end - start - skip))
     for start, end, skips, aboves in (
         (0, 3, (0, 1, 2), (3, 6, 8)),
@@ -51,18 +44,19 @@ RAISED = tuple(  # colour, the products of one order from it on, their products 
 )
 PLACE_ORDER = {1: 5, 2: 2, 3: 1, 4: 1}
 MAX_ORDER = max(PLACE_ORDER.values())
-LOW = 2 * (PLACE_ORDER[2] + 1)  # sums of a row, both slopes', that products of two to four have a part in
+LOW = 2 * (PLACE_ORDER[2] + 1)  # sums of a row, of both slopes, to which products of two to four contribute
 POWERS = tuple((i, n - i) for n in range(MAX_ORDER + 1) for i in range(n + 1))
-FOURTH = 1.0  # penalty of products of four, in parts of their power: they run away where no ball was
-AVERAGED = 450  # pixels under a contact of 12 px in radius, the smallest whose depth is to be right
-MAX_NOISE_SHARE = 0.5  # of a combination's power: what is more noise than this is not made up for
-REACH = 1.5  # of the steepest slope of the samples; beyond, a polynomial runs away
+FOURTH = 1.0  # penalty of products of four, relative to their power
+AVERAGED = 450  # pixels of a contact of 12 px in radius, the smallest whose depth is to be right
+MAX_NOISE_SHARE = 0.5  # of a combination's power that is subtracted as noise
+REACH = 1.5  # of the steepest slope of the samples; beyond, a polynomial diverges
+RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # relative to the power of the terms; held-out balls choose
 
 Picture = npt.NDArray[np.float32]
 
 
 def _terms() -> list[tuple[int, int]]:
-    """(colour product, power in place) of every coefficient."""
+    """Return (colour product, power in place) of every coefficient."""
     return [
         (k, m)
         for k, product in enumerate(PRODUCTS)
@@ -86,22 +80,20 @@ class Polynomial:
     name = "polynomial"
 
     def at(self, change: Floats, place: Floats) -> Floats:
-        """Slopes (N, 2) for changes (N, 3) at places (N, 2)."""
+        """Return slopes (N, 2) for changes (N, 3) at places (N, 2)."""
         order = 4 if self.fourth else 3
         terms = TERMS[order >= ORDERS]
-        return self._clipped(_design(change, place, order) @ self.coefficients[:, terms[:, 0], terms[:, 1]].T)
-
-    @property
-    def fourth(self) -> bool:
-        """Whether products of four colours have a part in it."""
-        return bool(self.coefficients[:, CUBIC:].any())
-
-    def _clipped(self, slopes: Floats) -> Floats:
+        slopes = _design(change, place, order) @ self.coefficients[:, terms[:, 0], terms[:, 1]].T
         bound = REACH * self.steepest
         return np.asarray(np.clip(slopes, -bound, bound))
 
+    @property
+    def fourth(self) -> bool:
+        """Whether it has products of four colours."""
+        return bool(self.coefficients[:, CUBIC:].any())
+
     def averaged(self, noise: Floats) -> Polynomial:
-        """Itself: over noise its mean changes by next to nothing but what it makes of rest (`background.py`)."""
+        """Return itself: noise hardly changes its mean, other than the bias on untouched gel."""
         return self
 
     def evaluator(self, shape: tuple[int, int]) -> PolynomialEvaluator:
@@ -116,20 +108,20 @@ def fit_polynomial(
     untouched_samples: Samples,
     *,
     ridge: float,
-    drawn: Samples | None = None,
+    simulated: Samples | None = None,
     share: float = 0.0,
     order: int = 3,
 ) -> Polynomial:
-    """The polynomial that explains the samples, of products of `order` (3 or 4) colours at most.
+    """Fit a polynomial of products of `order` (3 or 4) colours at most to samples.
 
-    `ridge` penalises the place terms, in parts of their power. Samples `drawn` from another law, without noise,
+    `ridge` penalises the place terms, relative to their power. Samples `simulated` by another law, without noise,
     have `share` of the weight.
     """
     terms = TERMS[order >= ORDERS]
     resting = _design(untouched_samples.change, untouched_samples.place, order)
     power, noise, target = _sums(contact, order)
-    if drawn is not None:
-        more = _sums(drawn, order)
+    if simulated is not None:
+        more = _sums(simulated, order)
         power, noise, target = (
             (1.0 - share) * a + share * b for a, b in zip((power, noise, target), more, strict=True)
         )
@@ -146,46 +138,41 @@ def fit_polynomial(
 
 
 def fit_fourth_order(contact: Samples, untouched_samples: Samples, *, ridge: float) -> Polynomial:
-    """As `fit_polynomial`, with products of four colours."""
+    """Fit as `fit_polynomial`, with products of four colours."""
     return fit_polynomial(contact, untouched_samples, ridge=ridge, order=4)
 
 
 @lru_cache(maxsize=KEPT)
 def _sums(samples: Samples, order: int) -> tuple[Floats, Floats, Floats]:
-    """Weighted means over samples: of the design's products, of those of its noise, of design times slope."""
+    """Return weighted means over samples: of design products, of those of its noise, of design times slope."""
     weights = 1.0 / (np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
     weights /= weights.sum()
     design = _design(samples.change, samples.place, order)
     weighted = design * weights[:, None]
     noise = np.zeros((design.shape[1], design.shape[1]))
     if samples.noise is not None:
-        rng = np.random.default_rng(0)  # a fixed draw: a calibration does not change between runs
-        drawn = samples.noise * rng.standard_normal(samples.noise.shape)
-        scatter = 0.5 * (
-            _design(samples.change + drawn, samples.place, order)
-            - _design(samples.change - drawn, samples.place, order)
-        )
+        rng = np.random.default_rng(0)  # fixed: a calibration does not change between runs
+        error = samples.noise * rng.standard_normal(samples.noise.shape)
+        above, below = (_design(samples.change + e, samples.place, order) for e in (error, -error))
+        scatter = 0.5 * (above - below)
         noise = (scatter * weights[:, None]).T @ scatter
     return weighted.T @ design, noise, weighted.T @ samples.slopes
 
 
 def _less_noise(power: Floats, noise: Floats) -> Floats:
-    """`power` less `noise`, both (K, K).
-
-    Of combinations that are mostly noise no more than MAX_NOISE_SHARE is taken off.
-    """
-    root = np.linalg.cholesky(power + 1e-9 * np.eye(len(power)))
+    """Return `power` minus `noise`, both (K, K), of each combination at most MAX_NOISE_SHARE."""
+    root = np.linalg.cholesky(power + TINY * np.eye(len(power)))
     half = np.linalg.solve(root, noise)
     parts, directions = np.linalg.eigh(np.linalg.solve(root, half.T))
     turned = root @ directions
     return np.asarray(power - (turned * np.clip(parts, 0.0, MAX_NOISE_SHARE)) @ turned.T)
 
 
-class PolynomialEvaluator:
-    """The polynomial over a whole picture, row by row: in one row it is a polynomial of X alone.
+class PolynomialEvaluator(StripEvaluator):
+    """The polynomial over a whole picture, row by row: in a row it is a polynomial of X alone.
 
-    slope(X) = sum_i X^i sum_k c_ik(Y) phi_k(u), so that one small matrix product a row does most of the work.
-    The products phi stand in an order in which r, g, b times what follows them gives all of the next order.
+    slope(X) = sum_i X^i sum_k c_ik(Y) phi_k(u), so that one small matrix product per row does most of the work.
+    The products phi are ordered so that r, g, b times those that follow give all of the next order.
     """
 
     def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
@@ -202,17 +189,10 @@ class PolynomialEvaluator:
         self.x: Picture = np.linspace(-1, 1, shape[1], dtype=np.float32)
         self.bound = np.float32(REACH * polynomial.steepest)
 
-    def __call__(self, change: Picture) -> tuple[Picture, Picture]:
-        """Slopes (H, W) and (H, W) of changes (3, H, W)."""
-        out = np.empty((2, *change.shape[1:]), np.float32)
-        for window in strips((slice(0, change.shape[1]), slice(0, change.shape[2]))):
-            self.strip(change[:, window[0]], window, out[:, window[0]])
-        return out[0], out[1]
-
     def strip(self, change: Picture, window: Window, out: Picture) -> None:
-        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
+        """Write slopes (2, h, w) of the changes (3, h, w) of a window, one of `strips`, to `out`."""
         size = change.shape[1:]
-        # made anew for each strip: so it lies where the last one's was, which is still in the cache
+        # allocated anew for each strip: at the address of the last one, which is still in the cache
         products = np.empty((self.products, *size), np.float32)
         products[:3] = change
         for first, below, above in self.raised:
@@ -229,7 +209,7 @@ class PolynomialEvaluator:
         np.clip(slopes, -self.bound, self.bound, out=out)
 
     def noise(self, noise: Picture) -> Picture:
-        """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
+        """Return the standard deviation (H, W) of a slope on untouched gel from that of the changes (3, H, W)."""
         x = self.x[None, :] ** np.arange(MAX_ORDER + 1)[:, None]
         linear = np.einsum("hisk,iw->skhw", self.per_row.reshape(-1, MAX_ORDER + 1, 2, self.products)[..., :3], x)
         return np.asarray(np.sqrt(np.einsum("skhw,khw->hw", linear**2, noise**2) / 2.0), dtype=np.float32)
@@ -238,7 +218,7 @@ class PolynomialEvaluator:
 def _design(change: Floats, place: Floats, order: int) -> Floats:
     colours = np.ascontiguousarray(change.T)
     products = [reduce(np.multiply, colours[list(pick)]) for pick in PRODUCTS if len(pick) <= order]
-    of_x, of_y = ([one**n for n in range(MAX_ORDER + 1)] for one in place.T)
+    of_x, of_y = ([axis**n for n in range(MAX_ORDER + 1)] for axis in place.T)
     powers = [of_x[i] * of_y[j] for i, j in POWERS]
     terms = TERMS[order >= ORDERS]
     columns = np.empty((len(terms), len(change)), np.result_type(change, place))

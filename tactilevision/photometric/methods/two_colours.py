@@ -1,10 +1,9 @@
-"""What two colours tell of slope where the third is overexposed.
+"""Slope by two colours where the third is overexposed.
 
     p, q = f_c(u, X, Y)   with u_c = 0        one polynomial (polynomial.py) for each colour c that may be missing
 
-Two colours and two slopes leave no residual, and one direction of slope is told worse than with three: what such a
-law is off by at balls that it never saw is stated beside it. Where fewer than two colours are left the slopes are
-filled from around, and not known.
+Two colours leave no residual, and the error along one direction of slope is larger than with three; it is measured
+at held-out balls. Where fewer than two colours remain, slopes are filled from their surroundings and are unknown.
 """
 
 from __future__ import annotations
@@ -23,23 +22,23 @@ from tactilevision.photometric.windows import Patch, Window, common, inside, out
 from tactilevision.records.measured import Bools, Floats
 
 COLOURS = 3  # red, green, blue: channels of a frame
-THINNED = 4  # samples of which one is held out: a quarter tells the error as well, and takes a quarter of the time
-UNKNOWN = 1.0  # relative error of a slope that fewer than two colours tell: all of it
+THINNED = 4  # every fourth sample serves for the error
+UNKNOWN = 1.0  # relative error of a slope with fewer than two colours
 
 
 @dataclass(frozen=True, slots=True)
 class TwoColourLaws:
-    """`laws` of two colours each, by the number of the one that is missing.
+    """`laws` of two colours each, by the number of the missing one.
 
-    `errors`: what their slopes are off by at balls left out beyond what those of all colours are, in parts of the
-    slope (`patch_error`); 1 where no ball tells.
+    `errors`: relative errors of their slopes at held-out balls (`patch_error`) in excess of those of three
+    colours; 1 without balls.
     """
 
     laws: tuple[Polynomial, ...]
     errors: tuple[float, ...]
 
     def at(self, change: Floats, place: Floats, *, otherwise: ColourLaw) -> Floats:
-        """Slopes (N, 2) of changes (N, 3) at places (N, 2); NaN: not known. `otherwise` reads where all are."""
+        """Return slopes (N, 2) of changes (N, 3), NaN where unknown, by `otherwise` where all are known."""
         slopes = otherwise.at(np.nan_to_num(change), place)
         for colour, law in enumerate(self.laws):
             lost = np.isnan(change[:, colour])
@@ -47,7 +46,7 @@ class TwoColourLaws:
         return slopes
 
     def arrays(self) -> dict[str, Floats]:
-        """As they are stored: `coefficients` (3, 2, 34, 21), `steepest` and `errors` (3,)."""
+        """Return the arrays to store: `coefficients` (3, 2, 34, 21), `steepest` and `errors` (3,)."""
         return {
             "coefficients": np.stack([law.coefficients for law in self.laws]),
             "steepest": np.array([law.steepest for law in self.laws]),
@@ -56,7 +55,7 @@ class TwoColourLaws:
 
 
 def two_colour_laws(coefficients: Floats, *, steepest: Floats, errors: Floats) -> TwoColourLaws:
-    """The laws out of `coefficients` (3, 2, 34, 21), `steepest` slopes and relative `errors` (3,) as stored."""
+    """Return the laws of stored `coefficients` (3, 2, 34, 21), `steepest` slopes and relative `errors` (3,)."""
     laws = tuple(Polynomial(one, float(most)) for one, most in zip(coefficients, steepest, strict=True))
     return TwoColourLaws(laws, tuple(map(float, errors)))
 
@@ -64,32 +63,28 @@ def two_colour_laws(coefficients: Floats, *, steepest: Floats, errors: Floats) -
 def fit_two_colours(
     fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float, error: float
 ) -> TwoColourLaws:
-    """The laws of samples, some of whose changes may be NaN, by a `fit` that makes polynomials.
+    """Fit the laws to samples, whose changes may be NaN, by a `fit` of polynomials.
 
-    `error` is that of slopes by three colours (ball/cross_validation.py).
+    `error`: relative error of slopes by three colours.
     """
     laws, errors = list[Polynomial](), list[float]()
     for colour in range(COLOURS):
         seen, resting = contact.without(colour), untouched_samples.without(colour)
-        if len(np.unique(seen.press)) < FOLDS:  # another colour is never known
+        if len(np.unique(seen.press)) < FOLDS:  # another colour is always missing
             laws.append(Polynomial(np.zeros((2, len(PRODUCTS), len(POWERS))), 1.0))
             errors.append(UNKNOWN)
             continue
         law = fit(seen, resting, ridge=ridge)
         assert isinstance(law, Polynomial)
-        few, rest = (_every(samples, THINNED) for samples in (seen, resting))
+        few, rest = (s.where(np.arange(len(s.press)) % THINNED == 0) for s in (seen, resting))
         slopes, _ = held_out(fit, few, untouched_samples=rest, ridge=ridge)
         laws.append(law)
         errors.append(float(np.sqrt(max(patch_error(slopes, few) ** 2 - error**2, 0.0))))
     return TwoColourLaws(tuple(laws), tuple(errors))
 
 
-def _every(samples: Samples, step: int) -> Samples:
-    return samples.where(np.arange(len(samples.press)) % step == 0)
-
-
 class TwoColourReader:
-    """Reads the pixels of pictures (H, W) of which a colour is missing; made for the size of one reference."""
+    """Read slopes of pixels with a missing colour, for pictures (H, W) of one size."""
 
     def __init__(self, laws: TwoColourLaws, noise: Planes) -> None:
         """`noise` (3, H, W) is the relative deviation of the changes."""
@@ -106,13 +101,13 @@ class TwoColourReader:
         self.clear = [kept > 0.5 for kept in self.kept_share]
 
     def add_readable(self, valid: Bools, of: MissingColours) -> None:
-        """Count as `valid` (H, W), in place, where two colours tell more than noise."""
+        """Set `valid` (H, W) where two colours give slopes above their noise."""
         for colour in range(COLOURS):
             if self.laws.errors[colour] < UNKNOWN:
                 valid[of.window] |= of.missing[colour] & of.partly & self.clear[colour][of.window]
 
     def read_into(self, slopes: Planes, change: Planes, window: Window, of: MissingColours) -> None:
-        """Set `slopes` (2, h, w) of a window where a colour is missing, of changes (3, h, w); 0 where more are."""
+        """Set `slopes` (2, h, w) of a window from changes (3, h, w) where one colour is missing, else 0."""
         if (both := common(window, of.window)) is None:
             return
         seen, part = inside(both, of.window), (slice(None), *inside(both, window))
@@ -125,13 +120,13 @@ class TwoColourReader:
             whole = outside(box, both)
             known = change[:, *box].copy()
             known[colour] = 0.0
-            found = np.empty((2, *known.shape[1:]), np.float32)
-            self.evaluators[colour].strip(known, whole, found)
-            found *= self.kept_share[colour][whole]
-            np.copyto(slopes[:, *box], found, where=where[box])
+            read = np.empty((2, *known.shape[1:]), np.float32)
+            self.evaluators[colour].strip(known, whole, read)
+            read *= self.kept_share[colour][whole]
+            np.copyto(slopes[:, *box], read, where=where[box])
 
     def lost_share(self, of: MissingColours) -> Patch:
-        """Relative error of slopes where colours are missing."""
+        """Return the relative error of slopes where colours are missing."""
         errors = np.zeros(of.count.shape, np.float32)
         for colour in range(COLOURS):
             errors[of.missing[colour]] = self.laws.errors[colour]

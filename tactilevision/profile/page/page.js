@@ -53,7 +53,7 @@ function drawList() {
     return row;
   }));
   const count = (name) => state.about.presses.filter((one) => one.state === name).length;
-  const rest = ["not found", "left out"].filter(count).map((name) => `, ${count(name)} ${name}`).join("");
+  const rest = ["not found", "excluded"].filter(count).map((name) => `, ${count(name)} ${name}`).join("");
   at("count").textContent = `${state.about.presses.length} presses, ${count("checked")} checked${rest}`;
 }
 
@@ -79,7 +79,7 @@ function drawPicture() {
     pen.setLineDash([]);
   };
   const one = press(), found = told(state.now);
-  if (one.circle && one.state !== "left out") {
+  if (one.circle && one.state !== "excluded") {
     round(one.circle, [["rgba(0,0,0,.55)", 3.5], ["#fff", 1.7]], []);
     const [x, y] = one.circle.map((value) => (value + 0.5) * zoom);
     pen.strokeStyle = "#fff";
@@ -90,7 +90,7 @@ function drawPicture() {
     if (found) round(found.circle, [["#f08a24", 2]], [6, 5]);
   }
   const [x, y, radius] = one.circle || [];
-  at("circle").textContent = one.circle && one.state !== "left out" ?
+  at("circle").textContent = one.circle && one.state !== "excluded" ?
     `x ${x.toFixed(1)}  y ${y.toFixed(1)}  radius ${radius.toFixed(1)} px = ` +
     `${(radius * state.about.mm_per_px[0]).toFixed(2)} mm of a ball of ${one.radius_mm.toFixed(2)} mm` : "";
 }
@@ -113,7 +113,7 @@ async function drawPress() {
   const one = press(), found = told(state.now), index = state.now;
   at("title").textContent = at("title").title = one.frame;
   tell("why", one.why ? `No ball was found here: ${one.why}. Click its middle, or leave it out.` : "");
-  at("left").firstChild.textContent = one.state === "left out" ? "Take in " : "Leave out ";
+  at("left").firstChild.textContent = one.state === "excluded" ? "Include " : "Exclude ";
   at("check").disabled = !one.circle;
   document.querySelector('[data-view="depth"]').disabled = !found;
   at("one").textContent = found ? `${found.direction_deg.toFixed(1)}° off, depth ${found.depth_ratio.toFixed(2)} of the ball's` : "";
@@ -172,7 +172,7 @@ async function find() {
 
 function leaveOut() {
   const one = press();
-  if (one.state !== "left out") set(one.circle, "left out");
+  if (one.state !== "excluded") set(one.circle, "excluded");
   else if (one.circle) set(one.circle, "drawn");
   else find();
 }
@@ -180,7 +180,7 @@ function leaveOut() {
 async function check() {
   if (!press().circle) return;
   await set(press().circle, "checked");
-  const next = state.about.presses.findIndex((one, index) => index > state.now && one.state !== "checked" && one.state !== "left out");
+  const next = state.about.presses.findIndex((one, index) => index > state.now && one.state !== "checked" && one.state !== "excluded");
   if (next >= 0) go(next);
 }
 
@@ -191,7 +191,7 @@ function place(event) {
 
 function grip([x, y]) {
   const circle = press().circle;
-  if (!circle || press().state === "left out") return "new";
+  if (!circle || press().state === "excluded") return "new";
   const away = Math.hypot(x - circle[0], y - circle[1]);
   if (Math.abs(away - circle[2]) * scale() < EDGE_PX && away > 0.5 * circle[2]) return "edge";
   return away < circle[2] ? "move" : "new";
@@ -205,7 +205,7 @@ function usualRadius() {
 canvas.addEventListener("pointerdown", (event) => {
   const [x, y] = place(event), how = grip([x, y]), one = press();
   if (how === "new") one.circle = [x, y, one.circle ? one.circle[2] : usualRadius()];
-  if (one.state === "left out") one.state = "drawn";
+  if (one.state === "excluded") one.state = "drawn";
   state.drag = { how, from: [x, y], circle: [...one.circle] };
   canvas.setPointerCapture(event.pointerId);
   drawPicture();

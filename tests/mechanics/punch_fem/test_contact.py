@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch, signed_gap, slip, touch, untouched
@@ -95,9 +96,7 @@ def test_forces_on_gel_and_punch_balance() -> None:
     assert state.force[:, 6].sum() < 0
 
 
-@pytest.mark.parametrize(
-    ("radius", "edge", "friction"), [(1, 0, 0), (1, 1, 0), (1, 0.1, -0.1), (1, 0.1, math.nan)]
-)
+@each("radius, edge, friction", [(1, 0, 0), (1, 1, 0), (1, 0.1, -0.1), (1, 0.1, math.nan)])
 def test_impossible_punches_are_refused(radius: float, edge: float, friction: float) -> None:
     with pytest.raises(InputError, match="RoundedPunch"):
         RoundedPunch(radius, edge, friction)

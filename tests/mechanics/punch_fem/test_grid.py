@@ -46,11 +46,11 @@ def solved_blocks(edges: tuple[float, ...] = (1 / 60, 1 / 30), reach: int = len(
 
 
 def test_weights_are_straight_between_neighbours_and_beyond_the_last() -> None:
-    names, places = (1.0, 2.0, 3.0), (0.0, 0.5, 2.0)
-    assert straight(names, places, at=0.5) == [(2.0, 1.0)]
-    assert straight(names, places, at=0.125) == [(1.0, 0.75), (2.0, 0.25)]
-    assert straight(names, places, at=-0.5) == [(1.0, 2.0), (2.0, -1.0)]
-    assert straight(names[:1], places[:1], at=7.0) == [(1.0, 1.0)]
+    places = (0.0, 0.5, 2.0)
+    assert straight(places, at=0.5) == [(0.5, 1.0)]
+    assert straight(places, at=0.125) == [(0.0, 0.75), (0.5, 0.25)]
+    assert straight(places, at=-0.5) == [(0.0, 2.0), (0.5, -1.0)]
+    assert straight(places[:1], at=7.0) == [(0.0, 1.0)]
 
 
 def pressed(force: list[float], sound: int, ended: str = "") -> Press:

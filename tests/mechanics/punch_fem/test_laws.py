@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.laws import IDENTITY, Gent, Hencky, Law, NeoHooke, Yeoh, deformation
@@ -26,8 +27,8 @@ def moved(F: Floats, component: int, by: float) -> Floats:
     return changed
 
 
-@pytest.mark.parametrize("law", LAWS, ids=IDS)
-@pytest.mark.parametrize("size", [0.3, 0.01])
+@each("law", LAWS)
+@each("size", [0.3, 0.01])
 def test_stress_is_the_slope_of_the_energy(law: Law, size: float) -> None:
     F = some_deformations(size)
     stress, _ = law.distortion(deformation(F), 0.7)
@@ -36,8 +37,8 @@ def test_stress_is_the_slope_of_the_energy(law: Law, size: float) -> None:
         np.testing.assert_allclose(stress[:, i], (above - below) / (2 * STEP), atol=2e-8)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=IDS)
-@pytest.mark.parametrize("size", [0.3, 0.01])
+@each("law", LAWS)
+@each("size", [0.3, 0.01])
 def test_tangent_is_the_slope_of_the_stress(law: Law, size: float) -> None:
     F = some_deformations(size)
     _, tangent = law.distortion(deformation(F), 0.7)
@@ -47,7 +48,7 @@ def test_tangent_is_the_slope_of_the_stress(law: Law, size: float) -> None:
         np.testing.assert_allclose(tangent[:, :, i], (above - below) / (2 * STEP), atol=1e-7)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=IDS)
+@each("law", LAWS)
 def test_volume_measure_and_its_slopes(law: Law) -> None:
     J = np.linspace(0.5, 1.8, 30)
     g, dg, ddg = law.volume(J)
@@ -57,7 +58,7 @@ def test_volume_measure_and_its_slopes(law: Law) -> None:
     assert np.all(np.diff(g) > 0)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=IDS)
+@each("law", LAWS)
 def test_energy_knows_neither_rotation_nor_dilatation(law: Law) -> None:
     F = some_deformations(0.2)
     cosine, sine = np.cos(0.8), np.sin(0.8)
@@ -69,7 +70,7 @@ def test_energy_knows_neither_rotation_nor_dilatation(law: Law) -> None:
     np.testing.assert_allclose(law.energy(deformation(1.3 * F), 1.0), energy, atol=1e-12)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=IDS)
+@each("law", LAWS)
 def test_small_strain_is_linear_elasticity(law: Law) -> None:
     strain = 1e-6 * np.random.default_rng(2).uniform(-1, 1, (20, 5))
     stress, _ = law.distortion(deformation(IDENTITY + strain), 0.7)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.kappa import kappa
@@ -48,7 +49,7 @@ def rough_problem(friction: float) -> PunchProblem:
     return PunchProblem(Material(0.2, 0.48), RoundedPunch(2.0, 0.4, friction), 3.0, 9.0, mesh=mesh)
 
 
-@pytest.mark.parametrize(("nu", "a_over_h"), [(0.3, 0.4), (0.45, 1.5), (0.48, 2.5 / 3), (0.4999, 0.8)])
+@each("nu, a_over_h", [(0.3, 0.4), (0.45, 1.5), (0.48, 2.5 / 3), (0.4999, 0.8)])
 def test_hayes_is_recovered_within_half_a_percent(nu: float, a_over_h: float) -> None:
     problem = PunchProblem(Material(1.0, nu), GluedFace(a_over_h, slides=True), 1.0, 6.0)
     solution = press_to_depths(problem, [1e-6])

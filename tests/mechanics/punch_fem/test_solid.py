@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import skfem
+from each import each
 
 from tactilevision.mechanics.punch_fem.discretisation import (
     Discretisation,
@@ -59,8 +60,8 @@ def solve(mesh: Discretisation, material: Material, law: Law, prescribed: Floats
     return u, pressure
 
 
-@pytest.mark.parametrize("law", [NeoHooke(), Hencky()], ids=["neo-hooke", "hencky"])
-@pytest.mark.parametrize("nu", [0.3, 0.4999])
+@each("law", [NeoHooke(), Hencky()])
+@each("nu", [0.3, 0.4999])
 def test_patch_of_crooked_elements_deforms_evenly(law: Law, nu: float) -> None:
     mesh, material = crooked(3), Material(1.0, nu)
     prescribed = np.zeros(mesh.size)

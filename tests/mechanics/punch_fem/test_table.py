@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.boundary import rim_share
@@ -55,7 +56,7 @@ def stated(fresh: dict[str, Any]) -> dict[str, float]:
     return next(row for row in errors["held_out_between_and_beyond"] if row["where"] == where)
 
 
-@pytest.mark.parametrize("fresh", HELD_OUT["cases"], ids=lambda case: case["name"])
+@each("fresh", HELD_OUT["cases"])
 def test_what_it_does_not_hold_is_met_within_what_the_card_says(fresh: dict[str, Any]) -> None:
     friction = math.inf if fresh["friction"] is None else fresh["friction"]
     punch = FlatContact(fresh["a_over_h"], fresh["edge_over_h"], 1.0, friction, fresh["law"])
@@ -148,7 +149,7 @@ def test_profile_agrees_with_other_elements() -> None:
     assert np.all(u_r > 0)
 
 
-@pytest.mark.parametrize(
+@each(
     "punch",
     [
         contact(law="ogden"),
@@ -163,9 +164,7 @@ def test_nothing_beyond_the_table(punch: FlatContact) -> None:
         punch_force(0.1, punch, material=GEL)
 
 
-@pytest.mark.parametrize(
-    "change", [{"friction": -0.1}, {"thickness_mm": -1.0}, {"radius_mm": math.nan}, {"pad_radius_mm": 2.0}]
-)
+@each("change", [{"friction": -0.1}, {"thickness_mm": -1.0}, {"radius_mm": math.nan}, {"pad_radius_mm": 2.0}])
 def test_contacts_that_cannot_be_are_refused(change: dict[str, float]) -> None:
     with pytest.raises(InputError):
         contact(**change)
@@ -210,9 +209,7 @@ def test_a_profile_model_is_linear_theory_and_a_little_more() -> None:
     np.testing.assert_allclose(far, 0, atol=1e-8)
 
 
-@pytest.mark.parametrize(
-    "case", [PunchCase(0.2, 0.8), PunchCase(0.48, 2.0), PunchCase(0.48, 0.8, 0.3), PunchCase(0.48, 0.8, -0.1)]
-)
+@each("case", [PunchCase(0.2, 0.8), PunchCase(0.48, 2.0), PunchCase(0.48, 0.8, 0.3), PunchCase(0.48, 0.8, -0.1)])
 def test_a_profile_model_refuses_what_it_was_not_made_for(case: PunchCase) -> None:
     with pytest.raises(InputError):
         TableProfile()(np.array([1.5]), case)

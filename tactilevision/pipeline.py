@@ -1,0 +1,547 @@
+"""One call from a recording's folder to E and nu, one to a diagnosis: certification joined with `calibration`.
+
+A recording with frames is certified first: the light is calibrated on its ball presses, each press gets a
+certified depth and force, and Poisson's ratio is estimated from the rise of the gel outside the contact. A
+recording that brings points or curves of depth and force is taken as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress, Watch
+from tactilevision.errors import InputError, NothingCertified, TactilevisionError
+
+if TYPE_CHECKING:
+    from calibration.diagnosis.diagnosis import Diagnosis
+    from calibration.inputs.observations import Measured, Observations
+    from calibration.model.stages import Effect, Law
+    from calibration.report.drawing import ResidualMap
+    from calibration.result.result import CalibrationResult
+    from calibration.tasks.compare import Comparison
+    from calibration.tasks.validate import Validation
+    from tactilevision.heightmap.reconstructor import Reconstructor
+    from tactilevision.press.certificate import Certificate
+    from tactilevision.recording.model import Recording
+    from tactilevision.records.certified import CertifiedPoint
+    from tactilevision.records.measured import Estimate
+
+    Source = str | Path | Recording
+
+DEFAULT_LAW = "default"  # the only law that uses Poisson's ratio from the rise
+
+
+class Listener(Protocol):
+    """Receives progress and warnings as soon as they arise; `tactilevision.cli.console` is one."""
+
+    def progress_bar(self, title: str) -> AbstractContextManager[Progress]:
+        """Begin a step that takes time."""
+
+    def warn(self, lines: Sequence[str]) -> None:
+        """Receive warnings, which the result also holds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Collected:
+    """A listener that keeps the warnings and shows nothing."""
+
+    warnings: list[str] = field(default_factory=list)
+
+    def progress_bar(self, title: str) -> AbstractContextManager[Progress]:
+        """Begin a step without showing it."""
+        return nullcontext(SILENT)
+
+    def warn(self, lines: Sequence[str]) -> None:
+        """Keep the warnings."""
+        self.warnings.extend(lines)
+
+
+@dataclass(frozen=True, slots=True)
+class CertifiedRecording:
+    """A recording; where it has frames, its certificate, what turned them into heights, and nu from the rise."""
+
+    recording: Recording
+    certificate: Certificate | None = None
+    reconstructor: Reconstructor | None = None
+    poisson_ratio: Estimate | None = None
+
+    @property
+    def points(self) -> tuple[CertifiedPoint, ...]:
+        """The points of the certificate, or those that the recording brought."""
+        return self.recording.points if self.certificate is None else self.certificate.points
+
+    @property
+    def measured(self) -> Measured:
+        """The measurements as `calibration` takes them."""
+        from calibration.inputs.observations import Measured
+
+        curves = self.recording.curves if self.certificate is None else ()
+        return Measured(self.recording, self.points, curves)
+
+    @property
+    def clock_offset(self) -> Estimate | None:
+        """Force/torque clock minus camera clock, s; None without frames."""
+        return self.certificate.clock_offset if self.certificate else None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of the recording, of its light and of its certificate."""
+        return (*self.recording.warnings, *(self.certificate.warnings if self.certificate else ()))
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrated:
+    """Outcome of one recording: content of calibration.json; `result` is None where `fault` says why."""
+
+    certified: CertifiedRecording
+    content: dict[str, Any]
+    result: CalibrationResult | None = None
+    fault: TactilevisionError | None = None
+
+
+def calibrate_recording(
+    recording: Source | CertifiedRecording,
+    *,
+    law: Law | str = DEFAULT_LAW,
+    prior: bool = True,
+    listener: Listener | None = None,
+) -> CalibrationResult:
+    """Return Young's modulus and Poisson's ratio of the gel that a recording pressed.
+
+    Parameters
+    ----------
+    recording
+        Folder of a recording, a `Recording`, or one that is certified already.
+    law
+        Contact law or its key. "default": the flat punch with kappa from first principles (the ball or the cone
+        where no punch is flat); "paper": the published route, without nu from the rise.
+    prior
+        Hold nu to the range of elastomers where the recording states nothing of it.
+    listener
+        Receives progress and warnings while the call runs.
+
+    Returns
+    -------
+    CalibrationResult
+        E in MPa, nu, c in N/mm and beta, each with its 95 % interval; rejected presses with their reasons,
+        assumptions, warnings and flags. A quantity that the data do not determine has no value and says why.
+
+    Raises
+    ------
+    RecordingError
+        Where the folder is no recording, or lacks what certification needs.
+    NothingCertified
+        Where every press is rejected.
+    InputError
+        Where no contact law explains the measurements.
+
+    Examples
+    --------
+    >>> from tactilevision import calibrate_recording
+    >>> result = calibrate_recording("sample_frames/hidden_material")
+    >>> print(result.youngs_modulus.value, result.youngs_modulus.interval95)  # MPa
+    >>> print(result.poisson_ratio.value, result.poisson_ratio.interval95)
+    >>> print(result.presses_rejected, result.warnings)
+    """
+    heard = listener or Collected()
+    certify = partial(certify_recordings, poisson_ratio=law == DEFAULT_LAW, listener=heard)
+    one = recording if isinstance(recording, CertifiedRecording) else certify([recording])[0]
+    found = calibrate_certified(one, law=law, prior=prior)
+    if found.result is None:
+        assert found.fault is not None
+        raise found.fault
+    heard.warn([line for line in found.result.warnings if line not in one.warnings])
+    return found.result
+
+
+def diagnose_recording(
+    recordings: Source | CertifiedRecording | Sequence[Source | CertifiedRecording],
+    *,
+    effects: Sequence[Effect] = (),
+    known: Sequence[Effect] = (),
+    prior: bool = True,
+    seed: int = 0,
+    deadline: Deadline = NEVER,
+    workers: int | None = 1,
+    cluster: str | None = None,
+    listener: Listener | None = None,
+) -> Diagnosis:
+    """Return what the contact model lacks on recordings of one sensor, and how certain that is.
+
+    Parameters
+    ----------
+    recordings
+        Folders of recordings of one sensor, `Recording` objects, or recordings that are certified already.
+    effects
+        Effects of your own that are searched besides the catalogue.
+    known
+        Effects that are in the model from the start.
+    prior
+        Hold nu to the range of elastomers where nothing is stated of it.
+    seed
+        Seed of the bootstrap and the permutations.
+    deadline
+        Moment after which nothing new is begun; the answer is then the best so far.
+    workers
+        Processes that share the search; None: one a core.
+    cluster
+        Address of a Dask cluster that is used instead.
+    listener
+        Receives progress and warnings while the call runs.
+
+    Returns
+    -------
+    Diagnosis
+        Verdict (see `calibration.diagnosis.decision.decide`), effects with sizes, errors in N, material before and
+        after in MPa, limits of the data and next measurements.
+
+    Raises
+    ------
+    RecordingError
+        Where a folder is no recording, or lacks what certification needs.
+    NothingCertified
+        Where every press is rejected.
+    InputError
+        Where no contact law can be fitted.
+
+    Examples
+    --------
+    >>> from tactilevision import diagnose_recording
+    >>> found = diagnose_recording("sample_frames/hidden_material")
+    >>> print(found.verdict, [effect.key for effect in found.effects])
+    >>> print(found.errors.held_out_before, found.errors.held_out_after)  # N
+    >>> print(found.material.after.youngs_modulus)  # MPa
+    """
+    import numpy as np
+
+    from calibration.laws.flat_punch import elastomer_bound
+    from calibration.tasks.diagnose import diagnose
+    from tactilevision.cluster.pool import step_pool
+
+    heard = listener or Collected()
+    certified = _all_certified(recordings, cluster, heard)
+    data = observed(certified)
+    nu, bound = sharpest_poisson_ratio(certified), elastomer_bound(prior)
+    with step_pool(workers, cluster) as each, heard.progress_bar("diagnosing:") as progress:
+        watch = Watch(progress, deadline, each)
+        rng = np.random.default_rng(seed)
+        found = diagnose(data, rng, effects=effects, known=known, bulge=nu, bound=bound, watch=watch)
+    heard.warn(found.material.after.warnings)
+    before, after = (with_warnings_of(one, certified) for one in (found.material.before, found.material.after))
+    return replace(found, material=replace(found.material, before=before, after=after))
+
+
+def compare_recordings(
+    recordings: Source | CertifiedRecording | Sequence[Source | CertifiedRecording],
+    effects: Sequence[Effect],
+    *,
+    left_out: Sequence[str] = (),
+    prior: bool = True,
+    seed: int = 0,
+    deadline: Deadline = NEVER,
+    listener: Listener | None = None,
+) -> Comparison:
+    """Return the errors of the base law and of `effects` added one after the other; presses `left_out` not fitted.
+
+    The other parameters and the errors raised are those of `diagnose_recording`.
+    """
+    import numpy as np
+
+    from calibration.laws.flat_punch import elastomer_bound
+    from calibration.tasks.compare import compare
+
+    heard = listener or Collected()
+    certified = _all_certified(recordings, None, heard)
+    data = observed(certified, left_out)
+    with heard.progress_bar("fitting") as progress:
+        return compare(
+            data,
+            effects,
+            rng=np.random.default_rng(seed),
+            bulge=sharpest_poisson_ratio(certified),
+            bound=elastomer_bound(prior),
+            progress=progress,
+            deadline=deadline,
+        )
+
+
+def validate_recording(
+    recording: Source | CertifiedRecording, *, calibration: Path | None = None, listener: Listener | None = None
+) -> Validation:
+    """Return finite elements against the measured forces and depths.
+
+    The material is that of the file `calibration`, of calibration.json in the recording's folder, or else
+    calibrated now; where the data leave nu open, the middle of its interval is taken, with a warning.
+    """
+    from calibration.tasks.calibrate import observe
+    from calibration.tasks.validate import middle_material, validate
+    from tactilevision.force.calibrated import read_material
+
+    heard = listener or Collected()
+    one = _all_certified(recording, None, heard, scale_doubt=True)[0]
+    data, stored = observe([one.measured]), one.recording.path / "calibration.json"
+    if calibration is not None or stored.is_file():
+        material = read_material(calibration or stored)
+    else:
+        result = calibrate_recording(one)
+        material = result.material or middle_material(result.poisson_ratio.interval95, result.youngs_modulus_of_nu)
+        if result.material is None:
+            nu = f"{material.poisson_ratio:.3f}"
+            heard.warn([f"the data do not fix nu: the middle of its interval, {nu}, is taken, and E that fits it"])
+    with heard.progress_bar("finite elements") as progress:
+        return validate(data, material, progress=progress)
+
+
+# Certification.
+
+
+def certify_recordings(
+    recordings: Sequence[Source],
+    *,
+    poisson_ratio: bool = True,
+    scale_doubt: bool = True,
+    cluster: str | None = None,
+    listener: Listener | None = None,
+) -> list[CertifiedRecording]:
+    """Read recordings, the oldest first, and certify those that have frames.
+
+    `poisson_ratio`: estimate nu from the rise as well. `scale_doubt`: warn where certified depths contradict the
+    picture's scale, which a diagnosis looks for anyway. On a cluster each recording is a task of its own, whose
+    reconstructor stays there.
+    """
+    heard, opened = listener or Collected(), oldest_first(recordings)
+    if cluster is not None:
+        act = partial(_certify_there, poisson_ratio=poisson_ratio, scale_doubt=scale_doubt)
+        found = each_on_cluster(act, opened, cluster=cluster, title="certifying recordings", listener=heard)
+        return [replace(one, recording=recording) for one, recording in zip(found, opened, strict=True)]
+    for recording in opened:
+        heard.warn(recording.warnings)
+        _require(recording)
+    return [_certify(one, heard, poisson_ratio=poisson_ratio, scale_doubt=scale_doubt) for one in opened]
+
+
+def oldest_first(recordings: Sequence[Source]) -> list[Recording]:
+    """Return the recordings, read where they are folders, in the order of their dates."""
+    from tactilevision.recording.model import Recording
+    from tactilevision.recording.read import read_recording
+
+    opened = [one if isinstance(one, Recording) else read_recording(one) for one in recordings]
+    return sorted(opened, key=lambda one: str(one.date or ""))
+
+
+def _all_certified(
+    recordings: Source | CertifiedRecording | Sequence[Source | CertifiedRecording],
+    cluster: str | None,
+    listener: Listener,
+    *,
+    scale_doubt: bool = False,
+) -> list[CertifiedRecording]:
+    """Return each recording certified: those that are already, then the others, the oldest first."""
+    from tactilevision.recording.model import Recording
+
+    given = [recordings] if isinstance(recordings, str | Path | Recording | CertifiedRecording) else recordings
+    rest = [one for one in given if not isinstance(one, CertifiedRecording)]
+    done = [one for one in given if isinstance(one, CertifiedRecording)]
+    return [*done, *certify_recordings(rest, scale_doubt=scale_doubt, cluster=cluster, listener=listener)]
+
+
+def _require(recording: Recording) -> None:
+    from tactilevision.recording.model import require
+
+    if not (recording.curves or recording.points):
+        require(recording, "frames", step="certifying depths")
+
+
+def _certify(
+    recording: Recording, listener: Listener, *, poisson_ratio: bool, scale_doubt: bool
+) -> CertifiedRecording:
+    """Return the recording with its certificate, where it has frames; `listener` hears its warnings at once."""
+    from tactilevision.heightmap.build import build_reconstructor
+    from tactilevision.press.certification import certify, require_all
+
+    if not recording.frame_names:
+        return CertifiedRecording(recording)
+    require_all(recording)
+    with listener.progress_bar("calibrating the light"):
+        reconstructor = build_reconstructor(recording, "polynomial" if recording.balls else None)
+    listener.warn(reconstructor.warnings)
+    with listener.progress_bar("certifying presses") as progress:
+        certificate = certify(recording, reconstructor, progress=progress)
+    certificate = certificate if scale_doubt else certificate.without_scale_doubt()
+    listener.warn(certificate.warnings)
+    certificate = replace(certificate, warnings=(*reconstructor.warnings, *certificate.warnings))
+    one = CertifiedRecording(recording, certificate, reconstructor)
+    return with_poisson_ratio(one, listener, scale_doubt=scale_doubt) if poisson_ratio else one
+
+
+def with_poisson_ratio(
+    certified: CertifiedRecording, listener: Listener, *, scale_doubt: bool = True
+) -> CertifiedRecording:
+    """Return it with nu from the rise, and with depths corrected by that where nothing better is stated."""
+    from tactilevision.press.poisson_from_rise import with_nu
+
+    before = certified.certificate
+    if before is None or certified.reconstructor is None:
+        return certified
+    with listener.progress_bar("reading the gel outside the contact"):
+        certificate, nu = with_nu(certified.recording, certified.reconstructor, certificate=before)
+    certificate = certificate if scale_doubt else certificate.without_scale_doubt()
+    listener.warn(certificate.warnings[len(before.warnings) :])
+    return replace(certified, certificate=certificate, poisson_ratio=nu)
+
+
+# From certified recordings to what a fit takes, and to its result.
+
+
+def calibrate_certified(
+    certified: CertifiedRecording, *, law: Law | str = DEFAULT_LAW, prior: bool = True
+) -> Calibrated:
+    """Return the material of a certified recording, or why its presses determine none.
+
+    Raises InputError where the measurements were wrong as they came, before any press was looked at.
+    """
+    from calibration.laws.flat_punch import elastomer_bound
+    from calibration.result.result import unfixed_as_json
+    from calibration.tasks.calibrate import calibrate
+
+    clock, points = certified.clock_offset, certified.points
+    bound, nu = elastomer_bound(prior), certified.poisson_ratio if law == DEFAULT_LAW else None
+    try:
+        result = calibrate(certified.measured, law=law, clock_offset=clock, bulge=nu, bound=bound)
+    except (NothingCertified, InputError) as fault:
+        brought = certified.certificate is None and all(point.accepted for point in points)
+        if isinstance(fault, InputError) and brought:
+            raise
+        gel, why, key = certified.recording.sensor.gel, str(fault), law if isinstance(law, str) else law.key
+        warnings = certified.warnings
+        content = unfixed_as_json(gel, points, why=why, law=key, clock_offset=clock, warnings=warnings)
+        return Calibrated(certified, content, fault=fault)
+    result = with_warnings_of(result, [certified])
+    return Calibrated(certified, result.as_json(), result)
+
+
+def calibrate_each(
+    recordings: Sequence[Source],
+    *,
+    law: str = DEFAULT_LAW,
+    prior: bool = True,
+    cluster: str | None = None,
+    listener: Listener | None = None,
+) -> list[Calibrated]:
+    """Calibrate each recording by itself, the oldest first; on a cluster each is a task of its own."""
+    heard, nu = listener or Collected(), law == DEFAULT_LAW
+    if cluster is None:
+        certified = certify_recordings(recordings, poisson_ratio=nu, listener=heard)
+        return [calibrate_certified(one, law=law, prior=prior) for one in certified]
+    opened, act = oldest_first(recordings), partial(_calibrate_there, law=law, prior=prior)
+    found = each_on_cluster(act, opened, cluster=cluster, title="calibrating recordings", listener=heard)
+    return [
+        replace(one, certified=replace(one.certified, recording=recording))
+        for one, recording in zip(found, opened, strict=True)
+    ]
+
+
+def with_warnings_of(result: CalibrationResult, certified: Sequence[CertifiedRecording]) -> CalibrationResult:
+    """Return the result with the warnings and flags of what it was fitted to, before its own."""
+    read = (line for one in certified for line in one.warnings)
+    flags = (flag for one in certified if one.certificate for flag in one.certificate.flags)
+    return replace(
+        result,
+        warnings=tuple(dict.fromkeys((*read, *result.warnings))),
+        flags=tuple(dict.fromkeys((*result.flags, *flags))),
+    )
+
+
+def sharpest_poisson_ratio(certified: Sequence[CertifiedRecording]) -> Estimate | None:
+    """Return nu from the rise of the recording that determines it best; None where none does."""
+    known = [one.poisson_ratio for one in certified if one.poisson_ratio is not None]
+    known = [nu for nu in known if nu.value is not None and nu.std]
+    return min(known, key=lambda nu: nu.std or 0.0, default=None)
+
+
+def observed(certified: Sequence[CertifiedRecording], left_out: Sequence[str] = ()) -> Observations:
+    """Return the curves of these recordings where there are any, else the points, without presses `left_out`."""
+    from calibration.inputs.gather import observe_all
+    from calibration.inputs.observations import leave_out
+    from calibration.tasks.calibrate import observe
+
+    sets = [one.measured for one in certified]
+    return leave_out(observe_all(sets) if any(one.curves for one in sets) else observe(sets), left_out)
+
+
+def height_residuals(certified: Sequence[CertifiedRecording]) -> list[ResidualMap]:
+    """Return the mean residual of each recording's height maps against the expected surface."""
+    from calibration.report.drawing import residual_map
+
+    maps = (
+        residual_map(list(_surfaces(one)), one.recording.sensor.gel)
+        for one in certified
+        if one.recording.sensor.gel is not None
+    )
+    return [one for one in maps if one is not None]
+
+
+def _surfaces(certified: CertifiedRecording) -> Iterator[Any]:
+    from calibration.report.drawing import Surface
+
+    for point in certified.points if certified.certificate else ():
+        assert certified.certificate is not None
+        evidence = certified.certificate.evidence.get(point.press)
+        if point.accepted and evidence is not None and evidence.height_map is not None and evidence.footprint:
+            punch = certified.recording.indenters[point.indenter]
+            centre = evidence.footprint.centre_mm
+            yield Surface(evidence.height_map, centre, punch.radius_mm, point.depth_mm, punch.bevel)
+
+
+# Each recording as a task of its own on a Dask cluster: the result and its warnings travel back.
+
+T = TypeVar("T")
+
+
+def _certify_there(
+    path: Path, listener: Listener, *, poisson_ratio: bool, scale_doubt: bool
+) -> CertifiedRecording:
+    """Return one recording certified, without its reconstructor, which is large."""
+    found = certify_recordings([path], poisson_ratio=poisson_ratio, scale_doubt=scale_doubt, listener=listener)
+    return replace(found[0], reconstructor=None)
+
+
+def _calibrate_there(path: Path, listener: Listener, *, law: str, prior: bool) -> Calibrated:
+    found = calibrate_each([path], law=law, prior=prior, listener=listener)[0]
+    return replace(found, certified=replace(found.certified, reconstructor=None))
+
+
+def each_on_cluster(
+    act: Callable[[Path, Listener], T], given: Sequence[Recording], *, cluster: str, title: str, listener: Listener
+) -> list[T]:
+    """Return `act(path, listener)` of each recording in order, pass its warnings on and raise its errors.
+
+    It writes nothing, so a task that is lost is done again. Raises ClusterError as `cluster_pool` does.
+    """
+    from tactilevision.cluster.pool import cluster_pool
+
+    with cluster_pool(cluster) as pool, listener.progress_bar(title) as progress:
+        tasks = [pool.submit(_heard, act, one.path.absolute()) for one in given]
+        found: list[T] = []
+        for task in tasks:
+            outcome, warnings = task.result()
+            listener.warn(warnings)
+            if isinstance(outcome, TactilevisionError):
+                raise outcome
+            found.append(outcome)
+            progress(len(found), len(given))
+    return found
+
+
+def _heard(act: Callable[[Path, Listener], T], path: Path) -> tuple[T | TactilevisionError, list[str]]:
+    """Return the outcome, or why there is none, and its warnings."""
+    heard = Collected()
+    try:
+        return act(path, heard), heard.warnings
+    except TactilevisionError as fault:
+        return fault, heard.warnings
