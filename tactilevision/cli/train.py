@@ -206,7 +206,7 @@ _SHEAR = {
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """Content of calibration.json, the reader that certified faces taught, and their law of true over read depth."""
+    """Content of calibration.json, the reader as certified faces teach it, and the law of their depth."""
 
     content: dict[str, Any] | None = None
     reader: Reconstructor | None = None
