@@ -47,7 +47,8 @@ def test_noise_of_single_pixels_hides_no_other_light() -> None:
     match, said = ReferenceMatch(method).with_light(light_of(reference(OWN)))
     assert "another light" in said[0]
     assert match.other_light
-    assert match.with_light(light_of(reference(TURNED)))[1] == ()
+    match, said = match.with_light(light_of(reference(TURNED)))
+    assert said == ()
     assert not match.other_light
 
 
