@@ -33,7 +33,7 @@ MAX_STD = 1.0  # of the scale
 
 
 def sides_of(contact: Samples) -> list[npt.NDArray[np.int64]]:
-    """Return the numbers (balls,) of the outermost balls on the right, left, bottom and top."""
+    """Return the numbers (balls,), one array per side, of the outermost balls on right, left, bottom and top."""
     numbers = np.unique(contact.press)
     centres = np.array([contact.place[contact.press == number].mean(axis=0) for number in numbers])
     count = max(1, round(OUTER_SHARE * len(numbers)))
@@ -87,7 +87,7 @@ STEEP = (0.25, 0.5)  # of the steepest slope under the balls; most of a contact 
 
 
 def jackknife_std(others: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
-    """Return the standard deviation of a quantity from its K changes (arrays of one shape) without one group."""
+    """Return the standard deviation (any shape, any unit) from K changes without one group each."""
     return np.asarray(np.sqrt((len(others) - 1) / len(others) * np.sum(np.square(others), axis=0)), np.float64)
 
 
@@ -120,7 +120,7 @@ def places() -> Floats:
 
 
 def nearest_inside(values: Floats, beyond: Floats) -> Floats:
-    """Return `values` (12, 16); at a distance `beyond` (192,) from the balls the nearest value among them."""
+    """Return `values` (12, 16), in any unit; `beyond` (192,) the balls the nearest among them."""
     at, inside = places(), np.flatnonzero(beyond == beyond.min())
     nearest = np.argmin(np.hypot(*(at[:, None] - at[inside]).T), axis=0)
     return np.asarray(values.ravel()[inside[nearest]].reshape(values.shape))
@@ -248,7 +248,7 @@ def _growth_rate(
 
 
 def beyond_others(contact: Samples, group: npt.NDArray[np.int64]) -> dict[int, float]:
-    """Return the distance of each ball of a `group` (balls,) from the samples of the others, in half pictures."""
+    """Return the distance of each ball of a `group` (balls,) from the others' samples, in px per half picture."""
     others = contact.place[~np.isin(contact.press, group)]
     centres = np.array([contact.place[contact.press == number].mean(axis=0) for number in group])
     return dict(zip(map(int, group), map(float, distance_beyond(others, centres)), strict=True))
@@ -277,7 +277,8 @@ def _stated_std(
 def off_inside(errors: Floats, inside: Floats, outside: Sequence[float]) -> Floats:
     """Return the errors (m,) of balls in deviations stated `inside`: of those among the others, if MIN_AMONG are.
 
-    Else of all (n,), with the variance stated `outside` subtracted from their squares. All three (n,) in one unit.
+    Else of all (n,), with the variance stated `outside` subtracted from their squares. All three (n,) are
+    relative.
     """
     beyond = np.array(outside)
     ratio = np.sqrt(np.maximum(errors**2 - beyond**2, 0.0)) / inside
@@ -286,7 +287,7 @@ def off_inside(errors: Floats, inside: Floats, outside: Sequence[float]) -> Floa
 
 
 def coverage_factor(off: Floats) -> float:
-    """Return k of errors `off` (n,), in stated deviations."""
+    """Return the ratio k of errors `off` (n,), in stated deviations."""
     if len(off) == 0:
         return 1.0
     ratio = float(np.quantile(np.abs(off), ONE_SIGMA_SHARE))
@@ -305,7 +306,7 @@ def gains_of(slopes: Floats, samples: Samples) -> dict[int, float]:
 def gains_without(
     group: npt.NDArray[np.int64], fit: Fitter, *, contact: Samples, untouched_samples: Samples, ridge: float
 ) -> dict[int, float]:
-    """Return the depth scale at each ball of a `group` (balls,), by a law of the others."""
+    """Return the relative depth scale at each ball of a `group` (balls,), by a law of the others."""
     held = contact.where(np.isin(contact.press, group))
     law = _fit_without(group, fit, contact, untouched_samples, ridge=ridge)
     return gains_of(law.at(held.change, held.place), held)

@@ -207,7 +207,7 @@ def response_from_card(entry: Mapping[str, Any] | None) -> Response:
 # `drift_of` separates the drift from those slopes. Valid while less than about half of the picture is touched.
 
 BLOCKS = 600  # approximate number of blocks over the picture
-MAX_ITERATIONS = 3  # of reweighting
+MAX_ITERATIONS = 3  # rounds of reweighting
 CONVERGENCE_TOL = 3e-4  # of the brightness, far below a grey level
 DETECTION_SIGMA = 5  # median difference of blocks from the reference, in noise, that is significant
 MAX_SWAPPED_SHARE = 0.3  # of that difference, left when red and blue are swapped

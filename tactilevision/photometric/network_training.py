@@ -54,7 +54,7 @@ DECAY = 1e-3  # weight decay of the optimiser; larger is smoother
 SHOWN = 4  # augmented copies of each press
 LIGHT_CHANGE = 0.02  # of brightness, contrast, and their gradient in augmented pictures
 SHIFT = 0.05  # of their place and scale
-SEED = 20261121
+SEED = 20261121  # of the training, arbitrary
 UNTOUCHED_WEIGHT = 0.1  # of untouched gel in the loss
 
 
@@ -138,7 +138,7 @@ def fit_network(
 
 
 def make_module(typical_change: Floats) -> torch.nn.Module:
-    """Return the untrained perceptron; `typical_change` (3,) of the colours scales its input."""
+    """Return the untrained perceptron; relative `typical_change` (3,) scales its input."""
     import torch
     from torch import nn
 

@@ -56,7 +56,7 @@ class LightKind:
     upright_mm: Pair = (1, 4)  # height of a lamp, which sets its penumbrae
 
 
-DIGIT_LEAK = (0.05, 0.25)
+DIGIT_LEAK = (0.05, 0.25)  # share of a lamp in another colour
 LIGHT_KINDS = {
     "gelslim3": LightKind(
         size_mm=(27.1, 20.3),
@@ -316,7 +316,8 @@ def _exposed(scenes: Scenes, white: torch.Tensor) -> Scenes:
 #     V = (t+ - h)/(t+ - t-), clipped to 0 to 1        h = max_s (z(x + s u) - z(x))/s,  u towards P
 
 BODIES = 8  # per scene, each pressed alone
-PUNCHES = LONG = 0.25  # share of flat bodies; share of bodies around a segment
+PUNCHES = 0.25  # share of flat bodies
+LONG = PUNCHES  # share of bodies around a segment
 ARC_MM = (0.8, 3)  # mm, w of round bodies
 FLAT_MM = (0.5, 3)  # mm, a of punches
 FILLET_MM = (0.1, 0.4)  # mm, w of a punch
@@ -438,7 +439,8 @@ def _to(part: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
 
 BATCH = 32  # scenes sampled together; part of the random sequence
 EACH = 128  # samples a scene
-TEXTURED = TEXTURE = 0.1  # share of samples with a fine texture; standard deviation of its slopes
+TEXTURED = 0.1  # share of samples with a fine texture
+TEXTURE = TEXTURED  # standard deviation of its slopes
 AVERAGED = 16  # frames of the reference
 
 

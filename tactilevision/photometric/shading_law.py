@@ -26,7 +26,7 @@ RIDGE = 1e-7  # keeps the fit solvable
 
 
 def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.int64]:
-    """Return the powers (terms, 4) of p, q, X, Y, for orders in place by i + j."""
+    """Return the powers (terms, 4), dimensionless, of p, q, X, Y, for orders in place by i + j."""
     return np.array(
         [
             (i, order - i, k, n - k)
@@ -45,7 +45,7 @@ SLOPE_POWERS = tuple(dict.fromkeys((int(i), int(j)) for i, j in TERMS[:, :2]))  
 def fit_light(
     contact: Samples, uneven: float = PLACE_PENALTIES[0], *, terms: npt.NDArray[np.int64] = TERMS
 ) -> Floats:
-    """Fit L (terms, 3) to samples; `terms` (terms, 4) are powers of p, q, X, Y, `uneven` a penalty on place."""
+    """Fit L (terms, 3), dimensionless, to samples; `terms`: powers (terms, 4), `uneven`: penalty on place."""
     square = np.sum(contact.slopes**2, axis=1)
     scale = TYPICAL_SLOPE ** -terms[:, :2].sum(axis=1).astype(float)
     design = _design(contact.slopes, contact.place, terms) * scale

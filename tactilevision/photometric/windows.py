@@ -52,7 +52,8 @@ def outside(window: Window, of: Window) -> Window:
 Planes = npt.NDArray[np.float32]
 
 TILES = 60  # approximate number of means along the shorter side of the picture
-MIN_TILE_PX, MAX_TILE_PX = 2, 4  # pixels along each side of a mean: wider ones blur the smallest contacts
+MIN_TILE_PX = 2  # pixels along each side of a mean at least
+MAX_TILE_PX = 4  # at most: wider ones blur the smallest contacts
 
 
 def tile_px_of(reference: Reference) -> int:
@@ -84,7 +85,7 @@ def means(picture: npt.NDArray[np.generic], px: int, *, out: Planes | None = Non
 
 @lru_cache(maxsize=64)
 def shares(count: int, blocks: int) -> Planes:
-    """Return the weights (blocks, count) of `count` places on a line in the mean of each block."""
+    """Return the shares (blocks, count) of `count` places on a line in the mean of each block."""
     return np.asarray(cv2.resize(np.eye(count, dtype=np.float32), (count, blocks), interpolation=cv2.INTER_AREA))
 
 

@@ -166,7 +166,7 @@ def _handler(preview: Preview) -> type[BaseHTTPRequestHandler]:
 
 PAD = "pad"  # frame of reference of all topics
 S_TO_NS = 10**9  # nanoseconds in a second
-PORT = 8765  # Foxglove's default
+PORT = 8765  # the default port of Foxglove
 _NUMBERS = {"type": "array", "items": {"type": ["number", "null"]}}
 _WRENCH = {
     "type": "object",

@@ -24,7 +24,7 @@ FAR = 5  # thicknesses beyond the edge at which the surface counts as untouched
 
 
 def layer_surface(poisson_ratio: float, a_over_h: float, *, radii: Floats) -> tuple[Floats, Floats]:
-    """Return u_z/w and u_r/w (n,) at `radii` (in thicknesses, all outside the punch) by linear theory."""
+    """Return ratios u_z/w and u_r/w (n,) at `radii` (in thicknesses, outside the punch) by linear theory."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     x, dx = (nodes + 1) / 2, weights / 2
     u, du, K, K_r, K_r_far = _waves(poisson_ratio)

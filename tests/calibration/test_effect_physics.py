@@ -156,7 +156,7 @@ def test_an_offset_that_leaves_more_of_all_forces_hides_none_that_leaves_less(
     left = np.full((GRID_S.size, 2), [0.5, 0.02])
     left[np.isclose(GRID_S, -0.15)], left[np.isclose(GRID_S, 0.03)] = [0.01, 0.1], [0.02, 0.01]
     shares = iter(left * squares)
-    monkeypatch.setattr(phase, "_left_of_force", lambda *_: next(shares))
+    monkeypatch.setattr(phase, "_residual_of_cubic", lambda *_: next(shares))
     assert offset_by_phase(data) == pytest.approx(0.03)
 
 

@@ -35,7 +35,7 @@ def test_the_order_of_adding_does_not_matter() -> None:
 
 
 def test_an_effect_stands_once() -> None:
-    with pytest.raises(InputError, match="once"):
+    with pytest.raises(InputError, match="depth_zero"):
         FlatPunch() + DepthZero() + DepthZero()
 
 

@@ -83,7 +83,7 @@ def test_a_diagnosis_is_not_adequate_where_the_slope_stands_at_its_end() -> None
     found = diagnose(data, np.random.default_rng(0))
     assert found.verdict == "AMBIGUOUS"
     assert "thickness" in found.candidates
-    assert "or a unit" in verdict_sentence(found)
+    assert "or a wrong unit" in verdict_sentence(found)
     assert NU_FLAG not in found.flags
     assert "rubbers and gels have" not in verdict_sentence(found), "of a nu that gels have"
 

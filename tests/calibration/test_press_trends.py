@@ -40,7 +40,7 @@ def test_a_plain_drift_over_nine_presses_is_told(drifting: Comparison) -> None:
     over = told(drifting)
     assert over.pop("order").startswith("a trend (p = 0.00")
     assert all(words.startswith("no pattern") for words in over.values())
-    assert pattern_sentence(drifting, explained=True).endswith("it depends on the order of pressing.")
+    assert pattern_sentence(drifting, explained=True).endswith("depends on the order of pressing.")
 
 
 def test_presses_that_do_not_drift_have_no_trend() -> None:
