@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.rendered.judge import Step, judge_step, true_depth_mm
 from tactilevision.heightmap.build import build_reconstructor
-from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.reconstructor import Reading
 from tactilevision.heightmap.walls import WallFace, teach
 from tactilevision.press.certified_faces import wall_at
 from tactilevision.recording.pictures import read_frame
@@ -64,24 +64,24 @@ def _halves(folder: Path) -> tuple[list[Step], list[Step]]:
     reader = build_reconstructor(recording)
     frames = [reader.rectified(read_frame(recording, k)) for k in range(len(recording.frame_names))]
 
-    def read(number: int) -> Step:
-        seen = reader.rectified_map(frames[number + 1])
-        return judge_step(seen, true_depth_mm(folder, f"frame_{number + 1:05d}"), truth[number])
+    def judged(number: int, seen: Reading) -> Step:
+        return judge_step(seen.height, true_depth_mm(folder, f"frame_{number + 1:05d}"), truth[number])
 
     plain, faces = [], []
     for number, step in enumerate(truth):
-        plain.append(read(number))
-        faces.append(_face(reader, step, plain[-1].face * step["face_mm"], place=str(number)))
+        seen = reader.read_rectified(frames[number + 1])
+        plain.append(judged(number, seen))
+        faces.append(_face(seen, step, plain[-1].face * step["face_mm"], place=str(number)))
     halves = [(number + number // DEPTHS) % 2 for number in range(len(truth))]
     taught = []
     for number, half in enumerate(halves):
-        reader.taught = teach([face for face, other in zip(faces, halves, strict=True) if other != half])
-        taught.append(read(number))
+        lesson = teach([face for face, other in zip(faces, halves, strict=True) if other != half])
+        taught.append(judged(number, reader.varied(taught=lesson).read_rectified(frames[number + 1])))
     return plain, taught
 
 
-def _face(reader: Reconstructor, step: dict[str, Any], read_mm: float, *, place: str) -> WallFace:
-    """The face of the map made last, with its wall where one was found."""
-    wall = wall_at(reader, step["centre_mm"], step["radius_mm"])
+def _face(seen: Reading, step: dict[str, Any], read_mm: float, *, place: str) -> WallFace:
+    """The face of a map, with its wall where one was found."""
+    wall = wall_at(seen, step["centre_mm"], step["radius_mm"])
     hidden, depth = (wall.missing_mm, wall.depth_mm) if wall else (0.0, read_mm)
     return WallFace(place, read_mm, hidden, depth, step["face_mm"])

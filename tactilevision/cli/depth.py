@@ -89,7 +89,7 @@ def depth(
         recording = chosen.open(path)
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
-            anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
+            reconstructor, anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
         with console.progress_bar("frames") as progress:
             rows = reconstruct_folder(recording, reconstructor, out, anchor=anchor, progress=progress, **how)
         content = {"passed_over": {}, "faces_certified": anchor.depth_scale is not None}
@@ -259,6 +259,7 @@ def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, 
 
     sensor = chosen.calibrated(recording)
     reconstructor = chosen.light(recording)
+    reconstructor, anchor = source.open_face_correction(recording, reconstructor, calibration=known.path)
     fits = sensor is not None and known.path is None
     job = force_job(
         recording,
@@ -269,7 +270,6 @@ def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, 
         untouched=sensor.untouched if sensor else None,
         compliance=sensor.compliance if sensor and fits else None,
     )
-    anchor = source.open_face_correction(recording, reconstructor, calibration=known.path)
     return replace(job, anchor=anchor)
 
 

@@ -161,9 +161,7 @@ def _say_audit(opened: _Opened, found: Audit) -> None:
 
     reader = opened.stream.reconstructor
     pictures = [reader.rectified(Frame(shot.rgb)) for shot in opened.first[:: max(1, len(opened.first) // 5)]]
-    look = opened.stream.sensor.look if opened.stream.sensor is not None else None
-    before = reader.warnings
-    said = look(pictures) if look is not None else ()
+    before, said = reader.warnings, opened.stream.look(pictures)
     timed = "" if opened.source.waits else f"{found.rate_Hz:.1f} frames a second, {found.lost} lost, "
     console.say(f"{opened.source.name}: {timed}{found.repeated} of {found.frames} frames repeat the one before")
     console.warn([*before, *opened.doubts, *found.warnings, *said])

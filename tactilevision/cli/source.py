@@ -212,8 +212,11 @@ def is_tree(path: Path) -> bool:
 
 def open_face_correction(
     recording: Recording, reconstructor: Reconstructor, *, calibration: Path | None
-) -> FaceDepthCorrection:
-    """Return the correction of faces by `calibration`, with a warning where it certifies too few."""
+) -> tuple[Reconstructor, FaceDepthCorrection]:
+    """Return the reader with walls as `calibration` teaches them, and the correction of faces by it.
+
+    With a warning where it certifies too few.
+    """
     from tactilevision.press.certified_faces import (
         NO_CORRECTION,
         face_depth_correction,
@@ -223,15 +226,15 @@ def open_face_correction(
     )
 
     if calibration is None:
-        return NO_CORRECTION
+        return reconstructor, NO_CORRECTION
     faces = read_faces(recording, reconstructor, certified=read_certified(calibration))
     taught = teach_walls(reconstructor, faces)
-    anchor = face_depth_correction(recording, faces, walls=reconstructor.taught)
+    anchor = face_depth_correction(recording, faces, walls=taught.taught)
     if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
-        own = "those of the picture" + (", with the walls' law of these faces" if taught else "")
+        own = "those of the picture" + ("" if taught is reconstructor else ", with the walls' law of these faces")
         console.warn([f"{points} certifies too few faces of this recording: depths are {own}"])
     else:
         console.warn([anchor.doubt] if anchor.doubt else [])
         console.say("depths of faces are corrected by the certificate next to the calibration")
-    return anchor
+    return taught, anchor

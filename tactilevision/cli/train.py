@@ -137,7 +137,7 @@ def _with_walls(
     if not certified:
         return method
     with console.progress_bar("learning walls"):
-        teach_walls(made, read_faces(source, made, certified=certified))
+        made = teach_walls(made, read_faces(source, made, certified=certified))
     return with_walls(method, made.taught)
 
 
@@ -189,7 +189,8 @@ def calibrate_sensor(
     console.warn([*recording.warnings, *reconstructor.warnings])
     known = _Known() if light_only else _known(recording, reconstructor, calibration)
     with console.progress_bar("solving the gel"):
-        made = make_profile(recording, reconstructor, calibration=known.content, face_law=known.face_law)
+        reader = known.reader or reconstructor
+        made = make_profile(recording, reader, calibration=known.content, face_law=known.face_law)
         write_profile(made, out)
     found = read_profile(out)
     console.say(f"wrote {out}: {found.name}, {found.date}, {out.stat().st_size / 10**6:.1f} MB", *_contents(found))
@@ -205,9 +206,10 @@ _SHEAR = {
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """Content of calibration.json, and the law of true over read depth of certified faces."""
+    """Content of calibration.json, the reader as certified faces teach it, and the law of their depth."""
 
     content: dict[str, Any] | None = None
+    reader: Reconstructor | None = None
     face_law: DepthScale | None = None
 
 
@@ -226,7 +228,7 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         material_of(content, where=calibration)
         if recording.sensor.gel is not None:
             check_gel(calibration, recording.sensor.gel)
-        return _Known(content, _taught(recording, reconstructor, read_certified(calibration)))
+        return _Known(content, *_taught(recording, reconstructor, read_certified(calibration)))
     if not (recording.presses and recording.forces is not None and recording.sensor.gel is not None):
         return _Known()
     from tactilevision.pipeline import calibrate_each
@@ -237,13 +239,13 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         return _Known()
     points = outcome.certified.points
     certified = [Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted]
-    return _Known(outcome.content, _taught(recording, reconstructor, certified, said=outcome.certified.warnings))
+    return _Known(outcome.content, *_taught(recording, reconstructor, certified, said=outcome.certified.warnings))
 
 
 def _taught(
     recording: Recording, reader: Reconstructor, certified: Any, *, said: Sequence[str] = ()
-) -> DepthScale | None:
-    """Let certified faces teach the walls; then return how deep these faces are over how deep they are read.
+) -> tuple[Reconstructor, DepthScale | None]:
+    """Return the reader with walls as certified faces teach them, and how deep these are over how it reads them.
 
     `said`: warnings that were given already.
     """
@@ -251,10 +253,11 @@ def _taught(
 
     faces = read_faces(recording, reader, certified=certified)
     taught = teach_walls(reader, faces)
-    found = face_depth_correction(recording, faces, walls=reader.taught)
+    found = face_depth_correction(recording, faces, walls=taught.taught)
     console.warn([found.doubt] if found.doubt and found.doubt not in said else [])
-    same = reader.taught if taught else None
-    return found.depth_scale if same is None else with_scatter(found.depth_scale, same)
+    if taught is reader or taught.taught is None:
+        return taught, found.depth_scale
+    return taught, with_scatter(found.depth_scale, taught.taught)
 
 
 def _contents(profile: Profile) -> list[str]:

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tactilevision.batch.selection import Maps
-    from tactilevision.heightmap.reconstructor import Reconstructor
+    from tactilevision.heightmap.reconstructor import Reading, Reconstructor
     from tactilevision.plots.viewer import Window
     from tactilevision.recording.model import Recording
-    from tactilevision.records.maps import HeightMap
+    from tactilevision.records.maps import Frame, HeightMap
     from tactilevision.records.measured import Bytes
 
 
@@ -153,7 +153,7 @@ def _terms(height: HeightMap, opened: _Opened | Maps | None) -> dict[str, npt.ND
     """Return the terms of a map's deviation, and print their rms. Raises InputError where they are not known."""
     from tactilevision.heightmap.deviation import contributions_mm
 
-    found = opened.reconstructor.depth_terms(height) if isinstance(opened, _Opened) else {}
+    found = opened.read(height.name).terms_mm() if isinstance(opened, _Opened) else {}
     if not found:
         raise InputError(
             "the terms of the depth's deviation are not known",
@@ -193,10 +193,17 @@ class _Opened:
 
     def named(self, name: str) -> tuple[HeightMap, Bytes]:
         """Return the map and the rectified picture of a frame."""
+        frame = self._frame(name)
+        return self.reconstructor.height_map(frame), self.reconstructor.rectified(frame)
+
+    def read(self, name: str) -> Reading:
+        """Return the map of a frame and what it rests on."""
+        return self.reconstructor.read(self._frame(name))
+
+    def _frame(self, name: str) -> Frame:
         from tactilevision.recording.pictures import read_frame
 
-        frame = read_frame(self.recording, self.number(name))
-        return self.reconstructor.height_map(frame), self.reconstructor.rectified(frame)
+        return read_frame(self.recording, self.number(name))
 
     def best(self) -> tuple[HeightMap, Bytes]:
         """Return the deepest of a few frames."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -124,8 +125,7 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
         )
     with faults_of_flats(recording):
         found = _built(recording, method)
-    found.look([*spread_frames(recording), *press_starts(recording)])
-    return found
+    return found.look([*spread_frames(recording), *press_starts(recording)])
 
 
 def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reconstructor:
@@ -155,8 +155,7 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
         check_order(reference.rgb, [picture.rgb for picture in pictures])
     calibration = calibrate_from_balls(reference, pictures, mm_per_px=sensor.mm_per_px, fit=fit)
     found = tuned(sensor, calibration, pictures=pictures, free=free_frames(recording))
-    found.warnings += (*noted, *doubt_of_radii(sensor, pictures, calibration))
-    return found
+    return found.warned(*noted, *doubt_of_radii(sensor, pictures, calibration))
 
 
 def _reference(sensor: Sensor, flats: Sequence[Bytes]) -> tuple[Reference, tuple[str, ...]]:
@@ -201,15 +200,13 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
         )
     own = _on_own_contacts(recording, flats, ready) if flats else None
     if own is not None:
-        own.warnings += noted
-        return own
+        return own.warned(*noted)
     if ready is None or path is None:
         raise _nothing_known(recording, flats)
     order = order_warnings(path, flats, some_frames(recording, count=FRAMES_FOR_ORDER), sensor=sensor)
-    if order and ready.reference_match is not None:
-        ready.reference_match.other_light = True
-    ready.warnings += (*noted, _network_warning(ready, sensor.kind), *order)
-    return ready
+    if order and ready.match is not None:
+        ready = ready.varied(match=replace(ready.match, other_light=True))
+    return ready.warned(*noted, _network_warning(ready, sensor.kind), *order)
 
 
 def _nothing_known(recording: Recording, flats: Sequence[Bytes]) -> InputError:
@@ -264,10 +261,8 @@ def _on_own_contacts(
     method = calibrated_on_frames(recording, reference, prior=ready.referenced if ready is not None else None)
     if method is None:
         return None
-    found = Reconstructor(sensor, method)
-    found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
-    found.warnings += (scale_warning(method, kind=sensor.kind), *overexposed_warning(reference))
-    return found
+    found = Reconstructor(sensor, method, match=ReferenceMatch(method, DEFAULT_BASELINE))
+    return found.warned(scale_warning(method, kind=sensor.kind), *overexposed_warning(reference))
 
 
 def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Reconstructor:
@@ -275,12 +270,10 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     _check_colours(reference)
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
-    found = Reconstructor(sensor, method)
-    found.warnings += noted
-    found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
+    match, said = ReferenceMatch(method, DEFAULT_BASELINE), tuple[str, ...]()
     if method.card.light is not None:  # else it was made for any light
-        found.warnings += found.reference_match.check_light(method.card.light)
-    return found
+        match, said = match.with_light(method.card.light)
+    return Reconstructor(sensor, method, match=match).warned(*noted, *said)
 
 
 def _check_colours(reference: Reference) -> None:
@@ -321,8 +314,6 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Byt
         return Reconstructor(sensor, method)
     reference, noted = _reference(sensor, flats)
     check_view(calibrated.reference.shape, reference.shape)
-    found = Reconstructor(sensor, calibrated.with_reference(reference))
-    found.warnings += noted
-    if found.reference_match is not None:
-        found.warnings += found.reference_match.check_light(light_of(calibrated.reference))
-    return found
+    against = calibrated.with_reference(reference)
+    match, said = ReferenceMatch(against).with_light(light_of(calibrated.reference))
+    return Reconstructor(sensor, against, match=match).warned(*noted, *said)

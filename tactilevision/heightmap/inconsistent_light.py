@@ -39,9 +39,8 @@ from tactilevision.heightmap.two_grid_poisson import integrate_small
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.ball_samples import OUTSIDE, radii_from
-from tactilevision.photometric.colour_change import ChangeMaps, Planes
+from tactilevision.photometric.colour_change import ChangeMaps, FrameChange, Planes
 from tactilevision.photometric.cross_validation import LightLaw
-from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.photometric.protocols import Picture
 from tactilevision.photometric.shading_law import SLOPE_POWERS, answers_at
@@ -120,14 +119,14 @@ class LightCheck:
             noise = np.stack([cv2.resize(plane, self.size) for plane in light.noise])
             self.noise_square = self._noise_square(noise)
 
-    def __call__(self, drift: Drift) -> Inconsistency:
-        """What is inconsistent of the picture that the method has read last, whose light had this `drift`."""
-        change, slopes = self.read(drift)
+    def __call__(self, frame: FrameChange) -> Inconsistency:
+        """Return what is inconsistent of a frame."""
+        change, slopes = self.read(frame)
         score, share = self._curl(slopes) if self.light is None else self._colours(change, slopes, self.light)
         score *= self.usable
         if self.steep:
             score[cv2.dilate(_length(slopes), self.near) > self.steep] = 0.0
-        if (missing := self.method.change.missing) is not None:
+        if (missing := frame.missing) is not None:
             score[missing.tiles(self.px, self.size) > 0] = 0.0
         share *= np.clip((score - RAMP) / (1.0 - RAMP), 0.0, 1.0)
         depth = np.zeros_like(score)
@@ -138,16 +137,15 @@ class LightCheck:
         inconsistent = score > 1.0
         return Inconsistency(inconsistent, depth, float(inconsistent.sum() * self.cell_mm[0] * self.cell_mm[1]))
 
-    def read(self, drift: Drift) -> tuple[Planes, Planes]:
-        """Changes (3, h, w) of the cells of the last picture, and the slopes (2, h, w) that are read from them."""
-        of = self.method.change
-        if of.reference.marks is None:
+    def read(self, frame: FrameChange) -> tuple[Planes, Planes]:
+        """Changes (3, h, w) of the cells of a frame, and the slopes (2, h, w) that are read from them."""
+        if self.method.reference.marks is None:
             window = slice(0, self.size[1]), slice(0, self.size[0])
-            greys = self._cells(of.means(of.tracker.px), of.tracker.px)
-            self.maps.light(drift.gains)
-            change = self.maps.changes(greys, window, out=np.empty_like(self.maps.mean))
+            px, light = self.method.change.tracker.px, self.maps.light(frame.drift.gains)
+            greys = self._cells(frame.means(px), px)
+            change = self.maps.changes(greys, window, light, out=np.empty_like(self.maps.mean))
         else:  # marks are filled in the whole picture
-            change = self._cells(of.measured)
+            change = self._cells(frame.changes)
         slopes: Planes = np.stack(self.evaluate(change))
         slopes *= self.kept_share
         slopes -= self.bias
@@ -247,7 +245,7 @@ def measured_light(
     shown += [(rgb, None) for rgb in free]
     cells, off, radii = [], [], []
     for rgb, ball in shown:
-        cells.append(check.read(method.read(rgb).drift))
+        cells.append(check.read(method.read(rgb).frame))
         off.append(check.residual(*cells[-1]))
         apart = (
             np.full(method.reference.shape, np.inf)

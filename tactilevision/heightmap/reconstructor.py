@@ -1,13 +1,14 @@
-"""Convert frames to height maps.
+"""Convert frames to height maps, stage by stage.
 
 rectify -> slopes (photometric) -> steep walls round flat faces restored -> surface (Poisson) -> zero plane of the
-untouched gel.
+untouched gel -> deviation -> flags.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from threading import RLock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -20,18 +21,12 @@ from tactilevision.heightmap.deviation import DepthError, MapEvidence
 from tactilevision.heightmap.deviation_terms import shades
 from tactilevision.heightmap.inconsistent_light import Inconsistency, LightCheck, stands_out
 from tactilevision.heightmap.poisson import integrate
-from tactilevision.heightmap.reference_match import DEFAULT_BASELINE, ReferenceMatch, check_reference
+from tactilevision.heightmap.reference_match import ReferenceMatch, check_reference
 from tactilevision.heightmap.two_grid_poisson import TwoGridPoisson
 from tactilevision.heightmap.walls import PunchEdge, WallLaw, find_punch_edges, restore, restore_windows
-from tactilevision.heightmap.zero_plane import (
-    ZeroPlane,
-    find_zero_plane,
-    flat_blocks,
-    level,
-    slope_of,
-)
+from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.photometric.calibrate import Calibration
-from tactilevision.photometric.colour_change import Planes
+from tactilevision.photometric.colour_change import FrameChange
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.method import ReferencedMethod, as_referenced
 from tactilevision.photometric.multiresolution import TiledEvaluator
@@ -53,50 +48,156 @@ from tactilevision.records.measured import Bools, Bytes, Pair
 from tactilevision.records.rig import Sensor
 from tactilevision.sensors.rectification import rectify
 
-Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None, tuple[str, ...]]
+Depth = npt.NDArray[np.floating[Any]]
 # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
 READABLE = 0.8
 MIN_CHECKED_MM = 0.08  # mm: in maps that are flatter nothing false is worth the time to look for it
+AS_CALIBRATED: Any = object()  # of a field: what the method and its calibration say
 
 
-class _Turn:
-    """A lock, since a map is made in arrays that the next one is made in; a copy of it is another lock."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """The surface of one picture before its deviation is known: `depth_mm`, `valid` (H, W) and its `zero` plane.
 
-    def __init__(self) -> None:
-        self.lock = RLock()
-
-    def __reduce__(self) -> tuple[type[_Turn], tuple[()]]:
-        return _Turn, ()
-
-
-class Reconstructor:
-    """Turns the frames of one sensor into height maps, one at a time: threads that share one wait for each other.
-
-    `calibration` is what the method was made from, None for a method that came ready. `taught` is what certified
-    faces taught of walls, None where none did.
+    `walls` were restored in it; `frame` is the picture compared with the untouched gel, None where the method has
+    no reference; `steepest` the greatest |slope|; `lost_share` the relative error of slopes where colours are
+    missing. `slopes` makes those of every pixel.
     """
 
-    def __init__(
-        self, sensor: Sensor, method: PhotometricMethod, *, calibration: Calibration | None = None
-    ) -> None:
-        self.sensor, self.method, self.calibration = sensor, method, calibration
-        self.turn = _Turn()
-        self.warnings: tuple[str, ...] = calibration.warnings if calibration else ()
-        self.zero: ZeroPlane | None = None
-        self.evidence: MapEvidence | None = None
-        self.referenced = as_referenced(method)
-        self.warnings += unfit_warnings(self.referenced.card) if self.referenced else ()
+    depth_mm: Depth
+    valid: Bools
+    zero: ZeroPlane
+    walls: list[PunchEdge]
+    frame: FrameChange | None
+    steepest: float
+    lost_share: Patch | None
+    slopes: Callable[[], SlopeMap]
+
+    @property
+    def drift(self) -> Drift | None:
+        """Of the picture's light."""
+        return None if self.frame is None else self.frame.drift
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """What one picture shows: its `height` map with flags, and what that rests on."""
+
+    height: HeightMap
+    surface: Surface
+    evidence: MapEvidence
+    error: DepthError | None
+
+    @property
+    def slopes(self) -> SlopeMap:
+        """Slopes (H, W), walls restored."""
+        return self.surface.slopes()
+
+    @property
+    def zero(self) -> ZeroPlane:
+        """The plane of the untouched gel, which depth counts from."""
+        return self.surface.zero
+
+    @property
+    def edges(self) -> Sequence[PunchEdge]:
+        """The walls of flat faces that were restored."""
+        return self.surface.walls
+
+    @property
+    def residuals(self) -> Pair:
+        """Misfit of the picture's light (no unit), and deviation of the zero plane in mm."""
+        drift = self.surface.drift
+        return (0.0 if drift is None else drift.misfit), self.zero.std_mm
+
+    def terms_mm(self) -> dict[str, npt.NDArray[np.float32]]:
+        """Return the deviation (h, w) mm by term (deviation_terms.py), on a grid of every nth pixel.
+
+        n = `error.every`; empty for a method that states no deviation.
+        """
+        return {} if self.error is None else self.error.terms_mm(self.height.depth_mm, self.evidence)
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstructor:
+    """Turns the frames of one sensor into height maps. A frozen record: threads and processes may share one.
+
+    `calibration` is what the method was made from, None for a method that came ready. `taught` is what certified
+    faces taught of walls, None where none did; `match` compares pictures with the reference, None without one;
+    `frame_size_px` of raw frames, where it is known. A variant is made by `varied`.
+    """
+
+    sensor: Sensor
+    method: PhotometricMethod
+    calibration: Calibration | None = None
+    taught: TaughtWalls | None = AS_CALIBRATED
+    match: ReferenceMatch | None = AS_CALIBRATED
+    warnings: tuple[str, ...] = AS_CALIBRATED
+    frame_size_px: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        method = as_referenced(self.method)
+        known: Mapping[str, Any] = {
+            "taught": getattr(method, "walls", None),
+            "match": None if method is None else ReferenceMatch(method),
+            "warnings": (self.calibration.warnings if self.calibration else ())
+            + (() if method is None else unfit_warnings(method.card)),
+        }
+        for name, value in known.items():
+            if getattr(self, name) is AS_CALIBRATED:
+                object.__setattr__(self, name, value)
+
+    def varied(self, **changes: Any) -> Reconstructor:
+        """Return the same with other fields; what only sensor and method determine is not worked out again."""
+        varied = replace(self, **changes)
+        if not changes.keys() & {"sensor", "method"}:
+            varied.__dict__.update({name: self.__dict__[name] for name in MADE_ONCE if name in self.__dict__})
+        return varied
+
+    def warned(self, *warnings: str) -> Reconstructor:
+        """Return the same with more warnings."""
+        return self.varied(warnings=(*self.warnings, *warnings))
+
+    def independent(self) -> Reconstructor:
+        """Return a copy whose reference may `follow` the gel while this one stays."""
+        if self.referenced is None or self.match is None:
+            return self
+        method = self.referenced.with_card(self.referenced.card)
+        return self.varied(method=method, match=replace(self.match, method=method))
+
+    # What only sensor and method determine, made once.
+
+    @cached_property
+    def referenced(self) -> ReferencedMethod | None:
+        """The method, where it has a reference."""
+        return as_referenced(self.method)
+
+    @cached_property
+    def readable(self) -> float:
+        """The steepest slope that is read reliably."""
         steepest = self.referenced.card.steepest_slope if self.referenced else None
-        self.readable = READABLE * steepest if steepest else np.inf
-        self.error = DepthError(self.referenced, sensor.mm_per_px) if self.referenced else None
-        self.grids: TwoGridPoisson | None = None
-        if self.referenced and (tiled := self.referenced.tiled_evaluator):
-            self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
-        self.taught: TaughtWalls | None = getattr(self.referenced, "walls", None)
-        self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
-        self.light_check: LightCheck | None = None
-        self.inconsistency: Inconsistency | None = None
-        self.frame_size_px: tuple[int, int] | None = None  # of raw frames, where it is known
+        return READABLE * steepest if steepest else np.inf
+
+    @cached_property
+    def error(self) -> DepthError | None:
+        """The deviation of depths; None for a method that states none."""
+        return DepthError(self.referenced, self.sensor.mm_per_px) if self.referenced else None
+
+    @cached_property
+    def grids(self) -> TwoGridPoisson | None:
+        """What integrates gentle gel on a coarse grid; None where slopes are read pixel by pixel."""
+        if self.referenced is None or (tiled := self.referenced.tiled_evaluator) is None:
+            return None
+        return TwoGridPoisson(self.referenced.reference.shape, tiled.px, self.sensor.mm_per_px)
+
+    @cached_property
+    def light_check(self) -> LightCheck | None:
+        """What finds light that the method does not explain; None of a method whose balls did not tell its law."""
+        method = self.referenced
+        if method is None or (method.light_law is None and method.card.balls):
+            return None
+        return LightCheck(method, self.sensor.mm_per_px)
+
+    # The path of a frame.
 
     def height_map(self, frame: Frame | Bytes) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
@@ -106,8 +207,42 @@ class Reconstructor:
         unlike the reference is flagged (heightmap/reference_match.py).
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
+        return self.read(frame).height
+
+    def rectified_map(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> HeightMap:
+        """The height map of a picture that is rectified already."""
+        return self.read_rectified(rgb, time_s=time_s, name=name).height
+
+    def read(self, frame: Frame | Bytes) -> Reading:
+        """Return the height map of a raw frame and what it rests on. Raises as height_map does."""
         frame = as_frame(frame)
-        return self.rectified_map(self.rectified(frame), time_s=frame.time_s, name=frame.name)
+        return self.read_rectified(self.rectified(frame), time_s=frame.time_s, name=frame.name)
+
+    def read_rectified(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> Reading:
+        """As `read`, of a picture (H, W, 3) that is rectified already."""
+        surface = self._surface(rgb)
+        drift, inconsistency = surface.drift, self._inconsistency(surface)
+        steep = self.error is not None and not surface.walls and self.error.too_steep(surface.steepest)
+        evidence = MapEvidence(
+            surface.zero,
+            surface.slopes() if steep else None,
+            surface.walls,
+            drift,
+            surface.lost_share,
+            inconsistency.depth_mm if inconsistency else None,
+        )
+        height = HeightMap(
+            surface.depth_mm,
+            surface.valid,
+            self.sensor.mm_per_px,
+            None if self.error is None else self.error.std_mm(surface.depth_mm, evidence),
+            time_s,
+            name,
+            self._flags(surface, evidence, inconsistency),
+            colour_change=drift.normalised_residual if drift else None,
+            inconsistent=inconsistency.inconsistent if inconsistency else None,
+        )
+        return Reading(height, surface, evidence, self.error)
 
     def rectified(self, frame: Frame | Bytes) -> Bytes:
         """The rectified picture of a raw frame. Raises InputError for one of another size."""
@@ -122,172 +257,96 @@ class Reconstructor:
             )
         return rectify(self.sensor, frame.rgb)
 
-    def rectified_map(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> HeightMap:
-        """The height map of a picture that is rectified already."""
-        with self.turn.lock:
-            surface, valid, std, flags = self._flagged(rgb)
-            drift = self.evidence.drift if self.evidence else None
-            where = self.inconsistency.inconsistent if self.inconsistency else None
-        change = drift.normalised_residual if drift else None
-        return HeightMap(
-            surface,
-            valid,
-            self.sensor.mm_per_px,
-            std,
-            time_s,
-            name,
-            flags,
-            colour_change=change,
-            inconsistent=where,
-        )
-
-    def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
-        """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
-        with self.turn.lock:
-            self.rectified_map(rgb)
-            return self.reference_match.residuals if self.reference_match else tuple(DEFAULT_BASELINE.values())
-
-    def _flagged(self, rgb: Bytes) -> Mapped:
-        """As `_mapped`; a map that is deeper than the gel is thick says so."""
-        gel = self.sensor.gel
-        surface, valid, std, flags = self._mapped(rgb, law=WallLaw(self.readable, self.taught))
-        if gel is not None and surface.max() > gel.thickness_mm:
-            flags = add(flags, (DEEPER,))
-        if stands_out(surface) or (self.inconsistency is not None and self.inconsistency.flagged):
-            flags = add(flags, (INCONSISTENT,))
-        if self.evidence and any(shades(edge) for edge in self.evidence.edges):
-            flags = add(flags, (SHADOW,))
-        if self.error and self.evidence and self.error.hides_much(surface, self.evidence):
-            flags = add(flags, (STEEP,))
-        return surface, valid, std, flags
-
-    def _mapped(self, rgb: Bytes, *, law: WallLaw) -> Mapped:
-        """Depth, validity and deviation (H, W) each of a rectified picture, its flags; walls by a `law`."""
+    def _surface(self, rgb: Bytes) -> Surface:
+        """Slopes, walls, depth and zero plane of a rectified picture."""
         if self.grids and self.referenced and (tiled := self.referenced.tiled_evaluator):
-            return self._on_two_grids(rgb, self.referenced, tiled, self.grids, law=law)
-        slopes, untouched, drift, steepest, lost = self._evaluate_tiled(rgb)
-        walls = self._walls(slopes, steepest, law)
-        surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
-        self.zero = self._zero_plane(surface, untouched, self.sensor.mm_per_px)
-        level(surface, self.zero)
-        std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift, lost_share=lost)
-        valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
-        return surface, valid, std, self._match_flags(drift)
+            return self._on_two_grids(rgb, tiled, self.grids)
+        if self.referenced is None:
+            slopes, frame, steepest, lost = self.method.slopes(rgb), None, np.inf, None
+            untouched = flat_blocks(slopes)
+        else:
+            reading = self.referenced.read(rgb)
+            slopes, frame, steepest, lost = reading.slopes, reading.frame, reading.steepest, reading.lost_share
+            untouched = reading.drift.untouched
+        law, scale = WallLaw(self.readable, self.taught), self.sensor.mm_per_px
+        walls = find_punch_edges(slopes, scale, law=law) if law.limit <= steepest < np.inf else []
+        restore(slopes, walls, mm_per_px=scale)
+        depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), scale)
+        zero = self._zero_plane(depth, untouched, scale)
+        level(depth, zero)
+        valid = np.ones(depth.shape, np.bool_) if slopes.valid is None else slopes.valid
+        return Surface(depth, valid, zero, walls, frame, steepest, lost, lambda: slopes)
 
-    def _on_two_grids(
-        self,
-        rgb: Bytes,
-        method: ReferencedMethod,
-        reader: TiledEvaluator,
-        grids: TwoGridPoisson,
-        *,
-        law: WallLaw,
-    ) -> Mapped:
-        """As `_mapped`, gentle gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
-        tiles = reader.read_tiles(rgb)
+    def _on_two_grids(self, rgb: Bytes, tiled: TiledEvaluator, grids: TwoGridPoisson) -> Surface:
+        """As `_surface`, gentle gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
+        tiles, scale, law = tiled.read_tiles(rgb), self.sensor.mm_per_px, WallLaw(self.readable, self.taught)
         walls: list[PunchEdge] = []
         if tiles.steepest >= law.limit:
-            walls = restore_windows(
-                tiles.fine, tiles.windows, valid=tiles.valid, mm_per_px=self.sensor.mm_per_px, law=law
-            )
+            walls = restore_windows(tiles.fine, tiles.windows, valid=tiles.valid, mm_per_px=scale, law=law)
         coarse = grids.coarse(tiles.coarse, tiles.windows, fine=tiles.fine)
-        self.zero = self._zero_plane(coarse, tiles.drift.untouched, grids.coarse_mm)
-        level(coarse, self.zero)
-        tilt = slope_of(self.zero, coarse.shape, mm_per_px=grids.coarse_mm)
-        surface = grids.whole(coarse, tiles.windows, fine=tiles.fine, tilt=tilt)
-        std = self._std_mm(
-            surface,
-            tiles.steepest,
-            lambda: reader.full_map(tiles),
-            walls=walls,
-            drift=tiles.drift,
-            lost_share=tiles.lost_share,
-        )
-        return surface, tiles.valid, std, self._match_flags(tiles.drift)
-
-    def _match_flags(self, drift: Drift | None) -> tuple[str, ...]:
-        return self.reference_match.flags(drift, self.zero) if self.reference_match and self.zero else ()
-
-    def depth_terms(self, height: HeightMap) -> dict[str, npt.NDArray[np.float32]]:
-        """Deviation (h, w) mm by term (uncertainty/) of the `height` map, which must be the last that was made.
-
-        On a grid of every nth pixel, n = `error.every`; empty for a method that states no deviation.
-        """
-        if self.error is None or self.evidence is None:
-            return {}
-        return self.error.terms_mm(height.depth_mm, self.evidence)
-
-    def look(self, pictures: Sequence[Frame | Bytes]) -> None:
-        """See by rectified pictures, in order, whether the reference is theirs, and free; warn and flag if not."""
-        if (match := self.reference_match) is not None:
-            frames = [as_frame(one) for one in pictures]
-            pixels = [frame.rgb for frame in frames]
-            before = self.calibration.method.reference if self.calibration else None
-            said = match.check_scene(frames, before=before) + match.check_shift(pixels)
-            self.warnings += said + check_reference(match, self.rectified_map, pictures=pixels)
-
-    def _std_mm(
-        self,
-        depth: Planes,
-        steepest: float,
-        slopes: Callable[[], SlopeMap],
-        *,
-        walls: list[PunchEdge],
-        drift: Drift | None,
-        lost_share: Patch | None = None,
-    ) -> Planes | None:
-        if self.error is None or self.zero is None:
-            return None
-        hidden = slopes() if not walls and self.error.too_steep(steepest) else None
-        self.inconsistency = self._check_light(depth, drift)
-        unexplained = self.inconsistency.depth_mm if self.inconsistency else None
-        self.evidence = MapEvidence(self.zero, hidden, walls, drift, lost_share, unexplained)
-        return self.error.std_mm(depth, self.evidence)
-
-    def _check_light(self, depth: Planes, drift: Drift | None) -> Inconsistency | None:
-        """What of the frame read last the light does not explain; None of a map too flat to look.
-
-        None, too, of a method whose balls did not tell the light's law: one of before, or by two colours alone.
-        """
-        low, high, *_ = cv2.minMaxLoc(depth)
-        method = self.referenced
-        if method is None or drift is None or max(-low, high) < MIN_CHECKED_MM:
-            return None
-        if method.light_law is None and method.card.balls:
-            return None
-        if self.light_check is None:
-            self.light_check = LightCheck(method, self.sensor.mm_per_px)
-        return self.light_check(drift)
-
-    def _walls(self, slopes: SlopeMap, steepest: float, law: WallLaw) -> list[PunchEdge]:
-        """The walls in `slopes`, which are restored there, in place."""
-        if not law.limit <= steepest < np.inf:
-            return []
-        walls = find_punch_edges(slopes, self.sensor.mm_per_px, law=law)
-        restore(slopes, walls, mm_per_px=self.sensor.mm_per_px)
-        return walls
+        zero = self._zero_plane(coarse, tiles.frame.drift.untouched, grids.coarse_mm)
+        level(coarse, zero)
+        tilt = slope_of(zero, coarse.shape, mm_per_px=grids.coarse_mm)
+        depth = grids.whole(coarse, tiles.windows, fine=tiles.fine, tilt=tilt)
+        seen = tiles.frame, tiles.steepest, tiles.lost_share
+        return Surface(depth, tiles.valid, zero, walls, *seen, lambda: tiled.full_map(tiles))
 
     def _zero_plane(self, depth: npt.NDArray[Any], untouched: Bools, mm_per_px: Pair) -> ZeroPlane:
         gel, trusted = self.sensor.gel, self.referenced.trusted_blocks if self.referenced else None
         thickness = gel.thickness_mm if gel else None
         return find_zero_plane(depth, untouched, mm_per_px=mm_per_px, thickness_mm=thickness, trusted=trusted)
 
+    def _inconsistency(self, surface: Surface) -> Inconsistency | None:
+        """What of a picture the light does not explain; None of a map too flat to look."""
+        if surface.frame is None or self.light_check is None:
+            return None
+        low, high, *_ = cv2.minMaxLoc(surface.depth_mm)
+        return None if max(-low, high) < MIN_CHECKED_MM else self.light_check(surface.frame)
+
+    def _flags(
+        self, surface: Surface, evidence: MapEvidence, inconsistency: Inconsistency | None
+    ) -> tuple[str, ...]:
+        """What makes the map as a whole doubtful."""
+        depth, gel = surface.depth_mm, self.sensor.gel
+        flags = self.match.flags(surface.drift, surface.zero) if self.match else ()
+        found = {
+            DEEPER: gel is not None and depth.max() > gel.thickness_mm,
+            INCONSISTENT: stands_out(depth) or (inconsistency is not None and inconsistency.flagged),
+            SHADOW: any(shades(edge) for edge in surface.walls),
+            STEEP: self.error is not None and self.error.hides_much(depth, evidence),
+        }
+        return add(flags, [flag for flag, there in found.items() if there])
+
+    # Before and between frames.
+
     def slope_map(self, frame: Frame | Bytes) -> SlopeMap:
         """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
         rgb = self.rectified(frame)
-        with self.turn.lock:
-            return self.referenced.read(rgb).slopes if self.referenced else self.method.slopes(rgb)
+        return self.referenced.read(rgb).slopes if self.referenced else self.method.slopes(rgb)
+
+    def look(self, pictures: Sequence[Frame | Bytes]) -> Reconstructor:
+        """Return what flags maps where rectified pictures, in order, show the reference not theirs, or not free.
+
+        It has a warning for each.
+        """
+        if self.match is None:
+            return self
+        frames = [as_frame(one) for one in pictures]
+        pixels = [frame.rgb for frame in frames]
+        before = self.calibration.method.reference if self.calibration else None
+        match, scene = self.match.with_scene(frames, before=before)
+        match, shift = match.with_shift(pixels)
+        match, contact = check_reference(match, self.rectified_map, pictures=pixels)
+        return self.varied(match=match).warned(*scene, *shift, *contact)
 
     def follow(self, rgb: Bytes, share: float) -> None:
-        """Move the reference towards a rectified picture of the untouched gel by `share` of their difference."""
+        """Move the reference towards a rectified picture of the untouched gel by `share` of their difference.
+
+        For one that is `independent`, and not while another thread reads with it.
+        """
         if self.referenced:
             self.referenced.follow(rgb, share)
-            self.light_check = None
+            self.__dict__.pop("light_check", None)
 
-    def _evaluate_tiled(self, rgb: Bytes) -> tuple[SlopeMap, Bools, Drift | None, float, Patch | None]:
-        """Slopes, untouched blocks, drift, greatest |slope| and `lost_share`, where they are known."""
-        if self.referenced is None:
-            slopes = self.method.slopes(rgb)
-            return slopes, flat_blocks(slopes), None, np.inf, None
-        reading = self.referenced.read(rgb)
-        return reading.slopes, reading.drift.untouched, reading.drift, reading.steepest, reading.lost_share
+
+MADE_ONCE = ("referenced", "readable", "error", "grids", "light_check")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -191,37 +193,54 @@ DEFAULT_BASELINE = {"misfit": 7.5, "zero_std_mm": 0.02}
 FRAMES_READ = 9  # frames spread over a recording; of a video the first ones
 
 
+@dataclass(frozen=True, eq=False)
 class ReferenceMatch:
     """Flags the pictures of one method that are unlike its reference.
 
-    `other_light`: method or pictures are of another light or order than the reference. `shift_px` (right, down) of
-    the pictures; `contact_px`, where (x, y) the reference itself, or that of the calibration, shows a contact;
-    `residuals` of the last picture, in the order of DEFAULT_BASELINE.
-
-    `baseline` is what to compare with (`misfit`, `zero_std_mm`), None: what the method's card has.
+    `usual` is what to compare with (`misfit`, `zero_std_mm`), None: what the method's card has. `other_light`:
+    method or pictures are of another light or order than the reference. `shift_px` (right, down) of the pictures;
+    `contact_px`, where (x, y) frames show a contact in the reference itself.
     """
 
-    def __init__(self, method: ReferencedMethod, *, baseline: Mapping[str, float] | None = None) -> None:
-        self.method = method
-        chosen: Mapping[str, float] = baseline or method.card.baseline or DEFAULT_BASELINE
-        self.baseline = max(MIN_MISFIT, float(chosen["misfit"])), max(MIN_STD_MM, float(chosen["zero_std_mm"]))
-        self.other_light = False
-        self.shift_px: Pair | None = None
-        self.contact_px: Pair | None = method.card.contact_in_reference_px
-        self.unfit = bool(unfit(method.card))
-        self.assumed_scale = scale_is_assumed(method.card)
-        self.residuals: tuple[float, ...] = ()
+    method: ReferencedMethod
+    usual: Mapping[str, float] | None = None
+    other_light: bool = False
+    shift_px: Pair | None = None
+    contact_px: Pair | None = None
 
-    def check_light(self, light: npt.ArrayLike) -> tuple[str, ...]:
-        """See whether the method was made in another `light` (`illumination/light_match.py`), or for pictures
-        whose sides or colours were exchanged since; a warning where it was.
+    @property
+    def pressed_px(self) -> Pair | None:
+        """Where the reference, or that of the calibration, shows a contact."""
+        return self.contact_px or self.method.card.contact_in_reference_px
+
+    @cached_property
+    def baseline(self) -> Pair:
+        """Misfit and deviation of the zero plane (mm) that are usual."""
+        chosen: Mapping[str, float] = self.usual or self.method.card.baseline or DEFAULT_BASELINE
+        return max(MIN_MISFIT, float(chosen["misfit"])), max(MIN_STD_MM, float(chosen["zero_std_mm"]))
+
+    @cached_property
+    def lasting(self) -> tuple[str, ...]:
+        """Flags of every picture."""
+        card = self.method.card
+        found = {
+            UNFIT: bool(unfit(card)),
+            MOVED: self.shift_px is not None,
+            REFERENCE: self.pressed_px is not None,
+            BALLS: min(card.balls_cover or (1.0,)) <= COVERED,
+            ASSUMED_SCALE: scale_is_assumed(card),
+        }
+        return tuple(flag for flag, there in found.items() if there)
+
+    def with_light(self, light: npt.ArrayLike) -> tuple[ReferenceMatch, tuple[str, ...]]:
+        """See whether the method was made in another `light` (photometric/reference.py), or for pictures whose
+        sides or colours were exchanged since; a warning where it was.
         """
         before, now = (
             np.log(np.maximum(one, 1.0)) for one in (np.asarray(light, float), light_of(self.method.reference))
         )
         if exchange := exchanged(before, now):
-            self.other_light = True
-            return (
+            return replace(self, other_light=True), (
                 f"the untouched gel's pictures {exchange} against those that the method was made of: read both in "
                 "the same way; depths are false",
             )
@@ -229,22 +248,23 @@ class ReferenceMatch:
         warning = other_light(
             light, self.method.reference, scale_error=self.method.relative_error if gain_std is None else gain_std
         )
-        self.other_light = bool(warning)
-        return warning
+        return replace(self, other_light=bool(warning)), warning
 
-    def check_shift(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
+    def with_shift(self, pictures: Sequence[Bytes]) -> tuple[ReferenceMatch, tuple[str, ...]]:
         """See by rectified `pictures` whether they have moved; a warning where they have."""
         shape = self.method.reference.rgb.shape
-        self.shift_px = image_shift(self.method.reference.rgb, [rgb for rgb in pictures if rgb.shape == shape])
-        if self.shift_px is None:
-            return ()
-        x, y = self.shift_px
-        return (
+        shift = image_shift(self.method.reference.rgb, [rgb for rgb in pictures if rgb.shape == shape])
+        if shift is None:
+            return replace(self, shift_px=None), ()
+        x, y = shift
+        return replace(self, shift_px=shift), (
             f"the frames lie ({x:+.1f}, {y:+.1f}) px (right, down) beside the untouched reference: was the camera "
             "or the gel moved since? Depths are false; take a new reference",
         )
 
-    def check_scene(self, frames: Sequence[Frame], *, before: Reference | None = None) -> tuple[str, ...]:
+    def with_scene(
+        self, frames: Sequence[Frame], *, before: Reference | None = None
+    ) -> tuple[ReferenceMatch, tuple[str, ...]]:
         """See by rectified `frames` what happened since the reference (scene_faults.py); a warning for each.
 
         `before`: the reference as it was taken, where such frames have renewed it. Frames without times are in
@@ -253,22 +273,16 @@ class ReferenceMatch:
         frames = sorted(frames, key=lambda frame: np.nan_to_num(frame.time_s))
         names = [frame.name for frame in frames]
         found = scene_faults((before or self.method.reference).rgb, [frame.rgb for frame in frames], names=names)
-        self.other_light |= any(fault.spoils for fault in found)
-        return tuple(fault.sentence for fault in found)
+        other = self.other_light or any(fault.spoils for fault in found)
+        return replace(self, other_light=other), tuple(fault.sentence for fault in found)
 
     def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
-        """What makes a frame of this `drift` and zero plane doubtful (flags.py)."""
-        lasting = [UNFIT] if self.unfit else []
-        lasting += [flag for flag, px in ((MOVED, self.shift_px), (REFERENCE, self.contact_px)) if px is not None]
-        if min(self.method.card.balls_cover or (1.0,)) <= COVERED:
-            lasting.append(BALLS)
-        if self.assumed_scale:
-            lasting.append(ASSUMED_SCALE)
-        self.residuals = (drift.misfit if drift is not None else 0.0, zero.std_mm)
-        unlike = self.other_light or self._is_unlike(*self.residuals)
+        """What makes a frame of this `drift` and zero plane doubtful (records/maps.py)."""
+        misfit = drift.misfit if drift is not None else 0.0
+        unlike = self.other_light or self._is_unlike(misfit, zero.std_mm)
         if drift is not None and unlike and not self.other_light:
             unlike = self._is_unlike(misfit_beside(drift, self.method.change.tracker), zero.std_mm)
-        return (*lasting, LIGHT) if unlike else tuple(lasting)
+        return (*self.lasting, LIGHT) if unlike else self.lasting
 
     def _is_unlike(self, misfit: float, std_mm: float) -> bool:
         misfit, flatness = misfit / self.baseline[0], std_mm / self.baseline[1]
@@ -341,18 +355,18 @@ BORDER = 2  # blocks along the border of the picture, which do not count
 
 def check_reference(
     match: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
-) -> tuple[str, ...]:
+) -> tuple[ReferenceMatch, tuple[str, ...]]:
     """A warning where rectified `pictures` (H, W, 3), not shifted, show a contact in the reference; it is noted.
 
     `height_map` gives the map, in mm, of a rectified picture.
     """
-    if match.shift_px is not None or match.contact_px is not None:
-        return ()
-    match.contact_px = contact_in_reference(match.method, height_map, pictures=pictures)
-    if match.contact_px is None:
-        return ()
-    x, y = match.contact_px
-    return (
+    if match.shift_px is not None or match.pressed_px is not None:
+        return match, ()
+    contact_px = contact_in_reference(match.method, height_map, pictures=pictures)
+    if contact_px is None:
+        return match, ()
+    x, y = contact_px
+    return replace(match, contact_px=contact_px), (
         f"most frames show a hill near ({x:.0f}, {y:.0f}) px: a contact in the untouched reference, or gel that "
         "has changed since. Take a new reference",
     )

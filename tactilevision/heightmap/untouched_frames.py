@@ -153,8 +153,10 @@ def tuned(
     )
     settled = dataclasses.replace(settled, light_law=light)
     reader = Reconstructor(sensor, settled)
-    usual = baseline(reader.match_residuals, [*(picture.rgb for picture in pictures), *free])
-    terms = depth_terms_mm(Reconstructor(sensor, settled), pictures, balls=calibration.balls)
+    usual = baseline(
+        lambda rgb: reader.read_rectified(rgb).residuals, [*(picture.rgb for picture in pictures), *free]
+    )
+    terms = depth_terms_mm(reader, pictures, balls=calibration.balls)
     settled = settled.with_card(dataclasses.replace(settled.card, baseline=usual, depth_terms_mm=terms))
     return Reconstructor(sensor, settled, calibration=calibration)
 
@@ -166,8 +168,8 @@ def depth_terms_mm(
     found = []
     for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
         if ball is not None:
-            height = reader.rectified_map(picture.rgb)
-            found.append(contributions_mm(height, reader.depth_terms(height)))
+            seen = reader.read_rectified(picture.rgb)
+            found.append(contributions_mm(seen.height, seen.terms_mm()))
     return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -95,6 +96,7 @@ SHADOW_PX = 4  # step of the search for shadows
 STRIP_PX = 25000  # pixels processed at once, so that intermediate arrays stay in the cache
 
 Planes = npt.NDArray[np.float32]
+Light = tuple[Planes, Planes]  # down and across: the factor of grey at a place is their product
 
 
 class ChangeMaps:
@@ -105,8 +107,6 @@ class ChangeMaps:
         self.mean, self.x, self.y, self.dark = mean, x, y, dark
         self.scale: Planes = np.empty_like(mean)
         self.update_scale()
-        # a plane over the picture is the product of two thin matrices: gain = down @ across
-        self.down, self.across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
 
     def update_scale(self) -> None:
         """Update the scale after a change of `mean`."""
@@ -115,18 +115,26 @@ class ChangeMaps:
         if self.dark is not None:
             self.scale[self.dark] = 1.0 / SOFTENING_GREY
 
-    def light(self, gains: Floats) -> None:
-        """Set the `gains` (3, 3) of the drift."""
-        share = 1.0 / (1.0 + gains[:, 0, None])
-        self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
-        self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
-        if self.dark is not None:
-            self.down[self.dark] = 0.0  # (0 + s) / s - 1 = 0
+    def light(self, gains: Floats) -> Light:
+        """Return down (3, h, 2) and across (3, 2, w) of a drift's `gains` (3, 3).
 
-    def changes(self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, *, out: Planes) -> Planes:
-        """Write changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w) to `out`, and return it."""
+        The factor of grey, a plane over the picture, is the product of these thin matrices.
+        """
+        down, across = np.ones((3, len(self.y), 2), np.float32), np.ones((3, 2, len(self.x)), np.float32)
+        share = 1.0 / (1.0 + gains[:, 0, None])
+        down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
+        across[:, 1] = -share * share * gains[:, 1, None] * self.x
+        if self.dark is not None:
+            down[self.dark] = 0.0  # of its grey nothing counts: (0 + s) / s - 1 = 0
+        return down, across
+
+    def changes(
+        self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, light: Light, *, out: Planes
+    ) -> Planes:
+        """Changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w) in this light, into `out` alike."""
         rows, columns = window
-        np.matmul(self.down[:, rows], self.across[..., columns], out=out)
+        down, across = light
+        np.matmul(down[:, rows], across[..., columns], out=out)
         for grey, plane in zip(greys, out, strict=True):
             cv2.multiply(grey, plane, dst=plane, dtype=cv2.CV_32F)
         out += np.float32(SOFTENING_GREY)
@@ -135,8 +143,60 @@ class ChangeMaps:
         return out
 
 
+@dataclass(frozen=True, eq=False)
+class FrameChange:
+    """One rectified frame (H, W, 3) compared with the untouched gel of `reference`.
+
+    `drift` of its light, and the factors of its grey; the colours `missing` from it, None where it tells all;
+    `valid` (H, W) where it tells all.
+    """
+
+    reference: ColourChange
+    rgb: Bytes
+    drift: Drift
+    light: Light
+    missing: MissingColours | None
+    valid: Bools
+
+    def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
+        """The changes (3, h, w), strip by strip of a window; where marks have to be filled, parts of `changes`."""
+        for window in strips(whole):
+            if self.reference.reference.marks is not None:
+                yield window, self.changes[:, *window]
+                continue
+            size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
+            out: Planes = np.empty((3, *size), np.float32)
+            yield window, self.reference.maps.changes(self.greys(window), window, self.light, out=out)
+
+    @cached_property
+    def changes(self) -> Planes:
+        """The changes (3, H, W), marks filled from around."""
+        whole: Planes = np.empty_like(self.reference.maps.mean)
+        for window in strips((slice(0, self.rgb.shape[0]), slice(0, self.rgb.shape[1]))):
+            out = whole[:, window[0]]
+            self.reference.maps.changes(self.greys(window), window, self.light, out=out)
+        if self.reference.reference.marks is not None:
+            fill_marks(whole, marked(self.rgb, self.reference.reference.marks))
+        return whole
+
+    def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
+        """Channels (3, h, w) of a window."""
+        greys, undo = cv2.split(self.rgb[window]), self.drift.undo
+        return greys if undo is None else list(undo_drift(greys, undo, power=self.reference.tracker.power))
+
+    def means(self, px: int) -> Planes:
+        """Channels (3, H // px, W // px) in means of `px` by `px` pixels.
+
+        Light is mixed in them as in pixels: what that misses goes with the noise squared, by the little mixed.
+        """
+        tracker, undo = self.reference.tracker, self.drift.undo
+        known = self.drift.means if px == tracker.px else None
+        planes = means(self.rgb, px) if known is None else known
+        return planes if undo is None else undo_drift(planes, undo, power=tracker.power)
+
+
 class ColourChange:
-    """Compute colour changes (3, H, W) float32 of rectified frames, in reused buffers."""
+    """Turns rectified frames into colour changes (3, H, W) float32."""
 
     def __init__(self, reference: Reference, response: Response | None = None) -> None:
         self.reference = reference
@@ -148,75 +208,40 @@ class ColourChange:
         self.maps = ChangeMaps(mean, x, y, dark=reference.dark_colour)
         self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
         self.darkest = int(darkest_grey(reference.noise_grey))  # of whole numbers
-        self.rgb: Bytes = np.empty((0, 0, 3), np.uint8)
-        self.undo: Floats | None = None
         self.find_missing = MissingColoursFinder(reference).find
-        self.missing: MissingColours | None = None  # of the current frame
-        self._whole: Planes = np.empty_like(mean)
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
-        """Return changes (3, H, W), overwritten by the next call, drift, and validity (H, W) of a frame."""
-        drift, valid = self.take(rgb)
-        for window in strips((slice(0, rgb.shape[0]), slice(0, rgb.shape[1]))):
-            self.maps.changes(self.greys(window), window, out=self._whole[:, window[0]])
-        if self.reference.marks is not None:
-            fill_marks(self._whole, marked(rgb, self.reference.marks))
-        return self._whole, drift, valid
-
-    @property
-    def measured(self) -> Planes:
-        """Changes (3, H, W) of the last frame of `measure`."""
-        return self._whole
+        """Changes (3, H, W), drift, and validity (H, W) of a frame."""
+        frame = self.take(rgb)
+        return frame.changes, frame.drift, frame.valid
 
     def measure_known(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
-        """Return as `measure`, with NaN for unknown changes, and valid (H, W) where two colours are known."""
-        changes, drift, valid = self.measure(rgb)
-        if self.missing is not None:
-            window, valid = self.missing.window, valid.copy()
-            changes[:, *window][self.missing.missing] = np.nan
-            valid[window] |= self.missing.partly
-        return changes, drift, valid
+        """As `measure`, changes that are not known NaN, and valid (H, W) where two colours are known."""
+        frame = self.take(rgb)
+        changes, valid = frame.changes, frame.valid
+        if frame.missing is not None:
+            window, valid = frame.missing.window, valid.copy()
+            changes[:, *window][frame.missing.missing] = np.nan
+            valid[window] |= frame.missing.partly
+        return changes, frame.drift, valid
 
-    def take(self, rgb: Bytes) -> tuple[Drift, Bools]:
-        """Set the current frame and return its drift and the read-only mask (H, W) where all colours are known.
-
-        `within` then gives its changes, `missing` the missing colours.
-        """
+    def take(self, rgb: Bytes) -> FrameChange:
+        """Return a frame beside the untouched gel. Raises InputError for one that cannot be of this sensor."""
         self._check(rgb)
-        drift = self.tracker.measure(rgb)
-        self.maps.light(drift.gains)
-        self.rgb, self.undo, self.missing = rgb, drift.undo, self.find_missing(rgb)
-        valid = self.reference.usable
-        if self._in_shadow(rgb):
+        drift, missing, valid = self.tracker.measure(rgb), self.find_missing(rgb), self.reference.usable
+        if self._in_shadow(rgb, missing):
             valid = valid & (_brightest(rgb) > self.darkest)
-        if self.missing is not None:
+        if missing is not None:
             valid = valid.copy()
-            valid[self.missing.window] &= self.missing.count == 0
-        return drift, valid
+            valid[missing.window] &= missing.count == 0
+        return FrameChange(self, rgb, drift, self.maps.light(drift.gains), missing, valid)
 
-    def _in_shadow(self, rgb: Bytes) -> bool:
-        """Return whether shadows may lie in a frame, judged by few of its pixels unless all are bright."""
+    def _in_shadow(self, rgb: Bytes, missing: MissingColours | None) -> bool:
+        """Whether shadows are to be looked for in all of a frame: few of its pixels tell, unless it is bright."""
         line = rgb.ravel()
         if np.maximum(line[1:], line[:-1]).min() > self.darkest:  # no two adjacent colours are dark
             return False
-        return self.missing is not None or bool(_brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() <= self.darkest)
-
-    def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
-        """Yield the changes (3, h, w) of the current frame strip by strip of a window, without filling marks."""
-        for window in strips(whole):
-            size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
-            out: Planes = np.empty((3, *size), np.float32)
-            yield window, self.maps.changes(self.greys(window), window, out=out)
-
-    def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
-        """Return the channels (3, h, w) of a window of the current frame."""
-        greys = cv2.split(self.rgb[window])
-        return greys if self.undo is None else list(undo_drift(greys, self.undo, power=self.tracker.power))
-
-    def means(self, px: int) -> Planes:
-        """Return the channels (3, H // px, W // px) of the current frame in means of `px` by `px` pixels."""
-        planes = self.tracker.means if px == self.tracker.px else means(self.rgb, px)
-        return planes if self.undo is None else undo_drift(planes, self.undo, power=self.tracker.power)
+        return missing is not None or bool(_brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() <= self.darkest)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the reference towards `rgb` by `share` of the difference, in place."""

@@ -227,11 +227,10 @@ CORRELATED = 20  # blocks whose errors, including gentle slopes of the gel, are 
 class Drift:
     """Drift of a frame's light against the reference.
 
-    `gains` (3 channels, 3): constant, x, y relative to the brightness of the picture after `undo` (3, 4), an
-    affine map of its light; None: no map. `untouched` (h, w): blocks that follow the drift; `normalised_residual`
-    (h, w) in noise. `covariance` (18, 18): of constant, x, y, stray light, and shares of the other two channels,
-    channel by channel; None without drift. `misfit`: median residual over all blocks. `left` (3, blocks): residual
-    of each channel, in noise.
+    `untouched` (h, w): blocks that follow it; `normalised_residual` (h, w) in noise. `covariance` (18, 18): of
+    constant, x, y, stray light, and parts of the other two channels, channel by channel; None where nothing has
+    drifted. `misfit`: median residual, of what is touched, too. `left` (3, blocks): what the drift leaves of each
+    channel, in noise. `means` (3, h, w): the frame in means of the tracker's `px`.
     """
 
     gains: Floats
@@ -241,6 +240,7 @@ class Drift:
     covariance: Floats | None = None
     misfit: float = 0.0
     left: Floats | None = None
+    means: Planes | None = None
 
 
 class DriftTracker:
@@ -261,10 +261,10 @@ class DriftTracker:
         x, y = np.meshgrid(_centres(self.size[0], width), _centres(self.size[1], height))
         self.basis = np.stack([np.ones_like(x), x, y], axis=-1).reshape(-1, 3)
         self.squares = (self.basis[:, :, None] * self.basis[:, None, :]).reshape(-1, 9)
-        self.means = means(reference.rgb, self.px)  # of the last frame that was measured
-        self.down = shares(self.means.shape[1], self.size[1])
-        self.across = np.ascontiguousarray(shares(self.means.shape[2], self.size[0]).T)
-        self.level = self._blocks(self.means)
+        tiles = means(reference.rgb, self.px)
+        self.down = shares(tiles.shape[1], self.size[1])
+        self.across = np.ascontiguousarray(shares(tiles.shape[2], self.size[0]).T)
+        self.level = self._blocks(tiles)
         self.all_usable = bool(self.usable.all())
         self._bright, self._shown, self._bend = np.empty((3, *self.level.shape))
         answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
@@ -280,8 +280,9 @@ class DriftTracker:
         self._update_level()
 
     def measure(self, rgb: Bytes) -> Drift:
-        """Return the drift of a rectified frame. Raises InputError where it cannot be one of this sensor."""
-        blocks = self._blocks(means(rgb, self.px, out=self.means))
+        """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
+        tiles = means(rgb, self.px)
+        blocks = self._blocks(tiles)
         if self.dark is not None:
             blocks[self.dark] = self.level[self.dark]
         change = blocks - self.level
@@ -301,7 +302,7 @@ class DriftTracker:
         shape = (self.size[1], self.size[0])
         untouched = (self.usable & (squares < limit)).reshape(shape)
         misfit = float(median(self._among_usable(squares))) ** 0.5
-        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit, left)
+        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit, left, tiles)
 
     def _reweighted(self, change: Floats, gains: Floats) -> tuple[Floats, Floats, Bools, float]:
         """Return gains (3, 3), weights of the blocks, the mask (blocks,) of touched ones, and its threshold."""

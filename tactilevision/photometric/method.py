@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
@@ -12,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.colour_change import ColourChange, Planes, strips
+from tactilevision.photometric.colour_change import ColourChange, FrameChange, Planes
 from tactilevision.photometric.cross_validation import LightLaw
 from tactilevision.photometric.drift import response_from_card
 from tactilevision.photometric.markers import fill
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, TwoColourReader
 from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
-from tactilevision.photometric.protocols import ColourLaw, PhotometricMethod, PixelMethod, Reading
+from tactilevision.photometric.protocols import ColourLaw, PhotometricMethod, PixelMethod, SlopeReading
 from tactilevision.photometric.reference import (
     BackgroundSums,
     Reference,
@@ -53,7 +52,7 @@ class ReferencedMethod(PhotometricMethod, PixelMethod, Protocol):
     @property
     def tiled_evaluator(self) -> TiledEvaluator | None: ...
 
-    def read(self, rgb_rectified: Bytes) -> Reading: ...
+    def read(self, rgb_rectified: Bytes) -> SlopeReading: ...
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None: ...
 
@@ -71,10 +70,11 @@ def as_referenced(method: object) -> ReferencedMethod | None:
 class CalibratedMethod:
     """A colour law with its reference.
 
-    `relative_error`: held-out error relative to the slope. `card`: provenance and errors. `two_colours`: laws for
-    pixels with an overexposed colour, which are not valid without. `light_law`: the shading law, None without
-    balls. `walls`: corrections learned from certified faces, None without. Not thread-safe: buffers are reused;
-    make one for each thread.
+    `relative_error` is the law's own held-out error as a part of the slope. `card` says what it was made from.
+    `two_colours` read the pixels of which a colour is overexposed; None: nothing does, and they are not valid.
+    `light_law` says which colours slopes should have; None where no ball told it. `walls` are what certified
+    faces taught; None where there were none.
+    Threads may share one, as long as none makes it `follow` the gel.
     """
 
     law: ColourLaw
@@ -118,20 +118,15 @@ class CalibratedMethod:
         slopes = reading.slopes
         return replace(slopes, std=self._std(slopes.dz_dx, slopes.dz_dy, reading.lost_share))
 
-    def read(self, rgb_rectified: Bytes) -> Reading:
-        """Return the slopes without their deviation, the drift, and the missing colours."""
+    def read(self, rgb_rectified: Bytes) -> SlopeReading:
+        """The slopes, without their deviation, and what was found on the way."""
         height, width = self.reference.shape
         whole = slice(0, height), slice(0, width)
-        if self.reference.marks is None:
-            drift, valid = self.change.take(rgb_rectified)
-            parts = self.change.within(whole)
-        else:
-            changes, drift, valid = self.change.measure(rgb_rectified)
-            parts = ((window, changes[:, window[0]]) for window in strips(whole))
-        slopes: Planes = np.empty((2, height, width), np.float32)
-        steepest = self._read_into(slopes, parts)
-        self._fill_blind(slopes, whole)
-        return Reading(SlopeMap(slopes[0], slopes[1], self.valid(valid)), drift, steepest, self.lost_share())
+        frame = self.change.take(rgb_rectified)
+        slopes, steepest = self.read_window(frame, whole)
+        return SlopeReading(
+            SlopeMap(slopes[0], slopes[1], self.valid(frame)), frame, steepest, self.lost_share(frame)
+        )
 
     def at(self, change: Floats, place: Floats) -> Floats:
         """Return slopes (N, 2) of changes (N, 3) at places (N, 2), by two colours where a change is NaN."""
@@ -139,8 +134,8 @@ class CalibratedMethod:
             return self.law.at(change, place)
         return self.two_colours.at(change, place, otherwise=self.law)
 
-    def evaluate_tiled(self, rgb_rectified: Bytes) -> Reading:
-        """Return as `read`, gentle gel in means of pixels, for surfaces without detail of single pixels."""
+    def evaluate_tiled(self, rgb_rectified: Bytes) -> SlopeReading:
+        """As `read`, gentle gel in means of pixels: for surfaces, in which single pixels do not matter."""
         reader = self.tiled_evaluator
         return reader.read(rgb_rectified) if reader else self.read(rgb_rectified)
 
@@ -150,48 +145,43 @@ class CalibratedMethod:
         px = self.card.tile_px or 1
         return TiledEvaluator(self, px) if 1 < px <= tile_px_for(self) else None
 
-    def read_window(self, window: Window) -> tuple[Planes, float]:
-        """Return slopes (2, h, w) of a window of the current frame of `change`, and the greatest |slope|."""
+    def read_window(self, frame: FrameChange, window: Window) -> tuple[Planes, float]:
+        """Slopes (2, h, w) of a window of a frame, and the greatest |slope|."""
         rows, columns = window
         slopes: Planes = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
-        steepest = self._read_into(slopes, self.change.within(window), top=rows.start)
-        self._fill_blind(slopes, window)
+        steepest = 0.0
+        for part, change in frame.within(window):
+            out = slopes[:, part[0].start - rows.start : part[0].stop - rows.start]
+            self.evaluate.strip(change, part, out)
+            out *= self.kept_share[part]
+            out -= self.bias[:, *part]
+            if frame.missing is not None and self.two_colour_reader is not None:
+                self.two_colour_reader.read_into(out, change, part, frame.missing)
+            steepest = max(steepest, cv2.norm(cv2.magnitude(out[0], out[1]), cv2.NORM_INF))
+        self._fill_blind(slopes, window, frame)
         return slopes, steepest
 
     @cached_property
     def two_colour_reader(self) -> TwoColourReader | None:
-        """Reader of pixels with a missing colour."""
+        """What reads the pixels of which a colour is missing."""
         return None if self.two_colours is None else TwoColourReader(self.two_colours, self.change.noise)
 
-    def valid(self, complete: Bools) -> Bools:
-        """Return the mask (H, W) of known slopes: `complete` where all colours are known, or by two colours."""
-        valid = complete & self.readable
-        if self.change.missing is not None and self.two_colour_reader is not None:
-            self.two_colour_reader.add_readable(valid, self.change.missing)
+    def valid(self, frame: FrameChange) -> Bools:
+        """Where (H, W) slopes of a frame are told: by all colours, or by two of them."""
+        valid = frame.valid & self.readable
+        if frame.missing is not None and self.two_colour_reader is not None:
+            self.two_colour_reader.add_readable(valid, frame.missing)
         return valid
 
-    def lost_share(self) -> Patch | None:
-        """Return the relative error of slopes of the current frame by missing colours; None without any."""
-        if self.change.missing is None or self.two_colour_reader is None:
+    def lost_share(self, frame: FrameChange) -> Patch | None:
+        """Relative error of slopes of a frame, by missing colours; None where none is."""
+        if frame.missing is None or self.two_colour_reader is None:
             return None
-        return self.two_colour_reader.lost_share(self.change.missing)
+        return self.two_colour_reader.lost_share(frame.missing)
 
-    def _read_into(self, slopes: Planes, parts: Iterable[tuple[Window, Planes]], top: int = 0) -> float:
-        """Set `slopes`, from row `top` on, from strips of changes (3, h, w), and return the greatest |slope|."""
-        steepest = 0.0
-        for window, change in parts:
-            part = slopes[:, window[0].start - top : window[0].stop - top]
-            self.evaluate.strip(change, window, part)
-            part *= self.kept_share[window]
-            part -= self.bias[:, *window]
-            if self.change.missing is not None and self.two_colour_reader is not None:
-                self.two_colour_reader.read_into(part, change, window, self.change.missing)
-            steepest = max(steepest, cv2.norm(cv2.magnitude(part[0], part[1]), cv2.NORM_INF))
-        return steepest
-
-    def _fill_blind(self, slopes: Planes, window: Window) -> None:
-        """Fill the slopes (2, h, w) of a window from around where fewer than two colours are known."""
-        missing = self.change.missing
+    def _fill_blind(self, slopes: Planes, window: Window, frame: FrameChange) -> None:
+        """Fill the slopes (2, h, w) of a window from around where fewer than two colours tell them."""
+        missing = frame.missing
         if missing is None or self.two_colours is None or (both := common(window, missing.window)) is None:
             return
         blind = missing.blind[inside(both, missing.window)]

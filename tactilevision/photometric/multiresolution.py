@@ -17,9 +17,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.colour_change import ChangeMaps, Planes, strips
-from tactilevision.photometric.drift import Drift
-from tactilevision.photometric.protocols import PixelMethod, Reading
+from tactilevision.photometric.colour_change import ChangeMaps, FrameChange, Planes, strips
+from tactilevision.photometric.protocols import PixelMethod, SlopeReading
 from tactilevision.photometric.reference import noise_bias
 from tactilevision.photometric.windows import Patch, Window, means, tile_px_of
 from tactilevision.records.maps import SlopeMap
@@ -40,16 +39,14 @@ Picture = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class TiledSlopes:
-    """Slopes of one frame: `coarse` (2, h, w), overwritten by the next, and `fine` for each of the `windows`.
-
-    The rest is as in `Reading`.
-    """
+    """What one frame says, gentle gel in means: slopes `coarse` (2, h, w), and `fine` (2, rows, columns) for
+    each of the `windows` of the whole picture; the rest as in `SlopeReading`."""
 
     coarse: Planes
     windows: list[Window]
     fine: list[Planes]
     valid: Bools
-    drift: Drift
+    frame: FrameChange
     steepest: float
     lost_share: Patch | None = None
 
@@ -86,40 +83,35 @@ class TiledEvaluator:
         noise = self._over(method.noise[None])[0]
         self.slope_threshold = DETECTION_SIGMA * noise
         self.per_noise = np.where(self.kept_share > 0.5, noise / np.float32(px), np.float32(np.inf)) ** -2
-        self._change = np.empty_like(self.maps.mean)
-        self._slopes: Planes = np.empty((2, *self.kept_share.shape), np.float32)
         self.block = round(BLOCK / px)
         blocks = [-(-n // self.block) for n in self.kept_share.shape]
-        self._active = np.zeros((self.block * blocks[0], self.block * blocks[1]), np.uint8)
+        self.padded = self.block * blocks[0], self.block * blocks[1]
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the reference towards `rgb` by `share` of the difference."""
         self.maps.mean += np.float32(share) * (means(rgb, self.px) - self.maps.mean)
         self.maps.update_scale()
 
-    def read(self, rgb: Bytes) -> Reading:
-        """Return the reading of a frame, gentle gel in means."""
+    def read(self, rgb: Bytes) -> SlopeReading:
+        """As the method's own reading, gentle gel in means."""
         tiles = self.read_tiles(rgb)
-        return Reading(self.full_map(tiles), tiles.drift, tiles.steepest, tiles.lost_share)
+        return SlopeReading(self.full_map(tiles), tiles.frame, tiles.steepest, tiles.lost_share)
 
     def read_tiles(self, rgb: Bytes) -> TiledSlopes:
-        """Return the slopes of a frame without expanding them. Raises as the method does."""
-        drift, valid = self.method.change.take(rgb)
-        self.maps.light(drift.gains)
-        self._read()
-        lost_share = self.method.lost_share()
-        colours = self.method.change.missing
-        missing = None if lost_share is None or colours is None else colours.tiles(self.px, self.size)
+        """What a frame says; less work than `read`. Raises as the method does."""
+        frame = self.method.change.take(rgb)
+        slopes, lost_share = self._read(frame), self.method.lost_share(frame)
+        told = frame.missing
+        missing = None if lost_share is None or told is None else told.tiles(self.px, self.size)
         if missing is not None:
-            self._slopes[:, missing > 0] = 0.0
-        steepest = cv2.norm(cv2.magnitude(*self._slopes), cv2.NORM_INF)
-        windows, fine = self.windows(self._slopes, missing=missing), []
+            slopes[:, missing > 0] = 0.0
+        steepest = cv2.norm(cv2.magnitude(*slopes), cv2.NORM_INF)
+        windows, fine = self.windows(slopes, missing=missing), []
         for window in windows:
-            slopes, steep = self.method.read_window(window)
+            seen, steep = self.method.read_window(frame, window)
             steepest = max(steepest, steep)
-            fine.append(slopes)
-        valid = self.method.valid(valid)
-        return TiledSlopes(self._slopes, windows, fine, valid, drift, steepest, lost_share)
+            fine.append(seen)
+        return TiledSlopes(slopes, windows, fine, self.method.valid(frame), frame, steepest, lost_share)
 
     def full_map(self, tiles: TiledSlopes) -> SlopeMap:
         """Return the slopes of `tiles` pixel by pixel."""
@@ -133,14 +125,17 @@ class TiledEvaluator:
             slopes[:, *window] = fine
         return SlopeMap(slopes[0], slopes[1], tiles.valid)
 
-    def _read(self) -> None:
-        """Compute the slopes (2, h, w) of the current frame in means."""
-        greys = self.method.change.means(self.px)
+    def _read(self, frame: FrameChange) -> Planes:
+        """Return the slopes (2, h, w) of a frame in means."""
+        greys, light = frame.means(self.px), self.maps.light(frame.drift.gains)
+        slopes: Planes = np.empty((2, *self.kept_share.shape), np.float32)
         for window in strips((slice(0, self.size[1]), slice(0, self.size[0]))):
-            change, part = self._change[:, window[0]], self._slopes[:, window[0]]
-            self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, out=change), window, part)
+            part = slopes[:, window[0]]
+            change = np.empty((3, *part.shape[1:]), np.float32)
+            self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, light, out=change), window, part)
             part *= self.kept_share[window]
             part -= self.bias[:, window[0]]
+        return slopes
 
     def windows(self, slopes: Planes, *, missing: Bytes | None = None) -> list[Window]:
         """Return windows of the picture around steep or scattered `slopes` (2, h, w), with a margin of a block.
@@ -149,7 +144,8 @@ class TiledEvaluator:
         """
         height, width = self.method.reference.shape
         steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))
-        active = self._active[: self.size[1], : self.size[0]]
+        whole = np.zeros(self.padded, np.uint8)
+        active = whole[: self.size[1], : self.size[0]]
         cv2.compare(steepest, self.slope_threshold, cv2.CMP_GT, dst=active)  # 255 where it is
         cv2.morphologyEx(active, cv2.MORPH_OPEN, PAIR, dst=active)
         scatter = cv2.multiply(_scatter(slopes), self.per_noise)
@@ -157,8 +153,8 @@ class TiledEvaluator:
         active |= cv2.compare(scatter, SCATTER_SIGMA**2 * max(1.0, typical_scatter), cv2.CMP_GT)
         if missing is not None:
             active |= missing
-        size = self._active.shape[1] // self.block, self._active.shape[0] // self.block
-        blocks = cv2.resize(self._active, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
+        size = self.padded[1] // self.block, self.padded[0] // self.block
+        blocks = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
         _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, ROUND))
         step, boxes = self.px * self.block, []
         for left, top, right, bottom in _merged_boxes(stats[1:, :4].tolist()):

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.colour_change import ColourChange, Planes, strips
+from tactilevision.photometric.colour_change import ColourChange, FrameChange, Planes, strips
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.windows import Patch, Window
@@ -68,13 +68,21 @@ class ColourLaw(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """Slopes of one frame, drift of its light, greatest |slope|, and relative error by missing colours or None."""
+class SlopeReading:
+    """The slopes of one frame, the frame beside the untouched gel, and the greatest |slope|.
+
+    `lost_share`: relative error of a slope where colours are missing; None where none is.
+    """
 
     slopes: SlopeMap
-    drift: Drift
+    frame: FrameChange
     steepest: float
     lost_share: Patch | None = None
+
+    @property
+    def drift(self) -> Drift:
+        """Of the frame's light."""
+        return self.frame.drift
 
 
 class PixelMethod(Protocol):
@@ -94,8 +102,8 @@ class PixelMethod(Protocol):
     noise: Picture
     readable: Bools
 
-    def valid(self, complete: Bools) -> Bools: ...
+    def valid(self, frame: FrameChange) -> Bools: ...
 
-    def lost_share(self) -> Patch | None: ...
+    def lost_share(self, frame: FrameChange) -> Patch | None: ...
 
-    def read_window(self, window: Window) -> tuple[Planes, float]: ...
+    def read_window(self, frame: FrameChange, window: Window) -> tuple[Planes, float]: ...

@@ -320,7 +320,7 @@ DEEP = 0.5  # of the greatest depth: what counts as contact for the bars
 def draw_terms(height: HeightMap, terms: Terms) -> Figure:
     """Draw the term (h, w) that dominates at each place, and the rms of each term in the contact and elsewhere.
 
-    `terms` are deviations in mm by name, on a grid over the map's picture (Reconstructor.depth_terms).
+    `terms` are deviations in mm by name, on a grid over the map's picture (Reading.terms_mm).
     """
     figure, (above, bars) = style.new_figure(rows=2, height_in=7.6)
     entries = _draw_largest(above, height, terms)

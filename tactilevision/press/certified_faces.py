@@ -15,7 +15,7 @@ from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.files.documents import cell_text, read_text
 from tactilevision.files.opening import read_cells
-from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.reconstructor import Reading, Reconstructor
 from tactilevision.heightmap.walls import PunchEdge, WallFace, teach
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.recording.model import Recording
@@ -115,14 +115,10 @@ def read_faces(
 ) -> list[CertifiedFace]:
     """The faces of a recording's `certified` presses that both frames about their event show.
 
-    Cast shadows are left or undone as the reader does now; what it knows of walls is set aside, and stays.
-    Presses of another recording, told by label and time, are passed over.
+    What the reader knows of walls is set aside. Presses of another recording, told by label and time, are passed
+    over.
     """
-    known, reader.taught = reader.taught, None
-    try:
-        return list(_faces(recording, reader, certified))
-    finally:
-        reader.taught = known
+    return list(_faces(recording, reader.varied(taught=None), certified))
 
 
 def _faces(recording: Recording, reader: Reconstructor, certified: Sequence[Certified]) -> Iterator[CertifiedFace]:
@@ -146,22 +142,22 @@ def _faces(recording: Recording, reader: Reconstructor, certified: Sequence[Cert
 def _mapped(recording: Recording, reader: Reconstructor, indenter: Indenter, place: int) -> MappedFace | None:
     """The face in the map of a frame; None where it shows none that is pressed in."""
     try:
-        face = find_footprint(reader.height_map(read_frame(recording, place)), indenter)
+        reading = reader.read(read_frame(recording, place))
+        face = find_footprint(reading.height, indenter)
     except TactilevisionError:
         return None
     if face is None or not face.depth_mm > 0:
         return None
-    wall = wall_at(reader, face.centre_mm, face.radius_mm) if indenter.shape == "flat_cylinder" else None
+    wall = wall_at(reading, face.centre_mm, face.radius_mm) if indenter.shape == "flat_cylinder" else None
     taught = (wall.missing_mm, wall.depth_mm) if wall and wall.teachable else (0.0, 0.0)
     return MappedFace(face.depth_mm, *taught)
 
 
-def wall_at(reader: Reconstructor, centre_mm: Pair, radius_mm: float) -> PunchEdge | None:
-    """The wall of the map made last about a face's centre, from the picture's middle."""
-    sensor = reader.sensor
-    x = centre_mm[0] + (sensor.width_px - 1) / 2 * sensor.mm_per_px[0]
-    y = centre_mm[1] + (sensor.height_px - 1) / 2 * sensor.mm_per_px[1]
-    edges = reader.evidence.edges if reader.evidence else ()
+def wall_at(reading: Reading, centre_mm: Pair, radius_mm: float) -> PunchEdge | None:
+    """The wall about a face's centre, from the picture's middle."""
+    (rows, columns), scale = reading.height.depth_mm.shape, reading.height.mm_per_px
+    x, y = centre_mm[0] + (columns - 1) / 2 * scale[0], centre_mm[1] + (rows - 1) / 2 * scale[1]
+    edges = reading.edges
     near = (one for one in edges if np.hypot(one.centre_mm[0] - x, one.centre_mm[1] - y) < NEAR * radius_mm)
     return next(near, None)
 
@@ -319,16 +315,13 @@ def _disc(height: HeightMap, face: Footprint) -> np.ndarray[tuple[int, ...], np.
 # to the light, and all later frames of the sensor are read with them.
 
 
-def teach_walls(reader: Reconstructor, faces: Sequence[CertifiedFace]) -> bool:
-    """Let certified `faces`, as the reader sees them now, teach its walls.
+def teach_walls(reader: Reconstructor, faces: Sequence[CertifiedFace]) -> Reconstructor:
+    """Return the reader with what certified `faces` teach of its walls.
 
-    The reader keeps to it from then on. False, and what it knew stays, where too few faces show a wall, and where
-    what they say is more than walls can be off.
+    Itself where too few faces show a wall, and where what they say is more than walls can be off.
     """
     lesson = teach([one.wall_face for one in faces if one.wall_face is not None])
-    if lesson is not None:
-        reader.taught = lesson
-    return lesson is not None
+    return reader if lesson is None else reader.varied(taught=lesson)
 
 
 def with_walls(method: ReferencedMethod, walls: TaughtWalls | None) -> ReferencedMethod:

@@ -48,15 +48,15 @@ def load_sensor(path: Path | str, *, indenter: Indenter | str | None = None) -> 
 class CalibratedSensor:
     """A calibrated sensor; `profile` is the content of its file.
 
-    Threads that share one wait for each other. `read` compares with the profile's reference; `Stream(sensor)`
-    also follows slow changes of the light.
+    Threads may share one. Frames may be read with `Stream(sensor)`, too, which follows slow changes of the light;
+    `read` keeps to the profile's reference.
     """
 
     def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None) -> None:
         self.profile = profile
-        self.reconstructor = Reconstructor(profile.sensor, profile.method)
-        self.reconstructor.warnings = _as_then(profile)
-        self.reconstructor.frame_size_px = profile.frame_size_px
+        self.reconstructor = Reconstructor(
+            profile.sensor, profile.method, warnings=_as_then(profile), frame_size_px=profile.frame_size_px
+        )
         self.indenter = _chosen(profile, indenter)
         self.untouched: Untouched | None = None
         if profile.followed != "nothing":
@@ -120,8 +120,8 @@ class CalibratedSensor:
         maps are flagged from then on.
         """
         before = len(self.reconstructor.warnings)
-        self.reconstructor.look(pictures)
-        self.reconstructor.warnings += self._unlike([as_frame(one).rgb for one in pictures])
+        self.reconstructor = self.reconstructor.look(pictures)
+        self.reconstructor = self.reconstructor.warned(*self._unlike([as_frame(one).rgb for one in pictures]))
         return self.reconstructor.warnings[before:]
 
     def with_reference(self, flats: Sequence[Bytes]) -> CalibratedSensor:
@@ -133,9 +133,8 @@ class CalibratedSensor:
         fresh = CalibratedSensor(
             replace(profile, method=made.referenced, untouched=rectified[0]), indenter=self.indenter
         )
-        made.warnings = (*_as_then(profile), *made.warnings)
-        made.frame_size_px = profile.frame_size_px
-        fresh.reconstructor = made
+        known = (*_as_then(profile), *made.warnings)
+        fresh.reconstructor = made.varied(warnings=known, frame_size_px=profile.frame_size_px)
         return fresh
 
     def held(self, height: HeightMap, face: Footprint | None) -> HeightMap:

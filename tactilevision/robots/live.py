@@ -21,7 +21,7 @@ from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.maps import LIGHT, Footprint, Frame, HeightMap, TractionMap, add
-from tactilevision.records.measured import Bools, Floats, Wrench
+from tactilevision.records.measured import Bools, Bytes, Floats, Wrench
 from tactilevision.records.rig import Indenter
 from tactilevision.robots.camera import Shot
 from tactilevision.robust import median
@@ -82,7 +82,8 @@ class Stream:
         if not 0.0 <= renew <= 1.0:
             raise InputError("is a share, from 0 to 1", where="Stream renew", value=renew)
         self.sensor = None if isinstance(source, Reconstructor) else source
-        self.reconstructor = source if isinstance(source, Reconstructor) else source.reconstructor
+        reader = source if isinstance(source, Reconstructor) else source.reconstructor
+        self.reconstructor = reader.independent() if renew > 0 else reader  # a stream's reference is its own
         method = self.reconstructor.referenced
         if method is not None and not even_so:
             check_fit(method.card, remedy="Stream(..., even_so=True) or --even-so")
@@ -99,8 +100,8 @@ class Stream:
             )
         began = time.perf_counter()
         rgb = self.reconstructor.rectified(frame)
-        if self.frames == 0:  # once, as it takes longer than a frame
-            self.reconstructor.look([rgb])
+        if self.frames == 0:  # for all that come: it takes longer than a frame
+            self.reconstructor = self.reconstructor.look([rgb])
         height = self.reconstructor.rectified_map(rgb, time_s=frame.time_s, name=frame.name)
         contact, peak_mm, least_mm, doubts = self._contact(height)
         if doubts:
@@ -119,6 +120,16 @@ class Stream:
         self.latencies[np.searchsorted(EDGES_MS, latency_ms)] += 1
         self.frames += 1
         return Moment(height, contact, peak_mm, self._last, latency_ms, least_mm, tractions)
+
+    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
+        """As the sensor's `look`, by rectified `pictures` (H, W, 3); nothing where it has none."""
+        if self.sensor is None:
+            return ()
+        said, seen = self.sensor.look(pictures), self.sensor.reconstructor.match
+        if seen is not None and self.reconstructor.match is not None:
+            seen = replace(seen, method=self.reconstructor.match.method)
+        self.reconstructor = self.reconstructor.varied(match=seen).warned(*said)
+        return said
 
     def histogram(self) -> list[tuple[float, int]]:
         """Return (upper edge in ms, frames) of the latencies so far."""

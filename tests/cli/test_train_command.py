@@ -76,9 +76,8 @@ def test_the_card_says_that_its_steps_were_read_before_walls_were_taught(
 ) -> None:
     walls = TaughtWalls(0.1, 0.2, (0.01, 0.02, 0.0), (0.2, 0.6), 0.03)
 
-    def plant(reader: Reconstructor, _: object) -> bool:
-        reader.taught = walls
-        return True
+    def plant(reader: Reconstructor, _: object) -> Reconstructor:
+        return reader.varied(taught=walls)
 
     steps = {"flat_steps": "planted"}, (Certified("1", 1.0, 0.3),)
     monkeypatch.setattr(sys.modules["tactilevision.cli.train"], "_certified", lambda *_: steps)

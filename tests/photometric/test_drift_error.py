@@ -55,11 +55,11 @@ def test_depth_moves_as_a_wrong_coefficient_moves_it(
     made, rgb = reader(), flat(np.random.default_rng(1), gain=1.03)
     assert made.referenced is not None
     assert made.error is not None
-    before, tracker = made.rectified_map(rgb).depth_mm.copy(), made.referenced.change.tracker
-    assert made.zero is not None
+    seen, tracker = made.read_rectified(rgb), made.referenced.change.tracker
+    before = seen.height.depth_mm
     covariance = np.zeros((18, 18))
     covariance[6 * channel + number, 6 * channel + number] = size**2
-    said = np.sqrt(made.error.drift.variance(covariance, made.zero))
+    said = np.sqrt(made.error.drift.variance(covariance, seen.zero))
     right = tracker.measure(rgb)
     assert right.undo is not None
 
@@ -86,11 +86,10 @@ def test_it_grows_with_the_contact_and_is_none_where_nothing_drifted() -> None:
     assert made.error is not None
     middle = []
     for contact_mm in (1.0, 2.0, 3.5):
-        made.rectified_map(pressed(contact_mm, 1.05))
+        seen = made.read_rectified(pressed(contact_mm, 1.05))
         drift = made.referenced.change.tracker.measure(pressed(contact_mm, 1.05))
         assert drift.covariance is not None
-        assert made.zero is not None
-        said = np.sqrt(made.error.drift.variance(drift.covariance, made.zero))
+        said = np.sqrt(made.error.drift.variance(drift.covariance, seen.zero))
         middle.append(float(said[said.shape[0] // 2, said.shape[1] // 2]))
     assert middle[0] < middle[1] < middle[2]
     assert made.referenced.change.tracker.measure(flat(np.random.default_rng(3))).covariance is None

@@ -140,9 +140,9 @@ def test_without_a_law_of_light_slopes_of_no_surface_are_flagged() -> None:
     method = reader().referenced
     assert method is not None
     check = LightCheck(dataclasses.replace(method, light_law=None), SENSOR.mm_per_px)  # type: ignore[type-var]
-    drift = method.read(pressed(30)).drift
-    assert check(drift).area_mm2 < MIN_AREA_MM2
-    slopes = check.read(drift)[1]
+    frame = method.read(pressed(30)).frame
+    assert check(frame).area_mm2 < MIN_AREA_MM2
+    slopes = check.read(frame)[1]
     turned = np.zeros_like(slopes)
     y, x = (np.linspace(-1.0, 1.0, n) for n in slopes.shape[1:])
     turned[0], turned[1] = -0.3 * y[:, None], 0.3 * x[None]

@@ -44,10 +44,11 @@ def test_noise_of_single_pixels_hides_no_other_light() -> None:
     method = CalibratedMethod(
         Network(MODEL.read_bytes(), 0.9, MODEL), reference(TURNED), 0.9, card=MethodCard(held_out_gain_std=0.05)
     )
-    match = ReferenceMatch(method)
-    assert "another light" in match.check_light(light_of(reference(OWN)))[0]
+    match, said = ReferenceMatch(method).with_light(light_of(reference(OWN)))
+    assert "another light" in said[0]
     assert match.other_light
-    assert match.check_light(light_of(reference(TURNED))) == ()
+    match, said = match.with_light(light_of(reference(TURNED)))
+    assert said == ()
     assert not match.other_light
 
 

@@ -29,8 +29,8 @@ def test_what_a_frame_does_not_tell(overexposed: bool) -> None:
     reference, rgb = scene(overexposed=overexposed)
     missing = (rgb >= SATURATED) | (reference.rgb >= SATURATED)
     change = ColourChange(reference)
-    _, valid = change.take(rgb)
-    found = change.missing
+    frame = change.take(rgb)
+    found, valid = frame.missing, frame.valid
     assert found is not None
     whole = np.zeros((*SHAPE, 3), np.bool_)
     whole[found.window] = found.missing.transpose(1, 2, 0)
@@ -68,8 +68,8 @@ def test_a_lone_dark_pixel_is_found_in_a_bright_frame_alone() -> None:
     reference, rgb = scene(overexposed=False)
     rgb[30:33, 41:44], rgb[1, 1] = 100, 0
     change = ColourChange(reference)
-    assert not change.take(rgb)[1][1, 1]
-    assert change.take(np.minimum(rgb, SATURATED - 1))[1][1, 1] == reference.usable[1, 1]
+    assert not change.take(rgb).valid[1, 1]
+    assert change.take(np.minimum(rgb, SATURATED - 1)).valid[1, 1] == reference.usable[1, 1]
 
 
 def test_windows() -> None:

@@ -68,7 +68,7 @@ def test_what_the_certificate_warned_of_is_not_said_again(
     reader: Any = SimpleNamespace(taught=None)
     recording: Any = None
     for said, times in (("another",), 1), (("faces read 25 % less",), 0):
-        assert command._taught(recording, reader, [], said=said) is None
+        assert command._taught(recording, reader, [], said=said) == (reader, None)
         assert capsys.readouterr().err.count("faces read") == times
 
 

@@ -80,7 +80,7 @@ def test_a_stream_and_the_command_line_refuse_it_unless_told_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     reader = on_wrong_circles()
-    monkeypatch.setattr(reader, "warnings", ("two lamps?", *reader.warnings))
+    reader = reader.varied(warnings=("two lamps?", *reader.warnings))
     with pytest.raises(InputError, match="even_so=True"):
         Stream(reader)
     Stream(reader, even_so=True)

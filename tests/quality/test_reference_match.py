@@ -184,10 +184,10 @@ def test_a_ready_method_sees_a_contact_in_its_reference(
     found = touched(place, contact_mm, rng)
     slopes = [ball(c, a, 4.0)[1:] for c, a in presses(3, rng)] + 2 * [(np.zeros(SHAPE), np.zeros(SHAPE))]
     frames = [picture(*one, rng, gain=grain(), lamps=lamps) for one in slopes]
-    found.look(frames)
-    assert found.reference_match is not None
-    assert found.reference_match.contact_px is not None
-    assert np.hypot(*np.subtract(found.reference_match.contact_px, in_px(place))) < contact_mm / MM_PER_PX
+    found = found.look(frames)
+    assert found.match is not None
+    assert found.match.pressed_px is not None
+    assert np.hypot(*np.subtract(found.match.pressed_px, in_px(place))) < contact_mm / MM_PER_PX
     assert any("a contact in the untouched reference" in line for line in found.warnings)
     assert all(REFERENCE in found.rectified_map(rgb).flags for rgb in frames)
 
@@ -200,19 +200,20 @@ def test_no_contact_in_the_reference_is_seen_where_there_is_none(
     """Not where every frame is pressed at one place either."""
     rng = np.random.default_rng(SEED + 9)
     p, q = ball((-2.0, 1.0), radius_mm, 4.0)[1:] if radius_mm else (np.zeros(SHAPE), np.zeros(SHAPE))
-    found = reader()
-    found.look([picture(p, q, rng, gain=grain(), lamps=lamps, stray_grey=stray) for stray in (15, 20, 20, 12)])
-    assert found.reference_match is not None
-    assert found.reference_match.contact_px is None
+    found = reader().look(
+        [picture(p, q, rng, gain=grain(), lamps=lamps, stray_grey=stray) for stray in (15, 20, 20, 12)]
+    )
+    assert found.match is not None
+    assert found.match.pressed_px is None
     assert not any("contact" in line for line in found.warnings)  # that stray light changes is told
 
 
 def test_a_single_frame_says_nothing_of_its_reference() -> None:
     rng = np.random.default_rng(SEED + 10)
     found = touched((-3.5, 2.0), 1.6, rng)
-    found.look([flat(rng, gain=grain())])
-    assert found.reference_match is not None
-    assert found.reference_match.contact_px is None
+    found = found.look([flat(rng, gain=grain())])
+    assert found.match is not None
+    assert found.match.pressed_px is None
 
 
 def test_a_contact_that_the_calibration_saw_in_its_reference_is_flagged() -> None:
@@ -253,11 +254,11 @@ def face(radius_mm: float, length_mm: float, place: Pair) -> tuple[np.ndarray, n
 def test_gel_that_slopes_beside_a_face_is_no_other_light(radius_mm: float, length_mm: float, place: Pair) -> None:
     rng = np.random.default_rng(SEED + 12)
     slopes, found = face(radius_mm, length_mm, place), reader()
-    match = found.reference_match
-    assert match is not None
-    assert LIGHT not in found.rectified_map(picture(*slopes, rng, gain=grain())).flags
-    misfit, std_mm = match.residuals
-    usual_misfit, usual_std_mm = match.baseline
+    assert found.match is not None
+    seen = found.read_rectified(picture(*slopes, rng, gain=grain()))
+    assert LIGHT not in seen.height.flags
+    misfit, std_mm = seen.residuals
+    usual_misfit, usual_std_mm = found.match.baseline
     assert misfit * std_mm > 15 * usual_misfit * usual_std_mm  # more than a lamp that was moved may leave
     elsewhere = ((-30.0, 14.0, 18.0), *LAMPS[1:])
     assert LIGHT in found.rectified_map(picture(*slopes, rng, gain=grain(), at=elsewhere)).flags

@@ -141,7 +141,7 @@ def test_a_reconstructor_warns_and_flags_its_maps() -> None:
     found = rendered_reconstructor()
     pictures = some_frames(recording)
     assert "light" not in found.rectified_map(pictures[0]).flags
-    found.look([rgb[:, ::-1].copy() for rgb in pictures])
+    found = found.look([rgb[:, ::-1].copy() for rgb in pictures])
     assert any("mirrored left to right" in line for line in found.warnings)
     assert "light" in found.rectified_map(pictures[0]).flags
 
@@ -153,8 +153,8 @@ def test_an_exchange_against_the_methods_own_pictures_is_named(name: str) -> Non
     assert recording.sensor.rectification is None
     found = with_flats(recording.sensor, rendered_reconstructor().method, flats=flats)
     assert any(FAULTS[name][0] in line and "the method was made of" in line for line in found.warnings)
-    assert found.reference_match is not None
-    assert found.reference_match.other_light
+    assert found.match is not None
+    assert found.match.other_light
 
 
 def test_spoiled_frames_do_not_renew_the_reference() -> None:

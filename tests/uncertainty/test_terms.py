@@ -158,13 +158,13 @@ def height_map(*, warm: float = 0.0) -> HeightMap:
     _, p, q = ball((0.5, 0.5), 1.5, 4.0)
     x = np.linspace(-1, 1, SHAPE[1])[None, :, None]
     seen = picture(p, q, rng) * (1.0 + warm * x * np.array([1.0, -1.0, 0.5]))
-    return reader().rectified_map(np.clip(seen, 0, 255).astype(np.uint8))
+    return reader().read_rectified(np.clip(seen, 0, 255).astype(np.uint8))
 
 
 @pytest.mark.parametrize("warm", [0.0, 0.05])
 def test_the_terms_of_a_map_sum_to_its_deviation(warm: float) -> None:
-    height = height_map(warm=warm)
-    error, terms = reader().error, reader().depth_terms(height)
+    seen = height_map(warm=warm)
+    height, error, terms = seen.height, reader().error, seen.terms_mm()
     assert error is not None
     assert height.std_mm is not None
     assert tuple(terms) == TERMS

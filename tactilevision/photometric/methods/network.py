@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import replacing
-from tactilevision.photometric.colour_change import STRIP_PX
 from tactilevision.photometric.methods.polynomial import REACH
 from tactilevision.photometric.protocols import StripEvaluator
 from tactilevision.photometric.windows import Window
@@ -213,14 +212,13 @@ class NetworkEvaluator(StripEvaluator):
         self.bound = np.float32(REACH * network.steepest)
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in shape[::-1])
         self.place = np.stack(np.meshgrid(x, y))
-        self._inputs = np.empty(5 * max(STRIP_PX, shape[1]), np.float32)
 
     def __reduce__(self) -> tuple[type[NetworkEvaluator], tuple[Network, tuple[int, int]]]:
         return NetworkEvaluator, (self.network, self.shape)
 
     def strip(self, change: Picture, window: Window, out: Picture) -> None:
-        """Write slopes (2, h, w) of the changes (3, h, w) of a window, one of `strips`, to `out`."""
-        inputs = self._inputs[: 5 * change[0].size].reshape(1, 5, *change.shape[1:])
+        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
+        inputs = np.empty((1, 5, *change.shape[1:]), np.float32)
         inputs[0, :3], inputs[0, 3:] = change, self.place[:, *window]
         slopes = run_network(self.session, inputs)[0]
         np.minimum(slopes, self.bound, out=slopes)
