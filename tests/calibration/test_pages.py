@@ -47,6 +47,6 @@ def test_what_is_left_is_said_also_where_the_error_is_as_small_as_presses_repeat
     left = replace(plain, models=(replace(last, covariates=on_depth),))
     assert any(one.key == "w" for one in on_depth)
     assert pattern_sentence(left, explained=True).endswith("depends on the depth.")
-    assert pattern_sentence(left, explained=False) == "What is left depends on the depth."
+    assert pattern_sentence(left, explained=False) == "The residual depends on the depth."
     quiet = tuple(replace(one, p_adjusted=1.0) for one in last.covariates)
     assert pattern_sentence(replace(plain, models=(replace(last, covariates=quiet),)), explained=True) == ""

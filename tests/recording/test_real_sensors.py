@@ -65,7 +65,7 @@ def test_gelsight_mini_sees_the_weight_grow() -> None:
 def test_a_sphere_larger_than_the_view_is_not_taken_for_a_ball_press() -> None:
     change = ColourChange(make_reference([read(MINI / "background.png")], may_have_marks=False))
     last = list(weights())[-1][0]
-    with pytest.raises(InputError, match="no contact stands out"):
+    with pytest.raises(InputError, match="no contact exceeds the noise"):
         first_guess(change.measure(read(last))[0].transpose(1, 2, 0))
 
 

@@ -132,4 +132,4 @@ def test_the_page_of_sensors_lists_size_scale_and_what_is_ready() -> None:
         across, down = sensor.width_px * sensor.mm_per_px[0], sensor.height_px * sensor.mm_per_px[1]
         assert [float(one) for one in view.split(" x ")] == pytest.approx([across, down], abs=0.06)
         model = kind.removesuffix("_markers")
-        assert (find_model(model) is not None) == (ready == f"the network `{model}`")
+        assert (find_model(model) is not None) == (ready == f"network `{model}`")
