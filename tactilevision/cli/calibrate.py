@@ -176,7 +176,7 @@ def _tell(outcome: Calibrated, out: Path) -> None:
         console.say(*summary(outcome.result))
     else:
         console.say(*in_words(outcome.certified.points))
-    console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
+    console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
 
 
 # `tactilevision plan`: how many presses of which heights give E within a goal, before any is made.

@@ -319,7 +319,7 @@ def compare_effects(
     forget_found(out)
     console.warn(passed_over)
     console.say(*lines_of(found), *passed_over, *(f"{words}: {text}" for words, text in commands))
-    console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
+    console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
     console.hand_over(content_of(found), json)
 
 

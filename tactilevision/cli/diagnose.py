@@ -94,7 +94,7 @@ def diagnose(
         write_diagnosis(found, figures, title=title, private=own, reliefs=surfaces, commands=commands)
     forget_found(out)
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
-    console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
+    console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
     console.hand_over(content, json)
 
 

@@ -210,7 +210,7 @@ def validate(
     for law in dict.fromkeys(one.law for one in found.comparisons):
         console.say(*report.table(found, law), "")
     console.say(*report.statements(found), *(f"assumed: {line}" for line in found.assumptions))
-    console.say(f"wrote {out / 'validation.json'} and the figures beside it")
+    console.say(f"wrote {out / 'validation.json'} and the figures next to it")
     console.hand_over(content, json)
 
 
