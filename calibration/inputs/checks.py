@@ -158,7 +158,7 @@ def of_shape(data: Observations, shape: str = "flat_cylinder") -> Observations:
 def _gel(data: Observations) -> Iterator[InputError]:
     gel = data.gel
     if not (np.isfinite(gel.thickness_mm) and gel.thickness_mm > 0):
-        yield InputError("the gel's thickness lies above 0 mm", where="[sensor.gel]", value=gel.thickness_mm)
+        yield InputError("the gel's thickness must be above 0 mm", where="[sensor.gel]", value=gel.thickness_mm)
     if gel.poisson_ratio is not None and not 0 <= gel.poisson_ratio < 0.5:
         yield InputError(
             "Poisson's ratio lies in [0, 0.5)",
@@ -178,7 +178,7 @@ def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[In
             remedy="Exclude its presses; `calibrate` fits balls and cones where there is no flat cylinder.",
         )
     if shape != "cone" and not (np.isfinite(radius) and radius > 0):
-        yield InputError("an indenter's radius lies above 0 mm", where=where, value=radius)
+        yield InputError("an indenter's radius must be above 0 mm", where=where, value=radius)
     half = _half_width(data)
     if shape == "flat_cylinder" and half is not None and radius >= half:
         yield InputError(
@@ -203,7 +203,7 @@ def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
     if not data.is_curves and (depth <= 0).any():
         k = int(np.flatnonzero(depth <= 0)[0])
         yield InputError(
-            "a certified depth lies above 0 mm",
+            "a certified depth must be above 0 mm",
             where=_press(data, k),
             value=float(depth[k]),
             remedy="Depth is positive into the gel.",
@@ -255,7 +255,7 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
     if not data.is_curves and (force <= 0).any():
         k = int(np.flatnonzero(force <= 0)[0])
         yield InputError(
-            "the normal force of a certified point lies above 0 N",
+            "the normal force of a certified point must be above 0 N",
             where=_press(data, k),
             value=float(force[k]),
             remedy="fz_N is positive when the indenter pushes.",

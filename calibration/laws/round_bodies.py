@@ -3,7 +3,7 @@
     P = E F(w; nu, body, h) (1 + beta w/h)
 
 F solves the integral equation of mechanics/round_contact.py; for a thick gel it tends to Hertz' 4/3 E* sqrt(R)
-w^1.5 and Sneddon's 2/pi E* tan(angle) w^2. No friction (round_sticking.py gives what a gel that sticks adds), a
+w^1.5 and Sneddon's 2/pi E* tan(angle) w^2. No friction (`theory.py` gives what a gel that sticks adds), a
 layer far wider than the contact, no force where w <= 0; beta has a prior about 0 of std BETA_STD. The thicknesses
 of a wedge are interpolated between NODES of them. Range: contact radius up to ten thicknesses and, for a ball, .95
 of its radius; InputError beyond. A tip that is rounded over more than a small part of the depth is a ball, not a

@@ -100,7 +100,7 @@ def _relative_std(result: CalibrationResult) -> float:
 #
 #     E -> E (1 + s),    r = h/60
 #
-# s is what a rounding r takes off the line through P/w (edges.py); r, .05 mm on 3 mm of gel, is that of usual
+# s is what a rounding r takes off the line through P/w; r, .05 mm on 3 mm of gel, is that of usual
 # turned edges. A rounded punch taken for sharp makes the gel look softer. E keeps its value; its 95 % interval
 # reaches up by s, combined with the rest as the root of the sum of squares. Where E is the elements' at finite
 # depth it is that of the usual edge already, and s stands for one twice as round.

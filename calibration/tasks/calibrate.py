@@ -60,11 +60,11 @@ def calibrate(
     """Fit a law to the accepted points, or to the curves where there are no points.
 
     `law` a Law or the key of one ("default": the flat punch; where there is none, the ball or the cone); `effects`
-    a model whose effects are fitted along; `clock_offset` and `bulge` (nu from the rise beside the punch) come
-    from the certificate, where it has them: a rise that leaves nu open bounds it by its interval. `bound` holds nu
-    to what elastomers have where nothing is stated of it, None leaves that out. Presses that clocks far apart put
-    out of phase are left out, with a warning. Raises
-    NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
+    a model whose effects are fitted along; `clock_offset` and `bulge` (nu from the rise next to the punch) come
+    from the certificate, where it has them. If the rise does not determine nu, its interval bounds nu. `bound`
+    holds nu to what elastomers have where nothing is stated of it; None omits that. Presses with inconsistent
+    clocks are omitted, with a warning. Raises NothingCertified where every press was rejected, InputError for
+    measurements that no law can be fitted to.
     """
     sets = as_sets(measured)
     seen = without_copies(observe(sets))

@@ -206,7 +206,7 @@ def _check_faces(design: Design) -> None:
 
 def _positive(name: str, value: float) -> None:
     if not (np.isfinite(value) and value > 0):
-        raise InputError(f"{name} lies above 0", where="plan", value=value)
+        raise InputError(f"{name} must be above 0", where="plan", value=value)
 
 
 def _no_less_than_0(name: str, value: float) -> None:

@@ -243,7 +243,7 @@ def _check_goal(goal: Goal) -> None:
     goals = [one for one in (goal.youngs_modulus, goal.poisson_ratio, goal.c) if one is not None]
     for one in goals:
         if not (np.isfinite(one) and one > 0):
-            raise InputError("a goal lies above 0", where="plan", value=one)
+            raise InputError("a goal must be above 0", where="plan", value=one)
     if not goals:
         raise InputError("there is no goal", where="plan", remedy="Ask for E, nu or c within something.")
 

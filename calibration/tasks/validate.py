@@ -308,7 +308,9 @@ def _stiffness(poisson_ratio: float, a_over_h: float) -> float:
 
 def _check_material(material: Material) -> None:
     if not (np.isfinite(material.youngs_modulus_MPa) and material.youngs_modulus_MPa > 0):
-        raise InputError("Young's modulus lies above 0 MPa", where="validate", value=material.youngs_modulus_MPa)
+        raise InputError(
+            "Young's modulus must be above 0 MPa", where="validate", value=material.youngs_modulus_MPa
+        )
     if not 0 <= material.poisson_ratio < 0.5:
         raise InputError(
             "Poisson's ratio lies in [0, 0.5)",

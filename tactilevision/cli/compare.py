@@ -311,7 +311,7 @@ def compare_effects(
     )
     commands = next_commands(recordings, found, files, prior=prior, left_out=aside)
     title = "Comparison of " + ", ".join(one.recording.name for one in taken)
-    passed_over = [f"{key} is left out: {why}" for key, why in found.left_out]
+    passed_over = [f"{key} is excluded: {why}" for key, why in found.left_out]
     with staged(out) as stage:
         write_comparison(found, FigureFolder(stage, form), title=title, try_next=commands)
         steps = steps_of_comparison(found, files)

@@ -244,7 +244,7 @@ def check_fit(card: MethodCard, *, remedy: str, where: str = "reference/ball") -
             "the light's calibration fails its own balls",
             where=where,
             value=fault,
-            remedy=f"Check flat/, ball.csv, mm_per_px and the lamps; {remedy} goes on all the same.",
+            remedy=f"Check flat/, ball.csv, mm_per_px and the lamps; {remedy} continues anyway.",
         )
 
 

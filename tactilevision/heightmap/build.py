@@ -109,11 +109,11 @@ DEFAULT = "auto"  # balls left out choose the fit: never one that they tell wors
 def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
     """Return a reconstructor calibrated on the recording's own flats and ball presses.
 
-    It warns where the recording's frames lie beside the reference, or show a contact in it. `method` is a name in
-    PHOTOMETRIC, the path of a saved method, or a ready one; a ready one is used against the recording's flats
-    where there are some. None: DEFAULT on the recording's balls or, without any, the method trained beforehand
-    for this kind of sensor, which its warnings then say. Raises InputError or RecordingError where the reference
-    is missing or cannot be used.
+    It warns where the recording's frames are shifted against the reference, or the reference shows a contact.
+    `method` is a name in PHOTOMETRIC, the path of a saved method, or a ready one; a ready one is used against the
+    recording's flats where there are some. None: DEFAULT on the recording's balls or, without any, the method
+    trained beforehand for this kind of sensor, which its warnings then say. Raises InputError or RecordingError
+    where the reference is missing or cannot be used.
     """
     from tactilevision.recording.model import Recording, faults_of_flats
 

@@ -141,7 +141,7 @@ def leakage_share(
 #
 # e: relative error of a slope without that colour beyond that of a slope by all colours, 0 where all are known
 # (photometric/methods/two_colours.py). A few pixels without a colour, in gel that is told by all, hardly change
-# what is integrated over them. What is integrated over many carries their error on, as under leakage.py.
+# what is integrated over them. What is integrated over many carries their error on, as under leakage.
 # Vanishes where all colours are known, and where the depth is 0. Assumes slopes that err in proportion.
 
 BLUR = 4.0  # deviations to which OpenCV follows a blur
@@ -172,7 +172,7 @@ def missing_colour_variance(depth_mm: Picture, lost_share: Picture, *, every: in
 #
 # z is integrated as every surface is; the mean over N_DRAWS fields is blurred, as few draws are rough.
 # Vanishes with the noise, and grows with its square. Assumes noise that is independent from pixel to pixel: waves
-# that are not stand in `untouched_gel.py`. It depends on the place alone, so it is worked out once for a method.
+# that are not have a term of their own. It depends on the place alone, so it is worked out once for a method.
 
 N_DRAWS = 6  # noise fields: with the blur they fix the variance to a tenth
 BLUR_SHARE = 1 / 12  # of the picture's longer side: sigma of the blur; noise of a surface varies no faster

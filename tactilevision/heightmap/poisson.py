@@ -199,7 +199,7 @@ def _rises_mm(p: Array, q: Array, mm_per_px: Pair) -> float:
 #     minimise  sum_edges w_e [ (z_(i+1) - z_i)/d - (p_i + p_(i+1))/2 ]^2      d: mm per pixel, per axis
 #
 # With w = 1 the normal equations are a 5-point Laplacian with natural (Neumann) borders, which cosine transforms
-# solve (`dct_poisson.py`). The solution is exact for the scheme: a plane, a tilt and a paraboloid come back to
+# solve. The solution is exact for the scheme: a plane, a tilt and a paraboloid come back to
 # rounding error. The error on a smooth surface falls with the square of the pixel. The mean of the surface is left
 # at 0 (the slopes do not know it); `tactilevision.heightmap.zero_plane` finds the untouched gel.
 
@@ -220,7 +220,7 @@ def integrate(
     then carried over from the other pixels); None trusts all alike, which is one pair of cosine transforms.
     Pixels outside `slopes.valid`, or not finite, count as weight 0. `tolerance` is the relative residual
     at which the weighted solution stops. `border="flat"`: the outermost pixels are known to lie at depth 0, and
-    slopes everywhere (`dirichlet_poisson.py`).
+    slopes everywhere.
     Raises InputError on shapes that do not match, ConvergenceError where the weighted solution does not settle.
     """
     dz_dx, dz_dy = _checked(slopes)

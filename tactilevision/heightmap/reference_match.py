@@ -178,7 +178,7 @@ def _grain(picture: npt.NDArray[Any]) -> Single:
 # median, the misfit, is compared with what the calibration's own pictures had. It is MAX_MISFIT times larger where
 # daylight falls in from a side, where the picture has moved by several pixels, and where a contact, or the slopes
 # round it, fill most of the picture, so that no untouched gel tells the drift. Where gentle slopes beside a
-# contact make it large they are taken off (`gel_beside_contact.py`). What passes for drift and is none (a lamp was
+# contact make it large they are taken off. What passes for drift and is none (a lamp was
 # moved) bends the untouched gel instead, so that its zero plane is known less well: the product of both may be
 # MAX_PRODUCT times the usual. A shift is seen from 1.5 px on by the gel's grain (`heightmap/reference_match.py`),
 # which takes longer: asked for once.

@@ -269,7 +269,7 @@ def _blur(rows: Floats, sigma: float) -> Floats:
 
 # Walls too steep to read: what a flat punch's edge hides of the depth, out of the gel beside it.
 #
-# Beside the edge of a rigid flat face the gel's surface falls away as wall_law.py says. For two or three pixels it
+# Beside the edge of a rigid flat face the gel's surface falls away by the wall's law. For two or three pixels it
 # is steeper than any ball showed, colours saturate, and a quarter of a deep face's height hides there. Slopes
 # farther out, and those at the foot of the blurred wall inside, are gentle and well read. They fix the law's
 # unknowns, and the law carries the depth through. On a path tracer's faces of .3 to .6 mm (light passing through

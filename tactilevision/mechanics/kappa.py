@@ -51,7 +51,7 @@ def kappa(poisson_ratio: float, a_over_h: float) -> float: ...
 @overload
 def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floats: ...
 def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floats:
-    """Return kappa, dimensionless, from the integral equation.
+    """Return Hayes' stiffness factor kappa(nu, a/h), dimensionless, from the integral equation.
 
     Numbers give a float, arrays an array of their broadcast shape.
     """

@@ -302,7 +302,7 @@ def fit_poisson_ratio(
     """
     settings = settings or SurfaceFitSettings()
     if not (thickness_mm > 0 and thickness_std_mm >= 0):
-        raise InputError("the gel's thickness lies above 0 mm", where="fit_poisson_ratio", value=thickness_mm)
+        raise InputError("the gel's thickness must be above 0 mm", where="fit_poisson_ratio", value=thickness_mm)
     if settings.guard_mm < 3 * settings.blur_mm:
         raise InputError(
             "the guard band spans three times the blur", where="fit_poisson_ratio", value=settings.guard_mm

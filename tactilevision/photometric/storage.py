@@ -169,7 +169,7 @@ def _method(
         _check_array(name, array, path)
     size = arrays["usable"].shape
     if size != arrays["reference"].shape[:2] or min(size) < 2:
-        raise InputError("the method's reference has different sizes, or is a line", where=path, value=size)
+        raise InputError("the method's reference has different sizes, or under 2 px", where=path, value=size)
     if arrays["reference"].min() < 0 or arrays["reference"].max() > 255 or arrays["noise_grey"].min() <= 0:
         raise InputError("the method's reference has grey levels out of range", where=path)
     red, green, blue = (float(value) for value in arrays["noise_grey"])

@@ -29,7 +29,7 @@ from tactilevision.robust import mad_std
 # Faces of certified presses as their maps show them at the event: how deep, and what their wall hides of it.
 #
 # Each is read once, between the frames before and after its event, with walls as nobody taught them: these faces
-# tell what the wall's law lacks (wall_lessons.py), and how deep faces are read with it (face_depth.py). Lengths in
+# tell what the wall's law lacks, and how deep faces are read with it. Lengths in
 # mm, times on the camera's clock.
 
 POINTS = "points.csv"
@@ -247,8 +247,8 @@ def _ratios(pairs: Sequence[Pair]) -> Floats:
 #
 # A deep face is read through walls too steep to be read. Its depth comes out short, alike at the same depth. The
 # certified presses tell by how much: read at their events by the same reconstructor they give a depth scale
-# (depth_scale.py). The faces of all frames of these presses are moved by it as rigid discs. The gel beside them,
-# and the deviation that the map states, stay as they are. Lengths in mm, times on the camera's clock.
+# (`find_depth_scale`). The faces of all frames of these presses are moved by it as rigid discs. The gel outside
+# them, and the deviation that the map states, stay as they are. Lengths in mm, times on the camera's clock.
 
 MIN_FACES = 3  # certified faces that make a depth scale; tests.certificate.test_face_depth
 

@@ -174,7 +174,7 @@ def number_of(names: Sequence[float], counts: Sequence[int]) -> Ints:
 # How far the F/T sensor's clock is ahead of the camera's, from what both saw: depth and force of the presses.
 #
 # Three steps: correlation finds the offset to a few frames whatever the clocks' origins; parabolas of depth over
-# force, press by press, to some 10 ms; the joint fit of joint_fit.py to about a millisecond. What tells the offset
+# force, press by press, to some 10 ms; the joint fit below to about a millisecond. What tells the offset
 # are the corners (first contact, end of the ramp) and the difference between loading and unloading. Times in s.
 
 _MEMORIES_S = (0.2, 1.0, 5.0)  # s, time constants of a relaxing gel that are fitted along; benchmarks.certificate

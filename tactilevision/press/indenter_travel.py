@@ -26,7 +26,7 @@ from tactilevision.records.rig import Indenter
 # How far a press has come since its face met the gel: by the motion stage, or by pace times time.
 #
 # z(t) = stage(t) - stage(t0), or speed times the time that the rig has moved since t0, the zero of force
-# (contact_point.py). Times on the F/T sensor's clock, lengths in mm. What the rig gives under the force is part of
+# . Times on the F/T sensor's clock, lengths in mm. What the rig gives under the force is part of
 # it.
 
 

@@ -189,7 +189,7 @@ def _sensor(
     width, height, *frame = (_side(side, path) for side in sides)
     scale = [_number(one, "mm_per_px", path) for one in stated["mm_per_px"]]
     if not all(one > 0 for one in scale):
-        raise InputError("mm_per_px lies above 0", where=path, value=scale)
+        raise InputError("mm_per_px must be above 0", where=path, value=scale)
     maps = None
     if MAPS in files:
         maps = maps_of(unpack_arrays(files[MAPS], where=path / MAPS), path / MAPS)
@@ -197,7 +197,7 @@ def _sensor(
             raise InputError("the rectification has another size than the sensor", where=path, value=maps[0].shape)
     gel = None if stated["gel"] is None else _record(Gel, stated["gel"], path)
     if gel is not None and not gel.thickness_mm > 0:
-        raise InputError("a gel's thickness lies above 0 mm", where=path, value=gel.thickness_mm)
+        raise InputError("a gel's thickness must be above 0 mm", where=path, value=gel.thickness_mm)
     white = stated.get("white_level")
     kind, serial, marks = str(about["kind"]), str(about["serial"]), bool(stated["has_markers"])
     sensor = Sensor(kind, width, height, (scale[0], scale[1]), gel, maps, marks, serial)

@@ -91,10 +91,12 @@ class Material:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.youngs_modulus_MPa) and self.youngs_modulus_MPa > 0):
-            raise InputError("Young's modulus lies above 0 MPa", where="Material", value=self.youngs_modulus_MPa)
+            raise InputError(
+                "Young's modulus must be above 0 MPa", where="Material", value=self.youngs_modulus_MPa
+            )
         if not 0 <= self.poisson_ratio < 0.5:
             raise InputError(
-                "Poisson's ratio lies in [0, 0.5)",
+                "Poisson's ratio must be in [0, 0.5)",
                 where="Material",
                 value=self.poisson_ratio,
                 remedy="For an incompressible gel take 0.4999.",

@@ -80,7 +80,7 @@ class Stream:
         even_so: bool = False,
     ) -> None:
         if not 0.0 <= renew <= 1.0:
-            raise InputError("is a share, from 0 to 1", where="Stream renew", value=renew)
+            raise InputError("must be from 0 to 1", where="Stream renew", value=renew)
         self.sensor = None if isinstance(source, Reconstructor) else source
         reader = source if isinstance(source, Reconstructor) else source.reconstructor
         self.reconstructor = reader.independent() if renew > 0 else reader  # a stream's reference is its own

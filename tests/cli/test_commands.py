@@ -109,8 +109,8 @@ def test_what_a_certificate_needs_is_asked_for_before_the_light_is_calibrated(
         (("depth", "x" * 300), "cannot be used: File name too long."),
         (("calibrate", PAPER, "--out", "x" * 300), "cannot be used: File name too long."),
         (("simulate", "out", "--seed", "-1"), "--seed"),
-        (("simulate", "out", "--youngs-modulus", "-1"), "Young's modulus lies above 0 MPa (got -1.0)"),
-        (("simulate", "out", "--youngs-modulus", "nan"), "Young's modulus lies above 0 MPa (got nan)"),
+        (("simulate", "out", "--youngs-modulus", "-1"), "Young's modulus must be above 0 MPa (got -1.0)"),
+        (("simulate", "out", "--youngs-modulus", "nan"), "Young's modulus must be above 0 MPa (got nan)"),
     ],
 )
 def test_bad_input_is_one_clear_message_and_exit_code_2(

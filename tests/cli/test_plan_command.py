@@ -48,14 +48,14 @@ def test_a_recording_gives_gel_and_faces(
         (("--heights", ".3,3.5"), "reaches through the gel"),
         (("--heights", ".3,nan"), "step height"),
         (("--heights", ".3,high"), "numbers with commas"),
-        (("--thickness", "-3"), "thickness lies above 0"),
+        (("--thickness", "-3"), "thickness must be above 0"),
         (("--height-std", "-1"), "deviation of a height"),
         (("--edge-radius", "nan"), "radius of an edge"),
         (("--poisson-ratio-std", "-1"), "deviation of nu"),
         (("--pad-radius", "2"), "as wide as the gel pad"),
         (("--depth-noise", "-1"), "noise of depth"),
         (("--modulus", ".1,.2,.3"), "two ends of a range"),
-        (("--within", "0"), "a goal lies above 0"),
+        (("--within", "0"), "a goal must be above 0"),
     ],
 )
 def test_bad_input_ends_with_one_line_and_code_2(

@@ -129,7 +129,7 @@ SOUND = {"youngs_modulus_MPa": {"value": 0.2, "std": 0.01, "interval95": [0.1, 0
     [
         ({"youngs_modulus_MPa": {"value": "0.2", "interval95": [0.1, 0.4]}}, "youngs_modulus_MPa is no number"),
         ({"youngs_modulus_MPa": {"value": 200.0, "unit": "kPa"}}, "has another unit .got 'kPa'"),
-        ({"youngs_modulus_MPa": -1.0}, "calibration.json: Young's modulus lies above 0"),
+        ({"youngs_modulus_MPa": -1.0}, "calibration.json: Young's modulus must be above 0"),
         ({"covariance": "none"}, "not a matrix of numbers"),
         ({"covariance": [[1.0], [2.0, 3.0]]}, "not a matrix of numbers"),
     ],

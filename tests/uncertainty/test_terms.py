@@ -26,10 +26,10 @@ from tactilevision.heightmap.deviation_terms import (
     untouched_std_mm,
     zero_variance,
 )
-from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.reconstructor import Reading, Reconstructor
 from tactilevision.heightmap.walls import PunchEdge
 from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane
-from tactilevision.records.maps import HeightMap, SlopeMap
+from tactilevision.records.maps import SlopeMap
 from tactilevision.records.rig import SHADOW_ZONE
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
@@ -152,8 +152,8 @@ def reader() -> Reconstructor:
     return Reconstructor(SENSOR, room_calibration(8).method)
 
 
-def height_map(*, warm: float = 0.0) -> HeightMap:
-    """A ball's map; the light has grown warmer across the picture by a part `warm`."""
+def height_map(*, warm: float = 0.0) -> Reading:
+    """A ball's reading; the light has grown warmer across the picture by a part `warm`."""
     rng = np.random.default_rng(2)
     _, p, q = ball((0.5, 0.5), 1.5, 4.0)
     x = np.linspace(-1, 1, SHAPE[1])[None, :, None]

@@ -172,7 +172,7 @@ class Gent:
 
     def __post_init__(self) -> None:
         if not self.limit > 0:
-            raise InputError("Gent's limit Jm of I1 - 3 lies above 0", where="Gent", value=self.limit)
+            raise InputError("Gent's limit Jm of I1 - 3 must be above 0", where="Gent", value=self.limit)
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
         """Return the energy of distortion per volume (N,), MPa."""

@@ -81,7 +81,7 @@ class Model:
 def build(problem: PunchProblem) -> Model:
     """Mesh `problem` and set its boundary conditions. Raises InputError for a pad that cannot be."""
     if not problem.penalty > 0:
-        raise InputError("the contact penalty lies above 0", where="PunchProblem", value=problem.penalty)
+        raise InputError("the contact penalty must be above 0", where="PunchProblem", value=problem.penalty)
     settings = problem.mesh or default_mesh(problem)
     grid = graded_mesh(
         problem.punch.radius_mm, problem.thickness_mm, pad_radius_mm=problem.pad_radius_mm, settings=settings
