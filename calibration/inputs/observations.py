@@ -30,7 +30,7 @@ TYPICAL_FORCE_N = 0.005  # N, noise of one force reading where none is stated
 
 
 class RecordingLike(Protocol):
-    """The part of a recording that is used; tactilevision.recording.Recording has it."""
+    """The part of a recording that is used; `recording.model.Recording` has all."""
 
     @property
     def name(self) -> str: ...

@@ -204,7 +204,7 @@ def compare(
     more. Raises InputError for unusable data.
     """
     ready = prepare(data, bulge=bulge, bound=bound)
-    progress(0, len(effects) + 1, "the plain law")
+    progress(0, len(effects) + 1, "the base model")
     found = plain_law(ready, rng=rng)
     for number, added in enumerate(effects, start=1):
         effect = get_effect(added) if isinstance(added, str) else added

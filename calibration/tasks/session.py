@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _KEY = re.compile(r"\w[\w.-]{0,80}(:\d{1,3})?")  # of an effect, with the number of its terms
-UNITS = ("N", "mm")  # of a step's errors: of the force, and of the depth that the picture reads
+UNITS = ("N", "mm")  # of a step's errors: of the force, and of the reconstructed depth
 MAX_LABEL = 80  # letters of a state's name: one line of a page
 MAX_SEED = 10**9  # of a run's draws; a larger one in a file was not written by a command
 ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N", "repeatability_N")  # of a Step

@@ -127,9 +127,9 @@ def _falls(found: Comparison) -> list[ErrorFall]:
 
 
 def _fall(fall: ErrorFall) -> dict[str, Any]:
-    force, beside = fall.unit == "N", " beside the faces" if fall.faces else ""
+    force, beside = fall.unit == "N", " outside the faces" if fall.faces else ""
     return {
-        "of": "the force" if force else f"the depth that the picture reads{beside}",
+        "of": "the force" if force else f"the reconstructed depth{beside}",
         "unit": "mN" if force else "µm",
         "models": list(fall.models),
         "colours": list(model_colours(len(fall.models))),

@@ -110,7 +110,7 @@ def next_commands(
     prior: bool,
     left_out: Sequence[str],
 ) -> list[tuple[str, str]]:
-    """What to try after a comparison: of the plain law alone a diagnosis, then the plain errors worth a try."""
+    """Return commands to try after a comparison: a diagnosis of the base model alone, then instrument errors."""
     from calibration.effects import PLAIN
     from calibration.tasks.session import steps_of_comparison
 

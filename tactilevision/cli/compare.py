@@ -67,7 +67,7 @@ def content_of(found: Comparison) -> list[dict[str, object]]:
 
 
 def _of_picture(model: Compared, base: Compared) -> dict[str, object]:
-    """A model of the depth that the picture reads."""
+    """Print a model of the reconstructed depth."""
     from calibration.diagnosis.vision_depth_check import face_error_mm
 
     return {
@@ -338,7 +338,7 @@ def _picture_line(name: str, model: Compared) -> str:
 
     error, repeats = (f"{1e3 * one:.1f} µm" for one in (model.held_out_N, model.repeatability_N))
     if model.fitted.data.slopes is not None:
-        error = f"{error} beside the faces, {1e3 * face_error_mm(model.fitted):.1f} µm at the faces"
+        error = f"{error} outside the faces, {1e3 * face_error_mm(model.fitted):.1f} µm at the faces"
     return f"{name:24s} error on presses left out {error}, repeatability {repeats}"
 
 

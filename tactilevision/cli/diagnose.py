@@ -184,7 +184,7 @@ def evidence(
 
 
 def shown_fits(found: Diagnosis) -> dict[str, Fit]:
-    """The plain law's fit, and the last one's where effects of the force were added."""
+    """Return the base model's fit, and the last one's where effects of the force were added."""
     from calibration.report.misfit import BASE
 
     named = [e.key.replace("_", " ") for e in found.effects if e.key in found.fits.fitted.model.keys]

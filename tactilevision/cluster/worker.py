@@ -15,7 +15,7 @@ Given = tuple[Any, ...]
 
 _runs: dict[str, tuple[Start | None, Given]] = {}  # by the run's name: many may share a cluster
 _ready = ""  # the run for which this process was started last
-_one_at_a_time = threading.Lock()  # a worker may have many threads, a reconstructor may not
+_one_at_a_time = threading.Lock()  # a worker may have many threads; they share what is begun
 
 
 class NotBegun(Exception):

@@ -41,7 +41,7 @@ from tactilevision.robust import frame_mad_std, median
 #   std^2 = max(scale, leakage) + missing colour + free gel + zero plane + illumination + steep edges + cast shadow
 #           + steep slope + inconsistent light
 #
-# The terms, their equations and limits stand in their own files (`tactilevision.uncertainty`); here they are
+# The terms, their equations and limits stand in their own files (`deviation_terms.py`); here they are
 # summed. Assumes them to be independent. It is worked out on a grid, as all but edges is smooth.
 
 Picture = npt.NDArray[np.float32]

@@ -148,6 +148,8 @@ class Reconstructor:
 
     def varied(self, **changes: Any) -> Reconstructor:
         """Return the same with other fields; what only sensor and method determine is not worked out again."""
+        if "method" in changes:
+            changes = {"taught": AS_CALIBRATED, "match": AS_CALIBRATED} | changes
         varied = replace(self, **changes)
         if not changes.keys() & {"sensor", "method"}:
             varied.__dict__.update({name: self.__dict__[name] for name in MADE_ONCE if name in self.__dict__})

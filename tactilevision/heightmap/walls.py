@@ -283,8 +283,7 @@ def _blur(rows: Floats, sigma: float) -> Floats:
 # which is added at the edge: 1.4 for EDGE_FALL where the surface follows the punch's edge, .3 where ink rounds it
 # over .03 mm. The value here lies between; the deviation holds both (benchmarks/steep_edges.py: neo-Hooke, nu .40
 # to .499, a/h .5 to 1, w/h to .2, friction .15 to .6, edges of h/60 to h/30, pixels of .045 to .095 mm). A camera
-# blurs even a steep wall where it is narrow. So walls are told from half the limit up where nothing of them is
-# steeper and cast shadows are undone: faces of 3 to 8 % of the thickness else lose 3 to 9 % of their depth.
+# blurs even a steep wall where it is narrow: faces of 3 to 8 % of the thickness may lose 3 to 9 % of their depth.
 #
 # A cast shadow beside the wall looks like slope, and a law through it may double a face's depth. It bends
 # otherwise than the law, so walls that the slopes outside do not keep to are left as they are: faces of .3 to .55
@@ -302,7 +301,7 @@ HIDDEN_SHARE = 0.5  # of that, which a wall may hide: what lies behind more is n
 SLOPE_ERROR = 0.03  # of the mean slope round the edge: its relative deviation
 SLOPE_FLOOR = 0.01  # mm/mm: deviation of the mean slope round the edge where it is gentle
 # mean square, in stated deviations, that slopes outside may lie off the law, and where the wall hides more than
-# half of FAR: punches' own .0 to .2, a path tracer's .35 after shadows were undone; beside shadows .4 to 2
+# half of FAR: punches' own .0 to .2, a path tracer's .35 without shadows; next to shadows .4 to 2
 MAX_MISFIT = (0.45, 0.3)
 EDGE_FALL = 0.8  # of what the edge adds: benchmarks/steep_edges.py
 EDGE_FALL_STD = 1.0  # of it: what ink, frictions and edges differ by
@@ -420,7 +419,7 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
 
 # The wall's law as certified faces of the same sensor teach it.
 #
-# The depth that the law of steep walls (steep_edges.py) finds hidden is off by a part of itself, which grows with
+# The depth that the law of steep walls finds hidden is off by a part of itself, which grows with
 # the depth and differs from sensor to sensor. Its two numbers come from certified faces, by ridge towards no
 # change:
 #

@@ -204,7 +204,12 @@ def _check_array(name: str, array: npt.NDArray[Any], path: Path) -> None:
     """Raise InputError for an array of the wrong type or shape for its name."""
     sides = _SHAPES.get(name)
     if sides is None:
-        return
+        raise InputError(
+            "the method holds what this version does not read",
+            where=path,
+            value=name,
+            remedy="Calibrate the light again.",
+        )
     fits = array.ndim == len(sides) and all(
         n == side or (not side and n) for n, side in zip(array.shape, sides, strict=True)
     )

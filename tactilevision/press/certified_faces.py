@@ -231,7 +231,7 @@ def scale_question(off: float, faces: int, *, radii_mm: Sequence[float]) -> str:
     why = "balls of this sensor would mend it."
     if stated:
         why = f"is the ball radius stated as {stated} mm really {implied}, "
-        why += "has the light changed since the balls, or do lamps cast shadows beside the faces?"
+        why += "has the light changed since the balls, or do lamps cast shadows outside the faces?"
     return (
         f"Depth as the picture reads it is {100 * (off - 1):+.0f} % off what the bevel certifies "
         f"of {faces} gentle faces: {why}"

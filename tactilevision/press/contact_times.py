@@ -207,7 +207,7 @@ _MIN_DWELLS = 3  # dwells from which their scatter can be told; benchmarks.certi
 class RecordingMeasurements:
     """Everything gathered from a recording before a press is judged, by press label; `notes` for the reader.
 
-    `clock_outliers` (s): by how much the clocks of single presses are off (`alignment.clock_jumps`).
+    `clock_outliers` (s): by how much the clocks of single presses are off (`clock_jumps`).
     """
 
     recording: Recording

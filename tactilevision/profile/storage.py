@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 SUFFIX = ".tvs"
-FORMAT = 2  # version of a profile; newer ones are refused
+FORMAT = 1  # version of a profile; newer ones are refused
 ABOUT = "profile.json"
 METHOD, CARD, NETWORK = "method.npz", "method.json", "method.onnx"
 MAPS = "rectification.npz"
@@ -46,6 +46,7 @@ CALIBRATION = "calibration.json"
 FACE_LAW = "face_law.json"
 COMPLIANCE = "compliance.npz"
 NEEDED = (ABOUT, METHOD, CARD, UNTOUCHED)
+READ = {*NEEDED, NETWORK, MAPS, CALIBRATION, FACE_LAW, COMPLIANCE}
 HASH = "sha256"  # key of profile.json: of all its other keys
 
 
@@ -135,6 +136,13 @@ def _about(files: Mapping[str, bytes], path: Path) -> dict[str, Any]:
             where=path,
             value=", ".join(_changed(stated, found)) or ABOUT,
             remedy="Copy it again, or make it again with `tactilevision calibrate-sensor`.",
+        )
+    if unknown := sorted(files.keys() - READ):
+        raise InputError(
+            "the profile holds parts that this version does not read",
+            where=path,
+            value=", ".join(unknown),
+            remedy=_AGAIN,
         )
     return content
 

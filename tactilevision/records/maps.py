@@ -48,7 +48,7 @@ def _remedy(given: Any) -> str:
     if isinstance(given, list | tuple):
         return "Make one array of it: numpy.stack(frames) is a batch."
     if not isinstance(given, np.ndarray):
-        return "Read a file with tactilevision.recording.read_image."
+        return "Read a recording's frame with tactilevision.read_frame."
     if given.ndim == 2 or given.shape[-1:] == (1,):
         return "Record in colour: slopes cannot be read from grey pictures."
     if given.ndim == 3 and given.shape[-1] == 4:

@@ -115,7 +115,7 @@ def _fixed_point(maps: Maps) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint
     held = _fixed.get(id(maps[0]))
     if held is None or held[0] is not maps[0]:
         while len(_fixed) >= KEPT:
-            _fixed.pop(next(iter(_fixed)))
+            _fixed.pop(next(iter(_fixed), 0), None)
         whole, parts = cv2.convertMaps(maps[0], maps[1], cv2.CV_16SC2)
         last = int(whole[..., 0].max()), int(whole[..., 1].max())
         held = _fixed[id(maps[0])] = (maps[0], whole, parts, last)

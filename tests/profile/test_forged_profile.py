@@ -120,10 +120,10 @@ def test_a_forged_profile_whose_hashes_fit_is_still_refused(path: Path, tmp_path
     "version, said",
     [
         (
-            3,
-            r"is of a newer version: this one reads format 2 \(got 3\)\. Install a newer version of tactilevision",
+            2,
+            r"is of a newer version: this one reads format 1 \(got 2\)\. Install a newer version of tactilevision",
         ),
-        (1, "is not a sensor profile of a known format"),
+        (0, "is not a sensor profile of a known format"),
         (True, "is not a sensor profile of a known format"),
         ("1", "is not a sensor profile of a known format"),
     ],
@@ -131,6 +131,13 @@ def test_a_forged_profile_whose_hashes_fit_is_still_refused(path: Path, tmp_path
 def test_another_version_is_told(path: Path, tmp_path: Path, version: object, said: str) -> None:
     with pytest.raises(InputError, match=said):
         load_sensor(repacked(path, tmp_path / "a.tvs", stated(format=version)))
+
+
+def test_a_part_of_an_earlier_revision_is_refused_by_name(path: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"parts that this version does not read.*lamps\.json"):
+        load_sensor(
+            repacked(path, tmp_path / "a.tvs", lambda files: files.update({"lamps.json": b"{}"}), hashed=True)
+        )
 
 
 def test_what_is_no_profile_is_told(path: Path, tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ function layout(x, y, more = {}) {
     yaxis: { ...axis, title: { text: y }, ...more.yaxis } };
 }
 
-const LEFT = "what is left (mN)";  // measured less modelled force, as the reports call it
+const LEFT = "residual (mN)";  // measured minus modelled force
 const PLAIN = { displaylogo: false, responsive: true, displayModeBar: false };
 
 function draw(place, traces, shape, options = {}) {
