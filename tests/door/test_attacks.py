@@ -244,7 +244,7 @@ def test_a_method_whose_numbers_do_not_fit_is_refused(tmp_path: Path) -> None:
             assert same or name in ("marks", "quiet"), name  # both may be absent
     np.savez(path, **arrays, walls_left=np.zeros(8))
     path.with_suffix(".json").write_text(json.dumps(card | {"sha256": digest(path)}))
-    with pytest.raises(InputError, match="does not read.*walls_left"):
+    with pytest.raises(InputError, match=r"does not read.*walls_left"):
         load_method(path)
 
 
