@@ -133,7 +133,7 @@ def _ranks(values: Floats) -> Floats:
 # like presses (same indenter and rate) change places, so that a protocol from small to large punches is no jump.
 
 CHANGE_SHUFFLES = 999  # p to .001
-MIN_COUNT = 8  # presses
+MIN_COUNT = 8  # presses that show a trend
 
 
 def change_point(fitted: Fit, rng: np.random.Generator) -> str | None:

@@ -226,7 +226,7 @@ def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
 
 
 def press_folds(data: Observations, count: int = FOLDS) -> Ints:
-    """Return the fold of each press (M,), interleaved over like presses, so that each holds all conditions."""
+    """Return the fold (M,), dimensionless, of each press, so that each fold holds all conditions."""
     from calibration.inputs.conditions import repeat_groups
 
     order = np.argsort(repeat_groups(data), kind="stable")

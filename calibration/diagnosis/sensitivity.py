@@ -29,7 +29,7 @@ MOST = 1e6  # of a statistic
 def smallest_visible(
     cast: Cast, effects: Sequence[Effect], keys: Sequence[str], *, level: float, drawn: Floats | None
 ) -> dict[str, float]:
-    """Return the minimum detectable amplitude of each effect of these `keys`, the first tables of `cast`.
+    """Return the minimum detectable amplitude, in its unit, of each effect of these `keys`, the first of `cast`.
 
     It is that of the most visible start, if possible of those where no other parameter of the same unit differs
     from its default; inf where the model absorbs the effect. `drawn` (n, k): null statistics, for few presses;

@@ -315,7 +315,7 @@ def _fitted(begin: Fit, effects: Sequence[Effect], each: Each = in_turn) -> Iter
 
 BINS = 40  # bins of depth
 MIN_COUNT = 6  # filled bins; fewer give no length
-WIDER = (1, 2, 4, 8)  # k
+WIDER = (1, 2, 4, 8)  # values of k tried
 
 
 @dataclass(frozen=True, slots=True)

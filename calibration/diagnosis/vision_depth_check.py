@@ -24,7 +24,7 @@ from calibration.model.stages import EffectBase
 from calibration.noise.model import Whitener
 from tactilevision.records.measured import Floats
 
-MIN_COUNT = 4  # samples
+MIN_COUNT = 4  # samples of a comparison
 
 
 def in_picture(data: Observations | None = None) -> tuple[InPicture, ...]:

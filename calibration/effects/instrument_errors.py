@@ -32,7 +32,7 @@ PERIODS = 24  # periods at which the fits begin, a factor 1.1 to 1.2 apart
 PHASES = 4  # starts of each period, a quarter of a turn apart
 MIN_PLACES = 12  # distinct depths: four for each number of the wave
 FORCE = amplitude("size_N", "N", 1.0, "size", 0.02)
-SIGNS = (1, -1)
+SIGNS = (1, -1)  # of an amplitude at the start
 
 
 class InstrumentError(EffectBase):

@@ -84,7 +84,7 @@ def minimise(
 
 
 def differentiate(residual: Residual, values: Floats, *, box: Box) -> Floats:
-    """Return the Jacobian (n, p) of the residual by central differences, one-sided near a bound."""
+    """Return the Jacobian (n, p) of the residual per parameter, by differences, one-sided near a bound."""
     step = 6e-6 * np.maximum(np.abs(values), box.scale)  # cube root of the machine epsilon
     columns = []
     for k, size in enumerate(step):

@@ -127,7 +127,7 @@ def _bend(
 GEL_MODULUS_MPA: Pair = (0.005, 10)
 FLAG = "modulus_outside_gels"
 NU_FLAG = "poisson_ratio_outside_gels"
-LEAST_POISSON_RATIO = NU[0]
+LEAST_POISSON_RATIO = NU[0]  # of the tabulated ones
 
 
 def nominal_nu(gel: Gel) -> float:

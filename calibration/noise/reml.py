@@ -234,9 +234,9 @@ def _likelihood(
 def minus_two_log_likelihood(
     noises: Sequence[Noise], weighing: Weighing, *, product: Product, precision: Floats
 ) -> Floats:
-    """Return -2 ln L (n,) of each of these sizes but for a constant, from the `product` of [residual | jacobian].
+    """Return -2 ln L (n,), dimensionless, of each of these sizes, but for a constant.
 
-    `precision` (p, p) is that of the priors, in the parameters' own units.
+    `product` is that of [residual | jacobian], `precision` (p, p) that of the priors, in the parameters' own units.
     """
     total = product.under_each(noises)
     try:
@@ -292,7 +292,7 @@ def newton_move(costs: Floats, size: int) -> Floats:
 
 
 def spread(costs: Floats, size: int) -> Floats:
-    """Return a root (size, size) of the covariance of ln sizes, from the costs (k,) on the stencil."""
+    """Return a root (size, size) of the covariance of ln sizes, dimensionless, from costs (k,) on the stencil."""
     curvature, axes = _curvature(costs, size)
     return np.asarray(axes * np.sqrt(2 / curvature))  # of -2 ln L
 

@@ -40,7 +40,7 @@ def cache_folder() -> Path:
 
 
 def kept(name: str, key: object, *, make: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    """Return the array of `key`, of any shape and unit: read from the cache, else computed and kept."""
+    """Return the array of `key`, of any shape and of its unit: read from the cache, else computed and kept."""
     digest = hashlib.sha256(repr((VERSION, name, key)).encode()).hexdigest()[:20]
     path = cache_folder() / f"{name}-{digest}.npz"
     found = _read(path, repr(key))

@@ -127,8 +127,7 @@ def unevenness(grid: NodeGrid, depth: Floats, *, known: Bools, away_mm: float) -
 
 
 def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, away_mm: float) -> float:
-    """Return by what factor, at least 1, untouched gel is farther from flat than the map's `std_mm` (rows,
-    columns).
+    """Return the factor, at least 1, by which untouched gel is farther from flat than `std_mm` (rows, columns).
 
     Measured at the cells `away_mm` and more from what is half as deep as the deepest; 1 with fewer than MIN_FAR.
     """

@@ -143,7 +143,7 @@ def fingerprint(*arrays: Floats) -> str:
 
 
 def load_table(path: Path, *names: str) -> list[Floats]:
-    """Load the arrays of these names. Raises InputError if they differ from the card next to the file."""
+    """Load the arrays of these names, of any shape and its unit. Raises InputError if they differ from their card."""
     with np.load(path, allow_pickle=False) as content:
         arrays = [content[name].astype(float) for name in names]
     card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))

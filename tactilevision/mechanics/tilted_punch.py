@@ -32,7 +32,7 @@ RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)  # a/h, nodes of the table
 PLACES = np.linspace(-1, 2, 31)  # place along the tilt, nodes of the table
 SQUARES = 65  # squares across the face
 NU = 0.48  # Poisson's ratio of the table
-MAX_ITERATIONS = 4000
+MAX_ITERATIONS = 4000  # of the fixed point
 CONVERGENCE_TOL = 1e-9  # relative change at which the iteration ends
 
 

@@ -89,7 +89,7 @@ def test_a_forged_deviation_over_the_picture_is_one_clear_error(key: str, forged
     with pytest.raises(InputError, match=f"{key}: the method's card cannot be read") as fault:
         MethodCard.from_json({key: forged})
     assert fault.value.value is not None
-    assert fault.value.remedy.endswith("calibrate anew.")
+    assert fault.value.remedy.endswith("calibrate again.")
 
 
 def test_a_deviation_over_the_picture_is_read_as_written() -> None:

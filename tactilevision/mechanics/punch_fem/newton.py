@@ -90,7 +90,7 @@ def at_rest(model: Model) -> State:
 def solve_step(
     system: Equations, last: State, *, target: float, guess: tuple[Floats, Floats], patient: bool = False
 ) -> State | Failure:
-    """Return the equilibrium at depth (mm) or force (N) `target`, from the converged `last` and a guess of (u,
+    """Return the equilibrium at depth (mm) or force (N) `target`, from the converged `last` and a guess (u (n,),
     pressure).
 
     Where the guess has another depth than the target, the first iteration is the tangent predictor. `patient`

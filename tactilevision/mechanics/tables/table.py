@@ -67,8 +67,8 @@ def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
 
 
 def monotone(places: Floats, values: Floats, *, at: float) -> Floats:
-    """Interpolate `values` (K, ...) at ascending `places` (K,), K >= 2, by a monotone cubic, at `at` in their
-    unit.
+    """Interpolate `values` (K, ...) at ascending `places` (K,), K >= 2, by a monotone cubic, at `at` in
+    their unit.
     """
     step = np.diff(places)
     secant = np.diff(values, axis=0) / step.reshape(-1, *[1] * (values.ndim - 1))
