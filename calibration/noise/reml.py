@@ -236,7 +236,7 @@ def minus_two_log_likelihood(
 ) -> Floats:
     """Return -2 ln L (n,), dimensionless, of each of these sizes, but for a constant.
 
-    `product` is that of [residual | jacobian], `precision` (p, p) that of the priors, in the parameters' own units.
+    `product` is that of [residual | jacobian], `precision` (p, p) that of the priors, in the parameters' units.
     """
     total = product.under_each(noises)
     try:

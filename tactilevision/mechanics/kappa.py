@@ -143,7 +143,7 @@ def fingerprint(*arrays: Floats) -> str:
 
 
 def load_table(path: Path, *names: str) -> list[Floats]:
-    """Load the arrays of these names, of any shape and its unit. Raises InputError if they differ from their card."""
+    """Load the arrays of these names, of any shape, in its unit. Raises InputError where the card differs."""
     with np.load(path, allow_pickle=False) as content:
         arrays = [content[name].astype(float) for name in names]
     card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
