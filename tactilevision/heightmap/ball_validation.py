@@ -27,26 +27,26 @@ from tactilevision.records.measured import Bytes, Floats, Pair
 from tactilevision.records.rig import Sensor
 from tactilevision.robust import mad_std
 
-# How deep balls come out that a calibration never saw: what its card says of depth.
+# Depth error of held-out balls, for the method's card.
 #
-# Under a ball of radius R the gel is the ball, so that the depth of the contact's middle over its rim,
+# Under a ball of radius R the gel follows the ball, so that the depth of the contact's centre relative to its rim,
 #
-#     dent = mean over the middle of sqrt(R^2 - r^2) - mean over the rim of it
+#     dent = mean over the centre of sqrt(R^2 - r^2) - mean over the rim of it
 #
-# is known but for how well its radius a is. Found and true are compared there alone: what lies beside the contact,
-# and where the untouched gel is, have no part in it. Beside the error stands the deviation that the law which
-# never saw the ball states of it (photometric/cross_validation.py).
+# is known up to the error of the contact radius a. Measured and true depth are compared there alone, independent
+# of the gel outside the contact and of its zero. The error is compared with the deviation that the law without
+# this ball states (photometric/cross_validation.py).
 
-MIDDLE = 0.12  # of the contact radius: what counts as the contact's middle
-RIM = (0.84, 0.96)  # of the contact radius: blur mixes what lies beyond
-MAX_BALLS = 24  # balls; more tell no more
-MIN_FACTOR = 0.5  # of what is stated: real sets .6 to 1.5; balls of a drawn light without noise may leave nothing
+MIDDLE = 0.12  # of the contact radius: extent of the contact's centre
+RIM = (0.84, 0.96)  # of the contact radius: blur mixes light from beyond
+MAX_BALLS = 24  # balls; more do not improve the estimate
+MIN_FACTOR = 0.5  # of the stated deviation: real sets .6 to 1.5; noiseless rendered balls may have no error
 BANDS = 3  # of contacts in the table of errors: few balls fill no more
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """A contact of known depth: the depth, as found, the deviation stated of it; the contact's radius in px."""
+    """A contact of known depth: true and measured depth, its stated deviation; the contact's radius in px."""
 
     true_mm: float
     found_mm: float
@@ -70,10 +70,11 @@ class Band:
 def held_out_depth(
     calibration: Calibration, pictures: Sequence[BallPicture], *, mm_per_px: Pair, seen_gain: float
 ) -> dict[str, Any]:
-    """Entries of a card: the dents' ratio to the true ones (median, scatter over balls), their rms error in mm.
+    """Return entries of a card: the ratio of measured to true dents (median, scatter over balls), their rms error
+    in mm.
 
-    `held_out_balls` has each dent with its contact radius. `seen_gain` is `seen_gain_std`; it and the card's
-    `place_gain_std` are to be taken times `depth_coverage_factor`.
+    `held_out_balls` has each dent with its contact radius. `seen_gain` is `seen_gain_std`; multiply it and the
+    card's `place_gain_std` by `depth_coverage_factor`.
     """
     now, methods, balls = calibration.method, dict[int, CalibratedMethod](), list[Known]()
     inside, outside = list[float](), list[float]()
@@ -101,7 +102,7 @@ def held_out_depth(
 
 
 def _stated_by_others(balls: Sequence[Known], errors: Floats, inside: Floats, outside: Floats) -> list[Known]:
-    """The `balls` with the deviation that the other balls' factor gives each; errors and deviations (n,) mm."""
+    """Return `balls` with the deviation by the factor of the other balls; errors and deviations (n,) mm."""
     stated = []
     for number, ball in enumerate(balls):
         off, within, beyond = (np.delete(all_, number) for all_ in (errors, inside, outside))
@@ -111,7 +112,7 @@ def _stated_by_others(balls: Sequence[Known], errors: Floats, inside: Floats, ou
 
 
 def conformal_factor(off: Floats) -> float:
-    """k, a ratio: a further ball's error over its stated deviation, as those of `off` (n,), is less with 68 %."""
+    """Return k, which bounds a further ball's error over its deviation at 68 %, from those of `off` (n,)."""
     if len(off) == 0:
         return 1.0
     j = min(len(off), int(np.ceil((len(off) + 1) * ONE_SIGMA_SHARE)))
@@ -119,7 +120,7 @@ def conformal_factor(off: Floats) -> float:
 
 
 def told(name: str, contacts: Sequence[Known]) -> dict[str, Any]:
-    """Entries of a card: each contact as `name`, and their errors in bands of depth and of contact size."""
+    """Return entries of a card: each contact as `name`, and their errors in bands of depth and of contact size."""
     shown = {by: [asdict(band) for band in bands(contacts, by)] for by in ("true_mm", "radius_px")}
     return {
         name: [_rounded(asdict(contact)) for contact in contacts],
@@ -128,7 +129,7 @@ def told(name: str, contacts: Sequence[Known]) -> dict[str, Any]:
 
 
 def bands(contacts: Sequence[Known], by: str) -> list[Band]:
-    """The contacts in BANDS of as many each by `by`, "true_mm" or "radius_px"; those alike in it stay together."""
+    """Return the contacts in BANDS of equal count by `by`, "true_mm" or "radius_px"; equal values share a band."""
     at = np.sort([getattr(contact, by) for contact in contacts])
     alike = np.unique(at)
     cuts = alike if len(alike) <= BANDS else np.unique([part[0] for part in np.array_split(at, BANDS)])
@@ -153,10 +154,10 @@ def _rounded(row: dict[str, Any]) -> dict[str, Any]:
 def seen_gain_std(
     method: CalibratedMethod, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None], mm_per_px: Pair
 ) -> float:
-    """Scatter of the depth scale over the balls that a method was made from: 1.48 times the median from 1.
+    """Return the scatter of the depth scale over a method's own balls: 1.48 times the median deviation from 1.
 
-    Of dents, on which depth rests: in slopes the contact's rim counts most, where a circle that is a little too
-    wide shows slopes that no ball has.
+    Of dents, which determine depth: in slopes the contact's rim dominates, where a slightly too wide circle
+    includes slopes that no ball has.
     """
     kept = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
     ratios = []
@@ -169,7 +170,7 @@ def seen_gain_std(
 
 
 def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, *, mm_per_px: Pair) -> Pair:
-    """Depth of the contact's middle over its rim: as found in `depth` (H, W), and as the ball has it."""
+    """Return the depth of the contact's centre relative to its rim: in `depth` (H, W), and of the ball, mm."""
     y, x = np.indices(depth.shape, dtype=np.float64)
     r = np.hypot((x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1])
     share = r / (ball.contact_radius_px * mm_per_px[0])
@@ -182,26 +183,27 @@ def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, *, mm_per_px: Pair
 def _held_out_laws(
     calibration: Calibration, pictures: Sequence[BallPicture]
 ) -> list[tuple[BallPicture, Ball, HeldOutLaw]]:
-    """At most MAX_BALLS balls that were found, evenly chosen, each with the law that never saw it."""
+    """Return at most MAX_BALLS detected balls, evenly chosen, each with the law fitted without it."""
     rows = zip(pictures, calibration.balls, calibration.held_out_laws, strict=True)
     kept = [(picture, ball, law) for picture, ball, law in rows if ball is not None and law is not None]
     return kept[:: max(1, -(-len(kept) // MAX_BALLS))]
 
 
-# Does a calibration hold for balls that it never saw? One that fails its own balls says nothing of others.
+# Does a calibration hold for held-out balls? One that fails its own balls is unfit for use.
 #
-# Balls are left out of the fit in turn. The median angle between their slopes, true and read, and the median ratio
-# of their depth, read over true, stand in the method's card. On five real sets they are 2 to 5 degrees and .92 to
-# 1.00. Circles where no ball is give 78 degrees and no depth, nearly white light 24 degrees, white light 60.
+# Each ball is held out of the fit in turn. The median angle between read and true slopes, and the median ratio of
+# read to true depth, are in the method's card. On five real sets they are 2 to 5 degrees and .92 to 1.00. Circles
+# where no ball is give 78 degrees and no depth, nearly white light 24 degrees, white light 60.
 
-MAX_DIRECTION_DEG = 17.0  # degrees: real sensors 2 to 6, ready networks 6 to 10 on drawn lights, failures 19 to 55
-MAX_SHARE_AT_CONTACT = 0.25  # of the balls at a contact in the reference: the law is learnt from that, upside down
+# degrees: real sensors 2 to 6, ready networks 6 to 10 on simulated lights, failures 19 to 55
+MAX_DIRECTION_DEG = 17.0
+MAX_SHARE_AT_CONTACT = 0.25  # of the balls at a contact in the reference, from which the law is learnt inverted
 MIN_RATIO = 0.6  # of the depth: real sensors .91 to .98; failures .4
-MAX_RATIO = 1.6  # of the depth: as far off the other way
+MAX_RATIO = 1.6  # of the depth: as large an error the other way
 
 
 def unfit(card: MethodCard) -> str:
-    """What says that a method fails its own balls, as its `card` has it; empty where nothing does."""
+    """Return how a method fails its own balls, by its `card`; empty where it does not."""
     faults, share = [], card.balls_at_that_contact or 0.0
     if share >= MAX_SHARE_AT_CONTACT:
         faults.append(f"{100 * share:.0f} % of the balls found are a contact in the reference")
@@ -218,12 +220,12 @@ def unfit(card: MethodCard) -> str:
 
 
 def scale_is_assumed(card: MethodCard) -> bool:
-    """Whether no ball told the scale of slopes: a network of drawn lights, or contacts of unknown shape."""
+    """Return whether no ball determined the slope scale: a network of simulated lights, or unknown contacts."""
     return card.fitted_by == "contacts" or "scenes" in card.other
 
 
 def unfit_warnings(card: MethodCard) -> tuple[str, ...]:
-    """A warning of a calibration that fails its own balls."""
+    """Return a warning of a calibration that fails its own balls."""
     fault = unfit(card)
     if not fault:
         return ()
@@ -234,7 +236,7 @@ def unfit_warnings(card: MethodCard) -> tuple[str, ...]:
 
 
 def check_fit(card: MethodCard, *, remedy: str, where: str = "reference/ball") -> None:
-    """Raise InputError for a calibration that fails its own balls; `remedy` says how to go on all the same.
+    """Raise InputError for a calibration that fails its own balls; `remedy` says how to continue regardless.
 
     `where` is what holds the calibration.
     """
@@ -248,28 +250,29 @@ def check_fit(card: MethodCard, *, remedy: str, where: str = "reference/ball") -
         )
 
 
-# Are balls as large as they are stated? Alike ones do not tell each other, a usual light of their sensor does.
+# Are the stated ball radii right? Equal balls do not show a common error, a usual light of their sensor does.
 #
-# Slopes of balls stated k times too large are 1/k of what the picture shows. A ready network, which knows no ball,
-# reads them at .68 to 1.32 times the stated ones on eight real sensors, so at 1.4 to 2.6 times where a diameter is
-# stated for the radius, and at .34 to .66 times where half of it is. Under another light it reads less, too, .56
-# times on the simulated sample, but then it points elsewhere as well: the cosine between slopes read and stated is
-# .89 there, .94 to .95 on seven of the eight. Of 1097 drawn lights where it is above .92 none reads less than .6.
+# Slopes of balls stated k times too large are 1/k of those in the picture. A ready network, independent of the
+# balls, reads them at .68 to 1.32 times the stated ones on eight real sensors, so at 1.4 to 2.6 times where a
+# diameter is stated for the radius, and at .34 to .66 times for half the radius. Under another light it reads
+# less, too, .56 times on the simulated sample, but then directions differ as well: the cosine between slopes read
+# and stated is .89 there, .94 to .95 on seven of the eight. Of 1097 simulated lights where it is above .92 none
+# reads less than .6.
 #
-# A single ball whose radius is stated k times too large stands out of the others by ln k: the network reads real
-# balls of one sensor within .07 to .15 of each other (GelSlim, Mini), .24 to .36 on DIGITs. It does not lean to
-# the odd one, as a law does that few balls make.
+# A single ball whose radius is stated k times too large differs from the others by ln k: the network reads real
+# balls of one sensor within .07 to .15 of each other (GelSlim, Mini), .24 to .36 on DIGITs. Unlike a law fitted to
+# few balls, it is independent of the odd one.
 
-MAX_PICTURES = 24  # that are read, spread evenly; of more balls their own law tells a single one
+MAX_PICTURES = 24  # maximum number read, evenly spaced; more balls find a single odd one by their own law
 MIN_ALIKE = 0.7  # cosine between slopes read and stated, the median over balls
 MAX_GAIN = 1.5  # 2.5 deviations of eight real sensors' scales, which scatter by 16 %
 MIN_GAIN = 0.6  # the least of real sensors is .68
 MIN_GREY = 40.0  # mean of the pictures: at 45 it reads .9 of what it does at 110, at 16 .68, and points alike
 MIN_ALIKE_LIGHT = 0.92  # cosine from which the light is a usual one: too little counts, and a single ball
-MIN_OTHERS = 5  # balls beside a single one that is judged
+MIN_OTHERS = 5  # other balls required to judge a single one
 MIN_ALIKE_ONE = 0.88  # cosine of a ball that is judged: a wrong radius leaves directions as they are
 MIN_SCATTER = 0.1  # of ln of the scale: few balls may agree better by chance
-ODD_SIGMA = 3.5  # deviations of the others; half as large again is .41 off, sound balls of ten .23 at most
+ODD_SIGMA = 3.5  # deviations of the others; 1.5 times the radius is .41 off, sound balls of ten .23 at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,14 +285,14 @@ class UsualReading:
 
 
 def doubt_of_radii(sensor: Sensor, pictures: Sequence[BallPicture], calibration: Calibration) -> tuple[str, ...]:
-    """Warnings, of all balls or a single one, by the network that is ready for the kind of `sensor`, if one is.
+    """Return warnings, of all balls or a single one, by the ready network for the kind of `sensor`, if any.
 
-    Rectified `pictures`, of which the `calibration` was made; a ball that it has named is not named again.
+    Rectified `pictures`, of which the `calibration` was made; a ball already named there is not named again.
     """
     path = find_model(sensor.kind.removesuffix("_markers"))
     if path is None:
         return ()
-    with suppress(InputError):  # a doubt, and no more
+    with suppress(InputError):  # only a doubt: errors are ignored
         network = load_network(path, calibration.method.reference)
         shots = [picture.rgb for picture in pictures]
         read = read_balls(network, shots, balls=calibration.balls, mm_per_px=sensor.mm_per_px)
@@ -304,7 +307,7 @@ def doubt_of_radii(sensor: Sensor, pictures: Sequence[BallPicture], calibration:
 def read_balls(
     network: PhotometricMethod, pictures: Sequence[Bytes], *, balls: Sequence[Ball | None], mm_per_px: Pair
 ) -> dict[int, UsualReading]:
-    """What the `network` reads of `balls`, None where none was found, in rectified pictures (H, W, 3)."""
+    """Return the `network`'s reading of each of `balls`, None if not found, in pictures (H, W, 3), grey."""
     known = [number for number, ball in enumerate(balls) if ball is not None]
     some = np.unique(np.linspace(0, len(known) - 1, min(MAX_PICTURES, len(known))).astype(int))
     read = {}
@@ -316,9 +319,9 @@ def read_balls(
 
 
 def usual_scale_warnings(read: Sequence[UsualReading], *, kind: str) -> tuple[str, ...]:
-    """A warning where balls slope far more or less than stated, by the light of a usual `kind` of sensor.
+    """Return a warning where balls slope far more or less than stated, by the light of a usual `kind` of sensor.
 
-    None where the network points elsewhere than the balls: then it is no such sensor, or a mirrored picture.
+    None where the network's directions differ from the balls': then it is no such sensor, or a mirrored picture.
     """
     if not read:
         return ()
@@ -336,9 +339,10 @@ def usual_scale_warnings(read: Sequence[UsualReading], *, kind: str) -> tuple[st
 
 
 def odd_by_usual_light(read: Mapping[int, UsualReading], *, names: Sequence[str], kind: str) -> tuple[str, ...]:
-    """A warning of the one ball whose scale of slope is far from the others' by a usual light, if one is.
+    """Return a warning of the one ball whose slope scale differs most from the others' by a usual light, if
+    significant.
 
-    None where the network points elsewhere than the balls: such a light is another.
+    None where the network's directions differ from the balls': the light is not a usual one.
     """
     if not read or np.median([one.alike for one in read.values()]) < MIN_ALIKE_LIGHT:
         return ()
@@ -358,7 +362,7 @@ def odd_by_usual_light(read: Mapping[int, UsualReading], *, names: Sequence[str]
 
 
 def _reading(network: PhotometricMethod, rgb: Bytes, ball: Ball, *, mm_per_px: Pair) -> UsualReading:
-    """What is read under one ball in a rectified picture (H, W, 3)."""
+    """Return the reading under one ball in a rectified picture (H, W, 3)."""
     read = network.slopes(rgb)
     inside = radii_from(ball, read.dz_dx.shape, mm_per_px=mm_per_px) < INSIDE
     under = rows, columns = np.nonzero(inside if read.valid is None else inside & read.valid)

@@ -46,16 +46,16 @@ if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
 
 
-# Are pictures as a ready network takes them, neither mirrored nor red changed for blue?
+# Do pictures have the orientation and colour order of a ready network, neither mirrored nor red and blue swapped?
 #
 # Slopes of a surface have no curl. Of the squared slopes that a network reads, the best surface leaves .04 to .21
-# on nine real sensors, and .30 to .69 with red and blue exchanged or the picture mirrored. On untouched gel both
-# are alike. Where lamps stand symmetrically, either exchange makes up for the other. A picture turned by 180
-# degrees only changes the sign.
+# unexplained on nine real sensors, and .30 to .69 with red and blue exchanged or the picture mirrored. On
+# untouched gel there is no difference. With symmetric lamps, one exchange compensates the other. A picture rotated
+# by 180 degrees only changes the sign.
 
-FRAMES_FOR_ORDER = 6  # spread over the recording
+FRAMES_FOR_ORDER = 6  # number of frames, spread over the recording
 BLUR_PX = 2.0  # sigma: noise of single pixels is half curl
-BETTER = 0.6  # of the curl: exchanging what is right doubles it at least, what is wrong leaves half at most
+BETTER = 0.6  # of the curl: a false exchange at least doubles it, a correct one at least halves it
 EXCHANGES: dict[str, Callable[[Bytes], Bytes]] = {
     "red and blue exchanged (BGR for RGB)": lambda rgb: rgb[..., ::-1],
     "the picture mirrored": lambda rgb: rgb[:, ::-1],
@@ -65,7 +65,7 @@ EXCHANGES: dict[str, Callable[[Bytes], Bytes]] = {
 def order_warnings(
     path: Path, flats: Sequence[Bytes], frames: Sequence[Bytes], *, sensor: Sensor
 ) -> tuple[str, ...]:
-    """A warning where slopes of `frames` by the network at `path` fit a surface far better if they are exchanged.
+    """Return a warning where slopes of `frames` by the network at `path` fit a surface far better if exchanged.
 
     `flats` and `frames` are rectified pictures (H, W, 3).
     """
@@ -88,7 +88,7 @@ def order_warnings(
 
 
 def curl_share(method: PhotometricMethod, frames: Sequence[Bytes], mm_per_px: Pair) -> float:
-    """The share, 0 to 1, of squared slopes in rectified `frames` (H, W, 3) that no surface has; NaN of none."""
+    """Return the share, 0 to 1, of squared slopes in rectified `frames` (H, W, 3) with curl; NaN if none."""
     left = whole = 0.0
     for rgb in frames:
         with suppress(InputError):
@@ -101,9 +101,9 @@ def curl_share(method: PhotometricMethod, frames: Sequence[Bytes], mm_per_px: Pa
     return left / whole if whole else float("nan")
 
 
-# The ways to a reconstructor: a recording's own balls, a method that was saved, or one that came ready.
+# The sources of a reconstructor: a recording's own balls, a saved method, or a ready one.
 
-DEFAULT = "auto"  # balls left out choose the fit: never one that they tell worse than the plain polynomial
+DEFAULT = "auto"  # held-out balls choose the fit: never one worse than the plain polynomial on them
 
 
 def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
@@ -159,8 +159,8 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
 
 
 def _reference(sensor: Sensor, flats: Sequence[Bytes]) -> tuple[Reference, tuple[str, ...]]:
-    """The reference of rectified flats; a warning where a colour is dark in it or overexposed, and where it shows
-    marks that the sensor was said not to have.
+    """Return the reference of rectified flats; warn where a colour is dark in it or overexposed, and where it
+    shows marks that the sensor should not have.
     """
     reference = make_reference(flats)
     noted = (*dark_colour_warning(reference), *overexposed_warning(reference))
@@ -210,7 +210,7 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
 
 
 def _nothing_known(recording: Recording, flats: Sequence[Bytes]) -> InputError:
-    """What to do where neither balls nor contacts nor a network tell the light."""
+    """Return what to do where neither balls nor contacts nor a network determine the light."""
     from tactilevision.recording.model import is_bare
 
     bare = is_bare(recording)
@@ -233,7 +233,7 @@ def _nothing_known(recording: Recording, flats: Sequence[Bytes]) -> InputError:
 
 
 def _network_warning(ready: Reconstructor, kind: str) -> str:
-    """What to expect of a ready network, by its card."""
+    """Return the expected accuracy of a ready network, by its card."""
     presses = {} if ready.referenced is None else ready.referenced.card.other.get("real_ball_presses", {})
     off = sorted(round(sensor["direction_error_deg"]) for sensor in presses.values())
     span = " to ".join(dict.fromkeys(map(str, off[:1] + off[-1:])))
@@ -242,7 +242,7 @@ def _network_warning(ready: Reconstructor, kind: str) -> str:
 
 
 def _doubt_of_guess(recording: Recording) -> str:
-    """What else may be wrong where a frame was taken for untouched gel, or is all there is."""
+    """Return other possible errors where a frame was taken for untouched gel, or is the only one."""
     names = recording.frame_names
     if len(names) == 1 and recording.path.is_file():
         return f" Or name its folder, {recording.frames_path}, whose other frames tell the light."
@@ -254,7 +254,7 @@ def _doubt_of_guess(recording: Recording) -> str:
 def _on_own_contacts(
     recording: Recording, flats: Sequence[Bytes], ready: Reconstructor | None
 ) -> Reconstructor | None:
-    """A reconstructor whose light is calibrated on contacts in the frames; None where they do not tell it."""
+    """Return a reconstructor calibrated on contacts in the frames; None where they do not determine the light."""
     sensor = recording.sensor
     reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
     _check_colours(reference)
@@ -271,13 +271,13 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
     match, said = ReferenceMatch(method, DEFAULT_BASELINE), tuple[str, ...]()
-    if method.card.light is not None:  # else it was made for any light
+    if method.card.light is not None:  # else it applies to any light
         match, said = match.with_light(method.card.light)
     return Reconstructor(sensor, method, match=match).warned(*noted, *said)
 
 
 def _check_colours(reference: Reference) -> None:
-    """Without balls there is no law of two colours."""
+    """Check that no colour is missing: without balls there is no law of two colours."""
     if dark := dark_colour_warning(reference):
         raise InputError(
             "slopes are not told without ball presses where a colour is dark",
@@ -288,7 +288,7 @@ def _check_colours(reference: Reference) -> None:
 
 
 def _check_kind(card: MethodCard, sensor: Sensor) -> None:
-    """A method of one kind of light says nothing of another; a custom sensor is its owner's affair."""
+    """Check the kind of light: a method of another kind is invalid; custom sensors are not checked."""
     kinds = _family(card.sensor or "custom"), _family(sensor.kind)
     if "custom" not in kinds and kinds[0] != kinds[1]:
         raise InputError(
@@ -300,12 +300,13 @@ def _check_kind(card: MethodCard, sensor: Sensor) -> None:
 
 
 def _family(kind: str) -> str:
-    """Sensors that differ in their marks alone share their light."""
+    """Return the sensor's family: sensors that differ in their marks alone share their light."""
     return kind.removesuffix("_markers")
 
 
 def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Bytes]) -> Reconstructor:
-    """A reconstructor of a ready method against rectified pictures of the untouched gel as it is today.
+    """Return a reconstructor of a ready method against current rectified pictures (H, W, 3), grey, of the
+    untouched gel.
 
     Warns where the method was made in another light. Raises InputError where it was made for another view.
     """

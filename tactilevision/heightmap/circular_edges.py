@@ -42,7 +42,7 @@ class Circle:
 def fit_circle(
     points_mm: Floats, *, start: tuple[Pair, float], scale_mm: float, independent: float
 ) -> Circle | None:
-    """Robust circle through points (N, 2) from a start (centre, radius).
+    """Return the robust circle through points (N, 2) from a start (centre, radius).
 
     `scale_mm` is what a point may be off at best (a fraction of a pixel); `independent` the number of points
     that err independently, since neighbours on an edge err together. None where fewer than half of
@@ -70,7 +70,7 @@ def fit_circle(
 
 
 def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tuple[Floats, float]:
-    """The circle through three points that most others lie on; the start, where no three points agree better.
+    """Return the circle through three points that most others lie on; or the start, if none is better.
 
     Three points p, p + b, p + c lie on the circle round p + u, 2 [b; c] u = [b b; c c].
     """
@@ -115,7 +115,7 @@ def _linearised(points: Floats, centre: Floats, radius: float) -> tuple[Floats, 
 
 
 def _inverse_diagonal(information: Floats) -> Floats:
-    """Of a matrix (k, k) >= 0. A short arc leaves centre and radius open together: very large, never below 0."""
+    """Return it for a matrix (k, k) >= 0; a short arc gives very large values, never below 0."""
     values, vectors = np.linalg.eigh(information)
     return np.asarray(vectors**2 @ (1 / np.maximum(values, np.finfo(float).eps * values[-1])))
 
@@ -126,7 +126,7 @@ def _tukey(residual: Floats, scale_mm: float) -> Floats:
 
 
 def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float, float]:
-    """Centre x, y and radius, in mm or px as the places (n,) are, robust to what lies off the circle.
+    """Return centre x, y and radius, in mm or px as the places (n,) are, robust to outliers.
 
     minimise  sum w (x^2 + y^2 - a x - b y - c)^2      `weight` (n,) w, then times that of Geman & McClure
 
@@ -143,14 +143,14 @@ def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float,
 
 
 def weighted_solution(terms: Floats, values: Floats, *, weights: Floats) -> Floats:
-    """Weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
+    """Return the weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
     weighted = terms * weights
     normal = weighted @ terms.T + STIFFENING
     return solved(normal, weighted @ values)
 
 
 def solved(normal: Floats, right: Floats) -> Floats:
-    """The solution (k,) of normal equations (k, k) x = right (k,), in their unit.
+    """Return the solution (k,) of normal equations (k, k) x = right (k,), in their unit.
 
     They must be positive definite.
     """
@@ -158,15 +158,15 @@ def solved(normal: Floats, right: Floats) -> Floats:
 
 
 def residual_std(off: Floats) -> float:
-    """Robust deviation of residuals (n,) about 0, in their unit; never 0."""
+    """Return the robust deviation of residuals (n,) about 0, in their unit; never 0."""
     return frame_mad_std(off, centre=0.0) + 1e-9
 
 
 # Round rims in a slope map: circles along which the surface drops steeply, with a sharp flank on the inside.
 
 MIN_STEEP = 12  # pixels; fewer are noise
-MAX_SAMPLES = 200  # pixels that tell a circle to look for a rim on
-MIN_RADIUS_PX = 6.0  # px: of a smaller circle no flank can be told
+MAX_SAMPLES = 200  # pixels that determine the first circle of a rim
+MIN_RADIUS_PX = 6.0  # px: a smaller circle has no distinct flank
 MIN_ROUND = 1 / 3  # of the rim in the picture
 OFF_ROUND_PX = 1.0  # spread of the flank about a circle
 MAX_BLUR = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
@@ -206,7 +206,7 @@ class CircularEdge:
 
 
 def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> list[CircularEdge]:
-    """Sharp round rims in slopes (H, W), mm/mm, about regions that are anywhere steeper than `limit`.
+    """Return sharp round rims in slopes (H, W), mm/mm, about regions anywhere steeper than `limit`.
 
     `limit` is the steepest slope that is read reliably.
     """
@@ -235,10 +235,10 @@ def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> l
 def _fit_edge(
     slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], *, limit: float
 ) -> CircularEdge | None:
-    """The rim near a circle, None where it is not round and sharp.
+    """Return the rim near a circle, None where it is not round and sharp.
 
     Twice: first about the edge alone, by a circle that what lies outside makes too large. Its profile is taken
-    farther out where slopes beyond `limit` reach so far that little gentle gel is seen beside them.
+    farther out where slopes beyond `limit` reach so far that little gentle gel remains outside them.
     """
     px = min(mm_per_px)
     x, y, radius = circle
@@ -269,7 +269,7 @@ def _fit_edge(
 def _profile(
     slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], outer: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Places (J,) across a rim up to `outer`; the median slope there, that of all but a fifth, and its std."""
+    """Return places (J,) across a rim up to `outer`; the median slope, that of all but a fifth, and its std."""
     places, values = _profiles(slopes, mm_per_px, circle, _bounds(circle[2], min(mm_per_px), outer))
     low, middle, high, highest = _quantiles(values, 0.25, 0.5, 0.75, 0.8)
     count = np.maximum(np.count_nonzero(np.isfinite(values), axis=0), 1)
@@ -283,7 +283,7 @@ def _bounds(radius: float, px: float, outer: float) -> Pair:
 def _profiles(
     slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], bounds_mm: Pair
 ) -> tuple[Floats, Floats]:
-    """Distances (J,) within bounds from a circle's centre, and slopes (K, J) towards it in K sectors.
+    """Return distances (J,) from a circle's centre, and slopes (K, J) towards it in K sectors.
 
     A circle is (x, y, radius); slopes are NaN where unseen.
     """
@@ -317,14 +317,14 @@ def _known(valid: Bools, x: Picture, y: Picture) -> Bytes:
 
 @lru_cache(maxsize=64)
 def _directions(count: int) -> tuple[Picture, Picture]:
-    """Cosines and sines (count, 1) of evenly spread directions."""
+    """Return cosines and sines (count, 1) of evenly spread directions."""
     angle = 2 * np.pi * (np.arange(count)[:, None] + 0.5) / count
     return np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
 
 
 @lru_cache(maxsize=64)
 def _waves(sectors: int) -> Floats:
-    """1, cos and sin (3, sectors) of the sectors' angles."""
+    """Return 1, cos and sin (3, sectors) of the sectors' angles."""
     angle = 2 * np.pi * (np.arange(sectors) + 0.5) / sectors
     return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
 
@@ -332,7 +332,7 @@ def _waves(sectors: int) -> Floats:
 def window_of(
     shape: tuple[int, ...], centre_mm: Pair, *, mm_per_px: Pair, outer_mm: float
 ) -> tuple[tuple[slice, slice], Floats, Floats]:
-    """Rows and columns within `outer_mm` of a centre, and their places x (1, w), y (h, 1) from it in mm."""
+    """Return rows and columns within `outer_mm` of a centre, and places x (1, w), y (h, 1) from it in mm."""
     (x0, x1), (y0, y1) = (
         (max(0, int((c - outer_mm) / step)), max(0, min(n, int((c + outer_mm) / step) + 2)))
         for c, step, n in zip(centre_mm, mm_per_px, shape[::-1], strict=True)
@@ -343,14 +343,14 @@ def window_of(
 
 
 def _quantiles(values: Floats, *shares: float) -> Floats:
-    """The values (shares, J) that a share of the known ones in each column of (K, J) do not exceed, or NaN."""
+    """Return the quantiles (shares, J) of the known values in each column of (K, J), or NaN."""
     last = np.maximum(np.count_nonzero(np.isfinite(values), axis=0) - 1, 0)
     ordered = np.sort(values, axis=0)  # NaN last
     return np.asarray(ordered[np.multiply.outer(shares, last).astype(np.intp), np.arange(len(last))])
 
 
 def _flanks(places: Floats, profiles: Floats, part: Floats | float) -> Floats:
-    """Places (K,) where profiles (K, J), inwards from their peak, fall to a part of it (one, or (K,)); or NaN."""
+    """Return places (K,) where profiles (K, J), inwards from their peak, fall to a part of it; or NaN."""
     filled = np.where(np.isnan(profiles), -np.inf, profiles)
     top, each = np.argmax(filled, axis=1), np.arange(len(filled))
     level = part * filled[each, top]
@@ -365,7 +365,7 @@ def _flanks(places: Floats, profiles: Floats, part: Floats | float) -> Floats:
 
 
 def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, float, float]:
-    """Mean, cos and sin part of `good` places over sectors, robust; the usual spread and the rms of what is left.
+    """Return mean, cos and sin part of `good` places over sectors; the usual spread and rms residual.
 
     Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
     """

@@ -36,17 +36,17 @@ from tactilevision.records.maps import HeightMap, SlopeMap
 from tactilevision.records.measured import Bools, Pair
 from tactilevision.robust import frame_mad_std, median
 
-# How far a depth is to be trusted, pixel by pixel: what `HeightMap.std_mm` says.
+# The uncertainty of a depth, pixel by pixel: `HeightMap.std_mm`.
 #
 #   std^2 = max(scale, leakage) + missing colour + free gel + zero plane + illumination + steep edges + cast shadow
 #           + steep slope + inconsistent light
 #
-# The terms, their equations and limits stand in their own files (`deviation_terms.py`); here they are
-# summed. Assumes them to be independent. It is worked out on a grid, as all but edges is smooth.
+# The terms, their equations and limits are in `deviation_terms.py`; here they are summed as independent. The sum
+# is computed on a grid, as all but edges is smooth.
 
 Picture = npt.NDArray[np.float32]
 Array = npt.NDArray[np.floating[Any]]
-GRID_MM = 0.18  # mm between points of the grid, about: finer than the deviation varies, but for edges
+GRID_MM = 0.18  # mm, approximate step of the grid: finer than the deviation varies, except at edges
 # of the greatest depth: what too steep slopes may hide before a map says so; calibrated balls stay below .1
 MAX_HIDDEN_SHARE = 0.2
 MAX_EXTRAPOLATED = 0.05  # of the depth, by lying beyond the balls; real sets' own balls have .01 (real_frames.md)
@@ -67,12 +67,13 @@ TERMS = (
 
 @dataclass(frozen=True, slots=True)
 class MapEvidence:
-    """What one height map's deviation rests on, beside its depth.
+    """Input of one height map's deviation, in addition to its depth.
 
-    `slopes` (H, W) may be left out where edges were restored, and where none is too steep (`too_steep`); `edges`
-    are those that were restored; `drift` is None where the light was not followed. `lost_share` is the
-    relative error of a slope where colours are missing, None where none is. `unexplained_mm` (h, w) is the depth
-    that rests on slopes which the light does not explain (heightmap/inconsistent_light.py), None where none does.
+    `slopes` (H, W) is optional where edges were restored, and where none is too steep (`too_steep`); `edges` are
+    the restored ones; `drift` is None where the light was not followed. `lost_share` is the relative error of a
+    slope where
+    colours are missing, None where none is. `unexplained_mm` (h, w) is the depth by slopes that the light does not
+    explain (heightmap/inconsistent_light.py), None where there is none.
     """
 
     zero: ZeroPlane
@@ -84,7 +85,7 @@ class MapEvidence:
 
 
 class DepthError:
-    """Standard deviation of the depths that one method gives; what depends on the place alone is made once.
+    """Standard deviation of the depths by one method; quantities of the place alone are computed once.
 
     `free_mm2`, `gain_square` (h, w) of the grid: variance of free gel in mm², and of the depth scale, relative.
     """
@@ -108,7 +109,7 @@ class DepthError:
         self._in_pixels: dict[tuple[int, ...], list[Picture]] = {}
 
     def std_mm(self, depth_mm: Array, evidence: MapEvidence) -> Picture:
-        """Standard deviation (H, W) mm of `depth_mm` (H, W), by the `evidence` of the same map."""
+        """Return the standard deviation (H, W) mm of `depth_mm` (H, W), by the `evidence` of the same map."""
         few = self._on_grid(depth_mm)
         scale = scale_variance(few, self.gain_square)
         lost = self._lost(few, evidence)
@@ -129,17 +130,19 @@ class DepthError:
         return np.asarray(cv2.resize(total, depth_mm.shape[::-1], interpolation=cv2.INTER_LINEAR))
 
     def in_pixels(self, shape: tuple[int, ...]) -> list[Picture]:
-        """`gain_square` and `free_mm2`, (H, W) each, for a map of `shape`: made once, to be left so."""
+        """Return `gain_square` and `free_mm2`, (H, W) each, for a map of `shape`: cached, not to be modified."""
         if shape not in self._in_pixels:
             grids = (self.gain_square, self.free_mm2)
             self._in_pixels[shape] = [np.asarray(cv2.resize(grid, shape[::-1])) for grid in grids]
         return self._in_pixels[shape]
 
     def terms_mm(self, depth_mm: Array, evidence: MapEvidence) -> dict[str, Picture]:
-        """Deviation (h, w) mm that each of TERMS adds to `depth_mm` (H, W); their squares sum to std_mm's.
+        """Return the deviation (h, w) mm that each of TERMS adds to `depth_mm` (H, W); their squares sum to
+        std_mm's.
 
-        On the grid of every `every`th pixel. Where two terms stand for the larger of both, the second is what it
-        adds to the first. Not for every frame: it takes as long as the sum again.
+        On the grid of every `every`th pixel. Of two terms with a maximum, the second is its excess over the first.
+        Not for
+        every frame: it takes as long as the sum again.
         """
         few = self._on_grid(depth_mm)
         scale = scale_variance(few, self.gain_square)
@@ -168,20 +171,20 @@ class DepthError:
 
     @cached_property
     def drift(self) -> DriftError:
-        """How depth answers to the drift of the light."""
+        """Return the response of depth to the drift of the light."""
         return DriftError(self.method, self.mm_per_px)
 
     def too_steep(self, steepest: float) -> bool:
-        """Whether a picture whose greatest |slope| is `steepest` may hide depth behind steep slopes."""
+        """Return whether a picture whose greatest |slope| is `steepest` may hide depth behind steep slopes."""
         return steepest > self.steepest
 
     def hides_much(self, depth_mm: Array, evidence: MapEvidence) -> bool:
-        """Whether slopes that are too steep may hide a good part of the greatest depth of `depth_mm` (H, W)."""
+        """Return whether too steep slopes may hide a good part of the greatest depth of `depth_mm` (H, W), mm."""
         few = self._on_grid(depth_mm)
         return self._hidden_mm(few, evidence) > MAX_HIDDEN_SHARE * float(few.max())
 
     def beyond_balls(self, contact: Bools) -> bool:
-        """Whether a `contact` lies so far beyond the balls, on the mean over it, that its depth is extrapolated.
+        """Return whether the depth of a `contact` is extrapolated beyond the balls, in the mean over it.
 
         `contact` is a mask (h, w) of the whole picture, of any resolution.
         """
@@ -215,7 +218,7 @@ class DepthError:
         return np.asarray(cv2.resize(blocks, shape[::-1], interpolation=cv2.INTER_LINEAR))
 
     def _unexplained(self, depth_mm: Picture, shape: tuple[int, ...]) -> Picture:
-        """Variance (h, w) mm^2 where depth rests on slopes that the light does not explain: all of that depth."""
+        """Return the variance (h, w) mm^2 by slopes that the light does not explain: all of that depth."""
         return np.asarray(np.square(cv2.resize(depth_mm, shape[::-1], interpolation=cv2.INTER_LINEAR)))
 
     def _hidden_mm(self, few: Picture, evidence: MapEvidence) -> float:
@@ -227,7 +230,7 @@ class DepthError:
 
 
 def _thinned(patch: Patch, shape: tuple[int, int], size: tuple[int, ...]) -> Picture:
-    """Means over blocks (h, w) of a picture of `shape` (H, W) that is 0 but for a `patch`."""
+    """Return means over blocks (h, w) of a picture of `shape` (H, W) that is 0 outside a `patch`."""
     out = np.zeros(size, np.float32)
     down, across = (shares(count, blocks) for count, blocks in zip(shape, size, strict=True))
     rows, columns = (
@@ -239,7 +242,7 @@ def _thinned(patch: Patch, shape: tuple[int, int], size: tuple[int, ...]) -> Pic
 
 
 def contributions_mm(height: HeightMap, terms: Mapping[str, Picture]) -> dict[str, float]:
-    """Rms in mm of each of the `terms` (h, w) mm of a `height` map where it is over half as deep as anywhere."""
+    """Return the rms in mm of each of the `terms` (h, w) mm where a `height` map exceeds half its depth."""
     depth = np.asarray(height.depth_mm, np.float32)
     size = next(iter(terms.values())).shape[::-1] if terms else (1, 1)
     few = np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST))
@@ -247,20 +250,18 @@ def contributions_mm(height: HeightMap, terms: Mapping[str, Picture]) -> dict[st
     return {name: float(np.sqrt(np.mean(np.square(term[deep])))) for name, term in terms.items()}
 
 
-# Does anything touch the gel? How deep untouched gel may come out, which a depth is held against.
+# Does anything touch the gel? The deviation of untouched gel, with which a depth is compared.
 #
-# `HeightMap.std_mm` holds what is not known of the depth's scale, too: a part g of the depth. That makes the depth
-# of a contact uncertain, but not the contact: a method that knows its scale to no better than a fifth would never
-# see one at five deviations. So it is taken out, and put on what untouched gel comes out with, which has that
-# scale,
+# `HeightMap.std_mm` includes the uncertainty of the depth's scale, a part g of the depth. It makes the depth of a
+# contact uncertain, but not its presence: with g of a fifth no contact would reach five deviations. So it is
+# removed, and applied to the deviation of untouched gel, which has that scale,
 #
 #     s^2 = (1 + g)^2 [ max(std^2 - g^2 depth^2, u^2) + r^2 ]
 #
-# u: the least that untouched gel comes out with there; r: how rough the map itself is where it is shallow, as far
-# as its method was not told of it (median distance of the shallower half from its median, as a standard
-# deviation).
+# u: the least local deviation of untouched gel; r: roughness of the shallow part of the map itself, in excess of
+# the method's stated noise (median distance of the shallower half from its median, as a standard deviation).
 
-SAMPLED = 4000  # pixels, about, that tell how rough a map is
+SAMPLED = 4000  # approximate number of pixels that determine a map's roughness
 
 
 def untouched_std(
@@ -271,11 +272,11 @@ def untouched_std(
     places: npt.NDArray[np.intp] | None = None,
     noise_mm: float | None = None,
 ) -> Array | None:
-    """Standard deviation (h, w) in mm of depth where nothing touches, of every `every`th pixel each way.
+    """Return the standard deviation (h, w) in mm of untouched depth, of every `every`th pixel each way.
 
-    Of the pixels at `places` (n,) of the flattened (h, w) alone where they are given, (n,). `error` is that of
-    the method which made the map; None: the map's own deviation, which may itself be None. `noise_mm` of the map
-    where it is known.
+    Only at the `places` (n,) of the flattened (h, w) where they are given, (n,). `error` is that of the method
+    which made the map; None: the map's own deviation, which may itself be None. `noise_mm` of the map where it is
+    known.
     """
 
     def wanted(grid: Array) -> Array:
@@ -292,7 +293,8 @@ def untouched_std(
 
 
 def map_noise_mm(height: HeightMap) -> float:
-    """Standard deviation (mm) of the shallower half of a map (H, W) about its median, out of the median distance.
+    """Return the standard deviation (mm) of the shallower half of a map (H, W), from the median distance to its
+    median.
 
     0 of nothing.
     """

@@ -25,46 +25,46 @@ from tactilevision.records.measured import Bytes, Floats, Pair
 from tactilevision.records.rig import SHADOW_ZONE
 from tactilevision.robust import MAD_TO_STD
 
-# The term of the photometric scale: depths are all too large, or too small, by a part g of themselves.
+# The term of the photometric scale: all depths have the relative error g.
 #
 #     variance(x, y) = g(x, y)^2 depth(x, y)^2          g^2 = g_seen^2 + g_place(x, y)^2 + g_beyond(x, y)^2
 #
-# g_seen: how far the scale of balls scatters that are in the calibration, which no map escapes. g_place: what
-# other balls would have made of it, place by place (photometric/cross_validation.py). g_beyond: what lying beyond
-# the outermost balls adds (photometric/cross_validation.py). All stand in the method's card; older ones lack the
-# last. Vanishes where the depth is 0, and where every ball gives one scale. Assumes slopes that err in proportion.
+# g_seen: scatter of the scale over the calibration's balls, common to all maps. g_place: local change of the scale
+# with other balls (photometric/cross_validation.py). g_beyond: extrapolation beyond the outermost balls
+# (photometric/cross_validation.py). All are in the method's card; older cards lack the last. Vanishes where the
+# depth is 0, and where every ball gives one scale. Assumes errors proportional to the slope.
 
 Picture = npt.NDArray[np.float32]
 
 
 def scale_variance(depth_mm: Picture, gain_square: Picture) -> Picture:
-    """Variance (h, w) mm² of `depth_mm` (h, w) by its scale, of relative variance `gain_square` (h, w)."""
+    """Return the scale's variance (h, w) mm² of `depth_mm` (h, w), of relative variance `gain_square` (h, w)."""
     square = cv2.multiply(depth_mm, depth_mm)
     square *= gain_square
     return np.asarray(square)
 
 
 def gain_variance(card: MethodCard, relative_error: float, *, shape: tuple[int, ...]) -> Picture:
-    """Relative variance of the depth scale over a picture of `shape` (h, w), as a method's card tells it."""
+    """Return the relative variance of the depth scale over a picture of `shape` (h, w) from a method's card."""
     squares = place_gain_std(card, relative_error) ** 2, extrapolated_gain_std(card) ** 2
     place, beyond = (np.asarray(cv2.resize(np.asarray(one, np.float32), shape[::-1])) for one in squares)
     return np.asarray(place + beyond)
 
 
 def extrapolated_gain_std(card: MethodCard) -> Floats:
-    """Deviation (h, w) of the depth scale beyond the balls, a ratio; 0 where a card tells none."""
+    """Return the deviation (h, w) of the depth scale beyond the balls, a ratio; 0 where the card has none."""
     return np.array(card.extrapolated_gain_std or [[0.0]], np.float64)
 
 
 def place_gain_std(card: MethodCard, relative_error: float) -> Floats:
-    """Deviation (h, w) of the depth scale over the picture, relative, but for what lies beyond the balls."""
+    """Return the relative deviation (h, w) of the depth scale within the range of the balls."""
     return np.hypot(gain_std(card, relative_error), np.array(card.place_gain_std or [[0.0]], np.float64))
 
 
 def gain_std(card: MethodCard, relative_error: float) -> float:
-    """Relative deviation of the depth scale from ball to ball, which no map escapes; of slopes where not told.
+    """Return the relative deviation of the depth scale from ball to ball, common to all maps; else that of slopes.
 
-    A card that does not say what other balls would have changed has it mixed with balls held out.
+    A card without the change by other balls includes it here, from held-out balls.
     """
     held_out = relative_error if card.held_out_gain_std is None else card.held_out_gain_std
     if card.seen_gain_std is None:
@@ -73,27 +73,28 @@ def gain_std(card: MethodCard, relative_error: float) -> float:
     return seen if card.place_gain_std is not None else float(np.sqrt(seen * (held_out + seen)))
 
 
-# The term of leakage: errors of slope under a contact spread to the gel beside it, with no depth to hide them.
+# The term of leakage: slope errors under a contact spread to the gel outside it, where there is no depth.
 #
 #     variance(x, y) = max(k <g^2 depth^2> - g^2 depth^2, 0)      < >: mean over a thickness of gel
 #
-# g^2 depth^2 is the term of the depth scale. The share k is measured once, when a method is made. What leaving out
-# balls changes of a map (photometric/cross_validation.py) is known everywhere in it, so that beside the balls
+# g^2 depth^2 is the term of the depth scale. The share k is measured once, when a method is made. The change of a
+# map by holding out balls (photometric/cross_validation.py) is known everywhere in it, so that outside the
+# contacts
 #
 #     k = <std^2> / < <g^2 depth^2> >          from the contact's rim to a thickness of gel away from it
 #
-# Both means are over all balls: the ratio at one ball alone is anything where little depends on it.
+# Both means are over all balls: the ratio at a single ball is unreliable where both are small.
 # Vanishes where nothing within a thickness of gel is deep, and with the scale's own error.
 
 Depth = npt.NDArray[np.floating[Any]]
 Reader = Callable[[Bytes], Depth]
 RIM = 1.15  # contact radii: beyond it the gel is free
-MAX_BALLS = 8  # balls; more tell no more
-COARSE = 4  # points to a thickness of gel on which the mean is taken: it is smooth
+MAX_BALLS = 8  # balls; more do not improve k
+COARSE = 4  # points per thickness of gel on which the smooth mean is taken
 
 
 def leaked_variance(scale_mm2: Picture, share: float, *, every: int, mm_per_px: Pair) -> Picture:
-    """Variance (h, w) mm² that the scale's, `scale_mm2` (h, w) mm², makes within a thickness of gel.
+    """Return the variance (h, w) mm² that the scale's, `scale_mm2` (h, w) mm², causes within a thickness of gel.
 
     This term and that of the scale together are the larger of both. `scale_mm2` holds every `every`th pixel of a
     picture at `mm_per_px` (x, y); `share` is k.
@@ -114,10 +115,10 @@ def leakage_share(
     gain: Depth,
     mm_per_px: Pair,
 ) -> float:
-    """The share k of a calibration; 1 where no ball tells it.
+    """Return the share k of a calibration; 1 where no ball determines it.
 
-    `maps` make the depth (H, W) mm of a rectified picture, the first by the calibration, the others by one without
-    a group of balls each; `gain` (h, w) is what that changes of the depth scale, relative.
+    `maps` give the depth (H, W) mm of a rectified picture, the first by the calibration, the others each without
+    a group of balls; `gain` (h, w) is the resulting relative change of the depth scale.
     """
     beside_sum, nearby_sum = 0.0, 0.0
     kept = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
@@ -135,21 +136,21 @@ def leakage_share(
     return beside_sum / nearby_sum if nearby_sum else 1.0
 
 
-# The term of missing colours: slopes that two colours tell are further off, and depth with them.
+# The term of missing colours: slopes from two colours have larger errors, and so has the depth.
 #
 #     variance(x, y) = < e >^2 max(depth^2, < depth^2 >)      < >: means over REACH_MM, and over a thickness of gel
 #
-# e: relative error of a slope without that colour beyond that of a slope by all colours, 0 where all are known
-# (photometric/methods/two_colours.py). A few pixels without a colour, in gel that is told by all, hardly change
-# what is integrated over them. What is integrated over many carries their error on, as under leakage.
-# Vanishes where all colours are known, and where the depth is 0. Assumes slopes that err in proportion.
+# e: relative error of a slope without that colour in excess of a slope by all colours, 0 where all are valid
+# (photometric/methods/two_colours.py). A few pixels without a colour hardly change the integral over them; the
+# error of many spreads, as under leakage.
+# Vanishes where all colours are valid, and where the depth is 0. Assumes errors proportional to the slope.
 
-BLUR = 4.0  # deviations to which OpenCV follows a blur
-REACH_MM = 1.0  # mm over which errors of integrated slopes hang together: half of a usual contact
+BLUR = 4.0  # deviations at which OpenCV truncates a blur
+REACH_MM = 1.0  # mm, correlation length of integrated slope errors: half of a usual contact
 
 
 def missing_colour_variance(depth_mm: Picture, lost_share: Picture, *, every: int, mm_per_px: Pair) -> Picture:
-    """Variance (h, w) mm² of `depth_mm` (h, w) mm; `lost_share` (h, w) is e, no unit.
+    """Return the variance (h, w) mm² of `depth_mm` (h, w) mm; `lost_share` (h, w) is e, a ratio.
 
     Both hold every `every`th pixel of a picture at `mm_per_px` (x, y).
     """
@@ -166,21 +167,21 @@ def missing_colour_variance(depth_mm: Picture, lost_share: Picture, *, every: in
     return variance
 
 
-# The term of the camera's noise: what noise of the slopes, pixel by pixel, makes of the surface.
+# The term of the camera's noise: the depth noise that pixel noise of the slopes causes.
 #
-#     variance(x, y) = < (z - median z)^2 >      z: the surface of drawn slopes N(0, noise(x, y)^2)
+#     variance(x, y) = < (z - median z)^2 >      z: the surface of random slopes N(0, noise(x, y)^2)
 #
-# z is integrated as every surface is; the mean over N_DRAWS fields is blurred, as few draws are rough.
-# Vanishes with the noise, and grows with its square. Assumes noise that is independent from pixel to pixel: waves
-# that are not have a term of their own. It depends on the place alone, so it is worked out once for a method.
+# z is integrated as every surface; the mean over N_DRAWS fields is blurred to reduce its scatter.
+# Vanishes with the noise, and grows with its square. Assumes noise that is independent from pixel to pixel:
+# correlated waves have a term of their own. It depends on the place alone, so it is computed once for a method.
 
-N_DRAWS = 6  # noise fields: with the blur they fix the variance to a tenth
+N_DRAWS = 6  # noise fields: with the blur they determine the variance to a tenth
 BLUR_SHARE = 1 / 12  # of the picture's longer side: sigma of the blur; noise of a surface varies no faster
 
 
 def noise_variance(noise: Picture, mm_per_px: Pair) -> Picture:
-    """Variance (H, W) mm² of depth by slopes of deviation `noise` (H, W) mm/mm, at `mm_per_px` (x, y)."""
-    rng = np.random.default_rng(0)  # a fixed draw: the certificate of a method does not change between runs
+    """Return the variance (H, W) mm² of depth by slope noise `noise` (H, W) mm/mm, at `mm_per_px` (x, y)."""
+    rng = np.random.default_rng(0)  # fixed seed: the certificate of a method is reproducible
     total = np.zeros(noise.shape, np.float32)
     for _ in range(N_DRAWS):
         fields = rng.standard_normal((2, *noise.shape), dtype=np.float32) * noise
@@ -189,20 +190,20 @@ def noise_variance(noise: Picture, mm_per_px: Pair) -> Picture:
     return np.asarray(cv2.GaussianBlur(total / N_DRAWS, (0, 0), max(noise.shape) * BLUR_SHARE), np.float32)
 
 
-# The term of the untouched gel: how far it comes out from flat, beyond what drawn noise explains.
+# The term of the untouched gel: its deviation from flat in excess of the simulated noise.
 #
 #     variance(x, y) = max(noise^2 + waves^2, untouched(x, y)^2) - noise^2
 #
-# waves: rms depth of untouched gel in the calibration's pictures, where no frames of the free gel were given.
-# untouched: what single frames of the free gel show, place by place. Their noise is alike over many pixels (blur,
-# compression). Integrated, its slow waves come to several times as much as independent noise, most in dark
-# corners. Vanishes where free frames come out flat. Assumes that the gel is as quiet under way as it was then.
+# waves: rms depth of untouched gel in the calibration's pictures, used without frames of the free gel.
+# untouched: local deviation in single frames of the free gel. Their noise is correlated over many pixels (blur,
+# compression). Integrated, it has slow waves of several times the effect of independent noise, most in dark
+# corners. Vanishes where free frames are read as flat. Assumes that the gel's noise does not change later.
 
-BLOCK_PX = 16  # px: grid on which the depth of untouched gel is kept; its waves are longer
+BLOCK_PX = 16  # px: grid of the depth of untouched gel, finer than its waves
 
 
 def free_variance(noise_mm2: Picture, waves_mm: float, *, untouched_std: Floats) -> Picture:
-    """Variance (H, W) mm² of free gel: this term and that of noise, `noise_mm2` (H, W) mm², together.
+    """Return the variance (H, W) mm² of free gel: this term plus that of noise, `noise_mm2` (H, W) mm².
 
     `waves_mm` is one deviation for all places, `untouched_std` (h, w) mm one for each block.
     """
@@ -213,10 +214,11 @@ def free_variance(noise_mm2: Picture, waves_mm: float, *, untouched_std: Floats)
 
 
 def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
-    """Standard deviation (h, w) mm that N >= 2 depths (H, W) mm of the free gel show, in blocks of BLOCK_PX.
+    """Return the standard deviation (h, w) mm of N >= 2 depths (H, W) mm of the free gel, in blocks of BLOCK_PX.
 
-    The median over the frames, as in one or the other something may have touched; N/(N - 1) of the variance, as
-    the mean of the same frames' slopes was taken off; smooth over neighbouring blocks, as few frames are rough.
+    The median over the frames, robust against touched ones; N/(N - 1) of the variance, as the mean of the same
+    frames'
+    slopes was subtracted; smoothed over neighbouring blocks.
     """
     height, width = depths[0].shape
     block_std = MAD_TO_STD * np.median(np.abs(np.stack(depths)), axis=0)
@@ -226,39 +228,38 @@ def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
     return np.asarray(smooth * np.sqrt(len(depths) / (len(depths) - 1)), np.float64)
 
 
-# The term of the zero plane: where depth 0 lies is read off the untouched gel, and no better than it is flat.
+# The term of the zero plane: the untouched gel determines depth 0, limited by the gel's flatness.
 #
 #     variance = std_0^2 + (std_x X)^2 + (std_y Y)^2      X and Y from -1 to 1 over the picture
 #
 # std_0 of the plane at the picture's centre and std_x, std_y of its tilt are those of the fit
-# (heightmap/zero_plane.py), with errors that hang together over a tenth of the picture. Vanishes where untouched
-# blocks all lie in one plane. What offset and tilt have in common is left out: it is none where they lie evenly.
+# (heightmap/zero_plane.py), with errors correlated over a tenth of the picture. Vanishes where untouched blocks
+# all lie in one plane. The covariance of offset and tilt is neglected: it is zero for evenly distributed blocks.
 
 
 def zero_variance(zero: ZeroPlane, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
-    """Variance (H, W) mm² by the plane `zero` over a picture of this `shape`."""
+    """Return the variance (H, W) mm² by the plane `zero` over a picture of this `shape`."""
     sides = zip(zero.tilt_std_mm, shape[::-1], strict=True)
     x, y = ((std * np.linspace(-1, 1, count)) ** 2 for std, count in sides)
     return np.asarray(y[:, None] + (x + zero.std_mm**2), dtype=np.float32)
 
 
-# The term of the light's drift: what is not known of it, as depth.
+# The term of the light's drift: the depth error by the uncertainty of the drift.
 #
-# A wrong coefficient g_k of the drift (photometric/drift.py) changes the colours of the whole picture.
-# With them it changes the surface, smoothly: by D_k(x, y) each. The zero plane takes off what of it is a plane on
-# the untouched gel,
+# An error of a drift coefficient g_k (photometric/drift.py) changes the colours of the whole picture, and the
+# surface smoothly by D_k(x, y). The zero plane removes the plane component on the untouched gel,
 #
 #     variance(x, y) = D' C D'        D'_k = D_k - plane of D_k      C: covariance of the coefficients
 #
-# so that little is left beside small contacts, and much under those that leave little gel to tell drift from
-# slopes. Vanishes where nothing has drifted, and where D_k is a plane. D_k is worked out once, for colours of flat
+# so that the term is small outside small contacts, and large under contacts with little untouched gel to separate
+# drift from slopes. Vanishes without drift, and where D_k is a plane. D_k is computed once, for colours of flat
 # gel.
 
-STEP = 0.01  # of a coefficient: laws are straight over it to a hundredth
+STEP = 0.01  # of a coefficient: laws are linear over it to a hundredth
 
 
 class DriftError:
-    """How depths of one method answer to its drift's coefficients; made once, on the drift's own blocks."""
+    """Response of one method's depths to its drift coefficients; computed once, on the drift's blocks."""
 
     def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
         tracker, shape = method.change.tracker, method.reference.shape
@@ -284,25 +285,25 @@ class DriftError:
         self.depths = depths.reshape(-1, len(tracker.basis))  # of all coefficients, channel by channel
 
     def variance(self, covariance: Floats, zero: ZeroPlane) -> npt.NDArray[np.float32]:
-        """Variance (rows, columns) of depth on the blocks, of a drift's `covariance` (18, 18), mm²."""
+        """Return the variance (rows, columns) mm² of depth on the blocks, by a drift's `covariance` (18, 18)."""
         depths = self.depths
         if zero.takes is not None:
             depths = depths - (depths @ zero.takes.T) @ self.terms
         return np.asarray(np.sum(depths * (covariance @ depths), axis=0), np.float32).reshape(self.blocks)
 
 
-# The term of restored edges: what lies inside one stands on a step that a law carried through.
+# The term of restored edges: the depth inside one includes a step given by the wall's law.
 #
 #     variance(x, y) = sum over edges of std_e^2      within the edge's radius; 0 outside
 #
-# std_e: of the step, from the fit of the law to the slopes beside it (heightmap/walls.py).
-# Vanishes where no edge was restored, and with the error of the fit. Assumes round edges of a rigid flat face.
+# std_e: of the step, from the fit of the law to the slopes around it (heightmap/walls.py).
+# Vanishes without restored edges, and with the error of the fit. Assumes round edges of a rigid flat face.
 
 
 def add_edge_variance(variance_mm2: Picture, edges: Sequence[PunchEdge], *, mm_per_point: Pair) -> None:
-    """Add the `edges`' part to `variance_mm2` (h, w) mm², in place.
+    """Add the variance by `edges` to `variance_mm2` (h, w) mm², in place.
 
-    Its points lie `mm_per_point` (x, y) mm apart.
+    Its points are spaced `mm_per_point` (x, y) mm.
     """
     for edge in edges:
         window, x, y = window_of(
@@ -311,25 +312,25 @@ def add_edge_variance(variance_mm2: Picture, edges: Sequence[PunchEdge], *, mm_p
         variance_mm2[window] += np.float32(edge.std_mm**2) * (x * x + y * y < edge.radius_mm**2)
 
 
-# The term of cast shadows: gel near a steep wall may lie in the shadow of a lamp, and then falls too steeply.
+# The term of cast shadows: gel near a steep wall may lie in the shadow of a lamp, and then reads as too steep.
 #
 #     variance(r) = (s (u(K w) - u(r - a)))^2      r < a + K w;  K = 1/tan(elevation of the lowest lamp)
 #
-# u: how far the surface lies below the face by the wall's law, from where slopes are read again outwards; w, a:
-# depth and radius of the face; K: records/rig.py. What is read of the fall in a shadow stands under the face, too.
-# s: rms relative error of that fall (renderings with lamps at 15 to 35 degrees read 1.05 to 1.47 of it).
-# Vanishes beyond the zone, and for gentle walls, whose shadow ends where slopes are replaced anyway.
+# u: the surface's fall below the face by the wall's law, from where slopes are read again outwards; w, a: depth
+# and radius of the face; K: records/rig.py. An error of the fall in a shadow affects the face, too. s: rms
+# relative error of that fall (renderings with lamps at 15 to 35 degrees read 1.05 to 1.47 of it).
+# Vanishes beyond the shadow, and for gentle walls, whose shadow ends where slopes are replaced.
 
 SHADED_FALL_STD = 0.3  # of the fall
 
 
 def shades(edge: PunchEdge) -> bool:
-    """Whether the shadow of a wall may reach gel whose slopes are read."""
+    """Return whether the shadow of a wall may reach gel whose slopes are read."""
     return SHADOW_ZONE.reach * edge.depth_mm > edge.reach_mm
 
 
 def add_shadow_variance(variance_mm2: Picture, edges: Sequence[PunchEdge], *, mm_per_point: Pair) -> None:
-    """Add the part of gel that `edges` may shade to `variance_mm2` (h, w) mm², in place, as add_edge_variance."""
+    """Add the variance of gel that `edges` may shade to `variance_mm2` (h, w) mm², in place."""
     for edge in filter(shades, edges):
         end = SHADOW_ZONE.reach * edge.depth_mm
         window, x, y = window_of(
@@ -340,21 +341,21 @@ def add_shadow_variance(variance_mm2: Picture, edges: Sequence[PunchEdge], *, mm
         variance_mm2[window] += np.float32(SHADED_FALL_STD**2) * np.square(fall, dtype=np.float32)
 
 
-# The term of slopes steeper than any ball showed, which belong to no round face and were not restored.
+# The term of slopes steeper than the calibrated ones, outside the restored round faces.
 #
 #     variance(x, y) = (g l)^2      where the depth is over half of the greatest; 0 elsewhere
 #
-# g: the steepest slope that was calibrated; l: mean width of the steep band, n px^2 / sqrt(4 pi A), n its pixels
-# and A the area behind it. Such a band may hide as much again as a slope of g drops over its width, and all behind
-# it stands on that. Vanishes where no slope is steeper than g. Assumes one contact, about round.
+# g: the steepest calibrated slope; l: mean width of the steep band, n px^2 / sqrt(4 pi A), n its pixels and A the
+# area inside it. Such a band may hide the fall of a slope g over its width, which changes all depths inside it.
+# Vanishes where no slope is steeper than g. Assumes one approximately round contact.
 
-STEEP_SHARE = 0.95  # of the steepest slope that was calibrated: from there on a slope may be read too low
+STEEP_SHARE = 0.95  # of the steepest calibrated slope: steeper slopes may be read too low
 MIN_STEEP_PX = 12  # pixels of a steep band; fewer are noise
-BEHIND = 0.5  # of the greatest depth: what is deeper lies behind the steep band
+BEHIND = 0.5  # of the greatest depth: deeper points lie inside the steep band
 
 
 def hidden_step_mm(depth_mm: Picture, slopes: SlopeMap, *, steepest: float, every: int, mm_per_px: Pair) -> float:
-    """What may be missing (mm) of `depth_mm` (h, w) behind slopes (H, W) steeper than `steepest` (mm/mm).
+    """Return the step (mm) that `depth_mm` (h, w) may lack inside slopes (H, W) steeper than `steepest` (mm/mm).
 
     `depth_mm` holds every `every`th pixel each way; `mm_per_px` (x, y) is of the whole picture.
     """
@@ -368,6 +369,6 @@ def hidden_step_mm(depth_mm: Picture, slopes: SlopeMap, *, steepest: float, ever
 
 
 def add_steep_variance(variance_mm2: Picture, depth_mm: Picture, *, hidden_mm: float) -> None:
-    """Add the part of a step of `hidden_mm` (mm) to `variance_mm2` (h, w) mm², in place, behind the steep band."""
+    """Add the variance of a step of `hidden_mm` to `variance_mm2` (h, w) mm² inside the band, in place."""
     if hidden_mm > 0:
         variance_mm2 += np.float32(hidden_mm**2) * (depth_mm > BEHIND * depth_mm.max())

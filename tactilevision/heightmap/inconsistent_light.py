@@ -4,25 +4,25 @@ Where balls determined the light's law (photometric/cross_validation.py), colour
 
     t^2 = sum over colours of <u - u_law(p, q)>^2 / ((2 n)^2 + (k <|u|>)^2)
 
-u is the change of colour, p and q the slopes that are read from it; n is what untouched gel is off by there, k the
-share that balls left out are; < > is a mean over REACH_MM. A place is inconsistent where t exceeds LEAST, and what
-the calibration's own ball pictures reach under and beside the ball. Without balls slopes s are held against the
-surface z that they make, since slopes of no surface are of a false light:
+u is the change of colour, p and q the slopes that are read from it; n is the local error on untouched gel, k the
+relative error of held-out balls; < > is a mean over REACH_MM. A place is inconsistent where t exceeds LEAST and
+the values in the calibration's own ball pictures, under and around the ball. Without balls, slopes s are compared
+with the gradient of their surface z, since slopes of no surface come from a false light:
 
     |<s - grad z>| > CURL + CURL_SHARE <|s|>
 
-Whatever its colours are, gel beside a contact of depth d stands out by no more than
+Whatever its colours, gel outside a contact of depth d rises by no more than
 
     RISE_SHARE d + RISE_MM
 
-since layer theory (nu .4999) has it rise by .16 d beside a ball (contact 1.7 gels in radius) and by .30 d beside
-a punch of 1.5 gels, which RISE_MM covers to 2 mm of depth. Beside a contact beyond the border d is not seen.
-Within a ring it may rise by more than d, so that what deep places enclose is left out.
+since layer theory (nu .4999) gives a rise of .16 d around a ball (contact 1.7 gels in radius) and of .30 d around
+a punch of 1.5 gels, which RISE_MM covers to 2 mm of depth. For a contact beyond the border d is unknown.
+Within a ring the gel may rise by more than d, so enclosed places are excluded.
 
-Three colours and two slopes leave one residual. A false slope whose colour is that of a true one is not seen: a
-lamp shaded where the others are dark makes a hollow that no colour contradicts. A false slope that a surface could
-have is not seen without balls. Sees nothing where a colour is overexposed, nor
-beside steep slopes, whose depth has terms of its own.
+Three colours and two slopes leave one residual. A false slope with the colour of a true one is not detected: a
+lamp shaded where the others are dark makes a hollow that no colour contradicts. Without balls, false slopes that
+form a surface are not detected. Nothing is detected where a colour is overexposed, nor next to steep slopes, whose
+depth has terms of its own.
 """
 
 from __future__ import annotations
@@ -47,29 +47,29 @@ from tactilevision.photometric.shading_law import SLOPE_POWERS, answers_at
 from tactilevision.records.measured import Bools, Bytes, Pair
 from tactilevision.robust import median
 
-CELL_MM = 0.4  # mm along the side of a cell, about: finer ones take longer and show as much
-REACH_MM = 0.76  # mm, deviation of the mean over neighbours: noise of single cells must not count
+CELL_MM = 0.4  # mm, approximate side of a cell: finer ones take longer and show no more
+REACH_MM = 0.76  # mm, deviation of the mean over neighbours: suppresses noise of single cells
 # deviations from which a place is inconsistent, at least; 3 flags one clean real press of 82, but half the hollows
 LEAST = 2.5
-BORDER = 2  # cells along the picture's border that do not count: gel and light change there first
-NEARBY = 2.0  # contact radii: as far as a ball's own picture tells what is usual
-REACHED = 99  # per cent of cells near a ball that it is usual for
-PICTURES = 75  # per cent of ball pictures that stay below the limit: some hold false hollows themselves
-CURL = 0.04  # slope that slopes of real networks may lack of a surface's
+BORDER = 2  # excluded cells along the picture's border: gel and light change there first
+NEARBY = 2.0  # contact radii: range in which a ball's own picture determines the usual value
+REACHED = 99  # percentile of cells near a ball that gives the usual value
+PICTURES = 75  # percentile of ball pictures below the limit: some contain false hollows themselves
+CURL = 0.04  # slope by which those of real networks may differ from a surface's
 CURL_SHARE = 0.1  # of the slopes themselves, the same
-STEEP_SHARE = 0.6  # of the steepest slope calibrated: beside steeper ones, blur mixes colours of many slopes
+STEEP_SHARE = 0.6  # of the steepest slope calibrated: next to steeper ones, blur mixes colours of many slopes
 RAMP = 0.4  # of the limit, from which on a slope counts in part as unexplained
-GREY = 0.3  # grey levels that rounding and compression leave on means of places
-TINY = np.float32(1e-9)  # keeps ratios of nothing to nothing at 0
+GREY = 0.3  # grey levels: error of local means by rounding and compression
+TINY = np.float32(1e-9)  # avoids division by zero
 MIN_AREA_MM2 = 3.0  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
 RISE_SHARE = 0.25  # of the depth; tests/photometric/test_inconsistent_light.py
-RISE_MM = 0.1  # mm beside that: 235 pictures of samples and a path tracer have .05 beside .3 of the depth
-MIN_DEPTH_MM = 0.05  # mm of depth that rest on inconsistent places: less makes no map doubtful
+RISE_MM = 0.1  # mm in addition: 235 pictures of samples and a path tracer have .05 in addition to .3 of the depth
+MIN_DEPTH_MM = 0.05  # mm of depth that inconsistent places contribute: less makes no map doubtful
 
 
 @dataclass(frozen=True, slots=True)
 class Inconsistency:
-    """In cells (h, w): which are `inconsistent`; depth in mm that rests on slopes which are not explained.
+    """In cells (h, w): which are `inconsistent`; depth in mm that unexplained slopes contribute.
 
     `area_mm2` of the inconsistent ones together.
     """
@@ -80,12 +80,12 @@ class Inconsistency:
 
     @property
     def flagged(self) -> bool:
-        """Whether it makes the map doubtful."""
+        """Return whether the map is doubtful."""
         return self.area_mm2 > MIN_AREA_MM2 and bool(np.abs(self.depth_mm).max() > MIN_DEPTH_MM)
 
 
 class LightCheck:
-    """Holds frames of one method against the light's law; what depends on the method alone is made once."""
+    """Compares frames of one method with the light's law; quantities of the method alone are computed once."""
 
     def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
         tile = method.change.tracker.px
@@ -108,7 +108,7 @@ class LightCheck:
         self.bias = self._cells(method.bias) - self._cells(np.stack(method.noise_bias)) * self.kept_share
         self.usable = self._cells(method.readable[None].astype(np.float32))[0] > 0.99
         inner = np.zeros((height, width), np.bool_)
-        inner[BORDER:-BORDER, BORDER:-BORDER] = True  # of a strip nothing
+        inner[BORDER:-BORDER, BORDER:-BORDER] = True  # in a strip no cell counts
         self.usable &= inner
         self.steep = STEEP_SHARE * (method.card.steepest_slope or 0.0)
         light = self.light = method.light_law
@@ -120,7 +120,7 @@ class LightCheck:
             self.noise_square = self._noise_square(noise)
 
     def __call__(self, frame: FrameChange) -> Inconsistency:
-        """Return what is inconsistent of a frame."""
+        """Return the inconsistent cells of a frame."""
         change, slopes = self.read(frame)
         score, share = self._curl(slopes) if self.light is None else self._colours(change, slopes, self.light)
         score *= self.usable
@@ -138,7 +138,7 @@ class LightCheck:
         return Inconsistency(inconsistent, depth, float(inconsistent.sum() * self.cell_mm[0] * self.cell_mm[1]))
 
     def read(self, frame: FrameChange) -> tuple[Planes, Planes]:
-        """Changes (3, h, w) of the cells of a frame, and the slopes (2, h, w) that are read from them."""
+        """Return changes (3, h, w) of the cells of a frame, and the slopes (2, h, w) read from them."""
         if self.method.reference.marks is None:
             window = slice(0, self.size[1]), slice(0, self.size[0])
             px, light = self.method.change.tracker.px, self.maps.light(frame.drift.gains)
@@ -152,12 +152,12 @@ class LightCheck:
         return change, slopes
 
     def deviations(self, change: Planes, slopes: Planes) -> Picture:
-        """t (h, w) of changes (3, h, w) and slopes (2, h, w) of cells."""
+        """Return t (h, w) of changes (3, h, w) and slopes (2, h, w) of cells."""
         assert self.light is not None
         return self._deviations(self.residual(change, slopes), self._size(change), self.light.share)
 
     def _colours(self, change: Planes, slopes: Planes, light: LightLaw) -> tuple[Picture, Picture]:
-        """t over its limit, and the share of the change of colour that is not explained, (h, w) each."""
+        """Return t over its limit, and the unexplained share of the change of colour, (h, w) each."""
         off, size = self.residual(change, slopes), self._size(change)
         return self._deviations(off, size, light.share) / np.float32(light.limit), _length(off) / (size + TINY)
 
@@ -166,15 +166,15 @@ class LightCheck:
         return np.asarray(np.sqrt((off * off / (self.noise_square + usual * usual)).sum(axis=0)))
 
     def _noise_square(self, noise: Planes) -> Planes:
-        """Variance (3, h, w) of changes of cells, of which untouched gel showed `noise` (3, h, w)."""
+        """Return the variance (3, h, w) of changes of cells, for `noise` (3, h, w) of untouched gel."""
         return np.asarray(np.square(2.0 * noise) + np.square(GREY * self.maps.scale))
 
     def _size(self, values: Planes) -> Picture:
-        """Mean length (h, w) of values (n, h, w) over REACH_MM."""
+        """Return the mean length (h, w) of values (n, h, w) over REACH_MM."""
         return self._mean(_length(values))
 
     def residual(self, change: Planes, slopes: Planes) -> Planes:
-        """What changes (3, h, w) of cells are off the law of light at slopes (2, h, w), means over REACH_MM."""
+        """Return the light law's residual of changes (3, h, w) at slopes (2, h, w), means over REACH_MM."""
         p, q = (
             np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
         )
@@ -185,7 +185,7 @@ class LightCheck:
         return np.stack([self._mean(plane) for plane in change + 1.0 - light])
 
     def _curl(self, slopes: Planes) -> tuple[Picture, Picture]:
-        """What slopes (2, h, w) lack of a surface's over its limit, and over the slopes, (h, w) each."""
+        """Return the curl part of slopes (2, h, w) over its limit, and over the slopes, (h, w) each."""
         depth = integrate_small(slopes, self.cell_mm)
         down, across = np.gradient(depth, self.cell_mm[1], self.cell_mm[0])
         off = _length(np.stack([self._mean(slopes[0] - across), self._mean(slopes[1] - down)]))
@@ -197,7 +197,7 @@ class LightCheck:
         return np.asarray(cv2.GaussianBlur(plane, (0, 0), reach[0], sigmaY=reach[1]))
 
     def _cells(self, planes: Planes | Bytes, px: int = 1) -> Planes:
-        """Means (n, h, w) over the cells of planes (n, H // px, W // px), which are means over `px` pixels."""
+        """Return means (n, h, w) over the cells of planes (n, H // px, W // px) of `px`-pixel means."""
         columns, rows = (n * (self.px // px) for n in self.size)
         return np.stack(
             [cv2.resize(one[:rows, :columns], self.size, interpolation=cv2.INTER_AREA) for one in planes]
@@ -205,9 +205,9 @@ class LightCheck:
 
 
 def stands_out(depth_mm: Picture) -> bool:
-    """Whether `depth_mm` (H, W) in mm, positive into the gel, rises somewhere as no gel beside such depth can.
+    """Return whether `depth_mm` (H, W) in mm, positive into the gel, rises more than gel around such depth can.
 
-    Gel that contacts enclose, as within a ring, has nowhere else to go and may rise as far as it likes.
+    Gel that contacts enclose, as within a ring, is displaced inwards; its rise is not limited.
     """
     low, high, *_ = cv2.minMaxLoc(depth_mm)
     limit = RISE_SHARE * max(high, 0.0) + RISE_MM
@@ -232,9 +232,10 @@ def measured_light(
     free: Sequence[Bytes],
     mm_per_px: Pair,
 ) -> LightLaw | None:
-    """The method's light law with its noise and limit, out of ball pictures and rectified frames of `free` gel.
+    """Return the method's light law with its noise and limit, from ball pictures and rectified frames of `free`
+    gel.
 
-    A picture is (H, W, 3). None where the method has no law.
+    A picture is (H, W, 3), in grey. None where the method has no law.
     """
     if method.light_law is None:
         return None
@@ -266,7 +267,7 @@ def measured_light(
 
 
 def _usual_length(off: Planes, known: Bools) -> Planes:
-    """Root of the median square (3, h, w) over pictures (n, 3, h, w) where it is `known` (n, 1, h, w)."""
+    """Return the root of the median square (3, h, w) over pictures (n, 3, h, w) where `known` (n, 1, h, w)."""
     hidden = np.ma.masked_where(np.broadcast_to(~known, off.shape), np.square(off))
     square = np.ma.median(hidden, axis=0)  # type: ignore[no-untyped-call]
     usual = np.ma.median(hidden, axis=(0, 2, 3)).filled(0.0)  # type: ignore[no-untyped-call]

@@ -55,7 +55,7 @@ class TransformSolver:
         return edge_divergence(dz_dx, dz_dy, half=self.half)
 
     def solve(self, right: Array) -> Array:
-        """Depth (H, W) of mean 0 whose 5-point Laplacian is `right`, which sums to 0."""
+        """Return the depth (H, W) of mean 0 whose 5-point Laplacian is `right`, which sums to 0."""
         right = np.asarray(right, dtype=self.dtype)
         if self.growing is None:
             modes = fft.dctn(right, norm="ortho", overwrite_x=False)
@@ -73,7 +73,7 @@ class TransformSolver:
 
 
 def edge_divergence(dz_dx: Array, dz_dy: Array, *, half: Array) -> Array:
-    """Divergence (H, W) of slopes (H, W) averaged onto the edges: a central difference, halved at the borders.
+    """Return the divergence (H, W) of slopes (H, W) at the edges: a central difference, halved at borders.
 
     `half` (2,) is 1/2 over the step along x and y.
     """
@@ -84,7 +84,7 @@ def edge_divergence(dz_dx: Array, dz_dy: Array, *, half: Array) -> Array:
     else:
         np.subtract(dz_dx[:, 2:], dz_dx[:, :-2], out=out[:, 1:-1])
     np.add(dz_dx[:, 0], dz_dx[:, 1], out=out[:, 0])
-    # not np.negative in place: numpy 2.4 spoils a column of doubles 64 bytes apart
+    # not np.negative in place: numpy 2.4 spoils a column of doubles with a stride of 64 bytes
     out[:, -1] = -(dz_dx[:, -1] + dz_dx[:, -2])
     if half[0] != half[1]:
         dz_dy = dz_dy * (half[1] / half[0])
@@ -98,12 +98,12 @@ def edge_divergence(dz_dx: Array, dz_dy: Array, *, half: Array) -> Array:
 
 @lru_cache(maxsize=16)
 def transform_solver(shape: tuple[int, int], mm_per_px: Pair, dtype: str) -> TransformSolver:
-    """The solver for (H, W), scale and numpy type character, made once and kept."""
+    """Return the cached solver for (H, W), scale and numpy type character."""
     return TransformSolver(shape, mm_per_px, np.float32 if dtype == "f" else np.float64)
 
 
 def inverse_eigenvalues(shape: tuple[int, int], mm_per_px: Pair) -> Floats:
-    """1 over the eigenvalues (H, W) of the Laplacian, none above 0; 0 for the mean, which slopes leave open."""
+    """Return 1 over the Laplacian's eigenvalues (H, W), none above 0; 0 for the undetermined mean."""
     along_y, along_x = (
         (2.0 - 2.0 * np.cos(np.pi * np.arange(count) / count)) / step**2
         for count, step in zip(shape, mm_per_px[::-1], strict=True)
@@ -114,7 +114,7 @@ def inverse_eigenvalues(shape: tuple[int, int], mm_per_px: Pair) -> Floats:
 
 
 def _continued(shape: tuple[int, int]) -> tuple[int, int]:
-    """The axis whose length has the greatest prime factor, and the length that it is continued to."""
+    """Return the axis whose length has the greatest prime factor, and its padded length."""
     factors = [_greatest_factor(count) for count in shape]
     axis = int(np.argmax(factors))
     count = shape[axis]
@@ -132,7 +132,7 @@ def _greatest_factor(count: int) -> int:
 
 
 def _growing(count: int, across: int, ratio: float) -> Floats:
-    """G (across, count); `ratio` is the step along by the step across."""
+    """Return G (across, count); `ratio` is the step along by the step across."""
     half = ratio * np.sin(np.pi * np.arange(1, across) / (2 * across))[:, None]
     rate = 2.0 * np.arcsinh(half)
     x, end = rate * (np.arange(count) + 0.5), rate * count
@@ -152,7 +152,7 @@ MAX_BORDER_RISE = 0.05  # of the depth that comes out: what the border may rise 
 
 
 def integrate_dirichlet(slopes: SlopeMap, mm_per_px: Pair) -> Array:
-    """Depth (H, W) in mm, float64, 0 on the outermost pixels.
+    """Return the depth (H, W) in mm, float64, 0 on the outermost pixels.
 
     Raises InputError where the slopes are not finite and valid throughout, or go up and down along the border by
     more than MAX_BORDER_RISE of the depth within: a contact, or a tilt, is cut by it.
@@ -185,7 +185,7 @@ def integrate_dirichlet(slopes: SlopeMap, mm_per_px: Pair) -> Array:
 
 
 def _rises_mm(p: Array, q: Array, mm_per_px: Pair) -> float:
-    """The greatest difference of height along a side of the border, by its own slopes."""
+    """Return the greatest difference of height along a side of the border, by its own slopes."""
     sides = [(p[0], mm_per_px[0]), (p[-1], mm_per_px[0]), (q[:, 0], mm_per_px[1]), (q[:, -1], mm_per_px[1])]
     heights = [np.cumsum(0.5 * (side[1:] + side[:-1])) * step for side, step in sides]
     return max(float(np.ptp(height)) for height in heights)
@@ -214,7 +214,7 @@ def integrate(
     tolerance: float = 1e-6,
     border: Literal["free", "flat"] = "free",
 ) -> Array:
-    """Depth (H, W) in mm of `slopes`, its mean 0; float32 slopes are integrated in float32, others in float64.
+    """Return depth (H, W) in mm of `slopes`, its mean 0; in float32 for float32 slopes, else float64.
 
     `weights` (H, W) in [0, 1] says how far each pixel's slopes are to be trusted (0: not at all; the surface is
     then carried over from the other pixels); None trusts all alike, which is one pair of cosine transforms.
@@ -260,7 +260,7 @@ def divergence(x_edges: Array, y_edges: Array, mm_per_px: Pair) -> Array:
 
 
 def gradient(depth: Array, mm_per_px: Pair) -> tuple[Array, Array]:
-    """Differences of `depth` (H, W) over the edges: (H, W-1) along x and (H-1, W) along y, mm per mm."""
+    """Return differences of `depth` (H, W) over the edges: (H, W-1) along x, (H-1, W) along y, mm per mm."""
     return np.diff(depth, axis=1) / mm_per_px[0], np.diff(depth, axis=0) / mm_per_px[1]
 
 
@@ -273,7 +273,7 @@ def weighted(
     tolerance: float = 1e-6,
     max_iterations: int = 500,
 ) -> Array:
-    """The weighted least-squares surface (H, W), mean 0, by conjugate gradients behind the exact transform.
+    """Return the weighted least-squares surface (H, W), mean 0, by preconditioned conjugate gradients.
 
     An edge's weight is the smaller of its two pixels', at least FLOOR. Preconditioned by the unweighted
     solution the spectrum lies in [FLOOR, 1], gathered at both ends, so that tens of iterations do.
@@ -305,7 +305,7 @@ def solve_edges(
     max_iterations: int = 500,
     start: Array | None = None,
 ) -> Array:
-    """Depth whose differences are nearest to the targets (H, W-1), (H-1, W) under the weights of the edges."""
+    """Return depth with differences nearest to the targets (H, W-1), (H-1, W), weighted by edge."""
     solver = transform_solver((target_x.shape[0], target_y.shape[1]), mm_per_px, "d")
 
     def stiffness(depth: Array) -> Array:
@@ -360,13 +360,13 @@ def _checked(slopes: SlopeMap) -> tuple[Array, Array]:
 #     (z_(i+1) - z_i)/d = mean of p over the square of side d that is centred on their common edge
 #
 # which is four squares half as wide. The mean of the two squares' own slopes instead reaches over 2 d: it blurs a
-# surface with a deviation of .5 d, and beside a punch that takes .001 to .002 off nu at d = .25 mm.
+# surface with a deviation of .5 d, and around a punch it lowers nu by .001 to .002 at d = .25 mm.
 
 
 def integrate_half_squares(
     dz_dx: Floats, dz_dy: Floats, *, share: Floats, least: float, mm_per_px: Pair
 ) -> tuple[Floats, Bools]:
-    """Depth (h, w) in mm, its mean 0, and where it is known (h, w), from mean slopes (2h, 2w) of half squares.
+    """Return depth (h, w) mm, mean 0, and where it is known (h, w), from mean slopes (2h, 2w).
 
     `share` (2h, 2w), from 0 to 1, of each half square's pixels that are readable; squares and edges with less than
     `least` of theirs are not known, the surface is carried over them. `mm_per_px` (x, y) of half squares.
@@ -387,12 +387,12 @@ def integrate_half_squares(
 
 
 def _along_both(values: Floats) -> Floats:
-    """Sums (h, w) over the four half squares of each square, of values (2h, 2w)."""
+    """Return sums (h, w) over the four half squares of each square, of values (2h, 2w)."""
     rows = values[::2] + values[1::2]
     return np.asarray(rows[:, ::2] + rows[:, 1::2])
 
 
 def _between(values: Floats) -> Floats:
-    """Sums (h, w - 1) over the four half squares round the edge of two squares that are neighbours in a row."""
+    """Return sums (h, w - 1) over the four half squares around the edge of two neighbours in a row."""
     rows = values[::2] + values[1::2]
     return np.asarray(rows[:, 1:-1:2] + rows[:, 2:-1:2])

@@ -51,7 +51,7 @@ from tactilevision.sensors.rectification import rectify
 Depth = npt.NDArray[np.floating[Any]]
 # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
 READABLE = 0.8
-MIN_CHECKED_MM = 0.08  # mm: in maps that are flatter nothing false is worth the time to look for it
+MIN_CHECKED_MM = 0.08  # mm: flatter maps are not checked for inconsistent light
 AS_CALIBRATED: Any = object()  # of a field: what the method and its calibration say
 
 
@@ -95,17 +95,17 @@ class Reading:
 
     @property
     def zero(self) -> ZeroPlane:
-        """The plane of the untouched gel, which depth counts from."""
+        """Return the plane of the untouched gel, from which depth counts."""
         return self.surface.zero
 
     @property
     def edges(self) -> Sequence[PunchEdge]:
-        """The walls of flat faces that were restored."""
+        """Return the walls of flat faces that were restored."""
         return self.surface.walls
 
     @property
     def residuals(self) -> Pair:
-        """Misfit of the picture's light (no unit), and deviation of the zero plane in mm."""
+        """Return misfit of the picture's light (no unit), and deviation of the zero plane in mm."""
         drift = self.surface.drift
         return (0.0 if drift is None else drift.misfit), self.zero.std_mm
 
@@ -170,30 +170,30 @@ class Reconstructor:
 
     @cached_property
     def referenced(self) -> ReferencedMethod | None:
-        """The method, where it has a reference."""
+        """Return the method, where it has a reference."""
         return as_referenced(self.method)
 
     @cached_property
     def readable(self) -> float:
-        """The steepest slope that is read reliably."""
+        """Return the steepest slope that is read reliably."""
         steepest = self.referenced.card.steepest_slope if self.referenced else None
         return READABLE * steepest if steepest else np.inf
 
     @cached_property
     def error(self) -> DepthError | None:
-        """The deviation of depths; None for a method that states none."""
+        """Return the deviation of depths; None for a method that states none."""
         return DepthError(self.referenced, self.sensor.mm_per_px) if self.referenced else None
 
     @cached_property
     def grids(self) -> TwoGridPoisson | None:
-        """What integrates gentle gel on a coarse grid; None where slopes are read pixel by pixel."""
+        """Return the integrator on a coarse grid; None where slopes are read pixel by pixel."""
         if self.referenced is None or (tiled := self.referenced.tiled_evaluator) is None:
             return None
         return TwoGridPoisson(self.referenced.reference.shape, tiled.px, self.sensor.mm_per_px)
 
     @cached_property
     def light_check(self) -> LightCheck | None:
-        """What finds light that the method does not explain; None of a method whose balls did not tell its law."""
+        """Return the check for unexplained light; None where balls did not determine the method's law."""
         method = self.referenced
         if method is None or (method.light_law is None and method.card.balls):
             return None
@@ -202,7 +202,7 @@ class Reconstructor:
     # The path of a frame.
 
     def height_map(self, frame: Frame | Bytes) -> HeightMap:
-        """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
+        """Return depth (H, W) float32 mm of a raw frame, rectified, positive into the gel, 0 where untouched.
 
         `frame` may be its pixels alone, (H, W, 3) uint8, red first.
         Pixels whose colour says nothing (dark, saturated) are invalid; the surface is carried over them. A picture
@@ -212,7 +212,7 @@ class Reconstructor:
         return self.read(frame).height
 
     def rectified_map(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> HeightMap:
-        """The height map of a picture that is rectified already."""
+        """Return the height map of a rectified picture."""
         return self.read_rectified(rgb, time_s=time_s, name=name).height
 
     def read(self, frame: Frame | Bytes) -> Reading:
@@ -221,7 +221,7 @@ class Reconstructor:
         return self.read_rectified(self.rectified(frame), time_s=frame.time_s, name=frame.name)
 
     def read_rectified(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> Reading:
-        """As `read`, of a picture (H, W, 3) that is rectified already."""
+        """Return the reading of a rectified picture (H, W, 3), as `read`."""
         surface = self._surface(rgb)
         drift, inconsistency = surface.drift, self._inconsistency(surface)
         steep = self.error is not None and not surface.walls and self.error.too_steep(surface.steepest)
@@ -247,7 +247,7 @@ class Reconstructor:
         return Reading(height, surface, evidence, self.error)
 
     def rectified(self, frame: Frame | Bytes) -> Bytes:
-        """The rectified picture of a raw frame. Raises InputError for one of another size."""
+        """Return the rectified picture of a raw frame. Raises InputError for one of another size."""
         frame = as_frame(frame)
         size, known = (frame.rgb.shape[1], frame.rgb.shape[0]), self.frame_size_px
         if known is not None and size != known:
@@ -260,7 +260,7 @@ class Reconstructor:
         return rectify(self.sensor, frame.rgb)
 
     def _surface(self, rgb: Bytes) -> Surface:
-        """Slopes, walls, depth and zero plane of a rectified picture."""
+        """Return slopes, walls, depth and zero plane of a rectified picture."""
         if self.grids and self.referenced and (tiled := self.referenced.tiled_evaluator):
             return self._on_two_grids(rgb, tiled, self.grids)
         if self.referenced is None:
@@ -280,7 +280,7 @@ class Reconstructor:
         return Surface(depth, valid, zero, walls, frame, steepest, lost, lambda: slopes)
 
     def _on_two_grids(self, rgb: Bytes, tiled: TiledEvaluator, grids: TwoGridPoisson) -> Surface:
-        """As `_surface`, gentle gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
+        """Return `_surface` with gentle gel on a coarse grid; pixel slopes are made on demand."""
         tiles, scale, law = tiled.read_tiles(rgb), self.sensor.mm_per_px, WallLaw(self.readable, self.taught)
         walls: list[PunchEdge] = []
         if tiles.steepest >= law.limit:
@@ -299,7 +299,7 @@ class Reconstructor:
         return find_zero_plane(depth, untouched, mm_per_px=mm_per_px, thickness_mm=thickness, trusted=trusted)
 
     def _inconsistency(self, surface: Surface) -> Inconsistency | None:
-        """What of a picture the light does not explain; None of a map too flat to look."""
+        """Return what the light does not explain in a picture; None for too flat a map."""
         if surface.frame is None or self.light_check is None:
             return None
         low, high, *_ = cv2.minMaxLoc(surface.depth_mm)
@@ -308,7 +308,7 @@ class Reconstructor:
     def _flags(
         self, surface: Surface, evidence: MapEvidence, inconsistency: Inconsistency | None
     ) -> tuple[str, ...]:
-        """What makes the map as a whole doubtful."""
+        """Return the flags of the map as a whole."""
         depth, gel = surface.depth_mm, self.sensor.gel
         flags = self.match.flags(surface.drift, surface.zero) if self.match else ()
         found = {
@@ -322,7 +322,7 @@ class Reconstructor:
     # Before and between frames.
 
     def slope_map(self, frame: Frame | Bytes) -> SlopeMap:
-        """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
+        """Return the slopes (H, W), mm/mm, of a raw frame before integration. Raises as height_map does."""
         rgb = self.rectified(frame)
         return self.referenced.read(rgb).slopes if self.referenced else self.method.slopes(rgb)
 

@@ -30,29 +30,28 @@ if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
 
 
-# How much of what no drift explains is gel that slopes beside a contact?
+# How much of the colour change that drift does not explain comes from sloping gel around a contact?
 #
-#     left_c(b) = sum_n a_n J_c(b) u(b) exp(-d(b) / L_n)
+#     residual_c(b) = sum_n a_n J_c(b) u(b) exp(-d(b) / L_n)
 #
-# d is a block's distance from the contact, u the direction away from it, J (3, 2) what a slope makes of colours.
-# The lengths L_n are parts of the contact's radius, that of a circle of its area; they are spread so widely that
-# gels of all thicknesses lie between them. The three a_n are fitted to the untouched blocks by iteratively
-# reweighted least squares. A lamp that was moved, daylight or a shift have no such pattern about the contact, and
-# nothing has one where there is no contact.
+# d is the distance of block b from the contact, u the direction away from it, J (3, 2) the colour change per
+# slope. The lengths L_n are fractions of the contact's equivalent radius and cover gels of all thicknesses. The
+# three a_n are fitted to the untouched blocks by iteratively reweighted least squares. A moved lamp, daylight or a
+# shift has no such pattern.
 #
-# Measured on a renderer that shares no code with the library, lamps at 13 to 30 degrees: 16 flat faces of .12 to
-# .46 mm leave 1 to 7.6 times the usual misfit as they are, .7 to 2.3 times without their slopes; lamps turned by 3
-# degrees or more leave 3.3 to 40 times where a face is pressed.
+# Measured on an independent renderer, lamps at 13 to 30 degrees: 16 flat faces of .12 to .46 mm have 1 to 7.6
+# times the usual misfit before the fit and .7 to 2.3 times after it; lamps turned by 3 degrees or more have 3.3 to
+# 40 times where a face is pressed.
 
-LENGTHS = (0.25, 0.5, 1.0)  # of the contact's radius, over which slopes beside it die out
-ROUNDS = 3  # of reweighting; ten move the misfit by at most .06 of it
-WIDTH = 3.0  # deviations from which a block counts less
+LENGTHS = (0.25, 0.5, 1.0)  # of the contact's radius: decay lengths of the slopes outside it
+ROUNDS = 3  # of reweighting; ten change the misfit by at most .06 of it
+WIDTH = 3.0  # deviations beyond which a block has less weight
 
 
 def misfit_beside(drift: Drift, tracker: DriftTracker) -> float:
-    """The misfit of a `drift` that `tracker` measured last, without the gel's slopes beside contacts; no unit.
+    """Return the misfit of the last `drift` measured by `tracker`, excluding gel slopes around contacts; ratio.
 
-    As it is where there is no contact, and where no ball has told what slopes do.
+    Without a contact, or without balls that determine the effect of slopes, the misfit is unchanged.
     """
     usable = tracker.usable
     contact = solid(~drift.untouched & usable.reshape(drift.untouched.shape))
@@ -66,7 +65,7 @@ def misfit_beside(drift: Drift, tracker: DriftTracker) -> float:
 
 
 def _away(contact: Bools) -> Floats:
-    """Slopes (lengths, 2, blocks) away from a `contact` (h, w), 1 at its rim."""
+    """Return slopes (lengths, 2, blocks) directed away from a `contact` (h, w), 1 at its rim."""
     distance = distance_px(~contact).astype(np.float64)
     down, across = np.gradient(cv2.GaussianBlur(distance, (0, 0), 1.0))
     direction = np.stack([across, down]) / np.maximum(np.hypot(across, down), 1e-9)
@@ -76,12 +75,12 @@ def _away(contact: Bools) -> Floats:
 
 
 def _without(left: Floats, patterns: Floats, beside: Bools) -> Floats:
-    """Squares (blocks,) of what is `left` (3, blocks) without `patterns` (n, 3, blocks), fitted `beside`."""
+    """Return squares (blocks,) of `left` (3, blocks) after fitting `patterns` (n, 3, blocks) at `beside`."""
     weights = beside.astype(np.float64)
     for _ in range(ROUNDS):
         weighted = patterns * weights
         normal = np.einsum("ncb,mcb->nm", weighted, patterns)
-        normal[np.diag_indices_from(normal)] *= 1.0 + 1e-9  # patterns that are alike leave it singular
+        normal[np.diag_indices_from(normal)] *= 1.0 + 1e-9  # similar patterns make the matrix singular
         shares = np.linalg.solve(normal, np.einsum("ncb,cb->n", weighted, left))
         squares = np.sum((left - np.tensordot(shares, patterns, axes=1) * beside) ** 2, axis=0)
         scale = max(1.0, float(median(squares[beside])) / MEDIAN_LENGTH**2)
@@ -89,39 +88,37 @@ def _without(left: Floats, patterns: Floats, beside: Bools) -> Floats:
     return np.asarray(squares)
 
 
-# Has the picture moved against its reference? A camera that was knocked, a sensor that was opened.
+# Has the picture moved relative to its reference, as after a knock on the camera?
 #
-# Colour change is counted pixel by pixel, so a picture that lies 10 px beside its reference shows up to a
-# millimetre of depth that is not there. Light is too smooth to tell a shift from drift; the gel's grain, dirt and
-# marks tell it:
+# Colour change is computed pixel by pixel, so a shift of 10 px produces up to a millimetre of false depth. Light
+# is too smooth to separate a shift from drift; the gel's grain, dirt and marks show it:
 #
-#     c(d) = sum_x g_0(x) g(x + d)        g: detail of 1 to 3 px of the logarithm of brightness, of even strength
+#     c(d) = sum_x g_0(x) g(x + d)        g: normalised detail of 1 to 3 px of the logarithm of brightness
 #
-# has its peak where the picture lies. A contact carries little of the gel with it and blurs the peak, no more.
-# Noise on the chip stays in its place and keeps a peak at 0, so a shift counts where its peak stands clearly above
-# that one. Shifts of up to REACH_PX are looked for: marks on a lattice look alike farther on. A gel without grain
-# tells nothing.
+# has its peak at the shift. A contact only blurs the peak. Fixed sensor noise keeps a peak at 0, so a shift counts
+# only where its peak clearly exceeds that one. The search covers REACH_PX: lattice marks repeat beyond it. A gel
+# without grain gives no result.
 
 FINE_PX = 0.8  # px: sigma of the finer blur; detail is its difference from the coarser
 COARSE_PX = 3.0  # px: sigma of the coarser blur
-EVEN_PX = 15.0  # px: sigma of the blur over which the strength of detail is taken
-DARK_GREY = 30.0  # of three channels together, below which noise would be most of the detail
-MAX_DETAIL = 3.0  # of the detail's strength: one scratch is not all there is to see
-REACH_PX = 16  # px: the largest shift that is looked for
-# deviations of the correlation by which its peak stands out; unmoved real frames have 15 and more
+EVEN_PX = 15.0  # px: sigma of the blur that gives the detail's local strength
+DARK_GREY = 30.0  # sum of three channels, below which noise dominates the detail
+MAX_DETAIL = 3.0  # of the detail's strength: limits the weight of one scratch
+REACH_PX = 16  # px: the largest shift searched
+# deviations of the correlation at which its peak is significant; unmoved real frames have 15 and more
 SHIFT_SIGMA = 12.0
-MIN_PEAK_RATIO = 1.5  # times the correlation of a picture that has not moved
-MIN_PX = 1.5  # gel that is pressed sideways moves by as much
-ALIKE_PX = 1.5  # px from the middle shift, within which shifts count as alike
-SHIFT_FRAMES = 8  # frames that are looked at, at most, spread evenly
+MIN_PEAK_RATIO = 1.5  # times the correlation at zero shift
+MIN_PX = 1.5  # px: gel that is pressed sideways moves by as much
+ALIKE_PX = 1.5  # px from the median shift, within which shifts agree
+SHIFT_FRAMES = 8  # maximum number of frames examined, evenly spaced
 
 Single = npt.NDArray[np.float32]
 
 
 def image_shift(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair | None:
-    """Shift (right, down) in px by which most `pictures` (H, W, 3) lie beside the `reference` (H, W, 3).
+    """Return the shift (right, down) in px of most `pictures` (H, W, 3) relative to the `reference` (H, W, 3).
 
-    None where they do not, or where it cannot be seen. At most MAX_FRAMES of them are looked at, spread evenly.
+    None without a common or measurable shift. At most SHIFT_FRAMES evenly spaced pictures are examined.
     """
     chosen = np.unique(np.linspace(0, len(pictures) - 1, min(SHIFT_FRAMES, len(pictures))).astype(int))
     spectrum = _spectrum(reference)
@@ -137,7 +134,7 @@ def image_shift(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair 
 
 
 def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | None:
-    """By how much (2,) one picture has moved; None where it has not, or where it cannot be seen."""
+    """Return the shift (2,) of one picture in px; None where it has not moved or the shift is not measurable."""
     shape = picture.shape[:2]
     whole = np.fft.irfft2(spectrum.conj() * _spectrum(picture), s=shape)
     noise = mad_std(whole, centre=0.0) + 1e-12
@@ -152,7 +149,7 @@ def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | Non
 
 
 def _vertex(three: Floats) -> float:
-    """Where the parabola through three values, a pixel apart, has its top, from the middle one."""
+    """Return the vertex of the parabola through three values, a pixel apart, relative to the middle one."""
     curvature = float(three[0] - 2.0 * three[1] + three[2])
     return 0.0 if curvature >= 0 else float(np.clip(0.5 * (three[0] - three[2]) / curvature, -0.5, 0.5))
 
@@ -164,42 +161,41 @@ def _spectrum(picture: npt.NDArray[Any]) -> npt.NDArray[np.complex128]:
 
 
 def _grain(picture: npt.NDArray[Any]) -> Single:
-    """Detail (H, W) of a picture, of about the same strength all over it."""
+    """Return the detail (H, W) of a picture, normalised to uniform strength."""
     bright = np.log(picture.sum(axis=2, dtype=np.float32) + np.float32(DARK_GREY))
     fine = cv2.GaussianBlur(bright, (0, 0), FINE_PX) - cv2.GaussianBlur(bright, (0, 0), COARSE_PX)
     strength = cv2.sqrt(cv2.GaussianBlur(fine * fine, (0, 0), EVEN_PX)) + np.float32(1e-4)
     return np.asarray(np.clip(fine / strength, -MAX_DETAIL, MAX_DETAIL), np.float32)
 
 
-# Is a picture one of the scene and the light that its reference was taken of?
+# Does a picture show the scene and the light of its reference?
 #
-# Drift of the light is undone (`photometric/drift.py`). What it cannot explain, in deviations of a block's noise,
-# is small in most of the picture as long as that shows the reference's gel under the reference's lamps: its
-# median, the misfit, is compared with what the calibration's own pictures had. It is MAX_MISFIT times larger where
-# daylight falls in from a side, where the picture has moved by several pixels, and where a contact, or the slopes
-# round it, fill most of the picture, so that no untouched gel tells the drift. Where gentle slopes beside a
-# contact make it large they are taken off. What passes for drift and is none (a lamp was
-# moved) bends the untouched gel instead, so that its zero plane is known less well: the product of both may be
-# MAX_PRODUCT times the usual. A shift is seen from 1.5 px on by the gel's grain (`heightmap/reference_match.py`),
-# which takes longer: asked for once.
+# Drift of the light is corrected (`photometric/drift.py`). The residual, in deviations of a block's noise, is
+# small in most of the picture while it shows the reference's gel under the reference's lamps: its median, the
+# misfit, is compared with that of the calibration's pictures. It exceeds MAX_MISFIT times that value under lateral
+# daylight, after a shift of several pixels, and where a contact and its surrounding slopes fill most of the
+# picture, so that no untouched gel determines the drift. Gentle slopes around a contact are subtracted first. A
+# moved lamp that the drift model absorbs bends the untouched gel instead and increases the zero plane's deviation:
+# the product of both may be MAX_PRODUCT times the usual. The gel's grain shows shifts from 1.5 px
+# (`heightmap/reference_match.py`); this slower check runs only once.
 
 MAX_MISFIT = 3.0  # times the baseline's misfit
-# times the baseline's product of both: a large contact leaves the zero plane less well known, but fits
+# times the baseline's product of both: a large contact increases the zero plane's deviation, but fits
 MAX_PRODUCT = 15.0
-MIN_MISFIT = 0.8  # the least misfit that is usual: one reading's own noise
-MIN_STD_MM = 0.001  # mm: the least deviation of the zero plane that is usual: one reading's own noise
-# as real pictures have against a reference of a single JPEG
+MIN_MISFIT = 0.8  # least usual misfit: the noise of one reading
+MIN_STD_MM = 0.001  # mm: least usual deviation of the zero plane: the noise of one reading
+# as for real pictures against a reference of a single JPEG
 DEFAULT_BASELINE = {"misfit": 7.5, "zero_std_mm": 0.02}
 FRAMES_READ = 9  # frames spread over a recording; of a video the first ones
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceMatch:
-    """Flags the pictures of one method that are unlike its reference.
+    """Flags the pictures of one method that differ from its reference.
 
-    `usual` is what to compare with (`misfit`, `zero_std_mm`), None: what the method's card has. `other_light`:
-    method or pictures are of another light or order than the reference. `shift_px` (right, down) of the pictures;
-    `contact_px`, where (x, y) frames show a contact in the reference itself.
+    `usual` is the baseline (`misfit`, `zero_std_mm`); None: that of the method's card. `other_light`: method or
+    pictures have another light or order than the reference. `shift_px` (right, down) of the pictures;
+    `contact_px`: where (x, y) frames show a contact in the reference itself.
     """
 
     method: ReferencedMethod
@@ -210,18 +206,18 @@ class ReferenceMatch:
 
     @property
     def pressed_px(self) -> Pair | None:
-        """Where the reference, or that of the calibration, shows a contact."""
+        """Return where the reference, or that of the calibration, shows a contact, in px."""
         return self.contact_px or self.method.card.contact_in_reference_px
 
     @cached_property
     def baseline(self) -> Pair:
-        """Misfit and deviation of the zero plane (mm) that are usual."""
+        """Return the usual misfit and deviation of the zero plane (mm)."""
         chosen: Mapping[str, float] = self.usual or self.method.card.baseline or DEFAULT_BASELINE
         return max(MIN_MISFIT, float(chosen["misfit"])), max(MIN_STD_MM, float(chosen["zero_std_mm"]))
 
     @cached_property
     def lasting(self) -> tuple[str, ...]:
-        """Flags of every picture."""
+        """Return the flags common to all pictures."""
         card = self.method.card
         found = {
             UNFIT: bool(unfit(card)),
@@ -233,8 +229,9 @@ class ReferenceMatch:
         return tuple(flag for flag, there in found.items() if there)
 
     def with_light(self, light: npt.ArrayLike) -> tuple[ReferenceMatch, tuple[str, ...]]:
-        """See whether the method was made in another `light` (photometric/reference.py), or for pictures whose
-        sides or colours were exchanged since; a warning where it was.
+        """Check whether the method was made in another `light` (photometric/reference.py), or before sides or
+        colours were
+        exchanged; warn if so.
         """
         before, now = (
             np.log(np.maximum(one, 1.0)) for one in (np.asarray(light, float), light_of(self.method.reference))
@@ -251,7 +248,7 @@ class ReferenceMatch:
         return replace(self, other_light=bool(warning)), warning
 
     def with_shift(self, pictures: Sequence[Bytes]) -> tuple[ReferenceMatch, tuple[str, ...]]:
-        """See by rectified `pictures` whether they have moved; a warning where they have."""
+        """Check whether rectified `pictures` have shifted; warn if so."""
         shape = self.method.reference.rgb.shape
         shift = image_shift(self.method.reference.rgb, [rgb for rgb in pictures if rgb.shape == shape])
         if shift is None:
@@ -265,10 +262,9 @@ class ReferenceMatch:
     def with_scene(
         self, frames: Sequence[Frame], *, before: Reference | None = None
     ) -> tuple[ReferenceMatch, tuple[str, ...]]:
-        """See by rectified `frames` what happened since the reference (scene_faults.py); a warning for each.
+        """Check rectified `frames` for changes since the reference (scene_faults.py); issue a warning for each.
 
-        `before`: the reference as it was taken, where such frames have renewed it. Frames without times are in
-        order.
+        `before`: the original reference, where such frames have renewed it. Frames without times are in order.
         """
         frames = sorted(frames, key=lambda frame: np.nan_to_num(frame.time_s))
         names = [frame.name for frame in frames]
@@ -277,7 +273,7 @@ class ReferenceMatch:
         return replace(self, other_light=other), tuple(fault.sentence for fault in found)
 
     def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
-        """What makes a frame of this `drift` and zero plane doubtful (records/maps.py)."""
+        """Return the flags of a frame with this `drift` and zero plane (records/maps.py)."""
         misfit = drift.misfit if drift is not None else 0.0
         unlike = self.other_light or self._is_unlike(misfit, zero.std_mm)
         if drift is not None and unlike and not self.other_light:
@@ -290,9 +286,9 @@ class ReferenceMatch:
 
 
 def baseline(residuals: Callable[[Bytes], tuple[float, ...]], pictures: Sequence[Bytes]) -> dict[str, float]:
-    """The median misfit, and deviation of the zero plane in mm, of rectified `pictures`, presses among them.
+    """Return the median misfit and zero-plane deviation in mm of rectified `pictures`, presses included.
 
-    `residuals` gives both for one picture. Those that cannot be read do not count.
+    `residuals` gives both for one picture. Unreadable pictures are excluded.
     """
     measured = []
     for rgb in pictures:
@@ -304,12 +300,12 @@ def baseline(residuals: Callable[[Bytes], tuple[float, ...]], pictures: Sequence
 
 
 def some_frames(recording: Recording, *, count: int = FRAMES_READ) -> list[Bytes]:
-    """The rectified pictures (H, W, 3) of `spread_frames`."""
+    """Return the rectified pictures (H, W, 3) of `spread_frames`."""
     return [frame.rgb for frame in spread_frames(recording, count=count)]
 
 
 def spread_frames(recording: Recording, *, count: int = FRAMES_READ) -> list[Frame]:
-    """`count` rectified frames spread over a recording, of a video its first, named as `rectified_frames` does."""
+    """Return `count` rectified frames spread over a recording (of a video its first), with their names."""
     there = len(recording.frame_names)
     if recording.frames_path is None or not there:
         return []
@@ -318,7 +314,7 @@ def spread_frames(recording: Recording, *, count: int = FRAMES_READ) -> list[Fra
 
 
 def rectified_frames(recording: Recording, indices: Iterable[int]) -> list[Frame]:
-    """The rectified frames at `indices`, named with their press; torn ones are passed over."""
+    """Yield the rectified frames at `indices`, named with their press; skip torn ones."""
     from tactilevision.recording.pictures import read_frame
 
     frames = []
@@ -331,32 +327,32 @@ def rectified_frames(recording: Recording, indices: Iterable[int]) -> list[Frame
     return frames
 
 
-# Was the gel touched when its reference was taken? Every frame then shows that contact the wrong way round.
+# Was the gel touched when its reference was taken? Every frame then shows that contact inverted, as a hill.
 #
-# Colours count from the reference, so gel that was pressed there and is free now comes out as a hill. Nothing
-# makes one but that: gel that rises beside a contact stands much lower than the contact is deep. So hills count
-# which lie at one place in the middle one of several frames, in gel that follows no drift of the light in most of
-# them. At the picture's border, where light and gel change first, a hill tells nothing.
+# Gel pressed in the reference and free now appears as a hill; gel that rises around a contact stays much lower
+# than the contact is deep. A hill counts if it lies at one place in the median of several frames, in gel whose
+# colour change no drift explains in most of them. The picture's border, where light and gel change first, is
+# excluded.
 
 Array = npt.NDArray[np.floating[Any]]
 
-MIN_FRAMES = 3  # frames that can be read; fewer show nothing
-CONTACT_FRAMES = 9  # frames that are read, at most, spread evenly
+MIN_FRAMES = 3  # readable frames; fewer are inconclusive
+CONTACT_FRAMES = 9  # maximum number of frames read, evenly spaced
 MIN_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
 # times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
 CONTACT_SIGMA = 6.0
-MIN_MM = 0.03  # mm: the least height that counts, however small the deviations
-MIN_DENT_SHARE = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
-PRESSED_SIGMA = 3.0  # deviations of depth, for a dent in what may become the reference: in doubt it does not
+MIN_MM = 0.03  # mm: the least height that counts, whatever the deviations
+MIN_DENT_SHARE = 0.5  # of the deepest dent next to the hill: gel outside a contact rises by at most a fifth
+PRESSED_SIGMA = 3.0  # deviations of depth for a dent in a candidate reference, which is then rejected
 # of the hill: 49 of 54 free medians have a dent of .39 of it at most, 46 of 47 pressed ones .42 and more
 MAX_RISE_SHARE = 0.4
-BORDER = 2  # blocks along the border of the picture, which do not count
+BORDER = 2  # excluded blocks along the border of the picture
 
 
 def check_reference(
     match: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
 ) -> tuple[ReferenceMatch, tuple[str, ...]]:
-    """A warning where rectified `pictures` (H, W, 3), not shifted, show a contact in the reference; it is noted.
+    """Warn where rectified `pictures` (H, W, 3), not shifted, show a contact in the reference; record it.
 
     `height_map` gives the map, in mm, of a rectified picture.
     """
@@ -375,10 +371,11 @@ def check_reference(
 def contact_in_reference(
     method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
 ) -> Pair | None:
-    """Where (x, y in px) the reference of `method` shows a contact, by rectified `pictures` (H, W, 3) of its run.
+    """Return where (x, y in px) the reference of `method` shows a contact, from rectified `pictures` (H, W, 3) of
+    its run.
 
-    None where it shows none, and where fewer than MIN_FRAMES can be read; MAX_FRAMES, spread evenly, are read.
-    A contact that most frames press again, deeper, cannot be seen.
+    None where it shows none, or where fewer than MIN_FRAMES are readable; at most CONTACT_FRAMES, evenly spaced,
+    are read. A contact that most frames press again, deeper, is not detectable.
     """
     some = np.unique(np.linspace(0, len(pictures) - 1, min(CONTACT_FRAMES, len(pictures))).astype(int))
     read = [_in_blocks(method, height_map, pictures[k]) for k in some]
@@ -399,10 +396,11 @@ def contact_in_reference(
 
 
 def pressed_beside(method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], *, picture: Bytes) -> bool:
-    """Whether rectified `picture` (H, W, 3) shows a contact beside that of the reference of `method`.
+    """Return whether rectified `picture` (H, W, 3) shows a contact outside that of the reference of `method`, 1 or
+    0.
 
-    Where the reference alone is pressed a hill is left, and gel beside it that rose and reads as a shallow dent.
-    A gentler contact inside the reference's own cannot be seen. True as well where the picture cannot be read.
+    A contact in the reference alone gives a hill, surrounded by risen gel that reads as a shallow dent. A gentler
+    contact inside the reference's own is not detectable. True also where the picture is unreadable.
     """
     found = _in_blocks(method, height_map, picture)
     if found is None:
@@ -416,9 +414,9 @@ def pressed_beside(method: ReferencedMethod, height_map: Callable[[Bytes], Heigh
 def _in_blocks(
     method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], picture: Bytes
 ) -> tuple[Array, Array, Bools] | None:
-    """Depth and its deviation in mm, and what has changed, in blocks (h, w) of a rectified picture (H, W, 3).
+    """Return depth and its deviation in mm, and the changed blocks (h, w), of a rectified picture (H, W, 3).
 
-    None where it cannot be read.
+    None where it is unreadable.
     """
     with suppress(InputError):
         height = height_map(picture)
@@ -434,7 +432,7 @@ def _in_blocks(
 
 
 def _patches(changed: Bools) -> list[Bools]:
-    """Each group of MIN_BLOCKS or more of blocks (h, w) that changed."""
+    """Return each group of MIN_BLOCKS or more among the changed blocks (h, w)."""
     count, patches = cv2.connectedComponents(solid(changed).astype(np.uint8))
     found = [np.asarray(patches == number) for number in range(1, count)]
     return [patch for patch in found if patch.sum() >= MIN_BLOCKS]

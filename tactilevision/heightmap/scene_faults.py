@@ -1,4 +1,4 @@
-"""Name what has changed in the pictures since their reference, compression included."""
+"""Identify changes in the pictures since their reference, compression included."""
 
 from __future__ import annotations
 
@@ -15,46 +15,46 @@ from tactilevision.photometric.reference import COLOURS
 from tactilevision.records.measured import Bools, Bytes, Floats
 from tactilevision.robust import mad_std
 
-# What has happened to the pictures since their reference, by name.
+# Changes in the pictures since their reference, by name.
 #
-# Blocks of the untouched gel are compared with the reference's, as logarithms of grey. Each fault leaves a pattern
-# of its own in ln(picture/reference):
+# Blocks of the untouched gel are compared with the reference's, as logarithms of grey. Each fault has its own
+# pattern in ln(picture/reference):
 #
-#     channels swapped, mirrored   the reference with its colours or sides exchanged fits, as it is it does not
-#     a lamp failed                one channel falls off over the picture by less than others, in some or all
-#     gamma changed                it grows with ln(reference), in all channels alike
-#     automatic exposure           one number for all blocks and channels, another in each frame
-#     torn gel, dirt               a mark at one place in all frames, or from one on, in all channels alike
+#     channels swapped, mirrored   the reference fits only with its colours or sides exchanged
+#     a lamp failed                one channel's fall-off over the picture is weaker than the others'
+#     gamma changed                it grows with ln(reference), equally in all channels
+#     automatic exposure           one number for all blocks and channels, different in each frame
+#     torn gel, dirt               a mark at one place in all frames, or from one on, in all channels
 #
-# The median over frames stands for the untouched gel, so contacts may cover half of them. A drift of the lamps is
-# none of these; `photometric/drift.py` undoes it.
+# The median over frames represents the untouched gel, so contacts may cover half of them. Lamp drift is excluded;
+# `photometric/drift.py` corrects it.
 
-BLOCKS = (16, 12)  # across and down: coarse enough that markers and noise tell nothing
-FINE_BLOCKS = (48, 36)  # across and down, for marks that are small
+BLOCKS = (16, 12)  # across and down: too coarse for markers and noise
+FINE_BLOCKS = (48, 36)  # across and down, for small marks
 DARK_GREY = 4.0  # added to grey levels, so that black has a logarithm
 MIN_CHANGE = 0.08  # ln of grey: lamps that drift, and contacts, change less
-BETTER = 0.5  # share of the change that is left when the right exchange is undone
+BETTER = 0.5  # share of the change that remains after the correct exchange
 FAILED = 0.75  # share that a channel keeps over that of the others: seven real sets keep .976, single frames .934
 MIN_FALL = (
-    0.1  # of a channel's brightness, from the darker to the brighter half: less is told by brightness itself
+    0.1  # of a channel's brightness, from the darker to the brighter half: below it brightness itself is used
 )
 LEAST_KEPT = 0.01  # share of a channel that is dark
 GAMMA_CHANGE = 0.12  # of the exponent: a camera's own curve keeps it within .05
 GAMMA_SPREAD = 0.15  # ln of grey, deviation over the picture: less shows no exponent
 EXPOSURE = 0.05  # ln of grey between frames: lamps flicker by less
 ALIKE = 0.25  # of the exposure's change: the most by which channels and places may differ in it
-MIN_FRAMES = 3  # frames from which changes between them are told
+MIN_FRAMES = 3  # frames from which changes between them are determined
 MIN_DARK = 2  # frames with a lamp out: one alone may be a contact that covers it
 MARK = 0.2  # ln of grey of a mark: dust and grain stay below it
-MARK_SIGMA = 8.0  # deviations of all blocks that a mark stands out
+MARK_SIGMA = 8.0  # deviations of all blocks at which a mark is significant
 MARK_BLOCKS = 4  # fine blocks that a mark covers: one may be a dead pixel or a hair
 MARK_WIDTH = 8.0  # fine blocks, sigma: wider changes are the light's
-MARK_EDGE = 2  # fine blocks along the border, which do not count
+MARK_EDGE = 2  # excluded fine blocks along the border
 
 
 @dataclass(frozen=True, slots=True)
 class SceneFault:
-    """What happened, in a sentence; `spoils`: depths are false by it; `dims`: a lamp's light is missing."""
+    """A change, in a sentence; `spoils`: it makes depths false; `dims`: a lamp's light is missing."""
 
     sentence: str
     spoils: bool
@@ -64,10 +64,10 @@ class SceneFault:
 def scene_faults(
     reference: npt.NDArray[np.floating], pictures: Sequence[Bytes], *, names: Sequence[str] = ()
 ) -> tuple[SceneFault, ...]:
-    """What happened to rectified `pictures` (H, W, 3) since the `reference` (H, W, 3), both in grey levels.
+    """Return the changes in rectified `pictures` (H, W, 3) since the `reference` (H, W, 3), both in grey levels.
 
-    They are in the order of time, and their `names` are told; without names they are counted. Empty where they are
-    as the reference is, and where none has its shape.
+    They are in the order of time and have `names`; without names they are numbered. Empty where nothing changed,
+    and where none has the reference's shape.
     """
     called = names or [f"number {k + 1}" for k in range(len(pictures))]
     names = [name for name, rgb in zip(called, pictures, strict=True) if rgb.shape == reference.shape]
@@ -102,9 +102,10 @@ def check_order(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) 
 
 
 def able_to_renew(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> list[Bytes]:
-    """The rectified `pictures` (H, W, 3) that may renew the `reference` (H, W, 3): no fault spoils them.
+    """Return the rectified `pictures` (H, W, 3), in grey, that may renew the `reference` (H, W, 3): without false
+    depths.
 
-    Where none is sound, those that lack a lamp's light: slopes are then read from what is left of it.
+    If there are none, return those that lack a lamp's light: slopes are then read from the remaining light.
     """
     faults = [scene_faults(reference, [rgb]) for rgb in pictures]
     sound = [rgb for rgb, found in zip(pictures, faults, strict=True) if not any(one.spoils for one in found)]
@@ -112,19 +113,19 @@ def able_to_renew(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]
 
 
 def _changes(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> tuple[Floats, Floats]:
-    """ln of grey of the `reference` in BLOCKS, and what each picture has beside it."""
+    """Return ln of grey of the `reference` in BLOCKS, and each picture's difference from it."""
     before = _blocks(reference, BLOCKS)
     return before, np.stack([_blocks(rgb, BLOCKS) for rgb in pictures]) - before
 
 
 def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
-    """ln of mean grey (rows, columns, 3) in blocks."""
+    """Return ln of mean grey (rows, columns, 3) in blocks."""
     grey = cv2.resize(np.asarray(rgb, np.float32), size, interpolation=cv2.INTER_AREA)
     return np.asarray(np.log(grey.astype(np.float64) + DARK_GREY))
 
 
 def exchanged(before: Floats, now: Floats) -> str:
-    """The exchange of sides or colours between two lights, ln of grey (rows, columns, 3); "" for none."""
+    """Return the exchange of sides or colours between two lights, ln of grey (rows, columns, 3); "" for none."""
     found = {}
     sides: dict[str, Callable[[Floats], Floats]] = {
         "": lambda a: a,
@@ -147,16 +148,17 @@ def exchanged(before: Floats, now: Floats) -> str:
 
 
 def _pattern(change: Floats) -> float:
-    """How far blocks and channels changed apart: the median size, as of a normal deviation."""
+    """Return the spread of the change over blocks and channels: the median size, as of a normal deviation."""
     known = change[np.isfinite(change)]
     return mad_std(known) if known.size else float("inf")
 
 
 def _kept(before: Floats, change: Floats) -> Floats:
-    """ln of the share that each frame (frames, 3) keeps of a channel's light, by its fall-off over the picture.
+    """Return ln of the share that each frame (frames, 3) keeps of a channel's light, by its fall-off over the
+    picture.
 
-    It is the median slope of brightness over the reference's, from darker to brighter blocks: stray light that
-    lies evenly on both has no part in it. A channel without fall-off is told by its brightness.
+    It is the median slope of brightness over the reference's, from darker to brighter blocks, independent of
+    uniform stray light. For a channel without fall-off it is the brightness ratio.
     """
     grey, now = np.exp(before).reshape(-1, 3), np.exp(before + change).reshape(len(change), -1, 3)
     order, half, channels = np.argsort(grey, axis=0), len(grey) // 2, np.arange(3)
@@ -182,8 +184,8 @@ def _failed_lamp(kept: Floats) -> str:
 
 
 def _failed_later(kept: Floats) -> str:
-    """As `_failed_lamp`, of those frames that lack one colour; a contact brightens one where another darkens."""
-    lost = np.sort(kept, axis=1)[:, 1] + np.log(FAILED)  # beside the nearer one of the other colours
+    """Return `_failed_lamp` of the frames that lack one colour; a contact brightens one where another darkens."""
+    lost = np.sort(kept, axis=1)[:, 1] + np.log(FAILED)  # compared with the nearer one of the other colours
     dark = (kept < np.minimum(lost, np.log(FAILED))[:, None]).any(axis=1)
     which = np.argmin(kept, axis=1)
     dark &= which == np.argmax(np.bincount(which[dark], minlength=3))
@@ -198,10 +200,10 @@ def _gamma(before: Floats, change: Floats) -> str:
     if mad_std(x) < GAMMA_SPREAD:
         return ""
     runs, rises = np.subtract.outer(x, x), np.subtract.outer(y, y)
-    slope = float(np.median(rises[runs > 0] / runs[runs > 0]))  # Theil and Sen's
+    slope = float(np.median(rises[runs > 0] / runs[runs > 0]))  # Theil-Sen estimator
     if abs(slope) < GAMMA_CHANGE:
         return ""
-    from scipy.stats import theilslopes  # for its interval: a second to import
+    from scipy.stats import theilslopes  # for its interval: the import takes a second
 
     _, offset, low, high = theilslopes(y, x, alpha=0.99)
     left = mad_std(y - slope * x - offset)
@@ -233,9 +235,9 @@ def _detail(change: Floats) -> Floats:
 
 
 def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes], names: Sequence[str]) -> str:
-    """A mark that all frames and channels show at one place from some frame on, and the reference does not.
+    """Return a mark that all frames and channels show at one place from some frame on, and the reference does not.
 
-    A contact makes some channels brighter and others darker; a mark changes all alike.
+    A contact makes some channels brighter and others darker; a mark changes all equally.
     """
     before = _blocks(reference, FINE_BLOCKS)
     detail = np.stack([_detail(_blocks(rgb, FINE_BLOCKS) - before) for rgb in pictures])
@@ -254,7 +256,7 @@ def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes], names:
 
 
 def _marked(seen: Bools) -> tuple[float, float] | None:
-    """The middle (column, row) of a mark among fine blocks (rows, columns) `seen` to differ; None if none."""
+    """Return the centre (column, row) of a mark in differing fine blocks `seen` (rows, columns); or None."""
     count, patches, _, centres = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
     for number in range(1, count):
         column, row = centres[number]
@@ -264,13 +266,13 @@ def _marked(seen: Bools) -> tuple[float, float] | None:
     return None
 
 
-# How strongly pictures were compressed, by the steps that JPEG and video codes leave between their blocks.
+# Compression strength of pictures, from the steps between blocks of JPEG and video codes.
 
 BLOCK = 8  # px of a block of JPEG and of most video codes
 
 
 def blocks_grey(rgb: Bytes) -> float:
-    """Grey levels by which neighbours differ more across blocks of a picture (H, W, 3) than within; 0 at least."""
+    """Return the excess grey step across blocks of a picture (H, W, 3) over that within; at least 0."""
     picture = rgb.astype(np.float32)
     return max(0.0, _across(picture), _across(picture.transpose(1, 0, 2)))
 

@@ -25,26 +25,26 @@ if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
 
 
-# What a contact of unknown shape asks of a colour law: its slopes are those of a surface.
+# The condition that a contact of unknown shape sets on a colour law: its slopes are those of a surface.
 #
-# Slopes p, q that belong to a height have no curl. Against any test function v that vanishes within the picture,
+# Slopes p, q of a height have no curl. For any test function v that vanishes at the border of the picture,
 #
 #     integral of  p dv/dy - q dv/dx  = 0
 #
-# which needs no derivative of noisy slopes, and is linear in the coefficients of a law that is. v are Gaussians
-# about the contact, and Gaussians times x or y from their middle; widths and places go with the contact's own.
+# which needs no derivative of noisy slopes, and is linear in the coefficients of a linear law. v are Gaussians
+# about the contact, and Gaussians times x or y from their centre; widths and places scale with the contact.
 
 WIDTHS = (0.2, 0.35, 0.6)  # of a Gaussian, in radii of the contact; twice as wide is .1 to 1 degree worse
-SPOKES = 6  # Gaussians round the one in the middle
-APART = 1.6  # widths from the middle to those round it
-FARTHEST = 1.4  # contact radii from the middle: beyond there is little slope
-SUPPORT = 2.5  # widths after which a Gaussian counts for nothing
-REACH = 2.5  # contact radii that a window reaches
-MAX_PIXELS = 6000  # of a window; moments of more are no quieter
-MAX_INVALID = 0.01  # of a test function's weight where the colours tell nothing
+SPOKES = 6  # Gaussians around the central one
+APART = 1.6  # widths from the centre to the surrounding Gaussians
+FARTHEST = 1.4  # contact radii from the centre: beyond there is little slope
+SUPPORT = 2.5  # widths beyond which a Gaussian is negligible
+REACH = 2.5  # contact radii: half-width of a window
+MAX_PIXELS = 6000  # of a window; more do not reduce the noise of the moments
+MAX_INVALID = 0.01  # of a test function's weight where the colours are invalid
 MIN_RADIUS_PX = 6.0  # px; a smaller contact is mostly blur
 MIN_EQUATIONS = 6  # equations; a contact at the border leaves fewer
-SAMPLES = 300  # pixels of a contact that stand for its slopes
+SAMPLES = 300  # sampled pixels of a contact for its slopes
 # highest power of place for one colour and for products of two; 2 and 1 are .1 to .9 degrees worse on D, F and G
 PLACE_ORDER = {1: 4, 2: 1}
 TERMS = tuple(
@@ -59,7 +59,7 @@ TERMS = tuple(
 class Contact:
     """`equations` (E, 2 K) for the coefficients of p, then of q; `samples` (M, K) of the terms in the contact.
 
-    `change` (M, 3) and `place` (M, 2) of the samples; `outward` (M, 2) from the contact's middle, in its radii.
+    `change` (M, 3) and `place` (M, 2) of the samples; `outward` (M, 2) from the contact's centre, in its radii.
     """
 
     equations: Floats
@@ -70,7 +70,7 @@ class Contact:
 
 
 def contact_of(change: Planes, valid: Bools, rng: np.random.Generator) -> Contact | None:
-    """The contact of a frame by its relative change (3, H, W), where it is `valid`, a mask (H, W); or None."""
+    """Return the contact of a frame by its relative change (3, H, W), where `valid`, a mask (H, W); or None."""
     try:
         x, y, radius = first_guess(np.ascontiguousarray(change.transpose(1, 2, 0)), valid)
     except InputError:
@@ -90,7 +90,7 @@ def contact_of(change: Planes, valid: Bools, rng: np.random.Generator) -> Contac
 
 
 def design(change: Floats, place: Floats) -> Floats:
-    """Values (N, K) of all TERMS, no unit, for changes (N, 3) at places (N, 2) from -1 to 1."""
+    """Return the values (N, K) of all TERMS, dimensionless, for changes (N, 3) at places (N, 2) from -1 to 1."""
     colour = {k: np.prod(change[:, PRODUCTS[k]], axis=1) for k in {k for k, _ in TERMS}}
     power = {m: place[:, 0] ** POWERS[m][0] * place[:, 1] ** POWERS[m][1] for m in {m for _, m in TERMS}}
     return np.stack([colour[k] * power[m] for k, m in TERMS], axis=1)
@@ -99,7 +99,7 @@ def design(change: Floats, place: Floats) -> Floats:
 def _window(
     change: Planes, valid: Bools, x: float, y: float, radius: float
 ) -> tuple[tuple[Floats, Floats], Floats, Floats, Bools]:
-    """Places from the middle in radii, changes (N, 3), places (N, 2) in the picture, and where they are known."""
+    """Return places from the centre in radii, changes (N, 3), picture places (N, 2), and validity."""
     height, width = valid.shape
     step = max(1, int(2 * REACH * radius / np.sqrt(MAX_PIXELS)))
     rows = np.arange(max(0, int(y - REACH * radius)), min(height, int(y + REACH * radius) + 1), step)
@@ -113,14 +113,14 @@ def _window(
 
 
 def _edges(shape: tuple[int, ...], x: float, y: float, radius: float) -> tuple[float, float, float, float]:
-    """Left, right, top and bottom of the picture from the contact's middle, in its radii, all above 0."""
+    """Return distances from the contact's centre to the left, right, top and bottom, in radii, above 0."""
     return x / radius, (shape[1] - 1 - x) / radius, y / radius, (shape[0] - 1 - y) / radius
 
 
 def _tests(
     across: Floats, down: Floats, known: Bools, *, edges: tuple[float, float, float, float]
 ) -> Iterator[Floats]:
-    """Slopes (2, N) of the test functions, each of the length 1."""
+    """Return the gradients (2, N) of the test functions, each normalised to length 1."""
     left, right, top, bottom = edges
     for width in WIDTHS:
         turns = np.arange(SPOKES) * 2.0 * np.pi / SPOKES
@@ -139,30 +139,30 @@ def _tests(
                 yield pair / np.sqrt(np.sum(pair**2))
 
 
-# Which contacts are round, by a first law of the light, and what that asks of a better one.
+# Which contacts are round by a first law of the light, and the condition that this sets on a better law.
 #
-# A round body (a ball, a cone, the round edge of a punch) makes slopes that point to one axis, whatever its
-# profile:
+# The slopes of a round body (a ball, a cone, the round edge of a punch) point to one axis, whatever its profile:
 #
 #     p (y - cy) - q (x - cx) = 0
 #
-# at each place, where a contact of any shape asks no curl alone. The axis is where a first law's slopes meet. A
-# contact whose slopes miss it by more than MAX_MISS_DEG on the median is not taken as round. What is nearly round
-# is taken as round, and turns the law a little.
+# at each place, a stronger condition than zero curl. The axis is the best intersection of a first law's slopes. A
+# contact whose slopes miss it by more than MAX_MISS_DEG in the median is not round. A nearly round contact passes
+# as round, and rotates the law slightly.
 
-# degrees, median: most real balls have 2 to 8 by a first law; 15 reads drawn dents of three ellipses .6 worse
+# degrees, median: most real balls have 2 to 8 by a first law; 15 reads rendered dents of three ellipses .6 worse
 MAX_MISS_DEG = 7.0
-MIN_SLOPE_SHARE = 0.3  # of the median slope: gentler ones tell no direction
+MIN_SLOPE_SHARE = 0.3  # of the median slope: gentler ones have no clear direction
 NEAREST = 0.1  # contact radii from the axis: nearer, directions are noise
 NEAREST_JUDGED = 0.25  # contact radii from the axis where roundness is judged
-ROUNDNESS_ITERATIONS = 4  # of weighing places anew for the axis
-OUTLYING = 2.0  # deviations at which a place counts half
+ROUNDNESS_ITERATIONS = 4  # of reweighting places for the axis
+OUTLYING = 2.0  # deviations at which a place has half weight
 
 
 def round_equations(contact: Contact, law: Floats) -> Floats | None:
-    """Equations (M, 2 K) for the coefficients of p, then of q, of a round contact; None of another.
+    """Return equations (M, 2 K) for the coefficients of p, then of q, mm/mm, of a round contact; None of another.
 
-    `law` (2, K) reads a first guess of the slopes. A row is the slope across the way to the axis, over sqrt(M).
+    `law` (2, K) gives a first estimate of the slopes. A row is the slope perpendicular to the axis direction, over
+    sqrt(M).
     """
     slopes = contact.samples @ law.T
     away = contact.outward - _axis(slopes, contact.outward)
@@ -179,7 +179,7 @@ def round_equations(contact: Contact, law: Floats) -> Floats | None:
 
 
 def _axis(slopes: Floats, place: Floats) -> Floats:
-    """The place (2,) at which the lines along `slopes` (N, 2) at `place` (N, 2) meet best."""
+    """Return the place (2,) nearest to the lines along `slopes` (N, 2) at `place` (N, 2)."""
     across = np.stack([-slopes[:, 1], slopes[:, 0]], axis=1)
     moment = np.sum(across * place, axis=1)
     weights = np.ones(len(moment))
@@ -192,30 +192,30 @@ def _axis(slopes: Floats, place: Floats) -> Floats:
     return np.asarray(axis, np.float64)
 
 
-# A colour law from contacts of unknown shape, where no ball was pressed.
+# A colour law from contacts of unknown shape, without balls.
 #
-# A law that reads each contact as a surface is right but for its scale and its sign: with slopes read as W g of
-# the true ones g, no curl in all contacts leaves W = scale times 1, since gel never stays at its place untilted
-# (the untouched picture). Minimised over the coefficients c of a law is
+# A law that reads each contact as a surface is correct up to scale and sign: with slopes read as W g of the true
+# ones g, zero curl in all contacts gives W = scale times 1, since untouched gel has zero slope (the untouched
+# picture). The coefficients c of the law minimise
 #
 #     mean of w (equations c)^2 / s0^2 + (ANCHOR / contacts) mean of (slopes(c) - anchor)^2 / mean of anchor^2
 #
-# w Cauchy weights, s0 the residual of the anchor; after each round the scale is the anchor's again. The anchor is
-# a law that is taken to hold all over the picture, so that c may vary with place even where nothing touched:
-# without a prior the constant law of the least curl, of a usual scale, contacts being dents; with one (a network
-# for such sensors) the mean of it and of the constant law that these contacts make of it.
+# w are Cauchy weights, s0 the residual of the anchor; each round restores the anchor's scale. The anchor is a law
+# assumed to hold over the whole picture, so that c may vary with place even where nothing touched: without a prior
+# the constant law of the least curl, of a usual scale, contacts being dents; with one (a network for such sensors)
+# the mean of it and of the constant law fitted to these contacts.
 
-MIN_CONTACTS = 4  # contacts; fewer are said to be few
+MIN_CONTACTS = 4  # contacts; fewer give a warning
 MIN_VARYING = 3  # contacts for a law that varies over the picture; two turned one real sensor by 58 degrees
 MIN_SLOPE_SPREAD = 0.2  # least over most power of slope by direction: 19 to 86 degrees off have .13 at most
 ANCHOR = 10.0  # weight of the anchor over contacts; 3 to 20 tried on nine real sensors, all within a degree
 PRIOR = 0.3  # weight of the prior in the constant law; of 1 to .01 tried on four real sensors, all within a degree
 ROUND = 30.0  # weight of axes of round contacts; 100 within .5 degrees on three real sensors (median)
-ROUND_ITERATIONS = 3  # of finding axes anew
+ROUND_ITERATIONS = 3  # of recomputing axes
 RIDGE = 1e-4  # of a term's own power
-MAX_ITERATIONS = 3  # of weighing equations anew; they settle in two
+MAX_ITERATIONS = 3  # of reweighting equations; they converge in two
 USUAL_CHANGE = 2.2  # colour change over slope, of three colours together; real sensors .8 to 3.5
-MIN_GAP = 4.0  # second least curl over the least: less, and contacts do not tell the law; real ones 14 to 60
+MIN_GAP = 4.0  # second least curl over the least: below it contacts do not determine the law; real ones 14 to 60
 STEEPEST = 99.5  # percentile of slopes read in the contacts that bounds later ones
 CONTRADICTION_DEG = 45.0  # median angle; right networks 5 to 12, swapped colours or a mirrored picture 59 and more
 SPREADING = (0.7548776662, 0.5698402910)  # steps of a sequence that fills a square evenly (Roberts' R2)
@@ -225,9 +225,9 @@ Prior = Callable[[Floats, Floats], Floats]
 
 
 def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> Polynomial | None:
-    """The law, or None where the contacts do not tell it.
+    """Return the law, or None where the contacts do not determine it.
 
-    `prior` gives slopes (N, 2) of relative changes (N, 3) at places (N, 2) from -1 to 1.
+    `prior` gives slopes (N, 2), mm/mm, of relative changes (N, 3) at places (N, 2) from -1 to 1.
     """
     if not contacts:
         return None
@@ -258,7 +258,7 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
 
 
 def contradict(contacts: Sequence[Contact], prior: Prior) -> bool:
-    """Whether contacts that tell the light, without the prior, turn its slopes by more than CONTRADICTION_DEG."""
+    """Return whether contacts alone rotate the slopes of `prior` by more than CONTRADICTION_DEG."""
     if not contacts:
         return False
     seen = _joined(contacts)
@@ -273,13 +273,13 @@ def contradict(contacts: Sequence[Contact], prior: Prior) -> bool:
 
 
 def _joined(contacts: Sequence[Contact]) -> Contact:
-    """All contacts as one."""
+    """Return all contacts merged into one."""
     names = (one.name for one in fields(Contact))
     return Contact(**{name: np.concatenate([getattr(one, name) for one in contacts]) for name in names})
 
 
 def _all_over(count: int) -> Floats:
-    """Places (count, 2) that fill the picture evenly, from -1 to 1."""
+    """Return places (count, 2) that fill the picture evenly, from -1 to 1."""
     return np.asarray(2.0 * (np.arange(count)[:, None] * np.array(SPREADING) % 1.0) - 1.0, np.float64)
 
 
@@ -293,7 +293,8 @@ def _solve(
     rounds: int,
     axes: Sequence[Floats] = (),
 ) -> Floats:
-    """Coefficients (2, K) of `terms` (N, K) near slopes `anchor` (N, 2), whose first `scaled` keep their power.
+    """Return coefficients (2, K) of `terms` (N, K) near slopes `anchor` (N, 2); the first `scaled` keep their
+    power.
 
     `axes` are the equations of each round contact.
     """
@@ -319,7 +320,7 @@ def _solve(
 
 
 def _corrected(seen: Contact, told: Floats) -> Floats:
-    """The constant law (2, 3) near slopes `told` (N, 2) of the samples, of little curl."""
+    """Return the constant law (2, 3) of little curl near slopes `told` (N, 2) of the samples."""
     both = np.concatenate([LINEAR, LINEAR])
     return _solve(
         seen.equations[:, both],
@@ -332,7 +333,7 @@ def _corrected(seen: Contact, told: Floats) -> Floats:
 
 
 def _least_curl(seen: Contact) -> Floats | None:
-    """The constant law (2, 3) of the least curl for its power, of a usual scale, that makes contacts dents."""
+    """Return the constant law (2, 3) of the least curl for its power, of a usual scale, with contacts as dents."""
     reduced, terms = seen.equations[:, np.concatenate([LINEAR, LINEAR])], seen.samples[:, LINEAR]
     power = terms.T @ terms / len(terms)
     power[np.diag_indices(3)] *= 1.0 + RIDGE
@@ -350,7 +351,7 @@ def _least_curl(seen: Contact) -> Floats | None:
 
 
 def _slope_spread(slopes: Floats) -> float:
-    """Power of slopes (N, 2) in the direction where it is least, over that where it is most: 1 for a ball."""
+    """Return the least over the greatest directional power of slopes (N, 2): 1 for a ball."""
     least, most = np.linalg.eigvalsh(slopes.T @ slopes)
     return float(least / most)
 
@@ -360,10 +361,10 @@ def _cauchy(residual: Floats) -> Floats:
     return np.asarray(1.0 / (1.0 + (residual / (OUTLYING * scale)) ** 2))
 
 
-# The light calibrated on what touches the gel in the frames themselves, where no ball was pressed.
+# The light calibrated on contacts in the frames themselves, without balls.
 
-MAX_FRAMES = 48  # frames that are looked at; half of them are enough for a law that varies over the picture
-RELATIVE_ERROR = 0.5  # of a slope, where no network tells one's scale
+MAX_FRAMES = 48  # frames examined; half of them are enough for a law that varies over the picture
+RELATIVE_ERROR = 0.5  # of a slope, where no network determines its scale
 # degrees: medians by one and three contacts, or objects, of nine real sensors (benchmarks.own_contacts)
 FEW_OFF_DEG = "4 to 15"
 FEW_OFF_WITH_NETWORK_DEG = "3 to 13"  # the same with a network
@@ -373,10 +374,11 @@ SCALE_STD = 0.6  # of the depth's scale then: nine real sensors .33 to 1.8 of th
 def calibrated_on_frames(
     recording: Recording, reference: Reference, *, prior: ReferencedMethod | None
 ) -> CalibratedMethod | None:
-    """A method from contacts in a recording's frames, or None where they are too few to tell the light.
+    """Return a method from contacts in a recording's frames, or None where they are too few to determine the
+    light.
 
-    Its scale is that of `prior`, or a usual one. A prior that the contacts contradict is set aside, unless they
-    do not against the median of the frames: then the reference is pressed, and they are taken against that.
+    Its scale is that of `prior`, or a usual one. A prior that the contacts contradict is rejected, unless they
+    agree with it relative to the median of the frames: then the reference is pressed, and that median replaces it.
     """
     frames = some_frames(recording, count=MAX_FRAMES)
     seen = _contacts(frames, reference)
@@ -408,7 +410,7 @@ def calibrated_on_frames(
 
 
 def _contacts(frames: Sequence[Bytes], reference: Reference) -> list[Contact]:
-    """The contacts of rectified frames (H, W, 3) that can be read."""
+    """Return the readable contacts of rectified frames (H, W, 3)."""
     change, rng, contacts = ColourChange(reference), np.random.default_rng(0), []
     for rgb in frames:
         with suppress(InputError):
@@ -418,7 +420,7 @@ def _contacts(frames: Sequence[Bytes], reference: Reference) -> list[Contact]:
 
 
 def scale_warning(method: CalibratedMethod, *, kind: str) -> str:
-    """What to expect of a method from contacts alone."""
+    """Return the expected accuracy of a method from contacts alone."""
     told = method.card.other
     count, network = told["contacts"], told["scale_of"] != "a usual light"
     doubt = (

@@ -1,14 +1,14 @@
 """Integrate coarse slopes with fine windows to a surface on two grids.
 
 The coarse slopes, in a window the means of its fine ones, are integrated on their own grid (`poisson.py`), and the
-surface z is carried over to the single pixels, linear in between. What is then left of a window's fine equations,
+surface z is interpolated linearly to the single pixels. The residual of a window's fine equations,
 
-    L e = div (p, q) - L z      e = 0 on the window's rim; nothing flows over the picture's border
+    L e = div (p, q) - L z      e = 0 on the window's rim; no flux across the picture's border
 
 (L: 5-point Laplacian) is solved by products with L's eigenvectors along either axis: at the size of a window as
-quick as transforms. Between like ends they are even and odd by turns, so that half of each will do. Means of a
-gradient are the gradient of means, so that a step comes out as high coarsely as finely, and e is small and local:
-the depth of contacts is within .1 um that of one solution.
+fast as transforms. Between equal ends they are even and odd alternately, so that half of each is sufficient. Means
+of a gradient are the gradient of means, so that a step has equal height on both grids, and e is small and local:
+the depth of contacts is within .1 um of that of one solution.
 Assumes gentle slopes at the rims of windows, as `multiresolution.py` cuts them.
 """
 
@@ -27,12 +27,12 @@ from tactilevision.photometric.windows import Window
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Floats, Pair
 
-LARGE = 10000  # points, above which a coarse grid is solved by transforms: no quicker on smaller ones
-FOLDED = 120  # points, from which on halves of waves are quicker than whole ones
+LARGE = 10000  # points, above which a coarse grid is solved by transforms: not faster on smaller ones
+FOLDED = 120  # points, from which half waves are faster than whole ones
 
 Picture = npt.NDArray[np.float32]
 Halves = tuple[Picture, Picture | None]  # even and odd waves on the first half of a line; or whole waves
-Ends = tuple[bool, bool]  # whether the first and the last of a line are free (no flow) or fixed (0 a step beyond)
+Ends = tuple[bool, bool]  # whether the first and last of a line are free (no flux) or fixed (0 a step beyond)
 
 
 class TwoGridPoisson:
@@ -50,7 +50,7 @@ class TwoGridPoisson:
         self.bend = np.array([[0, along_y, 0], [along_x, -2 * (along_x + along_y), along_x], [0, along_y, 0]])
 
     def coarse(self, slopes: Planes, windows: Sequence[Window], *, fine: Sequence[Planes]) -> Picture:
-        """Depth (h, w), mean 0, of slopes (2, h, w) and of fine ones (2, rows, columns) for each window."""
+        """Return depth (h, w), mean 0, of slopes (2, h, w) and of fine ones (2, rows, columns) for each window."""
         slopes = slopes.copy()
         for (rows, columns), inside in zip(windows, fine, strict=True):
             top, left = rows.start // self.px, columns.start // self.px
@@ -64,7 +64,7 @@ class TwoGridPoisson:
     def whole(
         self, coarse: Picture, windows: Sequence[Window], *, fine: Sequence[Planes], tilt: Pair = (0.0, 0.0)
     ) -> Picture:
-        """Depth (H, W) of a coarse one, from which a plane of slope `tilt` was taken, and the windows' slopes."""
+        """Return depth (H, W) from a coarse one, reduced by a plane of slope `tilt`, and the windows' slopes."""
         depth: Picture = np.empty(self.shape, np.float32)
         down, across = (self.px * count for count in self.size)
         cv2.resize(coarse, (across, down), dst=depth[:down, :across], interpolation=cv2.INTER_LINEAR)
@@ -75,7 +75,7 @@ class TwoGridPoisson:
         return depth
 
     def _refine(self, depth: Picture, window: Window, slopes: Planes, tilt: Pair) -> None:
-        """Put the surface of the slopes in a window, those of a plane taken off, into `depth`, in place."""
+        """Write the surface of a window's slopes, minus those of a plane, into `depth`, in place."""
         p, q = (plane - np.float32(lean) for plane, lean in zip(slopes, tilt, strict=True))
         ends = [(along.start == 0, along.stop == count) for along, count in zip(window, self.shape, strict=True)]
         z = depth[window]
@@ -89,9 +89,10 @@ class TwoGridPoisson:
 
 
 def integrate_small(slopes: Planes, step_mm: Pair) -> Picture:
-    """Depth (h, w) in mm, mean 0, of slopes (2, h, w) on a grid of steps (x, y) in mm: as `poisson.integrate`.
+    """Return depth (h, w) in mm, mean 0, of slopes (2, h, w) on a grid of steps (x, y) in mm: as
+    `poisson.integrate`.
 
-    Quicker than that on small grids.
+    Faster than that on small grids.
     """
     right = edge_divergence(slopes[0], slopes[1], half=np.array([0.5 / step for step in step_mm], np.float32))
     if right.size > LARGE:
@@ -100,7 +101,7 @@ def integrate_small(slopes: Planes, step_mm: Pair) -> Picture:
 
 
 def _solved(right: Picture, step_mm: Pair, free: tuple[Ends, Ends]) -> Picture:
-    """The surface (h, w) whose 5-point Laplacian is `right`, with ends along y and x as `free`; else mean 0."""
+    """Return the surface (h, w) with 5-point Laplacian `right`, ends along y and x as `free`; else mean 0."""
     down, _ = _waves(right.shape[0], free[0])
     across, _ = _waves(right.shape[1], free[1])
     modes = _of_modes(_to_modes(_to_modes(right, down), across) * _inverse(right.shape, step_mm, free), across)
@@ -108,7 +109,7 @@ def _solved(right: Picture, step_mm: Pair, free: tuple[Ends, Ends]) -> Picture:
 
 
 def _to_modes(values: Picture, halves: Halves) -> Picture:
-    """Even modes (w, n) of values (n, w) along their first axis, then odd ones."""
+    """Return even modes (w, n) of values (n, w) along their first axis, then odd ones."""
     even, odd = halves
     if odd is None:
         return np.asarray(values.T @ even)
@@ -122,7 +123,7 @@ def _to_modes(values: Picture, halves: Halves) -> Picture:
 
 
 def _of_modes(modes: Picture, halves: Halves) -> Picture:
-    """The values (n, w) of even modes (w, n), then odd ones."""
+    """Return the values (n, w) of even modes (w, n), then odd ones."""
     even, odd = halves
     if odd is None:
         return np.asarray(even @ modes.T)
@@ -136,15 +137,14 @@ def _of_modes(modes: Picture, halves: Halves) -> Picture:
 
 @lru_cache(maxsize=32)
 def _inverse(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> Picture:
-    """1 over the eigenvalues (h, w) of the Laplacian, 0 for that which is 0."""
+    """Return 1 over the eigenvalues (h, w) of the Laplacian, 0 for the zero one."""
     bend_y, bend_x = (_waves(count, ends)[1] for count, ends in zip(shape, free, strict=True))
     bend = (bend_y / step_mm[1] ** 2)[:, None] + (bend_x / step_mm[0] ** 2)[None, :]
     return np.asarray(-1.0 / np.where(bend > 0.0, bend, np.inf), np.float32)
 
 
 def _extrapolate(lines: Picture, known: int, clamped: int) -> None:
-    """Carry the lines (rows) on straight, in place, where the coarse grid ends: `clamped` at either end, and all
-    beyond `known`."""
+    """Extrapolate the rows linearly, in place, beyond `known` and where the coarse grid ends (`clamped`)."""
     steps = np.arange(1, len(lines) - known + clamped + 1, dtype=np.float32)[:, None]
     first, last = lines[clamped], lines[known - clamped - 1]
     lines[:clamped] = first + steps[:clamped][::-1] * (first - lines[clamped + 1])
@@ -153,7 +153,7 @@ def _extrapolate(lines: Picture, known: int, clamped: int) -> None:
 
 @lru_cache(maxsize=32)
 def _waves(count: int, free: Ends) -> tuple[Halves, Floats]:
-    """Eigenvectors, in columns, and eigenvalues (count,) of minus the second difference, even ones first."""
+    """Return eigenvectors (columns) and eigenvalues (count,) of minus the second difference, even first."""
     i, k = np.arange(count)[:, None], np.arange(count)[None, :]
     fixed = 1.0 - 0.5 * sum(free)
     angle = np.pi * (k + fixed) / (count + fixed)
@@ -162,5 +162,5 @@ def _waves(count: int, free: Ends) -> tuple[Halves, Floats]:
     waves = np.asarray(waves / np.sqrt(np.sum(waves**2, axis=0)), np.float32)
     if free[0] != free[1] or count < FOLDED:
         return (np.ascontiguousarray(waves), None), values
-    even, odd = waves[: count - count // 2, ::2], waves[: count // 2, 1::2]  # waves are even and odd by turns
+    even, odd = waves[: count - count // 2, ::2], waves[: count // 2, 1::2]  # waves are even and odd alternately
     return (np.ascontiguousarray(even), np.ascontiguousarray(odd)), np.concatenate([values[::2], values[1::2]])

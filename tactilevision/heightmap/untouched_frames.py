@@ -48,7 +48,7 @@ MAX_FREE = 16  # untouched frames that are read, at most
 
 
 def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
-    """The method's reference renewed out of rectified `frames`, as far as they show the gel untouched.
+    """Return the method with its reference renewed from rectified untouched `frames`.
 
     Reference pictures are often means of several frames, or older than the recording; in the dark, noise that is
     cut off at black then makes the two differ. Fewer than MIN_FREE untouched frames leave it as it was, and so do
@@ -65,7 +65,7 @@ def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
 
 
 def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMethod:
-    """The method without the slopes that it still finds, on the mean, in rectified `frames` of untouched gel.
+    """Return the method without its mean slopes in rectified `frames` of untouched gel.
 
     They are found as surfaces will be read: from then on gentle gel in means of pixels, where that can be.
     Fewer than MIN_FREE untouched frames leave it as it was: their noise would be taken for bias.
@@ -87,7 +87,7 @@ def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> Ca
 
 
 def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:
-    """Those of `frames` nearly all of which follows the light's drift, and whose pictures no fault spoils."""
+    """Return the `frames` that nearly entirely follow the light's drift, without false depths."""
     free = []
     for rgb in able_to_renew(method.reference.rgb, frames):
         drift = method.change.tracker.measure(rgb)
@@ -97,9 +97,7 @@ def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Byte
 
 
 def free_frames(recording: Recording) -> list[Bytes]:
-    """The rectified pictures (H, W, 3) of `press_starts`; of a recording without presses, its flats,
-    where they are MIN_FREE or more.
-    """
+    """Return the rectified pictures (H, W, 3) of `press_starts`, or at least MIN_FREE flats without presses."""
     from tactilevision.recording.pictures import read_reference
 
     if not recording.presses and len(recording.flats) >= MIN_FREE:
@@ -109,7 +107,7 @@ def free_frames(recording: Recording) -> list[Bytes]:
 
 
 def press_starts(recording: Recording) -> list[Frame]:
-    """At most MAX_FREE rectified frames from the beginnings of the presses, when the gel is likely to be free."""
+    """Return at most MAX_FREE rectified frames from the beginnings of the presses, usually untouched."""
     times = recording.frame_times_s
     if recording.frames_path is None or not len(times) or not recording.presses:
         return []
@@ -126,10 +124,11 @@ MAX_WAVES = 8  # pictures with balls that are looked at, at most
 def tuned(
     sensor: Sensor, calibration: Calibration, *, pictures: Sequence[BallPicture], free: Sequence[Bytes]
 ) -> Reconstructor:
-    """The reconstructor of a calibration, made to fit rectified frames of the free gel, its errors measured.
+    """Return the calibration's reconstructor fitted to rectified frames of the free gel, its errors measured.
 
-    How far untouched gel is from flat is told, place by place, by the `free` frames where there are enough of
-    them, else by the ball pictures.
+    The local deviation of untouched gel from flat comes from the `free` frames where there are enough of them,
+    else from
+    the ball pictures.
     """
     gain = seen_gain_std(calibration.method, pictures, balls=calibration.balls, mm_per_px=sensor.mm_per_px)
     card = dataclasses.replace(calibration.method.card, sensor=sensor.kind, seen_gain_std=gain)
@@ -164,7 +163,7 @@ def tuned(
 def depth_terms_mm(
     reader: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
 ) -> dict[str, float]:
-    """What each term adds to the deviation of depth under a ball: rms in mm, the median over ball pictures."""
+    """Return each term's deviation of depth under a ball: rms in mm, the median over ball pictures."""
     found = []
     for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
         if ball is not None:
@@ -174,7 +173,7 @@ def depth_terms_mm(
 
 
 def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPicture]) -> float:
-    """How far errors of slope reach beside a contact, by laws that never saw a third of the balls."""
+    """Return the reach of slope errors outside a contact, by laws that exclude a third of the balls."""
     method = calibration.method
     others = [dataclasses.replace(method, law=law) for law in calibration.other_laws]
     maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
@@ -189,7 +188,7 @@ def _depth(reader: Reconstructor, rgb: Bytes) -> npt.NDArray[Any]:
 def untouched_rms_mm(
     reconstructor: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
 ) -> float:
-    """How far from flat untouched gel comes out: the median over ball pictures, away from the ball, mm."""
+    """Return the deviation of untouched gel from flat: median over ball pictures, outside the ball, mm."""
     found = []
     for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
         if ball is not None:
@@ -214,7 +213,7 @@ def with_free_reference(
     *,
     read: Callable[[Sequence[Bytes]], Reconstructor],
 ) -> tuple[Sequence[Bytes], Reconstructor, tuple[str, ...]]:
-    """Pictures (H, W, 3) of the untouched gel, the reconstructor against them, and what was taken for them.
+    """Return pictures (H, W, 3) of the untouched gel, their reconstructor, and their source.
 
     The same as before unless the guessed frame shows a contact and the median of the frames shows none, neither
     by the frames nor against the guessed frame. `read` makes a reconstructor against such pictures.

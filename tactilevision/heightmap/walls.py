@@ -17,19 +17,19 @@ from tactilevision.records.certified import USUAL_MM, TaughtWalls
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Floats, Pair
 
-# The wall round one flat face: where it stands, how the surface falls along it, and what it hides of the step.
+# The wall around one flat face: its position, the surface's fall along it, and the part of the step that it hides.
 #
-# And what walls of one sensor's pictures are found by.
+# Also the law by which the walls of one sensor's pictures are found.
 
 LEAN = 2.1  # 1/tan of 25 degrees: lamps of these sensors stand at 15 to 35
-LEAST_MM = 1e-6  # mm: smaller changes of depth are carried as this one
+LEAST_MM = 1e-6  # mm: lower bound on a change of depth
 
 
 @dataclass(frozen=True, slots=True)
 class WallLaw:
-    """How walls are found: `limit` is the steepest slope that is read reliably; infinite, and there are none.
+    """Law by which walls are found; `limit`: steepest slope that is read reliably, infinite for no walls.
 
-    `taught` by certified faces of the sensor.
+    `taught` is fitted to certified faces of the sensor.
     """
 
     limit: float
@@ -38,12 +38,12 @@ class WallLaw:
 
 @dataclass(frozen=True, slots=True)
 class PunchEdge:
-    """The wall round one flat face.
+    """The wall around one flat face.
 
     `centre_mm` from the middle of the picture's top left pixel; `radius_mm` of the edge; `reach_mm` from the edge
-    within which slopes are replaced; `places_mm`, `fall_mm` (n,): distances from the edge, and how far the
-    surface lies below the face there; `depth_mm` of the face over the gel at the profile's end, about;
-    `missing_mm` what the slopes as read lack of the step, `std_mm` how far the step may be off.
+    within which slopes are replaced; `places_mm`, `fall_mm` (n,): distances from the edge, and the surface's fall
+    below the face there; `depth_mm`: approximate depth of the face relative to the gel at the profile's end;
+    `missing_mm`: part of the step that the slopes as read lack, `std_mm`: deviation of the step.
     """
 
     centre_mm: Pair
@@ -57,23 +57,24 @@ class PunchEdge:
 
     @property
     def fall_at_reach_mm(self) -> float:
-        """How far the surface lies below the face where slopes are read again."""
+        """Return the surface's fall below the face at the distance where slopes are read again, in mm."""
         return float(np.interp(self.reach_mm, self.places_mm, self.fall_mm))
 
     @property
     def teachable(self) -> bool:
-        """Whether it falls, and by more than the slopes as read: others stay as they are."""
+        """Return whether the wall falls by more than the slopes as read; other walls are not corrected."""
         return self.fall_at_reach_mm > 0 and self.missing_mm > 0
 
     def carried(self, change_mm: float) -> Floats:
-        """Part (n,) of a change of the face's depth at each of `places_mm`: 1 on it, 0 where slopes are read.
+        """Return the part (n,) of a change of the face's depth at each of `places_mm`: 1 on it, 0 where slopes are
+        read.
 
-        It lies where the wall is steepest, over the slope T that leaves as much above it,
+        The change is placed where the wall is steepest, above the threshold slope T that satisfies
 
             |change| = int max(u' - T, 0) ds
 
-        so that no wall overhangs that falls by more. What faces are off by lies there, less than .1 mm from the
-        edge (docs/evidence/rendered.md); from there on the law is held by slopes that are read.
+        so that no wall with a larger fall overhangs. The errors of faces lie there, less than .1 mm from the edge
+        (docs/evidence/rendered.md); farther out, read slopes determine the law.
         """
         fall = np.interp(np.minimum(self.places_mm, self.reach_mm), self.places_mm, self.fall_mm)
         steps = np.maximum(np.diff(fall), 0.0)  # u' ds of even places
@@ -83,7 +84,7 @@ class PunchEdge:
         return np.append(1.0, 1.0 - np.cumsum(over) / over.sum())
 
     def taught_by(self, walls: TaughtWalls) -> PunchEdge:
-        """The wall with the depth that certified faces have it hide, mm; their deviation, where it is smaller."""
+        """Return the wall with the hidden depth (mm) that certified faces determine, and the smaller deviation."""
         if not self.teachable:
             return self
         change, std_mm = walls.change_mm(self.missing_mm, self.depth_mm)
@@ -96,43 +97,43 @@ class PunchEdge:
         )
 
 
-# The law by which the gel's surface falls away beside a flat punch, and the light that such a wall shows.
+# The law by which the gel's surface falls outside a flat punch, and the light that such a wall shows.
 #
-# Beside the sharp edge of a rigid flat face of radius a (s: distance from the edge)
+# Outside the sharp edge of a rigid flat face of radius a (s: distance from the edge)
 #
 #     u(s) = w - sum_k c_k U_k(s)      U_k' = a s^k / (r sqrt(r^2 - a^2)),  r = a + s,  k = 0, 1, 2
 #
-# k = 0 is Boussinesq's punch on a half-space; a layer, friction and large depth leave the root at the edge and
-# change the smooth factor, which k = 1, 2 follow. The slope has no bound at the edge. A picture shows
+# k = 0 is Boussinesq's punch on a half-space; a layer, friction and large depth keep the square root at the edge
+# and change the smooth factor, which k = 1, 2 represent. The slope is unbounded at the edge. A picture shows
 #
 #   h(seen slope) = <S(t)> / <C(t)>   t = arctan(u'), u blurred by the edge's rounding, < > blurred by the camera
 #
-# Light is blurred, not slope. A lamp that leans by L (1/tan of its elevation) gives max(0, cos t - L sin t cos f)
-# to a wall whose foot points f away from it; round the whole rim that is
+# The camera blurs light, not slope. A lamp with L = 1/tan of its elevation gives max(0, cos t - L sin t cos f)
+# to a wall whose foot points f away from it; averaged around the rim
 #
 #     C = (cos t (pi - f0) + L sin t sin f0)/pi
 #     S = (2/pi) (cos t sin f0/L + sin t ((pi - f0)/2 - sin(2 f0)/4))      cos f0 = min(1, 1/(L tan t)),  h = S/C
 #
-# sin t and cos t as long as no lamp is turned away from, L tan t < 1, and half the slope of a steep wall beyond:
-# attached shadows. Assumes small slopes but for the light; what large ones add at the edge is steep_edges.py's.
+# These equal cos t and sin t while the wall faces every lamp, L tan t < 1; beyond, S tends to sin t /2: attached
+# shadows. Assumes small slopes except for the light; steep_edges.py gives the effect of large ones at the edge.
 # Source: Johnson, Contact Mechanics (1985), eq. 3.38 (k = 0).
 
 CAMERA_PX = (0.8, 0.5)  # px: usual blur of the camera, and the spread of its logarithm
 EDGE_PX = (0.5, 0.8)  # px: usual blur by the edge's rounding, and the spread of its logarithm
 FINE = 0.25  # px: grid of the law
-MAX_ITERATIONS = 8  # steps of the fit, at most: a frame has little time
-DAMPING = 1e-3  # of the normal equations' diagonal, the least that a step is damped by
-EACH = np.arange(6)  # the unknowns' places on a diagonal
+MAX_ITERATIONS = 8  # steps of the fit, limited by the time per frame
+DAMPING = 1e-3  # of the normal equations' diagonal: minimum damping
+EACH = np.arange(6)  # indices of the unknowns on a diagonal
 # squares of deviations by which a last step would still lessen what is left: a seventh of one deviation
 CONVERGENCE_TOL = 0.02
-STEEPEST = 8.0  # slope to which light is tabled: steeper walls differ by less than a hundredth
-MIN_RATE = 0.02  # of h: walls so steep look alike
-TABLED = 801  # slopes in the table: finer ones change no depth by .1 um
+STEEPEST = 8.0  # largest tabulated slope: steeper walls differ by less than a hundredth
+MIN_RATE = 0.02  # of h: steeper walls are indistinguishable
+TABLED = 801  # slopes in the table: a finer one changes no depth by .1 um
 
 
 @dataclass(frozen=True, eq=False)
 class WallLight:
-    """S, C and their rates dS/du, dC/du (n,) at `slopes` u (n,), and h = S/C with its rate; all without unit."""
+    """S, C and their rates dS/du, dC/du (n,) at `slopes` u (n,), and h = S/C with its rate; dimensionless."""
 
     slopes: Floats
     sine: Floats
@@ -145,7 +146,7 @@ class WallLight:
 
 @lru_cache
 def wall_light(lean: float) -> WallLight:
-    """The light round a wall under lamps of this lean, tabled over its slope."""
+    """Return the light around a wall for lamps of this `lean` (1/tan of elevation), tabulated over slope (n,)."""
     u = np.linspace(0.0, STEEPEST, TABLED)
     t = np.arctan(u)
     away = np.arccos(np.minimum(1.0, 1.0 / np.maximum(lean * u, 1e-9)))
@@ -175,10 +176,11 @@ class Law:
         self.rates = np.diff(self.lines, axis=1) / self.step
 
     def fitted(self, slopes: Floats, std: Floats) -> tuple[Floats, Floats, Floats]:
-        """The unknowns (6,) that `slopes` (n,) seen with deviations `std` make likeliest; their covariance.
+        """Return the most likely unknowns (6,) for `slopes` (n,) with deviations `std`, and their covariance.
 
-        And how many deviations (n,) the law lies off the slopes. Damped Gauss-Newton from the usual blur and the
-        half-space's law through what lies outside.
+        Also return the law's misfit in deviations (n,). Damped Gauss-Newton from the usual blur and the half-space
+        law
+        fitted to the outer slopes.
         """
         rate = np.interp(self.s, self.places, self.rates[0]) * (self.s > 3 * self.px)
         start = np.array([0.0, np.log(EDGE_PX[0] * self.px), np.log(CAMERA_PX[0] * self.px),
@@ -187,7 +189,7 @@ class Law:
         prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * start[3], bend, bend / self.radius_mm]) ** -2
 
         def misfit(unknown: Floats) -> tuple[float, Floats, Floats, Floats]:
-            """Squares that are left, half their gradient (6,), normal equations (6, 6), and deviations (n,)."""
+            """Return the sum of squares, half its gradient (6,), normal equations (6, 6), and deviations (n,)."""
             predicted, rates = self._shown(unknown)
             off, aside = (predicted - slopes) / std, unknown - start
             rates /= std
@@ -212,7 +214,7 @@ class Law:
         return unknown, np.asarray(cv2.invert(normal)[1]), off
 
     def falls(self, unknown: Floats, s: float) -> tuple[Floats, float, Floats]:
-        """Falls at the grid's edges from the shifted edge on, the one at `s`, and its rates (6,) by unknown."""
+        """Return falls at the grid's edges from the shifted edge on, the one at `s`, and its rates (6,)."""
         sigma = np.exp(unknown[1]) / self.step
         lines = _blur(self.lines, sigma)
         falls = unknown[3:] @ lines
@@ -225,13 +227,13 @@ class Law:
         return falls, float(unknown[3:] @ line), rates
 
     def step_at_edge(self, unknown: Floats) -> Floats:
-        """A step of 1 at the edge, blurred as the edge is, at the grid's edges (n,)."""
+        """Return a unit step at the edge, blurred as the edge is, at the grid's edges (n,)."""
         return np.asarray(_blur((self.edges > 0)[None].astype(float), np.exp(unknown[1]) / self.step)[0])
 
     def _shown(self, unknown: Floats) -> tuple[Floats, Floats]:
-        """Slopes (n,) that the picture shows at the bins, and their rates (6, n) by unknown.
+        """Return the slopes (n,) that the picture shows at the bins, and their rates (6, n) by unknown.
 
-        A Gaussian's blur diffuses: what the log of its sigma adds is sigma^2 times the second derivative.
+        Gaussian blur is diffusion: the rate by the log of its sigma is sigma^2 times the second derivative.
         """
         edge, camera = np.exp(unknown[1:3]) / self.step
         rates = _blur(self.rates, edge)
@@ -261,56 +263,56 @@ class Law:
 
 
 def _blur(rows: Floats, sigma: float) -> Floats:
-    """Lines (K, n) blurred by `sigma` of their steps."""
-    sigma = min(max(sigma, 0.3), 0.25 * rows.shape[1])  # a step of the fit may stray
+    """Return lines (K, n) blurred by `sigma` of their steps."""
+    sigma = min(max(sigma, 0.3), 0.25 * rows.shape[1])  # the fit may overshoot
     size = round(8.0 * sigma + 1.0) | 1
     return np.asarray(cv2.GaussianBlur(rows, (size, 1), sigma, borderType=cv2.BORDER_REPLICATE))
 
 
-# Walls too steep to read: what a flat punch's edge hides of the depth, out of the gel beside it.
+# Walls too steep to read: the depth hidden at a flat punch's edge, determined from the gel outside it.
 #
-# Beside the edge of a rigid flat face the gel's surface falls away by the wall's law. For two or three pixels it
-# is steeper than any ball showed, colours saturate, and a quarter of a deep face's height hides there. Slopes
-# farther out, and those at the foot of the blurred wall inside, are gentle and well read. They fix the law's
-# unknowns, and the law carries the depth through. On a path tracer's faces of .3 to .6 mm (light passing through
+# Outside the edge of a rigid flat face the gel's surface follows the wall's law. For two or three pixels it is
+# steeper than any calibrated slope, colours saturate, and a quarter of a deep face's height is hidden. Slopes
+# farther out, and those at the foot of the blurred wall inside, are gentle and well read. They determine the law's
+# unknowns, and the law gives the hidden depth. On a path tracer's faces of .3 to .6 mm (light passing through
 # the punch) this brought depths from .77-.98 of the truth to .86-1.04.
 #
-# What no slope farther out tells is the edge itself: finite strain makes the wall steeper there than the law of
-# small slopes. By finite elements, shown in the same light, the law carries less than the face's depth w by
+# Slopes farther out do not determine the edge itself: finite strain makes the wall steeper there than the law of
+# small slopes. By finite elements, rendered in the same light, the law gives less than the face's depth w by
 #
 #     D = EDGE_FALL (w^2/a) sqrt(px/a)        px: mm of a pixel
 #
 # which is added at the edge: 1.4 for EDGE_FALL where the surface follows the punch's edge, .3 where ink rounds it
-# over .03 mm. The value here lies between; the deviation holds both (benchmarks/steep_edges.py: neo-Hooke, nu .40
+# over .03 mm. The value here lies between; the deviation covers both (benchmarks/steep_edges.py: neo-Hooke, nu .40
 # to .499, a/h .5 to 1, w/h to .2, friction .15 to .6, edges of h/60 to h/30, pixels of .045 to .095 mm). A camera
 # blurs even a steep wall where it is narrow: faces of 3 to 8 % of the thickness may lose 3 to 9 % of their depth.
 #
-# A cast shadow beside the wall looks like slope, and a law through it may double a face's depth. It bends
-# otherwise than the law, so walls that the slopes outside do not keep to are left as they are: faces of .3 to .55
-# mm beside shadows then read .96 to 1.00 of their depth, where the law made 1.3 to 2.5 of it. Since walls are read
-# too gentle, a law that makes less of a wall than was read is raised to what was read.
+# A cast shadow next to the wall reads as slope, and a law fitted to it may double a face's depth. Its profile
+# differs from the law, so walls whose outer slopes do not fit are not corrected: faces of .3 to .55 mm next to
+# shadows then read .96 to 1.00 of their depth, compared with 1.3 to 2.5 by the law. Since walls are read too
+# gentle, a law that gives a smaller step than was read is raised to the step read.
 #
-# Only round rims with a sharp inner flank are treated so: the slopes of balls, cones and ridges grow gently and
-# are left alone. Assumes a flat face, at least a third of whose rim is in the picture.
+# Only round rims with a sharp inner flank are corrected: the slopes of balls, cones and ridges grow gently.
+# Assumes a flat face, at least a third of whose rim is in the picture.
 
 FOOT_PX = 6.0  # px inside the edge from which slopes are read
 FAR = (
     0.4  # of the radius outside the edge, to which slopes are read; farther where a wall hides more than its half
 )
-HIDDEN_SHARE = 0.5  # of that, which a wall may hide: what lies behind more is no longer told by the rest
+HIDDEN_SHARE = 0.5  # of that range, which a wall may hide: with more, the rest no longer determines the law
 SLOPE_ERROR = 0.03  # of the mean slope round the edge: its relative deviation
 SLOPE_FLOOR = 0.01  # mm/mm: deviation of the mean slope round the edge where it is gentle
 # mean square, in stated deviations, that slopes outside may lie off the law, and where the wall hides more than
 # half of FAR: punches' own .0 to .2, a path tracer's .35 without shadows; next to shadows .4 to 2
 MAX_MISFIT = (0.45, 0.3)
 EDGE_FALL = 0.8  # of what the edge adds: benchmarks/steep_edges.py
-EDGE_FALL_STD = 1.0  # of it: what ink, frictions and edges differ by
-MIN_READ = 8  # bins outside the edge that can be read; with fewer it is not fitted
-MIN_FACE = 50  # pixels of a face; with fewer it counts as not known
+EDGE_FALL_STD = 1.0  # of it: variation with ink, friction and edge radius
+MIN_READ = 8  # readable bins outside the edge; with fewer it is not fitted
+MIN_FACE = 50  # pixels of a face; with fewer it counts as unknown
 
 
 def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, law: WallLaw) -> list[PunchEdge]:
-    """The walls round flat faces in `slopes` (H, W)."""
+    """Return the walls around flat faces in `slopes` (H, W), mm/mm."""
     edges = [
         fit_edge(circle, law, px=min(mm_per_px))
         for circle in find_circular_edges(slopes, mm_per_px, limit=law.limit)
@@ -319,9 +321,9 @@ def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, law: WallLaw) -> list
 
 
 def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> None:
-    """Put the law's slopes in place of those (H, W) that the walls hide, in place.
+    """Replace the slopes (H, W), mm/mm, that the walls hide by the law's, in place.
 
-    Along the rim nothing slopes but what the face's own tilt t, gentle and well read, makes of a rigid face:
+    Along the rim the only slope is the face's own tilt t, gentle and well read, of a rigid face:
     slope = -u'(s) (1 + t.x/w) r/|r| + t (1 - u/w).
     """
     half = 0.5 * min(mm_per_px)
@@ -344,13 +346,13 @@ def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> Non
 
 
 def _lines(edge: PunchEdge, half: float) -> tuple[Floats, Floats]:
-    """Mean slope u' within `half` of the wall's places (n,), and 1 - u/w there."""
+    """Return the mean slope u' within `half` of the wall's places (n,), and 1 - u/w there."""
     below, above = (np.interp(edge.places_mm + d, edge.places_mm, edge.fall_mm) for d in (half, -half))
     return (above - below) / (2 * half), 1.0 - 0.5 * (above + below) / edge.depth_mm
 
 
 def _interpolated(lines: tuple[Floats, Floats], at: Floats) -> tuple[Floats, Floats]:
-    """What two lines (n,) say at `at` (m,), counted in their steps."""
+    """Return two lines (n,) interpolated at `at` (m,), counted in their steps."""
     i = at.astype(np.int32)
     at -= i
     np.minimum(i, len(lines[0]) - 2, out=i)
@@ -366,7 +368,7 @@ def restore_windows(
     mm_per_px: Pair,
     law: WallLaw,
 ) -> list[PunchEdge]:
-    """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
+    """Return the walls, restored in place in slopes (2, rows, columns), mm/mm, for each window of a picture."""
     edges = []
     for window, (p, q) in zip(windows, fine, strict=True):
         slopes = SlopeMap(p, q, valid[window])
@@ -380,7 +382,7 @@ def restore_windows(
 
 
 def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | None:
-    """The law through the gentle slopes beside a wall; None where too few of them are seen."""
+    """Return the law fitted to the gentle slopes around a wall; None where too few are readable."""
     mean, s = edge.slopes, edge.places_mm - edge.radius_mm
     known = np.isfinite(mean)
     steep = known & ~(edge.highest < walls.limit)
@@ -401,37 +403,36 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
     with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
     inner = -3.0 * float(np.hypot(*np.exp(unknown[1:3])))
     steps = np.where(known & (s > inner + shift), mean, 0.0) * (s[1] - s[0])  # mm
-    within = np.clip((reach - s) / (s[1] - s[0]) + 0.5, 0.0, 1.0)  # a bin across the reach counts by its part
+    within = np.clip((reach - s) / (s[1] - s[0]) + 0.5, 0.0, 1.0)  # a bin across the reach counts in part
     read, beyond = float(steps @ within), float(steps @ (1.0 - within))
     added = EDGE_FALL * max(fall + beyond, 0.0) ** 2 * px**0.5 / edge.radius_mm**1.5
     falls, fall = falls + added * law.step_at_edge(unknown), fall + added
-    if 0.0 < fall < read:  # slopes of walls are read too gentle: a law that takes depth away saw a shadow as gel
+    if 0.0 < fall < read:  # slopes of walls are read too gentle: a law with less depth has fitted a shadow
         falls, fall = falls * (read / fall), read
     elif fall <= 0.0 < read:
         return None
     table = slice(*np.searchsorted(law.edges, (inner, reach - shift + 2 * px)))
-    if len(law.edges[table]) < 2 or not edge.radius_mm + shift > 0:  # the edge ran off the wall: no law of it
+    if len(law.edges[table]) < 2 or not edge.radius_mm + shift > 0:  # the edge lies outside the wall: no valid law
         return None
     own = float(np.sqrt(rate @ covariance @ rate + (with_edge * edge.uneven_mm) ** 2))
     return PunchEdge(edge.centre_mm, edge.radius_mm + shift, reach - shift, law.edges[table], falls[table],
                 fall + beyond, fall - read, float(np.hypot(own, EDGE_FALL_STD * added)))  # fmt: skip
 
 
-# The wall's law as certified faces of the same sensor teach it.
+# The wall's law fitted to certified faces of the same sensor.
 #
-# The depth that the law of steep walls finds hidden is off by a part of itself, which grows with
-# the depth and differs from sensor to sensor. Its two numbers come from certified faces, by ridge towards no
-# change:
+# The relative error of the hidden depth by the law of steep walls grows with the depth and differs from sensor to
+# sensor. Its two parameters come from certified faces, by ridge regression towards no change:
 #
 #     certified - read = hidden (share + growth (w/w0 - 1)) + noise     records/certified.py
 #
-# noise: PLACE_STD of the depth, by which faces of one sensor differ from place to place. Presses of one indenter
+# noise: PLACE_STD of the depth, the scatter of faces of one sensor over the picture. Presses of one indenter
 # to one depth mostly share their place, so together they count as one, wherever they were.
 
 PLACE_STD = 0.03  # of the depth: faces of one sensor about their law, six of the path tracer; benchmarks.rendered
-PRIOR_STD = (0.2, 0.4)  # of share and growth, about today's law: those six sensors
-MAX_CHI2 = 9.0  # of the two numbers by that prior: beyond, it is not walls that are off
-MIN_COUNT = 3  # faces with a wall; fewer teach nothing
+PRIOR_STD = (0.2, 0.4)  # of share and growth, about the uncorrected law: those six sensors
+MAX_CHI2 = 9.0  # of the two parameters by that prior: beyond it, walls do not explain the error
+MIN_COUNT = 3  # faces with a wall; fewer determine nothing
 ALIKE_MM = 0.05  # mm: depths of one group within this of its shallowest count as one
 
 
@@ -450,7 +451,7 @@ class WallFace:
 
 
 def teach(faces: Sequence[WallFace]) -> TaughtWalls | None:
-    """What `faces` say of the wall's law; None for fewer than MIN_COUNT with a wall, or for more than walls do."""
+    """Return the wall's law by `faces`; None for fewer than MIN_COUNT walls, or for too large errors."""
     faces = [one for one in faces if all(0 < mm < np.inf for mm in _lengths_mm(one))]
     if len(faces) < MIN_COUNT:
         return None
@@ -470,7 +471,7 @@ def _lengths_mm(face: WallFace) -> tuple[float, float, float, float]:
 
 
 def _alike(faces: Sequence[WallFace]) -> list[int]:
-    """How many of the faces count as one with each: of its group, and about as deep; (N,)."""
+    """Return how many faces of the same group and a similar depth count as one with each face; (N,)."""
     begins: dict[int, tuple[str, float]] = {}
     last = ("", -np.inf)  # group and depth of the shallowest that counts as one with the face
     for k in sorted(range(len(faces)), key=lambda k: (faces[k].group, faces[k].certified_mm)):

@@ -1,17 +1,17 @@
 """Fit the plane of zero depth to the untouched gel.
 
-Slopes leave the mean of the surface open, and a small error common to all slopes tilts the whole of it.
-The gel that nobody touches is flat and at depth 0, so
+Slopes do not determine the mean of the surface, and a small error common to all slopes tilts all of it. The
+untouched gel is flat and at depth 0, so
 
     z(x, y) = c_0 + c_x X + c_y Y + c_d (1 + e d / L) exp(-d / L)      on the untouched part
 
-is fitted there and the plane taken off everywhere. The last term is the gel's own rise (or sinking) beside
-the contact, d away from it, which must not be taken for a zero. In a bonded layer of thickness h it dies out over
-.75 h beside flat punches (finite elements) and over h beside balls (layer theory): e says by what part the
-picture's own L differs from the usual .9 h, and is expected to be no more than that, or than h is uncertain. What
-is not known of it is in the plane's deviation. With L held at .75 h the plane lay 12 um too low (now 2) round a
-ball of 5.7 mm in contact radius on gels of 2 to 4 mm, and up to 3 um (1) round smaller contacts.
-Only the untouched part is asked, so the tilt of a punch stays.
+is fitted there and the plane subtracted everywhere. The last term is the gel's own rise (or sinking) outside the
+contact, at distance d, which is no error of the zero. In a bonded layer of thickness h it decays over .75 h around
+flat punches (finite elements) and over h around balls (layer theory): e is the relative deviation of the picture's
+L from the usual .9 h, with a prior of that spread and of h's. Its remaining uncertainty is in the plane's
+deviation. With L fixed at .75 h the plane lay 12 um too low (now 2) around a ball of 5.7 mm in contact radius on
+gels of 2 to 4 mm, and up to 3 um (1) around smaller contacts.
+Only the untouched part is fitted, so the tilt of a punch is kept.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from tactilevision.records.measured import Bools, Floats, Pair
 from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse, mad_std
 
 Depth = npt.NDArray[np.floating[Any]]
-DECAY_PER_THICKNESS = 0.9  # of the thickness over which the rise dies out: punches .75, balls 1
+DECAY_PER_THICKNESS = 0.9  # of the thickness: decay length of the rise: punches .75, balls 1
 DECAY_STD = 0.17  # relative, from contact to contact
-USUAL_THICKNESS_MM = 3.0  # mm, of gel whose thickness nobody has told
+USUAL_THICKNESS_MM = 3.0  # mm, of gel whose thickness is not stated
 THICKNESS_STD = 0.3  # relative deviation of such a thickness
-FIRST_WEIGHT = 1e3  # times as heavy as all blocks: the first round leaves L as it is
+FIRST_WEIGHT = 1e3  # relative to all blocks: the first round keeps L
 MIN_RISE = 1e-3  # of the blocks' scatter: no rise at all
-CORRELATED = 50.0  # blocks, a tenth of the picture, over which errors of integrated slopes hang together
+CORRELATED = 50.0  # blocks, a tenth of the picture: correlation of integrated slope errors
 BLOCKS = 600  # over the picture, about: small against contacts, large against noise
-MIN_BLOCKS = 12  # untouched blocks; fewer do not fix a tilt
+MIN_BLOCKS = 12  # untouched blocks; fewer do not determine a tilt
 MAX_DROP = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
 DENTED = 5.0  # of the untouched blocks' scatter, beyond which the deepest of the others is a dent; as for a region
-MAX_ITERATIONS = 4  # rounds of reweighting, at most: a frame has little time
+MAX_ITERATIONS = 4  # rounds of reweighting, limited by the time per frame
 CONVERGENCE_TOL = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
-STIFFENING = 1.0 + 1e-9 * np.eye(5)  # factor on normal equations: terms that are alike leave them singular
-SAMPLED = 8  # places along each side of a block that stand for it
+STIFFENING = 1.0 + 1e-9 * np.eye(5)  # factor on normal equations: similar terms make them singular
+SAMPLED = 8  # sampled places along each side of a block
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class ZeroPlane:
     """`offset_mm`, `tilt` (per X, Y from -1 to 1, mm).
 
     `std_mm` of the plane at the picture's centre, `tilt_std_mm` of its tilt; `share` untouched. `takes`
-    (3, blocks): what offset and tilt take of each block's depth, None where the plane is no fit.
+    (3, blocks): weights of each block's depth in offset and tilt, None where the plane is not fitted.
     """
 
     offset_mm: float
@@ -72,13 +72,14 @@ def find_zero_plane(
     thickness_mm: float | None = None,
     trusted: Bools | None = None,
 ) -> ZeroPlane:
-    """The zero plane of `depth` (H, W), in mm.
+    """Return the zero plane of `depth` (H, W), in mm.
 
-    `untouched` (h, w) are blocks of it, a coarser picture of the same view. The plane is fitted to `trusted` ones,
-    all where None; the others, too dark to be read, are no contact that gel would rise beside.
+    `untouched` (h, w) are its blocks, a coarser picture of the same view. The plane is fitted to `trusted` ones,
+    all where None; the others, too dark to be read, are no contact that gel would rise around.
 
-    With too little untouched gel to fix a tilt the offset alone is taken, and with none at all the median, its
-    uncertainty then the spread of the whole map.
+    With too little untouched gel to determine a tilt only the offset is fitted, and with none at all it is the
+    median,
+    with the spread of the whole map as its uncertainty.
     """
     blocks = _means(np.asarray(depth), untouched.shape)
     gel = _outer_gel(untouched if trusted is None else untouched | ~trusted, blocks)
@@ -103,7 +104,7 @@ def find_zero_plane(
 
 
 def level(depth: Depth, zero: ZeroPlane) -> None:
-    """Take the plane off `depth` (H, W), in place."""
+    """Subtract the plane from `depth` (H, W), in mm, in place."""
     y, x = (_places(count, depth.dtype.char) for count in depth.shape)
     depth -= x * depth.dtype.type(zero.tilt_mm[0]) + depth.dtype.type(zero.offset_mm)
     depth -= (y * depth.dtype.type(zero.tilt_mm[1]))[:, None]
@@ -115,13 +116,13 @@ def _places(count: int, dtype: str) -> Depth:
 
 
 def slope_of(zero: ZeroPlane, shape: tuple[int, ...], *, mm_per_px: Pair) -> Pair:
-    """Slope (x, y) of the plane, mm per mm, over a picture (H, W)."""
+    """Return the slope (x, y) of the plane, mm per mm, over a picture (H, W)."""
     across, down = (step * (count - 1) for step, count in zip(mm_per_px, shape[::-1], strict=True))
     return 2.0 * zero.tilt_mm[0] / across, 2.0 * zero.tilt_mm[1] / down
 
 
 def flat_blocks(slopes: SlopeMap) -> Bools:
-    """Blocks (h, w) of the picture where the mean slope does not stand out."""
+    """Return the blocks (h, w) of the picture whose mean slope (mm/mm) is not significant."""
     height, width = slopes.dz_dx.shape
     block = max(4, int(np.sqrt(height * width / BLOCKS)))
     size = (max(2, width // block), max(2, height // block))
@@ -134,9 +135,9 @@ def flat_blocks(slopes: SlopeMap) -> Bools:
 
 
 def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
-    """Means (rows * columns,) of a smooth picture over its blocks (rows, columns), from places spread evenly."""
+    """Return means (rows * columns,) of a smooth picture over its blocks, from evenly spread places."""
     size = (blocks[1], blocks[0])
-    few = (size[0] * SAMPLED, size[1] * SAMPLED)  # whole pixels to a block are averaged many times as quickly
+    few = (size[0] * SAMPLED, size[1] * SAMPLED)  # whole pixels per block are averaged many times faster
     if picture.size > few[0] * few[1]:
         picture = cv2.resize(picture, few, interpolation=cv2.INTER_NEAREST)
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float64).ravel()
@@ -144,17 +145,17 @@ def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
 
 @lru_cache(maxsize=16)
 def plane_terms(shape: tuple[int, ...], blocks: tuple[int, ...]) -> Floats:
-    """Terms 1, X, Y (3, blocks) of a picture of `shape`; X and Y are -1 and 1 at its ends."""
+    """Return terms 1, X, Y (3, blocks) of a picture of `shape`; X and Y are -1 and 1 at its ends."""
     x, y = np.meshgrid(np.linspace(-1, 1, shape[1]), np.linspace(-1, 1, shape[0]))
     places = [_means(ramp, blocks) for ramp in (x, y)]
     return np.stack([np.ones_like(places[0]), *places])
 
 
 def _outer_gel(untouched: Bools, depth: Floats) -> Bools:
-    """The untouched blocks round all contacts; a flat face, whose slopes are none, only looks untouched.
+    """Return the untouched blocks around all contacts; a flat face, which has no slopes, is excluded.
 
-    All of it that hangs together with one piece of it at the picture's border: the largest, unless the blocks'
-    `depth` (rows * columns,) shows another to lie higher by more than MAX_DROP of all that goes up and down.
+    All of it that is connected to one piece at the picture's border: the largest, unless the blocks' `depth`
+    (rows * columns,) shows another to lie higher by more than MAX_DROP of the depth range.
     """
     if untouched.all():
         return untouched
@@ -178,8 +179,9 @@ def _outer_gel(untouched: Bools, depth: Floats) -> Bools:
 
 
 def _dented(depth: Floats, gel: Bools, flat: Bools, plane: Floats) -> bool:
-    """Whether a block of the `depth` (n,) outside the `gel` lies deeper under a `plane` (3, n) than what is `flat`
-    scatters about it: blocks that merely stand out in colour are no contact that gel would rise beside.
+    """Return whether a block of the `depth` (n,) outside the `gel` lies significantly deeper under a `plane` (3,
+    n) than
+    the `flat` blocks scatter: blocks that differ only in colour are no contact that gel would rise around.
     """
     if gel.all():
         return False
@@ -189,7 +191,7 @@ def _dented(depth: Floats, gel: Bools, flat: Bools, plane: Floats) -> bool:
 
 
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
-    """Terms 1, X, Y, exp(-d / L), d / L exp(-d / L) (5, blocks); the last two 0 where nothing is touched."""
+    """Return terms 1, X, Y, exp(-d / L), d / L exp(-d / L) (5, blocks); the last two 0 without a contact."""
     rows, columns = untouched.shape
     terms = np.zeros((5, rows * columns))
     terms[:3] = plane_terms(shape, untouched.shape)
@@ -205,10 +207,11 @@ def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_
 def _reweighted_fit(
     terms: Floats, depth: Floats, untouched: Bools, *, rises: bool, decay_std: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Reweighted least squares of terms (k, n) where `untouched` (n,): coefficients, their deviations (k,), and
-    what each coefficient takes (k, n) of the depths.
+    """Return the reweighted least squares of terms (k, n) where `untouched` (n,): coefficients, their deviations
+    (k,), and
+    the weights (k, n) of the depths in each coefficient.
 
-    Where it `rises`, the last coefficient is expected to be a part `decay_std` of the one before.
+    Where it `rises`, the last coefficient has a prior of `decay_std` times the one before.
     """
     count, touched = np.count_nonzero(untouched), ~untouched
     correlated, prior_weight = min(CORRELATED, float(count)), FIRST_WEIGHT * count if rises else 0.0

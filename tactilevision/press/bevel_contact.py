@@ -22,7 +22,7 @@ from tactilevision.robust import MAD_TO_STD, mad_std
 class ContactEvent:
     """First touch of the bevel: camera time and std, the depth that the camera read then, channel, onset.
 
-    `seen_s`: when frames showed it, where the travel scale has moved it since; else NaN.
+    `seen_s`: when frames showed it, if the travel scale has moved it since; else NaN.
     """
 
     time_s: float
@@ -33,44 +33,42 @@ class ContactEvent:
     seen_s: float = float("nan")
 
 
-# First touch of the bevel in every press of a recording, found together.
+# First touch of the bevel in every press of a recording, by a joint search.
 #
-# The presses share the shape of the growing dent (its amplitude per depth, its share k), since they share the
-# bevel; each has its own depth of touch. The depth that drives the signal is read from the force, P = c w (1 +
-# b w), c and b from the touches themselves at the machined heights: a height map's own depth is too crooked
-# where the walls are steep.
+# The presses share the bevel and hence the shape of the growing dent (its amplitude per depth, its share k); each
+# has its own depth of touch. The depth that drives the signal is read from the force, P = c w (1 + b w), c and b
+# from the touches themselves at the machined heights: a height map's own depth is too nonlinear where walls are
+# steep.
 
 DETECTION_CHI2 = 25.0  # fall of chi-square that counts as a contact event: five sigma
-# An edge drags gel along from the first: a wedge on a bonded layer (plane strain, 5 to 20 degrees) begins with .6
-# to .3 of its final growth; a camera or a compression that swallows the faintest dents shows less of it.
-# Share of the growth at first, without unit.
+# An edge drags gel along from the start: a wedge on a bonded layer (plane strain, 5 to 20 degrees) begins with .6
+# to .3 of its final growth; less where a camera or compression suppresses the faintest dents.
+# Initial share of the growth, dimensionless.
 _SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
-# of fill_mm: lengths over which blur and gel smear the growth, not known beforehand
+# of fill_mm: lengths over which blur and gel smooth the growth, not known beforehand
 _FILLS = (0.25, 0.5, 1.0, 2.0)
-SHAPE_STD = 0.1  # of fill_mm: what the family of shapes leaves open; benchmarks.certificate
-_TYPICAL = 0.4  # share of the growth at first, for a first search
-_MAX_GAIN = 400.0  # of chi-square: beyond it a press says no more of the bevel's place
-PILE_UP = 0.09  # of the depth, for a first guess: a common factor, to which the search is blind
+SHAPE_STD = 0.1  # of fill_mm: uncertainty by the family of shapes; benchmarks.certificate
+_TYPICAL = 0.4  # initial share of the growth, for a first search
+_MAX_GAIN = 400.0  # of chi-square: limit on a press's weight in the bevel's place
+PILE_UP = 0.09  # of the depth, for a first estimate: a common factor, which does not affect the search
 # of the depth at which the law of all presses has a touch, one sigma; test_bevel_contact_depth
 _DUE_STD = 0.03
-_ANGLE_DEG = 10.0  # degrees, of a bevel of which nothing is said
+_ANGLE_DEG = 10.0  # degrees, of a bevel without stated angle
 # of the amplitude, by which presses of one bevel differ, one sigma: at least, at most
 _AMPLITUDE_STD = (0.03, 0.15)
-_MIN_COUNT = 4  # presses from which their amplitudes' scatter can be told; benchmarks.certificate
+_MIN_COUNT = 4  # presses that determine their amplitudes' scatter; benchmarks.certificate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressSignal:
-    """A press to be searched: its frames up to the end of the hold (`use`), and the driving depth or force
-    (N,).
-    """
+    """A press to be searched: its frames up to the end of the hold (`use`), driving depth or force (N,)."""
 
     track: PressTrack
     drive: Floats
     use: Bools
 
     def signal(self, distance_mm: float) -> Floats | None:
-        """Bevel signal (N,) mm of the height map, the edge at `distance_mm`; None where it is out of view."""
+        """Return the bevel signal (N,) mm of the height map, for the edge at `distance_mm`; None out of view."""
         track = self.track
         radius = track.footprint.radius_mm if track.footprint else track.indenter.radius_mm
         return height_signal(track.strips, track.s_mm, distance_mm=distance_mm, radius_mm=radius)
@@ -84,7 +82,7 @@ class DepthOfForce:
     b_per_mm: float
 
     def depth(self, force_N: Floats) -> Floats:
-        """Depth (mm) at forces (N) of any shape."""
+        """Return the depth (mm) at forces (N) of any shape."""
         force = np.asarray(force_N, dtype=np.float64)
         if self.b_per_mm == 0:
             return force / self.c_N_per_mm
@@ -92,13 +90,13 @@ class DepthOfForce:
         return np.asarray((root - 1) / (2 * self.b_per_mm), dtype=np.float64)
 
     def force(self, depth_mm: Floats | float) -> Floats:
-        """Force (N) at depths (mm) of any shape."""
+        """Return the force (N) at depths (mm) of any shape."""
         w = np.asarray(depth_mm, dtype=np.float64)
         return np.asarray(self.c_N_per_mm * w * (1 + self.b_per_mm * w), dtype=np.float64)
 
 
 def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
-    """c and b through (depth, force) anchors, robustly; b is kept at 0 where all depths are alike."""
+    """Return c and b by a robust fit to (depth, force) anchors; b is 0 where all depths are similar."""
     usable = np.array([a for a in anchors if a[0] > 0 and a[1] > 0])
     if not len(usable):
         return None
@@ -117,7 +115,7 @@ def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
 
 
 def find_bevel_contacts(signals: Sequence[PressSignal], distance_mm: float) -> list[Onset | None]:
-    """The onset of each press; None where its bevel is out of view or its signal never rises."""
+    """Return the onset of each press; None where its bevel is out of view or its signal never rises."""
     traces = [press_signal.signal(distance_mm) for press_signal in signals]
     known = [
         (press_signal.drive[press_signal.use], trace[press_signal.use])
@@ -129,13 +127,13 @@ def find_bevel_contacts(signals: Sequence[PressSignal], distance_mm: float) -> l
 
 
 def fill_mm(indenter: Indenter) -> float:
-    """Depth beyond the touch at which the bevel's wedge fills the window at its edge."""
+    """Return the depth (mm) beyond the touch at which the bevel's wedge fills the window at its edge."""
     angle = indenter.bevel_angle_deg if indenter.bevel_angle_deg is not None else _ANGLE_DEG
     return EDGE_MM * float(np.tan(np.radians(np.clip(angle, 1.0, 60.0))))
 
 
 def _joint_onsets(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onset | None]:
-    """Onsets of many signals (x, y) of one shape: the mean over shares k and lengths L, by their likelihood."""
+    """Return onsets of signals (x, y) of one shape: the mean over shares k and lengths L, by their likelihood."""
     first = [find_onset(x, y, growth=Growth(_TYPICAL, fill)) for x, y in traces]
     sure = [onset for onset in first if onset is not None and onset.gain > DETECTION_CHI2]
     if not sure:
@@ -159,7 +157,7 @@ def _joint_onsets(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[
 
 
 def _shared_amplitude(onsets: Sequence[Onset]) -> Pair | None:
-    """Mean amplitude, and how far those of the presses lie apart beyond their own errors; None without any."""
+    """Return the mean amplitude, and the scatter of the presses' beyond their own errors; None without any."""
     if not onsets:
         return None
     amplitude = np.array([onset.amplitude for onset in onsets])
@@ -173,9 +171,9 @@ def _shared_amplitude(onsets: Sequence[Onset]) -> Pair | None:
 
 
 def _mixture(onsets: Sequence[Onset | None], weights: Floats, *, scale: float, shape_mm: float) -> Onset | None:
-    """One onset from its likes under several shapes.
+    """Return the weighted mean of one onset's estimates under several shapes.
 
-    `scale` is the chi-square a degree of freedom that the best shape leaves, `shape_mm` what none may say right.
+    `scale` is the best shape's chi-square per degree of freedom, `shape_mm` the common error of all shapes.
     """
     kept = [(onset, float(weight)) for onset, weight in zip(onsets, weights, strict=True) if onset is not None]
     if not kept or sum(weight for _, weight in kept) <= 0:
@@ -195,7 +193,7 @@ def _mixture(onsets: Sequence[Onset | None], weights: Floats, *, scale: float, s
 
 
 def find_distance(signals: Sequence[PressSignal]) -> float | None:
-    """Where the bevel's edge lies, from where a touch shows most surely; None where none does."""
+    """Return the bevel edge's distance, where touches are most significant; None where none is."""
     near = max(press_signal.track.indenter.radius_mm for press_signal in signals) + 0.8
     far = max(float(press_signal.track.s_mm[-1]) for press_signal in signals)
     coarse = _surest_place(signals, np.arange(near, far, 2 * EDGE_MM))
@@ -223,9 +221,9 @@ def _surest_place(signals: Sequence[PressSignal], places: Floats) -> float | Non
 def find_in_pictures(
     signals: Sequence[PressSignal], onsets: Sequence[Onset | None], *, distance_mm: float
 ) -> list[Onset | None]:
-    """The same touches from the change of the pictures' colours; None where they do not show there.
+    """Return the same touches from the change of the pictures' colours; None where they are not visible there.
 
-    The change is looked for about the touch of the height map, and where that is unsure, about where it is due.
+    The search covers the touch of the height map, or its expected position where that is uncertain.
     """
     known: list[int] = []
     traces = []
@@ -252,7 +250,7 @@ def find_in_pictures(
 
 
 def _with_due(onset: Onset, height_mm: float | None) -> Onset:
-    """An onset that says less than the law of all presses does, drawn to where that has the touch."""
+    """Return an onset less certain than the law of all presses, combined with that law's touch."""
     due_mm = (height_mm or 0.0) / (1 + PILE_UP)
     std = _DUE_STD * due_mm
     if onset.std <= std or not std > 0:
@@ -261,18 +259,18 @@ def _with_due(onset: Onset, height_mm: float | None) -> Onset:
     return replace(onset, at=weight * onset.at + (1 - weight) * due_mm, std=std)
 
 
-# Presses that share a bevel and a punch radius, searched for their touches together.
+# Presses with a common bevel and punch radius, searched for their touches together.
 #
 # The driving depth is read from the force; its law w(P) is anchored to the machined heights by the touches
-# themselves, so search and law are found in turns.
+# themselves, so search and law alternate.
 
-_MAX_ITERATIONS = 3  # of search and law, which know each other; benchmarks.certificate
-_MAX_UNEVEN = 0.02  # of the depth: a ramp less even does not tell how it goes on; benchmarks.certificate
+_MAX_ITERATIONS = 3  # of search and law, which depend on each other; benchmarks.certificate
+_MAX_UNEVEN = 0.02  # of the depth: a less even ramp cannot be extrapolated; benchmarks.certificate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BevelContact:
-    """What the search found for one press: the case, the onset (in driving depth) in the more certain channel, the
+    """The search result of one press: the case, the onset (in driving depth) in the more certain channel, the
     bevel's place, the law.
     """
 
@@ -301,9 +299,9 @@ def search_bevel_contacts(
     before: Mapping[str, BevelContact] | None = None,
     unseen_mm: float = 0.0,
 ) -> dict[str, BevelContact]:
-    """The touches of all presses that can be searched; `before` spares a search for the place of the bevel.
+    """Return the touches of all searchable presses; `before` gives the bevel's place without a search.
 
-    `unseen_mm` (one sigma): by how much all are seen late together, since the pictures swallow faint dents.
+    `unseen_mm` (one sigma): common delay of detection, since pictures suppress faint dents.
     """
     groups: dict[tuple[object, ...], dict[str, _Frames]] = {}
     for name, track in tracks.items():
@@ -321,7 +319,7 @@ def search_bevel_contacts(
 
 
 def _less_sure(one: BevelContact, shared_mm: float) -> BevelContact:
-    """The touch with a part more of std that all presses share."""
+    """Return the touch with additional std common to all presses."""
     onset = one.onset
     if onset is None:
         return one
@@ -378,7 +376,7 @@ def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, B
 
 
 def _combine_channels(height: Onset, picture: Onset) -> tuple[Onset, str]:
-    """One onset from both channels by their variances; where they contradict each other, the surer one."""
+    """Return one onset from both channels by their variances; where they contradict, the more certain one."""
     if abs(height.at - picture.at) > 3 * np.hypot(height.std, picture.std):
         sure, name = (height, "height map") if height.gain >= picture.gain else (picture, "picture")
         return replace(height, at=sure.at, std=sure.std, shared_std=sure.shared_std), name
@@ -388,7 +386,7 @@ def _combine_channels(height: Onset, picture: Onset) -> tuple[Onset, str]:
     )
     weights = 1 / (own**2 + shared**2)
     weights /= weights.sum()
-    # both see one dent: what its shape leaves open does not average out between them
+    # both see one dent: the error by its shape does not average out between them
     together, apart = float(weights @ shared), float(np.linalg.norm(weights * own))
     at = float(weights @ [height.at, picture.at])
     return replace(
@@ -397,16 +395,16 @@ def _combine_channels(height: Onset, picture: Onset) -> tuple[Onset, str]:
 
 
 def _press_signal(frames: _Frames, law: DepthOfForce, level_N: float | None = None) -> PressSignal:
-    """A press as driven by its force; beyond the force of a touch that is known already, by its ramp's pace."""
+    """Return a press as driven by its force; beyond the force of a known touch, by its ramp's pace."""
     depth = law.depth(frames.force_N) if level_N is None else _at_pace(frames, law, level_N)
     return PressSignal(frames.track, depth, frames.use)
 
 
 def _at_pace(frames: _Frames, law: DepthOfForce, level_N: float) -> Floats:
-    """Depth (N,) by the force, and beyond the touch at the pace of the way up to it.
+    """Return depth (N,) by the force, and beyond the touch at the pace of the approach.
 
-    The bevel carries part of the force from there on, which would pass for depth. By the force throughout where
-    the rig did not come at one pace.
+    The bevel carries part of the force from there on, which would read as depth. By the force throughout where
+    the rig's pace was not even.
     """
     depth, window = law.depth(frames.force_N), frames.window
     touch_mm = float(law.depth(np.array(level_N)))
@@ -424,7 +422,7 @@ def _at_pace(frames: _Frames, law: DepthOfForce, level_N: float) -> Floats:
 
 
 def _first_law(group: Mapping[str, _Frames]) -> DepthOfForce:
-    """Straight line from the depths that the camera reads."""
+    """Return a straight line fitted to the depths that the camera reads."""
     ratios = []
     for frames in group.values():
         deep = frames.use & (frames.track.depth_mm > 0.5 * np.nanmax(frames.track.depth_mm))

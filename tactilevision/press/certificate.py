@@ -29,13 +29,13 @@ from tactilevision.records.rig import Indenter, Press
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What the report draws of one press.
+    """Data of one press for the report.
 
     `frame_index` (into the recording's frames) and `frame_name` are of the frame nearest to the event (the deepest
-    where the force does not tell when it was), `height_map` its reconstruction; `touch` is None where none is
-    sure; `bevel_window_mm` is ((x0, y0), (x1, y1)) on the pad; `signal_mm` (N,) is the height map's bevel signal
-    against `depth_mm` (N,), both as the camera read them, at `time_s` (N,) of the camera's clock; `force_time_s`
-    (T,) is on the same clock, `force_N` (T, 3) tared.
+    where the force does not determine its time), `height_map` its reconstruction; `touch` is None where none is
+    certain; `bevel_window_mm` is ((x0, y0), (x1, y1)) on the pad; `signal_mm` (N,) is the height map's bevel
+    signal against `depth_mm` (N,), both as the camera read them, at `time_s` (N,) of the camera's clock;
+    `force_time_s` (T,) is on the same clock, `force_N` (T, 3) tared.
     """
 
     press: str
@@ -92,7 +92,7 @@ def certified_point(
     *,
     tilt_scatter_rad: float,
 ) -> CertifiedPoint:
-    """The point of one press before its verdict; `tilt_scatter_rad` of faces from press to press."""
+    """Return the point of one press before its verdict; `tilt_scatter_rad` of faces between presses."""
     indenter, pile_up = measurements.recording.indenters[press.indenter], pile_up or unknown_pile_up()
     tilt_std = tilt_scatter_rad * ((evidence.distance_mm if evidence else None) or 0.0) / (1 + pile_up.ratio)
     details = CertificationDetails(
@@ -115,7 +115,7 @@ def certified_point(
 def _point_of_depth(
     press: Press, indenter: Indenter, pile_up: PileUp, details: CertificationDetails
 ) -> CertifiedPoint:
-    """The point with the depth that its bevel certifies, its force not known yet."""
+    """Return the point with the depth that its bevel certifies, its force not known yet."""
     height = indenter.height_mm if indenter.height_mm is not None else float("nan")
     depth, height_std_mm = height / (1 + pile_up.ratio), indenter.height_std_mm
     return CertifiedPoint(
@@ -135,7 +135,7 @@ def _point_of_depth(
 def _with_event(
     point: CertifiedPoint, times: ContactTimes, touch: ContactEvent, event: EventForce, method: object
 ) -> CertifiedPoint:
-    """The point with force and time of its contact event, how they were read, and the gel beside the face."""
+    """Return the point with force and time of its contact event, their source, and the gel outside the face."""
     track, distance_mm = times.bevel_contact.press_signal.track, times.bevel_contact.distance_mm
     return replace(
         point,
@@ -149,7 +149,7 @@ def _with_event(
 
 
 def judge_point(point: CertifiedPoint, findings: tuple[Finding, ...]) -> CertifiedPoint:
-    """The point with its verdict; its details keep all findings."""
+    """Return the point with its verdict; its details keep all findings."""
     if not findings and not np.isfinite(point.fz_N):
         findings = (Finding("bevel_not_touched", "no force could be read at the touch"),)
     if not findings:
@@ -162,7 +162,7 @@ def judge_point(point: CertifiedPoint, findings: tuple[Finding, ...]) -> Certifi
 def _force_std(
     window: ForceWindow | None, times: ContactTimes, event: EventForce, crossed: ForceCrossing
 ) -> float:
-    """Std (N) of the normal force at the event: its readings, the force's zero, and when it was."""
+    """Return the std (N) of the normal force at the event: by its readings, the force's zero, and time."""
     tare = float(window.tare.std_N[2]) if window is not None and window.tare.known else 0.0
     from_time = times.stop_std_N if event.dwell else event.rate_N_s * crossed.std_s
     return float(np.sqrt(event.std_N[2] ** 2 + tare**2 + from_time**2))
@@ -171,7 +171,7 @@ def _force_std(
 def _event_details(
     details: CertificationDetails, times: ContactTimes, touch: ContactEvent, event: EventForce, method: object
 ) -> CertificationDetails:
-    """The details with those of the contact event, and of the travel scale that it was put on."""
+    """Return the details with those of the contact event, and of its travel scale."""
     details = replace(
         details,
         contact_std_s=touch.std_s,
@@ -196,14 +196,14 @@ def _event_details(
 
 
 def _shared_std(times: ContactTimes, touch: ContactEvent, event: EventForce) -> float:
-    """Std (mm) that all depths share: the travel scale's zero, or the growing dent's shape; 0 at a stop."""
+    """Return the common std (mm) of all depths: travel scale's zero, or dent's shape; 0 at a stop."""
     if times.travel_scale is not None:
         return times.travel_scale.zero_std_mm
     return 0.0 if event.dwell else touch.onset.shared_std
 
 
 def _face_details(details: CertificationDetails, evidence: PressEvidence | None) -> CertificationDetails:
-    """The details with place, radius and tilt of the face, where one is seen."""
+    """Return the details with place, radius and tilt of the face, where one is seen."""
     if evidence is None or evidence.track.footprint is None:
         return details
     face = evidence.track.footprint
@@ -236,7 +236,7 @@ def press_curve(
     offset_s: float,
     depth_scale: DepthScale | None,
 ) -> Curve | None:
-    """Curve of one press, rows are its frames; None without a force. `offset_s`: F/T clock minus camera clock."""
+    """Return the curve of a press by frame; None without a force. `offset_s`: F/T minus camera clock."""
     if window is None:
         return None
     time = track.time_s + offset_s
@@ -271,10 +271,10 @@ def evidence_of(
     press_evidence: PressEvidence,
     findings: tuple[Finding, ...],
 ) -> Evidence:
-    """Evidence of one press; its event's frame is read and reconstructed once more.
+    """Return the evidence of one press; its event's frame is read and reconstructed again.
 
-    Where the force does not tell the time of the event, the deepest frame stands in for it, and a touch that
-    does not stand out of the noise is none.
+    Where the force does not determine the event's time, the deepest frame is used, and an insignificant touch is
+    none.
     """
     track, window = press_evidence.track, press_evidence.force
     timed = np.isfinite(press_evidence.event_s) and not any(finding.reason == "saturated" for finding in findings)
@@ -321,7 +321,7 @@ def _height_map(recording: Recording, reconstructor: Reconstructs, index: int | 
 
 
 def _window(press_evidence: PressEvidence) -> tuple[Pair, Pair] | None:
-    """Corners (x, y) of the window at the bevel's edge, on the pad."""
+    """Return the corners (x, y) of the window at the bevel's edge, on the pad."""
     face = press_evidence.track.footprint
     if face is None or press_evidence.distance_mm is None:
         return None

@@ -63,7 +63,7 @@ UNSEEN_PRESS = Finding("dropped_frames", "fewer than two sound frames show this 
 
 
 def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
-    """Points, curves and evidence of every press."""
+    """Return points, curves and evidence of every press."""
     events = contact_times(measurements)
     pile_ups = press_pile_ups(events, measurements.recording.sensor.gel)
     first = _findings(measurements, _press_evidence(measurements, events, pile_ups))
@@ -107,7 +107,7 @@ def _points(
     evidence: Mapping[str, PressEvidence],
     findings: Mapping[str, tuple[Finding, ...]],
 ) -> tuple[CertifiedPoint, ...]:
-    """The point of every press with its verdict, in the recording's order."""
+    """Return the point of every press with its verdict, in the recording's order."""
     sound = [one for name, one in evidence.items() if not findings[name]]
     tilt_scatter = tilt_scatter_to_bevel(sound, recording_statistics(evidence))
     points = []
@@ -125,7 +125,7 @@ def _with_presses(
     evidence: Mapping[str, PressEvidence],
     findings: Mapping[str, tuple[Finding, ...]],
 ) -> Certificate:
-    """The certificate with the curve and the evidence of every press that was seen."""
+    """Return the certificate with the curve and the evidence of every press that was seen."""
     seen = [(evidence[point.press], point) for point in certificate.points if point.press in evidence]
     scale = certificate.depth_scale
     curves = [
@@ -155,7 +155,7 @@ def _findings(
 
 
 def _clock_finding(measurements: RecordingMeasurements, name: str) -> tuple[Finding, ...]:
-    """A force that is read at the wrong time says nothing, and may look like one that is saturated."""
+    """Return a finding of misaligned clocks, which may look like a saturated force."""
     if name not in measurements.clock_outliers:
         return ()
     away = f"{measurements.clock_outliers[name]:+.2f} s from here"
@@ -224,12 +224,12 @@ def _warnings(measurements: RecordingMeasurements, events: Mapping[str, ContactT
 Progress = Callable[[int, int], None]
 _LONG = 250  # frames of a press beyond which their maps are not kept
 _TRIAL_FRAMES = 12  # frames of a long press in which the face is searched first
-_SILICONE = 0.48  # Poisson's ratio, to tell how much harder a wider punch presses
+_SILICONE = 0.48  # Poisson's ratio, for the stiffness of a wider punch
 _MARGIN_S = 0.5  # s of free gel wanted before and after the press that the table names; benchmarks.certificate
 
 
 def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Progress | None = None) -> Certificate:
-    """Certified depth and force of every press of a recording that has frames and forces.
+    """Return certified depth and force of every press of a recording that has frames and forces.
 
     `progress(done, of)` is called after each press. Frames are streamed, one press at a time in memory.
     Raises RecordingError where frames, their times, forces or presses are missing, or an indenter is not
@@ -320,7 +320,7 @@ def _track_all(
 def _look_ahead(
     recording: Recording, reconstructor: Reconstructs, span_s: tuple[float, float], indenter: Indenter
 ) -> Footprint | None:
-    """Where the face is in the deepest of a few frames of a long press; None for a short one."""
+    """Return the face's place in the deepest of a few frames of a long press; None for a short one."""
     times = recording.frame_times_s
     rows = np.flatnonzero((times >= span_s[0]) & (times <= span_s[1]))
     if rows.size <= _LONG:
@@ -335,7 +335,7 @@ def _look_ahead(
 
 
 def free_span(presses: Sequence[Press], k: int) -> tuple[float, float]:
-    """From the end of the press before to the start of the one after."""
+    """Return the time from the end of the previous press to the start of the next one."""
     here = presses[k]
     before = [p.end_s for p in presses if p is not here and p.end_s <= here.start_s]
     after = [p.start_s for p in presses if p is not here and p.start_s >= here.end_s]
@@ -361,9 +361,7 @@ def _seen(
     bevel_contacts: Mapping[str, BevelContact],
     gel: Gel | None,
 ) -> dict[str, PressDepths]:
-    """The presses for the clocks, by label; the depth that the camera read at the touch is where the force passed
-    through it.
-    """
+    """Return the presses for the clocks, by label; the force reaches the touch at the depth read there."""
     found = {}
     for name, seen in tracks.items():
         if seen is None or seen.footprint is None:

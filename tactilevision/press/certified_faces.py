@@ -26,14 +26,13 @@ from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.rig import Indenter, Press
 from tactilevision.robust import mad_std
 
-# Faces of certified presses as their maps show them at the event: how deep, and what their wall hides of it.
+# Faces of certified presses in their maps at the event: their depth, and the part that their wall hides.
 #
-# Each is read once, between the frames before and after its event, with walls as nobody taught them: these faces
-# tell what the wall's law lacks, and how deep faces are read with it. Lengths in
-# mm, times on the camera's clock.
+# Each is read once, between the frames before and after its event, with uncorrected walls: these faces determine
+# the correction of the wall's law, and the depth of faces with it. Lengths in mm, times on the camera's clock.
 
 POINTS = "points.csv"
-NEAR = 0.5  # of the radius, within which a wall's middle is the face's: the next face lies beyond
+NEAR = 0.5  # of the radius: largest distance of a wall's centre from the face's
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +53,7 @@ class MappedFace:
     depth_mm: float
 
     def as_taught(self, walls: TaughtWalls | None) -> float:
-        """Depth in mm that the face is read at with walls as certified faces taught them; None: as nobody did."""
+        """Return the face's depth in mm with walls fitted to certified faces; None: with uncorrected walls."""
         return self.read_mm + (walls.change_mm(self.hidden_mm, self.depth_mm)[0] if walls else 0.0)
 
 
@@ -69,12 +68,12 @@ class CertifiedFace:
     share: float
 
     def as_taught(self, walls: TaughtWalls | None) -> float:
-        """Depth in mm that the face is read at, at its event, with walls as taught; None: as nobody did."""
+        """Return the face's depth in mm at its event, with fitted walls; None: with uncorrected walls."""
         return self._between(*(one.as_taught(walls) for one in self.maps))
 
     @property
     def wall_face(self) -> WallFace | None:
-        """What the face says of walls, at its event; None where a map shows none."""
+        """Return the face's wall data at its event; None where a map shows none."""
         if not all(one.hidden_mm for one in self.maps):
             return None
         before, after = self.maps
@@ -87,7 +86,7 @@ class CertifiedFace:
 
 
 def read_certified(calibration: Path) -> tuple[Certified, ...]:
-    """The accepted presses of the points.csv beside a calibration.json; none where there is no such table.
+    """Return the accepted presses of the points.csv next to a calibration.json; none where there is no such table.
 
     Raises InputError where it is no table.
     """
@@ -113,10 +112,10 @@ def read_certified(calibration: Path) -> tuple[Certified, ...]:
 def read_faces(
     recording: Recording, reader: Reconstructor, *, certified: Sequence[Certified]
 ) -> list[CertifiedFace]:
-    """The faces of a recording's `certified` presses that both frames about their event show.
+    """Return the faces of a recording's `certified` presses that both frames about their event show.
 
-    What the reader knows of walls is set aside. Presses of another recording, told by label and time, are passed
-    over.
+    The reader's wall correction is ignored. Presses of another recording, identified by label and time, are
+    skipped.
     """
     return list(_faces(recording, reader.varied(taught=None), certified))
 
@@ -140,7 +139,7 @@ def _faces(recording: Recording, reader: Reconstructor, certified: Sequence[Cert
 
 
 def _mapped(recording: Recording, reader: Reconstructor, indenter: Indenter, place: int) -> MappedFace | None:
-    """The face in the map of a frame; None where it shows none that is pressed in."""
+    """Return the face in the map of a frame; None where it shows none that is pressed in."""
     try:
         reading = reader.read(read_frame(recording, place))
         face = find_footprint(reading.height, indenter)
@@ -154,7 +153,7 @@ def _mapped(recording: Recording, reader: Reconstructor, indenter: Indenter, pla
 
 
 def wall_at(reading: Reading, centre_mm: Pair, radius_mm: float) -> PunchEdge | None:
-    """The wall about a face's centre, from the picture's middle."""
+    """Return the wall about a face's centre, from the picture's middle."""
     (rows, columns), scale = reading.height.depth_mm.shape, reading.height.mm_per_px
     x, y = centre_mm[0] + (columns - 1) / 2 * scale[0], centre_mm[1] + (rows - 1) / 2 * scale[1]
     edges = reading.edges
@@ -162,13 +161,13 @@ def wall_at(reading: Reading, centre_mm: Pair, radius_mm: float) -> PunchEdge | 
     return next(near, None)
 
 
-# The scale in which the camera reads the depth of a face, from the certified events of all presses.
+# The camera's depth scale for faces, from the certified events of all presses.
 #
-# A method made from balls reads all slopes in proportion to 1/R of the radius that was stated for them, and one
-# radius alone shows no fault in it. The bevel knows nothing of balls: gentle faces, which are read right
-# otherwise, tell it.
+# A method made from balls reads all slopes in proportion to 1/R of their stated radius, and a single radius shows
+# no error in it. The bevel is independent of balls: gentle faces, which are otherwise read correctly, show the
+# error.
 
-GENTLE_MM = 0.4  # mm, up to which walls leave the depth of a face alone
+GENTLE_MM = 0.4  # mm, up to which walls do not change the depth of a face
 MIN_COUNT = 3  # gentle faces from which a median is taken; tests.certificate.test_depth_scale
 MAX_OFF = 0.06  # of 1: on five lights medians over gentle faces lie within .02, single ones within .08
 DETECTION_SIGMA = 3.0  # stds of the median; tests.certificate.test_depth_scale
@@ -176,22 +175,20 @@ DETECTION_SIGMA = 3.0  # stds of the median; tests.certificate.test_depth_scale
 
 @dataclass(frozen=True, slots=True)
 class DepthScale:
-    """True over seen depth, a polynomial in the seen depth (lowest power first), held beyond `limits_mm`;
-    scatter.
-    """
+    """True over seen depth, a polynomial (lowest power first), constant beyond `limits_mm`; scatter."""
 
     coefficients: tuple[float, ...]
     limits_mm: Pair
     scatter: float
 
     def scale(self, seen_mm: Floats | float) -> Floats:
-        """True over seen depth at seen depths of any shape, mm."""
+        """Return true over seen depth at seen depths (mm) of any shape."""
         held = np.clip(np.asarray(seen_mm, dtype=np.float64), *self.limits_mm)
         return np.asarray(np.polynomial.polynomial.polyval(held, self.coefficients), dtype=np.float64)
 
 
 def find_depth_scale(pairs: Sequence[Pair]) -> DepthScale | None:
-    """Gauge through (seen, true) depths at the events: constant, linear or square as the depths are spread."""
+    """Fit the scale to (seen, true) depths at the events: constant, linear or square by the depths' spread."""
     usable = np.array([p for p in pairs if p[0] > 0 and p[1] > 0]).reshape(-1, 2)
     if not len(usable):
         return None
@@ -206,7 +203,7 @@ def find_depth_scale(pairs: Sequence[Pair]) -> DepthScale | None:
 
 
 def scale_off(pairs: Sequence[Pair]) -> float | None:
-    """Seen over certified depth of gentle faces (seen, certified); None where they do not contradict 1."""
+    """Return seen over certified depth of gentle faces (seen, certified); None where 1 is not contradicted."""
     ratios = _ratios(pairs)
     if len(ratios) < MIN_COUNT:
         return None
@@ -216,16 +213,16 @@ def scale_off(pairs: Sequence[Pair]) -> float | None:
 
 
 def scale_warning(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
-    """A sentence where gentle faces (seen, certified) contradict the picture's scale; "" where they do not.
+    """Return a sentence where gentle faces (seen, certified) contradict the picture's scale; else "".
 
-    `radii_mm` of the balls that made it; none for a method that came ready.
+    `radii_mm` of the balls that made it; none for a ready method.
     """
     off = scale_off(pairs)
     return "" if off is None else scale_question(off, len(_ratios(pairs)), radii_mm=radii_mm)
 
 
 def scale_question(off: float, faces: int, *, radii_mm: Sequence[float]) -> str:
-    """What to ask where the picture's scale is `off`, a ratio, at so many gentle `faces`."""
+    """Return what to check where the picture's scale is `off`, a ratio, at so many gentle `faces`."""
     stated = ", ".join(f"{radius:g}" for radius in sorted(set(radii_mm)))
     implied = ", ".join(f"{off * radius:.2f}" for radius in sorted(set(radii_mm)))
     why = "balls of this sensor would mend it."
@@ -239,16 +236,16 @@ def scale_question(off: float, faces: int, *, radii_mm: Sequence[float]) -> str:
 
 
 def _ratios(pairs: Sequence[Pair]) -> Floats:
-    """Seen over true depth of the gentle faces in pairs of them."""
+    """Return seen over true depth of the gentle faces in pairs of them."""
     return np.array([seen / true for seen, true in pairs if 0 < true <= GENTLE_MM and seen > 0])
 
 
-# Correction of face depth: what the map hides of a face in its walls, put back from certified presses.
+# Correction of face depth: the part hidden by a face's walls, restored from certified presses.
 #
-# A deep face is read through walls too steep to be read. Its depth comes out short, alike at the same depth. The
-# certified presses tell by how much: read at their events by the same reconstructor they give a depth scale
-# (`find_depth_scale`). The faces of all frames of these presses are moved by it as rigid discs. The gel outside
-# them, and the deviation that the map states, stay as they are. Lengths in mm, times on the camera's clock.
+# A deep face is read through walls too steep to be read. Its depth is too small, equally at equal depth. The
+# certified presses determine the error: read at their events by the same reconstructor they give a depth scale
+# (`find_depth_scale`). It moves the faces of all frames of these presses as rigid discs. The gel outside them, and
+# the deviation that the map states, are not changed. Lengths in mm, times on the camera's clock.
 
 MIN_FACES = 3  # certified faces that make a depth scale; tests.certificate.test_face_depth
 
@@ -265,7 +262,7 @@ class FaceDepthCorrection:
     doubt: str = ""
 
     def __call__(self, height: HeightMap) -> HeightMap:
-        """The map with its face where the certificate puts it; as it was where no face of these presses shows."""
+        """Return the map with its face at the certified depth; unchanged where no face of these presses shows."""
         inside = (indenter for first, last, indenter in self.spans if first <= height.time_s <= last)
         indenter = next(inside, None)
         face = None if indenter is None else find_footprint(height, indenter)
@@ -273,7 +270,7 @@ class FaceDepthCorrection:
 
 
 def with_face(height: HeightMap, face: Footprint | None, *, depth_scale: DepthScale) -> HeightMap:
-    """The map (H, W) with a flat `face`, as it reads it, as deep in mm as the scale has it; None: as it was."""
+    """Return the map (H, W) with a flat `face` at the depth (mm) by the scale; None: unchanged."""
     if face is None or not face.depth_mm > 0:
         return height
     lacking = (float(depth_scale.scale(face.depth_mm)) - 1.0) * face.depth_mm
@@ -287,9 +284,9 @@ NO_CORRECTION = FaceDepthCorrection()  # nothing is certified: every map is the 
 def face_depth_correction(
     recording: Recording, faces: Sequence[CertifiedFace], *, walls: TaughtWalls | None
 ) -> FaceDepthCorrection:
-    """Correction by a recording's own certified `faces`; NO_CORRECTION where they are fewer than MIN_COUNT.
+    """Return the correction by a recording's own certified `faces`; NO_CORRECTION for fewer than MIN_COUNT.
 
-    Maps are made with `walls` as certified faces taught them; None: as nobody did.
+    Maps are made with `walls` fitted to certified faces; None: with uncorrected walls.
     """
     pairs = [(one.as_taught(walls), one.certified_mm) for one in faces]
     depth_scale = find_depth_scale(pairs) if len(pairs) >= MIN_FACES else None
@@ -308,28 +305,28 @@ def _disc(height: HeightMap, face: Footprint) -> np.ndarray[tuple[int, ...], np.
     return np.asarray(np.hypot(x[None, :], y[:, None]) < face.radius_mm)
 
 
-# Certified faces teach the wall's law: maps at their events, held against the depth that the bevel has there.
+# Fit of the wall's law to certified faces: maps at their events, compared with the bevel's depth.
 #
-# A face's map says how deep it is read and how much of that its wall hides (certified_faces.py). With the
-# certified depth beside it, the two numbers of the wall's law come out (heightmap/walls.py). They belong
-# to the light, and all later frames of the sensor are read with them.
+# A face's map gives its read depth and the part that its wall hides (certified_faces.py). With the certified depth
+# they determine the two parameters of the wall's law (heightmap/walls.py). These belong to the light, and correct
+# all later frames of the sensor.
 
 
 def teach_walls(reader: Reconstructor, faces: Sequence[CertifiedFace]) -> Reconstructor:
-    """Return the reader with what certified `faces` teach of its walls.
+    """Return the reader with walls fitted to certified `faces`.
 
-    Itself where too few faces show a wall, and where what they say is more than walls can be off.
+    Unchanged where too few faces show a wall, and where the error is larger than walls explain.
     """
     lesson = teach([one.wall_face for one in faces if one.wall_face is not None])
     return reader if lesson is None else reader.varied(taught=lesson)
 
 
 def with_walls(method: ReferencedMethod, walls: TaughtWalls | None) -> ReferencedMethod:
-    """The method with what its reader knows of `walls`; itself where that is what it knows already."""
+    """Return the method with its reader's correction of `walls`; unchanged where it has that already."""
     known = getattr(method, "walls", None)
     return method if walls == known else replace(cast(CalibratedMethod, method), walls=walls)
 
 
 def with_scatter(scale: DepthScale | None, walls: TaughtWalls) -> DepthScale | None:
-    """The scale of faces that taught their `walls`, too: they scatter no less than faces elsewhere."""
+    """Return the scale of the faces to which `walls` were fitted: their scatter holds for other faces, too."""
     return None if scale is None else replace(scale, scatter=max(scale.scatter, walls.scatter))

@@ -60,7 +60,7 @@ class ClockProblem:
         return tuple(slice(int(a), int(b)) for a, b in pairwise(np.cumsum((0, *sizes))))
 
     def prior(self, start_s: float) -> tuple[Floats, Floats]:
-        """Start (K,), and the std (K,) that is known beforehand of each parameter, inf where nothing is."""
+        """Return the start (K,), and the prior std (K,) of each parameter, inf where there is none."""
         offset, shapes, _, gains, shift, parts, memories = self.blocks()
         start, std = np.zeros(memories.stop), np.full(memories.stop, np.inf)
         start[offset], start[gains] = start_s, 1.0
@@ -70,7 +70,7 @@ class ClockProblem:
         return start, std
 
     def model(self, parameters: Floats) -> Floats:
-        """Depth (N,)."""
+        """Return the depth (N,)."""
         offset, shapes, zeros, gains, shift, parts, memories = (parameters[block] for block in self.blocks())
         now = np.array([np.interp(self.time_s + offset[0], self.force_time_s, row) for row in self.series])
         beyond = np.where(np.isfinite(self.touch), np.maximum(now[0] - self.touch, 0), 0.0)
@@ -82,7 +82,7 @@ class ClockProblem:
         return np.asarray(value, dtype=np.float64)
 
     def steady(self, offset_s: float) -> Bools:
-        """Frames (N,) about which the force changes as in a press: a jolt would pin the clocks to itself."""
+        """Return frames (N,) with force changes usual in a press: a jolt would bias the offset."""
         from scipy.ndimage import maximum_filter1d
 
         interval = float(np.median(np.diff(self.force_time_s)))
@@ -94,7 +94,7 @@ class ClockProblem:
         return np.asarray(here <= _JOLT * median_rate)
 
     def jacobian(self, parameters: Floats, value: Floats) -> Floats:
-        """Derivatives (N, parameters) by differences; the offset's over a few force readings, past their noise."""
+        """Return derivatives (N, parameters) by differences; the offset's over a few force readings."""
         columns = []
         for k in range(parameters.size):
             step = 0.02 if k == 0 else 1e-5
@@ -118,7 +118,7 @@ class ClockFit:
 
 
 def fit_clock(problem: ClockProblem, start_s: float) -> ClockFit:
-    """Gauss-Newton; presses and frames that do not fit count less."""
+    """Fit by Gauss-Newton; presses and frames that do not fit have less weight."""
     parameters, std = problem.prior(start_s)
     centre = parameters.copy()
     noise, weights = 0.1 * float(np.ptp(problem.depth_mm)), np.ones(problem.time_s.size)
@@ -139,7 +139,7 @@ def fit_clock(problem: ClockProblem, start_s: float) -> ClockFit:
             break
     residual = problem.depth_mm - problem.model(parameters)
     inverse = np.linalg.pinv(normal)
-    # frames of one press err together: the presses' own pulls on the offset tell what that is worth
+    # errors within one press are correlated: the presses' own offsets give the std
     scores = jacobian * (weights * residual)[:, None]
     pulls = np.array([scores[problem.press == k].sum(axis=0) for k in range(problem.presses)]) @ inverse[0]
     variance = max(float(inverse[0, 0]) * noise**2, float((pulls**2).sum()))
@@ -149,7 +149,7 @@ def fit_clock(problem: ClockProblem, start_s: float) -> ClockFit:
 
 
 def _weights(problem: ClockProblem, residual: Floats) -> tuple[Floats, float]:
-    """Weights of the frames, and the noise of a frame in a press that fits."""
+    """Return the weights of the frames, and the noise of a frame in a press that fits."""
     by_press = np.array([np.sqrt(np.mean(residual[problem.press == k] ** 2)) for k in range(problem.presses)])
     noise = max(float(np.median(by_press)), 1e-6)
     spread = np.maximum(by_press, noise)[problem.press]
@@ -158,7 +158,7 @@ def _weights(problem: ClockProblem, residual: Floats) -> tuple[Floats, float]:
 
 
 def memory(time_s: Floats, force: Floats, *, fade_s: float) -> Floats:
-    """Integral (T,) of exp(-(t - s)/T) dP(s) at evenly spaced times (T,) s, in the unit of `force` (T,)."""
+    """Return the integral (T,) of exp(-(t - s)/T) dP(s) at even times (T,) s, in the unit of `force` (T,)."""
     from scipy.signal import lfilter
 
     keep = float(np.exp(-np.median(np.diff(time_s)) / fade_s))
@@ -166,7 +166,7 @@ def memory(time_s: Floats, force: Floats, *, fade_s: float) -> Floats:
 
 
 def number_of(names: Sequence[float], counts: Sequence[int]) -> Ints:
-    """Numbers (N,) of the names in order, each repeated for its frames."""
+    """Return numbers (N,) of the names in order, each repeated for its frames."""
     order = sorted(set(names))
     return np.repeat([order.index(name) for name in names], counts)
 
@@ -174,8 +174,8 @@ def number_of(names: Sequence[float], counts: Sequence[int]) -> Ints:
 # How far the F/T sensor's clock is ahead of the camera's, from what both saw: depth and force of the presses.
 #
 # Three steps: correlation finds the offset to a few frames whatever the clocks' origins; parabolas of depth over
-# force, press by press, to some 10 ms; the joint fit below to about a millisecond. What tells the offset
-# are the corners (first contact, end of the ramp) and the difference between loading and unloading. Times in s.
+# force, press by press, to some 10 ms; the joint fit below to about a millisecond. The offset is determined by
+# the corners (first contact, end of the ramp) and the difference between loading and unloading. Times in s.
 
 _MEMORIES_S = (0.2, 1.0, 5.0)  # s, time constants of a relaxing gel that are fitted along; benchmarks.certificate
 _NEAR_S = 2.0  # s, offsets searched first: clocks that were set together; benchmarks.certificate
@@ -185,11 +185,11 @@ _AROUND_S = 0.6  # s about the correlation's offset in which parabolas are fitte
 _MIN_JUMP_S = 0.15  # s, smaller jumps are no jumps of a clock; tests.certificate.test_clock_alignment
 _MISFIT_RATIO = 9.0  # of mean squares, which no press of one clock reaches; tests.certificate.test_clock_alignment
 _COVERED = 0.3  # share of the frames that must have force readings; benchmarks.certificate
-_SMOOTH_S = 0.045  # s, mean of the force: rounds corners only where no frame would tell; benchmarks.certificate
+_SMOOTH_S = 0.045  # s, mean of the force: rounds corners by less than a frame; benchmarks.certificate
 _MIN_GAIN = 10.0  # of log likelihood, for a relaxing gel beyond the criterion of Schwarz; benchmarks.certificate
 _AGREEMENT_SIGMA = 2.0  # stds of that gain by what presses say of it one by one; benchmarks.certificate
 _CONTRADICTION_S = 0.02  # s off what is stated of the clocks, below which nothing is said; test_clock_alignment
-_CONTRADICTION_SIGMA = 4.0  # and in stds of what the presses say; test_clock_alignment
+_CONTRADICTION_SIGMA = 4.0  # and in stds of the presses' offset; test_clock_alignment
 _INWARD = 2.0  # times the depth read out of the gel; of noise the two are alike; test_clock_alignment
 _CLEAR = 0.75  # of the deepest: below it the bevel has hardly touched, where that is not known
 
@@ -211,11 +211,11 @@ class PressDepths:
 
     @property
     def goes_in(self) -> bool:
-        """Whether something went into the gel, and not out of it as far: then noise was taken for a face."""
+        """Return whether the depth is clearly positive into the gel: else noise was taken for a face."""
         return bool(np.nanmax(self.depth_mm) > _INWARD * max(-np.nanmin(self.depth_mm), 0.0))
 
     def clear(self) -> PressDepths:
-        """Where the touch is not known: the frames that hardly feel the bevel."""
+        """Return, for an unknown touch, the frames that the bevel hardly affects."""
         keep = np.isfinite(self.depth_mm)
         if np.isnan(self.touch_N) and keep.any():
             keep &= self.depth_mm <= _CLEAR * float(np.nanmax(self.depth_mm))
@@ -223,8 +223,7 @@ class PressDepths:
 
 
 def correlation_offset(presses: Sequence[PressDepths], forces: ForceSeries) -> tuple[float, float]:
-    """Offset at which depth times stiffness and normal force correlate best, to about a frame, and that
-    correlation.
+    """Return the offset of best correlation of depth times stiffness and normal force, and that correlation.
 
     Looks within two seconds first, then over all offsets at which the forces cover the frames.
     """
@@ -265,7 +264,7 @@ def _best_correlation(
 
 
 def parabola_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, start_s: float) -> float:
-    """A better start: the offset at which each press' depth is best a parabola of the force, to some 10 ms."""
+    """Return the offset at which each press' depth is best a parabola of the force, to some 10 ms."""
     grid = start_s + np.arange(-_AROUND_S, _AROUND_S + 1e-9, _STEP_S)
     force, total = _smooth(forces), np.zeros(grid.size)
     for clear in (seen.clear() for seen in presses):
@@ -275,9 +274,9 @@ def parabola_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, star
 
 
 def clock_jumps(presses: Mapping[str, PressDepths], forces: ForceSeries, *, offset_s: float) -> dict[str, float]:
-    """By how much the clocks of single presses are off `offset_s` (s), of those that fit far better elsewhere.
+    """Return the clock offsets of single presses from `offset_s` (s), where they fit far better.
 
-    One clock was set anew between them and the others, or readings were lost and the rest moved up.
+    A clock was reset between them and the others, or readings were lost.
     """
     grid = np.r_[offset_s, offset_s + np.arange(-_NEAR_S, _NEAR_S + 1e-9, _STEP_S)]
     force, found = _smooth(forces), {}
@@ -292,7 +291,7 @@ def clock_jumps(presses: Mapping[str, PressDepths], forces: ForceSeries, *, offs
 
 
 def clock_jump_warnings(clock_outliers: Mapping[str, float]) -> Iterator[str]:
-    """A warning that names the presses whose force comes too late or too early."""
+    """Return a warning that names the presses whose force comes too late or too early."""
     if clock_outliers:
         named = ", ".join(f"{name} ({away:+.2f} s)" for name, away in clock_outliers.items())
         yield (
@@ -307,7 +306,7 @@ def _ramps(clear: PressDepths) -> bool:
 
 
 def _parabola_misfit(seen: PressDepths, offsets: Floats, force_time: Floats, force: Floats) -> Floats:
-    """Mean square (offsets,) in mm² of the depth beside the best parabola of the force at each offset."""
+    """Return the mean square (offsets,) mm² of the depth about the best parabola of the force."""
     moved = np.interp(seen.time_s[None, :] + offsets[:, None], force_time, force)
     basis = np.stack([np.ones_like(moved), moved, moved**2], axis=-1)
     normal = basis.transpose(0, 2, 1) @ basis + 1e-9 * np.eye(3)
@@ -317,7 +316,7 @@ def _parabola_misfit(seen: PressDepths, offsets: Floats, force_time: Floats, for
 
 
 def estimate_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, start_s: float) -> Estimate:
-    """Offset near `start_s` with its standard deviation.
+    """Return the offset near `start_s` with its standard deviation.
 
     A gel that relaxes within a few frames looks like a clock that is late: it is believed where the presses agree
     on it, for the frames of one press err together.
@@ -339,7 +338,7 @@ def estimate_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, star
 def stated_offset_warnings(
     stated_s: float, presses: Sequence[PressDepths], forces: ForceSeries
 ) -> tuple[str, ...]:
-    """A warning where depth and force of the presses go together at another offset than the one stated (s)."""
+    """Return a warning where depth and force fit at another offset than the stated one (s)."""
     if not presses:
         return ()
     found = estimate_offset(presses, forces, start_s=parabola_offset(presses, forces, start_s=stated_s))
@@ -375,7 +374,7 @@ def _problem(presses: Sequence[PressDepths], forces: ForceSeries, memories: Sequ
 
 
 def _smooth(forces: ForceSeries, width_s: float = _SMOOTH_S) -> Floats:
-    """Normal force, averaged over what rounds the ramps' corners only where no frame would tell."""
+    """Return the normal force, averaged over an interval that rounds the ramps' corners by less than a frame."""
     force = forces.force_N[:, 2]
     interval = max(float(np.median(np.diff(forces.time_s))), 1e-9)
     half = min(int(0.5 * width_s / interval), max(force.size // 20, 0))

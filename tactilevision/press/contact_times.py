@@ -15,42 +15,42 @@ from tactilevision.recording.model import Recording
 from tactilevision.records.measured import Bools, Estimate, Floats, ForceSeries
 from tactilevision.robust import mad_std
 
-# Travel of the way in as a scale of depth, fitted to the heights at which the bevels touch.
+# Travel of the approach as a measure of depth, fitted to the heights at which the bevels touch.
 #
 #     z_i = alpha w_i + s P_i + b t_i + delta + e_i
 #
-# z_i is the travel of press i (mm) from the zero of force to the contact event that was seen. It comes from the
-# stage, else from stated speed times time. w_i is the depth that the bevel certifies (mm), P_i the force then (N).
-# alpha is the speed's scale, 1 for a stage; s the rig's compliance (mm/N). delta is by how much all events were
-# seen early or late, e_i what each was by itself. t_i is what the tilt that the camera reads would lower the bevel
-# by, against the median one; b, about 0 to 1, is how far that reading is to be believed.
+# z_i is the travel of press i (mm) from the zero of force to the observed contact event, from the stage or else
+# from stated speed times time. w_i is the depth that the bevel certifies (mm), P_i the force then (N). alpha is
+# the speed's scale, 1 for a stage; s the rig's compliance (mm/N). delta is the common detection delay of all
+# events (mm), e_i the error of each. t_i is the lowering of the bevel by the tilt that the camera reads, relative
+# to the median; b, about 0 to 1, is the weight of that reading.
 #
-# A rig that comes at one pace makes z a measure of depth whose zero is the gel's surface. delta does not grow with
-# the depth, so heights that differ tell it apart from alpha. The shape of the growing dent bounds delta, the
-# stiffness of rigs bounds s. The force is then read at alpha w_i + s P_i in all presses alike.
+# At constant pace z measures depth from the gel's surface. delta does not grow with depth, so different heights
+# separate it from alpha. The shape of the growing dent bounds delta, the stiffness of rigs bounds s. The force is
+# then read at alpha w_i + s P_i in all presses.
 #
-# Generalised least squares. Faces that tilt by more than the camera sees make events scatter by more than they
-# should. What each is off by then grows until chi-square is right (Birge, Phys. Rev. 40 (1932) 207); what all
-# share stays. Where it is larger by far, and nothing else says that the paces were even, there is no scale.
+# Generalised least squares. Faces that tilt by more than the camera detects increase the scatter of the events.
+# Individual errors are then enlarged until chi-square is right (Birge, Phys. Rev. 40 (1932) 207); shared ones are
+# not. With a much larger scatter, and no other evidence of even paces, there is no scale.
 
 RIG_COMPLIANCE_MM_PER_N = 0.005  # mm/N, one sigma: rigs with their F/T sensors stand at 200 N/mm or so
 STAGE_STD = 0.005  # of 1, one sigma of a motion stage's scale
 _MIN_COUNT = 3  # events, where the scale is not known beforehand; tests.certificate.test_travel_scale
 _MIN_HEIGHTS = 2  # machined heights among them; tests.certificate.test_travel_scale
 _TILT_TRUST_STD = 1.0  # of 1, one sigma of b; tests.certificate.test_travel_scale
-_MAX_ITERATIONS = 8  # of widening, until chi-square is what it should be; test_travel_scale
+_MAX_ITERATIONS = 8  # of enlarging errors, until chi-square is right; test_travel_scale
 _MIN_SPREAD = 0.25  # of the largest depth, that the heights must differ by; test_travel_scale
-_OUTLIER_SIGMA = 4.0  # beyond which a contact event was none; test_travel_scale
+_OUTLIER_SIGMA = 4.0  # beyond which a contact event is an outlier; test_travel_scale
 _MAX_CHI2 = 9.0  # per degree of freedom: beyond it ramps not known to be even are no scale; test_travel_scale
 
 
 @dataclass(frozen=True, slots=True)
 class TravelPoint:
-    """One contact event on the travel scale: certified depth, travel until it was seen, force.
+    """One contact event on the travel scale: certified depth, travel until detection, force.
 
-    `own_std_mm` is its own std, `shared_std_mm` what all share, of which `zero_std_mm` is the travel's zero.
-    `height` names what shares a machined height, `height_std_mm` its std; `tilt_shift_mm` is what the face's tilt
-    lowers the bevel by, as read.
+    `own_std_mm` is its own std, `shared_std_mm` that common to all, of which `zero_std_mm` is the travel's zero.
+    `height` names the shared machined height, `height_std_mm` its std; `tilt_shift_mm`: lowering of the bevel by
+    the face's tilt, as read.
     """
 
     depth_mm: float
@@ -68,7 +68,7 @@ class TravelPoint:
 class TravelScale:
     """alpha, s, b and their covariance (3, 3); `used` points (N,); `delay_mm` and its std: delta.
 
-    `zero_std_mm`: what all depths read on it are off by alike, since its zero is.
+    `zero_std_mm`: common error of all depths on the scale, from its zero.
     """
 
     alpha: float
@@ -80,11 +80,11 @@ class TravelScale:
     zero_std_mm: float
 
     def travel_mm(self, depth_mm: float, force_N: float) -> float:
-        """Travel that belongs to a depth and a force."""
+        """Return the travel (mm) at a depth and a force."""
         return self.alpha * depth_mm + self.compliance_mm_per_N * force_N
 
     def relative_std(self, stiffness_N_per_mm: float) -> float:
-        """Of all its depths alike, where the force grows with this stiffness at first."""
+        """Return the common relative std of the scale's depths, for this initial stiffness."""
         slope = np.array([1.0, stiffness_N_per_mm, 0.0])
         whole = self.alpha + self.compliance_mm_per_N * stiffness_N_per_mm
         return float(np.sqrt(slope @ self.covariance @ slope)) / whole
@@ -93,9 +93,9 @@ class TravelScale:
 def fit_travel_scale(
     points: Sequence[TravelPoint], *, scale: float | None = None, even: bool = False
 ) -> TravelScale | None:
-    """The travel scale of these events; None where they are too few, too much alike, or on no scale.
+    """Return the travel scale of these events; None where they are too few, too similar, or on no scale.
 
-    `scale` is alpha where it is known, to STAGE_STD; `even` says that forces follow one law of the travel.
+    `scale` is alpha where it is known, to STAGE_STD; `even`: forces follow one law of the travel.
     """
     used = np.ones(len(points), dtype=bool)
     while True:
@@ -115,7 +115,7 @@ def fit_travel_scale(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solution:
-    """alpha, s, b, their covariance (3, 3), the touches' (N, N); residuals made white, chi-square per freedom."""
+    """alpha, s, b, their covariance (3, 3), the touches' (N, N); white residuals, chi-square per freedom."""
 
     answer: Floats
     inverse: Floats
@@ -130,7 +130,7 @@ class _Solution:
 def _solve(
     points: Sequence[TravelPoint], used: Bools, scale: float | None, limit: float
 ) -> tuple[TravelScale | None, Floats]:
-    """The scale, and each event's distance (N,) from what the others say, in sigmas of the median scatter."""
+    """Return the scale, and each event's deviation (N,) from the others' prediction, in median sigmas."""
     found = _least_squares(points, scale, 1.0)
     scatter_unit = max(mad_std(found.apart, centre=0.0), 1.0)
     apart = found.apart / scatter_unit
@@ -154,12 +154,12 @@ def _solve(
 
 
 def _pace(points: Sequence[TravelPoint]) -> float:
-    """Travel over depth, roughly."""
+    """Return an approximate ratio of travel to depth."""
     return float(np.median([point.travel_mm / point.depth_mm for point in points]))
 
 
 def _least_squares(points: Sequence[TravelPoint], scale: float | None, scatter: float) -> _Solution:
-    """With what each touch and each height is off by taken `scatter` times as large as stated."""
+    """Return the least-squares solution with errors of touches and heights `scatter` times as large as stated."""
     depth, travel, own, shared, force, height_std, tilt_shift = np.array(
         [
             (m.depth_mm, m.travel_mm, m.own_std_mm, m.shared_std_mm, m.force_N, m.height_std_mm, m.tilt_shift_mm)
@@ -184,30 +184,30 @@ def _least_squares(points: Sequence[TravelPoint], scale: float | None, scatter: 
     answer = inverse @ (design.T @ weight @ travel + held * expected)
     residual = travel - design @ answer
     square = float(residual @ weight @ residual) + float(held @ (answer - expected) ** 2)
-    # what each touch is off by, given all others: the covariance's inverse knows it (leave-one-out)
+    # leave-one-out error of each touch, from the inverse covariance
     weighed = weight @ residual
     return _Solution(answer, inverse, design, held, covariance, weighed, weighed / np.sqrt(np.diag(weight)),
                      square / max(len(points) - (scale is None), 1))  # fmt: skip
 
 
 def _delay_std(covariance: Floats, design: Floats, held: Floats, shared: Floats) -> float:
-    """Std of delta, by the joint fit of alpha, s, b and delta."""
+    """Return the std of delta, by the joint fit of alpha, s, b and delta."""
     rest = np.linalg.inv(covariance - np.outer(shared, shared))
     whole = np.column_stack([design, np.ones(len(shared))])
     normal = whole.T @ rest @ whole + np.diag([*held, float(np.median(shared)) ** -2])
     return float(np.sqrt(np.linalg.inv(normal)[-1, -1]))
 
 
-# When each press touched on either clock, and the force then: from the depths at which the bevels touch.
+# The touch time of each press on either clock, and the force then: from the depths at which the bevels touch.
 
-_MIN_DWELLS = 3  # dwells from which their scatter can be told; benchmarks.certificate
+_MIN_DWELLS = 3  # dwells from which their scatter is determined; benchmarks.certificate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingMeasurements:
-    """Everything gathered from a recording before a press is judged, by press label; `notes` for the reader.
+    """Measurements of a recording before its presses are judged, by press label; `notes` for the reader.
 
-    `clock_outliers` (s): by how much the clocks of single presses are off (`clock_jumps`).
+    `clock_outliers` (s): clock offsets of single presses (`clock_jumps`).
     """
 
     recording: Recording
@@ -232,10 +232,10 @@ class RecordingMeasurements:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactTimes:
-    """One press at its event: what the search found, its crossing on the F/T clock, the touch and the force.
+    """One press at its event: the search result, its crossing on the F/T clock, the touch and the force.
 
-    `stop_std_N`: what a rig that stands still near the touch, not at it, leaves open of the force. `travel_scale`:
-    the scale that the event was put on, None: as it was seen.
+    `stop_std_N`: std of the force where the rig stands still near the touch, not at it. `travel_scale`: the scale
+    on which the event was placed, None: as detected.
     """
 
     bevel_contact: BevelContact
@@ -247,7 +247,7 @@ class ContactTimes:
 
 
 def contact_times(measurements: RecordingMeasurements) -> dict[str, ContactTimes]:
-    """Every press that was searched, at its event."""
+    """Return every press that was searched, at its event."""
     return _with_dwell_scatter(
         measurements,
         {
@@ -258,7 +258,7 @@ def contact_times(measurements: RecordingMeasurements) -> dict[str, ContactTimes
 
 
 def _time(measurements: RecordingMeasurements, name: str, bevel_contact: BevelContact) -> ContactTimes:
-    """Touch and force of one press, from the depth at which its bevel touches."""
+    """Return the touch and force of one press, from the depth at which its bevel touches."""
     onset, window, track = bevel_contact.onset, measurements.windows[name], bevel_contact.press_signal.track
     if onset is None or window is None:
         return ContactTimes(bevel_contact, None, None, None)
@@ -278,10 +278,11 @@ def _time(measurements: RecordingMeasurements, name: str, bevel_contact: BevelCo
 def _with_dwell_scatter(
     measurements: RecordingMeasurements, events: dict[str, ContactTimes]
 ) -> dict[str, ContactTimes]:
-    """With what the stops of the rig scatter by about the touches that the camera sees.
+    """Return the presses with the scatter of the rig's stops about the touches that the camera detects.
 
-    A dwell stands for the touch as far as the rig stops there each time. What its places scatter by against the
-    onsets, beyond the onsets' own errors, is left open; an error that all share cannot be seen so.
+    A dwell represents the touch as far as the rig stops there each time. The scatter of dwells about the onsets
+    beyond
+    the onsets' own errors adds to the std; a common error is not detectable.
     """
     apart: dict[str, tuple[float, float, float]] = {}
     for name, one in events.items():

@@ -24,9 +24,7 @@ READINGS = 200  # of a dwell's mean at most: 1 s at 200 Hz
 
 @dataclass(frozen=True, slots=True)
 class EventForce:
-    """Force (3,) and its std (3,) without the touch time's share; `rate_N_s` of the normal force; how it was
-    read.
-    """
+    """Force (3,), its std (3,) excluding the touch time's; `rate_N_s` of the normal force; its source."""
 
     force_N: Floats
     std_N: Floats
@@ -36,7 +34,7 @@ class EventForce:
 
 
 def force_in_dwell(time_s: Floats, force_N: Floats, *, dwell_s: Pair, event_s: float) -> EventForce | None:
-    """Mean of up to READINGS readings (T, 3) N at times (T,) s inside the dwell, those nearest to the event."""
+    """Return the mean of up to READINGS readings (T, 3) N at times (T,) s in the dwell, nearest to the event."""
     inside = np.flatnonzero((time_s >= dwell_s[0]) & (time_s <= dwell_s[1]) & np.isfinite(force_N).all(axis=1))
     if inside.size < 5:
         return None
@@ -50,7 +48,7 @@ def force_in_dwell(time_s: Floats, force_N: Floats, *, dwell_s: Pair, event_s: f
 def force_on_ramp(
     time_s: Floats, force_N: Floats, std_N: Floats, *, onset_s: float, touch_s: float
 ) -> EventForce | None:
-    """One-sided fit up to the touch, to forces (n, 3) in N; `onset_s` is a rough time of first contact.
+    """Return the one-sided fit up to the touch, to forces (n, 3) in N; `onset_s`: rough first contact.
 
     `std_N` (3,) is the deviation of one reading.
     """
@@ -78,7 +76,7 @@ def force_on_ramp(
 def _whole_ramp(
     time: Floats, force: Floats, where: Bools, ramp_s: Pair, std: float
 ) -> tuple[float, float, float, int] | None:
-    """Value, std and slope at the touch of the model from first contact on; None where it does not fit."""
+    """Return value, std and slope at the touch of the model from first contact on; None for a misfit."""
     t, p = time[where], force[where]
     length = ramp_s[1] - ramp_s[0]
     best: tuple[float, float, Floats] | None = None
@@ -111,9 +109,7 @@ def _whole_ramp(
 def _last_part(
     time: Floats, force: Floats, load: Bools, touch_s: float, std: float
 ) -> tuple[float, float, float, int]:
-    """A parabola over the longest last part of the ramp that it fits; at the shortest its misfit is in the
-    std.
-    """
+    """Return a parabola over the ramp's longest fitting last part; the shortest has its misfit in the std."""
     places = np.flatnonzero(load)
     count = places.size
     while True:
@@ -128,19 +124,19 @@ def _last_part(
 
 
 def _fitting(count: int) -> float:
-    """Reduced chi-square that a model which fits exceeds once in forty times."""
+    """Return the reduced chi-square that a correct model exceeds once in forty times."""
     return float(1 + 2 * np.sqrt(2 / max(count, 1)))
 
 
 def spread_of(x: Floats, y: Floats, *, degree: int) -> float:
-    """Rms residual of a polynomial fit through (N,) points, per degree of freedom, in the unit of y."""
+    """Return the rms residual of a polynomial fit through (N,) points, per freedom, in the unit of y."""
     design = np.vander(x, degree + 1, increasing=True)
     answer, *_ = np.linalg.lstsq(design, y, rcond=None)
     return float(np.sqrt(((y - design @ answer) ** 2).sum() / max(y.size - degree - 1, 1)))
 
 
 def _polynomial(x: Floats, y: Floats, degree: int, std: float) -> tuple[float, float, float]:
-    """Value at 0, its std, and the slope there."""
+    """Return the value at 0, its std, and the slope there."""
     design = np.vander(x, degree + 1, increasing=True)
     answer, *_ = np.linalg.lstsq(design, y, rcond=None)
     covariance = np.linalg.pinv(design.T @ design) * std**2
@@ -149,17 +145,15 @@ def _polynomial(x: Floats, y: Floats, degree: int, std: float) -> tuple[float, f
 
 # When the touch happened on either clock, and whether the rig stood still there.
 #
-# The touch is found as a depth (touch.py); the force, read 200 times a second, tells when that depth was
-# reached. Times in s, forces in N, depths in mm.
+# The touch is found as a depth; the force, read 200 times a second, gives the time at that depth. Times in s,
+# forces in N, depths in mm.
 
 _NEAR_S = 0.1  # s about the crossing over which the force is a line
 
 
 @dataclass(frozen=True, slots=True)
 class ForceCrossing:
-    """When the force first reached a level: F/T clock, std from the level's own, rate; the dwell there, if
-    any.
-    """
+    """When the force first reached a level: F/T clock, std from the level's own, rate; the dwell there, if any."""
 
     time_s: float
     std_s: float
@@ -168,7 +162,7 @@ class ForceCrossing:
 
 
 def force_crossing(window: ForceWindow, level_N: float, *, level_std_N: float) -> ForceCrossing | None:
-    """First passage of the driving force through a level on the way in; None where it never gets there."""
+    """Return the driving force's first passage through a level on the way in; None if there is none."""
     phases = window.phases
     if phases is None or not level_N > 0:
         return None
@@ -199,7 +193,7 @@ def force_crossing(window: ForceWindow, level_N: float, *, level_std_N: float) -
 
 
 def event_force(window: ForceWindow, forces: ForceSeries, *, crossed: ForceCrossing) -> EventForce | None:
-    """Force at the event: mean in the dwell, else the one-sided fit up to the touch."""
+    """Return the force at the event: mean in the dwell, else the one-sided fit up to the touch."""
     assert window.phases is not None
     if crossed.dwell_s is not None:
         return force_in_dwell(window.time_s, window.force_N, dwell_s=crossed.dwell_s, event_s=crossed.time_s)

@@ -13,19 +13,19 @@ from tactilevision.records.measured import Bools, Floats, ForceSeries, Pair
 from tactilevision.records.rig import Press
 from tactilevision.robust import second_difference_std
 
-# The zero of the force: what the F/T sensor reads on the free gel before and after a press, linear in between.
+# The zero of the force: the F/T sensor's reading on the free gel before and after a press, linear in between.
 #
 #     zero(t) = mean before + (mean after - mean before) (t - t_before)/(t_after - t_before)
 #
 # Times on the F/T sensor's clock, forces in N.
 
 _MIN_FREE_COUNT = 5  # readings of the free gel for a zero; tests.certificate.test_force_readings
-_LONGEST_S = 2.0  # s nearest to the press: the zero wanders over longer times
+_LONGEST_S = 2.0  # s nearest to the press: the zero drifts over longer times
 
 
 @dataclass(frozen=True, slots=True)
 class Tare:
-    """The zero before and after a press: force (3,) at its mean time; None where there were no free readings.
+    """The zero before and after a press: force (3,) at its mean time; None without free readings.
 
     `std_N` (3,) of the zero during the press.
     """
@@ -37,7 +37,7 @@ class Tare:
     std_N: Floats
 
     def at(self, time_s: Floats) -> Floats:
-        """Zero (T, 3) at times (T,)."""
+        """Return the zero (T, 3) at times (T,)."""
         if self.before_N is None and self.after_N is None:
             return np.zeros((len(time_s), 3))
         first = self.before_N if self.before_N is not None else self.after_N
@@ -54,12 +54,12 @@ class Tare:
 
     @property
     def drift_N(self) -> Floats | None:
-        """After less before (3,)."""
+        """Return the zero after minus that before (3,)."""
         return None if self.before_N is None or self.after_N is None else self.after_N - self.before_N
 
 
 def find_tare(forces: ForceSeries, contact_s: Pair, *, free_s: Pair) -> Tare:
-    """Zero of a press that is in contact during `contact_s`, the gel being free in the rest of `free_s`."""
+    """Return the zero of a press in contact during `contact_s`, with free gel in the rest of `free_s`."""
     time = forces.time_s
     before = (time < contact_s[0]) & (time >= max(free_s[0], contact_s[0] - _LONGEST_S))
     after = (time > contact_s[1]) & (time <= min(free_s[1], contact_s[1] + _LONGEST_S))
@@ -69,15 +69,15 @@ def find_tare(forces: ForceSeries, contact_s: Pair, *, free_s: Pair) -> Tare:
     if not known:
         return Tare(None, np.nan, None, np.nan, np.full(3, np.nan))
     std = np.sqrt(np.mean(np.square(known), axis=0) / len(known))
-    if first is not None and last is not None:  # half of what it has moved is not known to be linear in time
+    if first is not None and last is not None:  # half of its drift may not be linear in time
         std = np.hypot(std, np.abs(last - first) / np.sqrt(12))
     return Tare(first, first_s, last, last_s, np.asarray(std))
 
 
 def subtract_tares(forces: ForceSeries, tares: Iterable[Tare]) -> ForceSeries:
-    """The readings less the zeros that these tares found, linear in time between them; as they are without any.
+    """Return the readings minus the zeros of these tares, linear in time between them; unchanged without tares.
 
-    A zero that drifts by a few millinewtons while a press lasts makes its unloading look milliseconds late.
+    An uncorrected drift of a few millinewtons during a press delays its unloading by milliseconds.
     """
     knots = [
         (time, zero)
@@ -105,16 +105,15 @@ def _mean(forces: ForceSeries, where: Bools) -> tuple[Floats | None, float, Floa
     return readings.mean(axis=0), float(forces.time_s[where].mean()), spread / np.sqrt(len(readings))
 
 
-# Which part of a press each reading belongs to: free, load, hold, unload, free.
+# The phase of each reading of a press: free, load, hold, unload, free.
 #
-# The threshold of contact and the tolerance of the hold come from the noise of the readings: contact is what
-# stands 5 sigma out of the zero and does so again and again, the hold what lies within 4 sigma (or 2 %) of the
-# top.
+# The threshold of contact and the tolerance of the hold come from the noise of the readings: contact is repeatedly
+# more than 5 sigma from the zero, the hold within 4 sigma (or 2 %) of the top.
 
 
 @dataclass(frozen=True, slots=True)
 class Phases:
-    """Places (into the readings): the first of contact, the first and last of the hold, the first free one after.
+    """Indices of readings: the first of contact, the first and last of the hold, the first free one after.
 
     `noise` of one reading, in its unit.
     """
@@ -126,7 +125,7 @@ class Phases:
     noise: float
 
     def names(self, count: int) -> npt.NDArray[np.str_]:
-        """The phase (N,) of each of `count` readings."""
+        """Return the phase (N,) of each of `count` readings."""
         place = np.arange(count)
         names = np.full(count, "free", dtype="<U6")
         names[(place >= self.onset) & (place < self.hold)] = "load"
@@ -136,14 +135,14 @@ class Phases:
 
 
 def find_phases(reading: Floats) -> Phases | None:
-    """Phases of one press from its depths or forces (N,), zero when free; None where there is no contact."""
+    """Return the phases of a press by depths (mm) or forces (N), (N,), zero when free; None without contact."""
     noise = noise_of(reading)
     known = np.where(np.isfinite(reading), reading, -np.inf)
     top = float(np.median(np.sort(known)[-max(3, known.size // 20) :])) if known.size >= 5 else 0.0
     if not top > CONTACT.reading_top_sigma * noise or top <= 0:
         return None
     contact = known > reading_limit(noise, top)
-    firm = contact & np.r_[contact[1:], contact[-1]]  # twice running: one wild reading is no contact
+    firm = contact & np.r_[contact[1:], contact[-1]]  # two in a row: a single outlier is no contact
     if not firm.any():
         return None
     main = _main_run(contact, np.where(contact, known, 0.0))
@@ -163,7 +162,7 @@ def find_phases(reading: Floats) -> Phases | None:
 
 
 def _main_run(contact: Bools, reading: Floats) -> Bools:
-    """The contact that matters: the run of the largest sum, not a jolt at the window's end."""
+    """Return the main contact: the run of the largest sum, not a jolt at the window's end."""
     edges = np.flatnonzero(np.diff(np.r_[0, contact.astype(np.int8), 0]))
     runs = list(zip(edges[::2], edges[1::2], strict=True))
     first, last = max(runs, key=lambda run: float(reading[run[0] : run[1]].sum()))
@@ -173,7 +172,7 @@ def _main_run(contact: Bools, reading: Floats) -> Bools:
 
 
 def noise_of(reading: Floats) -> float:
-    """Noise of one reading of (N,), in its unit.
+    """Return the noise of one reading of (N,), in its unit.
 
     From second differences: a ramp does not count, nor do its few corners.
     """
@@ -183,15 +182,15 @@ def noise_of(reading: Floats) -> float:
     return second_difference_std(known)
 
 
-# The force of one press: its readings, tared, with their phases, and what it was when each frame was taken.
+# The force of one press: its tared readings with their phases, and the force at each frame.
 #
 # Times on the F/T sensor's clock, forces in N.
 
-_RATE_S = 0.1  # s over which the rate of loading is read: 20 readings at 200 Hz
+_RATE_S = 0.1  # s over which the rate of loading is determined: 20 readings at 200 Hz
 _STILL = 0.2  # of the median rate: slower is a pause, in which a gel may relax; test_force_readings
 _DWELL_S = 0.15  # s, shorter pauses hold too few readings for a mean
-_SMOOTH = 9  # readings: 45 ms at 200 Hz, a tenth of the shortest ramp worth certifying
-_GAP = 3 * _SMOOTH  # readings beside contact that are not taken for free
+_SMOOTH = 9  # readings: 45 ms at 200 Hz, a tenth of the shortest ramp suited to certification
+_GAP = 3 * _SMOOTH  # readings next to contact that do not count as free
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,8 +198,9 @@ class ForceWindow:
     """`time_s` (T,), tared `force_N` (T, 3), smoothed normal force `smooth_N` (T,), phases (None: no contact).
 
     `ramp_N_s` is the median rate of loading, `dwells` the (first, last) readings between which the rig stands
-    still, on the way in and at the top. `drive_N` (T,) is the smoothed force with what it relaxes by in the
-    dwells put back: it stands still where the depth does.
+    still, on the way in and at the top. `drive_N` (T,) is the smoothed force corrected for relaxation in the
+    dwells: it
+    is constant where the depth is.
     """
 
     time_s: Floats
@@ -213,12 +213,12 @@ class ForceWindow:
     drive_N: Floats
 
     def at(self, time_s: Floats) -> Floats:
-        """Driving force (N,) at times (N,), NaN outside the readings."""
+        """Return the driving force (N,) at times (N,), NaN outside the readings."""
         return np.interp(time_s, self.time_s, self.drive_N, left=np.nan, right=np.nan)
 
 
 def force_window(forces: ForceSeries, press: Press, *, free_s: Pair, offset_s: float) -> ForceWindow | None:
-    """Readings of one press. `free_s` (camera clock) reaches from the press before to the one after it."""
+    """Return the readings of one press. `free_s` (camera clock): from the previous press to the next one."""
     first, last = free_s[0] + offset_s, free_s[1] + offset_s
     inside = (forces.time_s >= first) & (forces.time_s <= last)
     if inside.sum() < 10:
@@ -230,7 +230,7 @@ def force_window(forces: ForceSeries, press: Press, *, free_s: Pair, offset_s: f
     free = forces.force_N.copy()
     if contact is not None:
         touching = _touching(rough, noise_of(raw[:, 2]) / np.sqrt(_SMOOTH), contact)
-        free[np.flatnonzero(inside)[touching]] = np.nan  # a first try is no zero
+        free[np.flatnonzero(inside)[touching]] = np.nan  # the first estimate is no zero
         span = (float(time[max(contact.onset - _GAP, 0)]), float(time[min(contact.end + _GAP, time.size - 1)]))
     else:
         span = (press.start_s + offset_s, press.end_s + offset_s)
@@ -243,7 +243,7 @@ def force_window(forces: ForceSeries, press: Press, *, free_s: Pair, offset_s: f
 
 
 def _dwells(time: Floats, force: Floats, phases: Phases) -> tuple[float, tuple[tuple[int, int], ...]]:
-    """Usual rate of loading, and where the force stays within a small part of it for long enough."""
+    """Return the usual rate of loading, and where the force is nearly constant for long enough."""
     interval = max(float(np.median(np.diff(time))), 1e-9)
     half = max(round(0.5 * _RATE_S / interval), 1)
     rate = np.zeros(force.size)
@@ -254,7 +254,7 @@ def _dwells(time: Floats, force: Floats, phases: Phases) -> tuple[float, tuple[t
     still = np.zeros(force.size, dtype=bool)
     still[phases.onset : phases.release + 1] = rate[phases.onset : phases.release + 1] < _STILL * median_rate
     edges = np.flatnonzero(np.diff(np.r_[0, still.astype(np.int8), 0]))
-    # a mean rate over a window falls below the limit some time after the corner that it looks across
+    # a mean rate over a window falls below the limit some time after the corner within it
     lag = round((0.5 - _STILL) * _RATE_S / interval)
     runs = [
         (max(int(a) - lag, phases.onset), min(int(b) - 1 + lag, phases.release))
@@ -272,10 +272,12 @@ def _undrained(force: Floats, dwells: tuple[tuple[int, int], ...]) -> Floats:
 
 
 def _free_level(time: Floats, force: Floats) -> Floats:
-    """Level of the free gel (N,): a line through the medians of the lowest fifths before and after the top.
+    """Return the level of the free gel (N,): a line through the medians of the lowest fifths before and after the
+    top.
 
-    One level would let a zero that drifts by more than the noise make free readings look like contact. A side
-    whose lowest fifth climbs holds no free gel, and is left out.
+    With a constant level, drift beyond the noise would make free readings look like contact. A side whose lowest
+    fifth
+    climbs contains no free gel, and is excluded.
     """
     top = int(np.nanargmax(force)) if np.isfinite(force).any() else 0
     ends = []
@@ -289,7 +291,7 @@ def _free_level(time: Floats, force: Floats) -> Floats:
 
 
 def _touching(force: Floats, noise: float, contact: Phases) -> Bools:
-    """Readings (N,) near one that stands out of the zero, beyond what `noise` of a smoothed one lets expect."""
+    """Return which readings (N,) are near a significant one, for `noise` of a smoothed reading."""
     top = float(np.median(force[contact.hold : contact.release + 1]))
     out = (force > reading_limit(noise, top)).astype(float)
     return np.asarray(np.convolve(out, np.ones(2 * _GAP + 1), mode="same") > 0.5)
@@ -305,28 +307,29 @@ def _smooth(force: Floats) -> Floats:
     return np.asarray(np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid"))
 
 
-# When the face first met the gel, from the force of the ramp; and the ramp's steady pace as a measure of depth.
+# First contact of the face with the gel, from the force of the ramp; and the ramp's steady pace as a depth
+# measure.
 #
 #     P(t) = b1 (t - t0) + b2 (t - t0)²,  t0 <= t;   0 before t0
 #
-# t0 is the zero of the law that the force follows, not the first reading that stands out of the noise. Where the
-# whole ramp does not fit within the noise (a gel that relaxes, a law with a cubic term), its longest first part
-# that does is taken. Times on the F/T sensor's clock, s; forces tared, N.
+# t0 is the zero of the force law, not the first significant reading. Where the whole ramp does not fit within the
+# noise (a gel that relaxes, a law with a cubic term), its longest first part that does is taken. Times on the F/T
+# sensor's clock, s; forces tared, N.
 
-_MIN_PART = 0.3  # of the ramp: below it curvature and start cannot be told apart; test_travel_scale
+_MIN_PART = 0.3  # of the ramp: below it curvature and start are not separable; test_travel_scale
 _SHORTENING = 1.3  # factor by which the fitted part of the ramp shrinks; test_travel_scale
 _STEPS = 8  # Gauss-Newton steps; test_travel_scale
-_LEVEL_S = 0.1  # s of readings for a level or a rate: as long as a pause must be to be told from noise
+_LEVEL_S = 0.1  # s of readings for a level or a rate: minimum duration of a pause
 _MIN_RAMP_COUNT = 4  # readings of the ramp's end from which a rate is taken; test_travel_scale
-_MAX_ITERATIONS = 6  # of the meeting of ramp and level; test_travel_scale
-_MAX_SIGMA = 4.0  # of chi-square: the noise it is held against is itself known to some per cent; test_travel_scale
+_MAX_ITERATIONS = 6  # of the intersection of ramp and level; test_travel_scale
+_MAX_SIGMA = 4.0  # of chi-square: the noise estimate itself is uncertain by some per cent; test_travel_scale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactPoint:
     """The force's zero and its std, F/T clock; `law` (b1, b2) and the covariance (3, 3) of the zero and it.
 
-    `shared_s`: what the zeros of presses that share their law may be off by together.
+    `shared_s`: common std of the zeros of presses that share their law.
     """
 
     time_s: float
@@ -337,9 +340,9 @@ class ContactPoint:
 
 
 def contact_point(window: ForceWindow, touch_s: float) -> ContactPoint | None:
-    """The zero of the force on the way to a touch at `touch_s`.
+    """Return the zero of the force before a touch at `touch_s`.
 
-    None where there is no contact, a stop of the rig in between, or no part of the ramp that fits.
+    None without contact, with a stop of the rig in between, or where no part of the ramp fits.
     """
     if window.phases is None:
         return None
@@ -361,7 +364,7 @@ def contact_point(window: ForceWindow, touch_s: float) -> ContactPoint | None:
 
 
 def _fit(time: Floats, force: Floats, ramp_s: tuple[float, float], std_N: float) -> ContactPoint | None:
-    """Gauss-Newton from the best of a few starts; None where the law does not fit within the noise."""
+    """Return the Gauss-Newton fit from the best of a few starts; None for a misfit beyond the noise."""
     trials = [(start, *_law(time, force, start)) for start in ramp_s[0] + np.linspace(-0.1, 0.05, 16) * ramp_s[1]]
     start, law, _ = min(trials, key=lambda trial: trial[2])
     answer = np.array([start, *law])
@@ -380,7 +383,7 @@ def _fit(time: Floats, force: Floats, ramp_s: tuple[float, float], std_N: float)
 
 
 def _law(time: Floats, force: Floats, start_s: float) -> tuple[Floats, float]:
-    """b1, b2 for a given start, and the sum of squares that they leave."""
+    """Return b1, b2 for a given start, and the sum of squared residuals."""
     after = np.maximum(time - start_s, 0)
     design = np.column_stack([after, after**2])
     answer = np.linalg.lstsq(design, force, rcond=None)[0]
@@ -388,7 +391,7 @@ def _law(time: Floats, force: Floats, start_s: float) -> tuple[Floats, float]:
 
 
 def moving_s(window: ForceWindow, since_s: float, *, time_s: Floats) -> Floats:
-    """How long (N,) the rig has moved on the way in since a time: stops and the hold do not count."""
+    """Return how long (N,) the rig has moved on the way in since a time: stops and the hold do not count."""
     assert window.phases is not None
     end = top_s(window)
     reached = np.minimum(time_s, end)
@@ -403,10 +406,11 @@ def moving_s(window: ForceWindow, since_s: float, *, time_s: Floats) -> Floats:
 
 
 def top_s(window: ForceWindow) -> float:
-    """When the way in ended: where the last of the ramp, drawn on, meets the level of the hold's beginning.
+    """Return when the way in ended: where the extrapolated end of the ramp meets the level of the hold's
+    beginning.
 
-    The phase of the hold begins earlier, as soon as the force is within its tolerance of the top: of a deep press
-    that is ten microns of travel.
+    The phase of the hold begins earlier, when the force enters the tolerance of the top: for a deep press ten
+    microns of travel earlier.
     """
     assert window.phases is not None
     time, force, hold = window.time_s, window.force_N[:, 2], window.phases.hold

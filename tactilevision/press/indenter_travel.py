@@ -1,4 +1,4 @@
-"""Place contact events by the travel of the indenter since first contact."""
+"""Determine contact events by the travel of the indenter since first contact."""
 
 from __future__ import annotations
 
@@ -23,18 +23,17 @@ from tactilevision.recording.model import StageSeries
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Indenter
 
-# How far a press has come since its face met the gel: by the motion stage, or by pace times time.
+# The travel of a press since its face met the gel: by the motion stage, or by pace times time.
 #
-# z(t) = stage(t) - stage(t0), or speed times the time that the rig has moved since t0, the zero of force
-# . Times on the F/T sensor's clock, lengths in mm. What the rig gives under the force is part of
-# it.
+# z(t) = stage(t) - stage(t0), or speed times the time of motion since t0, the zero of force. Times on the F/T
+# sensor's clock, lengths in mm. The rig's deflection under the force is included.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IndenterTravel:
     """`travel_mm` (T,) at `time_s` (T,) from first contact to the top, never falling; `pace_mm_s` while it moves.
 
-    `std_mm` of its zero by itself, `shared_mm` of all zeros alike.
+    `std_mm` of its own zero, `shared_mm` common to all zeros.
     """
 
     time_s: Floats
@@ -44,11 +43,11 @@ class IndenterTravel:
     shared_mm: float = 0.0
 
     def at(self, time_s: float) -> float:
-        """Travel at a time."""
+        """Return the travel at a time."""
         return float(np.interp(time_s, self.time_s, self.travel_mm))
 
     def reached_s(self, travel_mm: float) -> float:
-        """When a travel was first reached; the last time where it never was."""
+        """Return when a travel was first reached; the last time where it never was."""
         place = int(np.searchsorted(self.travel_mm, travel_mm))
         if place == 0 or place == self.time_s.size:
             return float(self.time_s[min(place, self.time_s.size - 1)])
@@ -58,7 +57,7 @@ class IndenterTravel:
 
 
 def first_contact(window: ForceWindow, touch_s: float) -> ContactPoint | None:
-    """First contact, looked for up to the rig's first stop, or to the touch at `touch_s`; None: not to be told."""
+    """Return first contact, searched up to the rig's first stop, or to the touch at `touch_s`; or None."""
     if window.phases is None:
         return None
     onset = float(window.time_s[window.phases.onset])
@@ -69,7 +68,8 @@ def first_contact(window: ForceWindow, touch_s: float) -> ContactPoint | None:
 def indenter_travel(
     window: ForceWindow, begun: ContactPoint, *, stage: StageSeries | None, pace_mm_s: float
 ) -> IndenterTravel | None:
-    """The travel of one press since its first contact; None where neither stage nor pace is known, or where the
+    """Return the travel of one press since its first contact; None where neither stage nor pace is known, or where
+    the
     stage still approached faster than it pressed.
     """
     end = top_s(window)
@@ -94,9 +94,9 @@ def indenter_travel(
 
 
 def _still_approaching(stage: StageSeries, begun_s: float, end_s: float) -> bool:
-    """Whether the stage moves further between two readings about first contact than ever on the way in.
+    """Return whether the stage moves farther between two readings about first contact than ever on the way in.
 
-    Its place at first contact, the zero of the travel, lies then anywhere between those readings.
+    The zero of the travel then lies anywhere between those readings.
     """
     step = np.abs(np.diff(stage.z_mm))
     first = int(np.searchsorted(stage.time_s, begun_s))
@@ -105,25 +105,25 @@ def _still_approaching(stage: StageSeries, begun_s: float, end_s: float) -> bool
     return bool(later.size and about.size and about.max() > 2 * later.max())
 
 
-# First contacts of presses that follow one law of force: what each leaves open, the others know.
+# First contacts of presses with a common force law, which determines what a single press leaves uncertain.
 #
 #     P = g_i (B1 x + B2 x²),    x = travel since first contact,    g_i = 1 +- tau
 #
-# A short ramp by itself hardly tells its zero from its slope. Presses of one punch on one gel share slope and bend
-# but for a gain of their own (place, rest, temperature), whose scatter tau is what their laws scatter by beyond
-# their errors. The joint estimate shrinks each law towards the common one by just that, and its zero goes along.
-# What the common law leaves open moves all zeros alike. Presses whose laws differ in shape keep their own.
+# A short ramp alone hardly separates its zero from its slope. Presses of one punch on one gel share slope and
+# curvature except for individual gains (place, rest, temperature), whose scatter tau is the scatter of their laws
+# beyond their errors. The joint estimate shrinks each law and its zero towards the common one accordingly. The
+# uncertainty of the common law is common to all zeros. Presses whose laws differ in shape are not changed.
 #
 # Linear in the laws' errors; tau by moments (Paule and Mandel, J. Res. NBS 87 (1982) 377). Lengths in mm, N.
 
-_MIN_COUNT = 3  # presses from which a law is called common; tests.certificate.test_shared_contact_law
-_MAX_SCATTER = 0.05  # of gains: beyond it presses have little to tell each other; test_shared_contact_law
+_MIN_COUNT = 3  # presses that determine a common law; tests.certificate.test_shared_contact_law
+_MAX_SCATTER = 0.05  # of gains: beyond it a common law has little weight; test_shared_contact_law
 _MAX_SIGMA = 4.0  # of chi-square beyond which laws differ in more than gains; test_shared_contact_law
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SharedLaw:
-    """B (2,) in N/mm and N/mm², its covariance, tau, and whether presses differ by no more than it says."""
+    """B (2,) in N/mm and N/mm², its covariance, tau, and whether the presses agree within it."""
 
     law: Floats
     covariance: Floats
@@ -134,7 +134,7 @@ class _SharedLaw:
 def shared_contact_law(
     found: Mapping[str, ContactPoint], pace_mm_s: Mapping[str, float]
 ) -> dict[str, ContactPoint]:
-    """The first contacts, each with what the others know of its law; as they are where they share none."""
+    """Return the first contacts, each improved by the common law; unchanged where there is none."""
     own = {name: _by_travel(one, pace_mm_s[name]) for name, one in found.items()}
     laws = np.array([law for law, _ in own.values()]).reshape(-1, 2)
     spreads = np.array([spread for _, spread in own.values()]).reshape(-1, 3, 3)
@@ -147,7 +147,7 @@ def shared_contact_law(
 
 
 def _by_travel(one: ContactPoint, pace: float) -> tuple[Floats, Floats]:
-    """b1, b2 over travel, and the covariance (3, 3) of the zero (mm) and them."""
+    """Return b1, b2 over travel, and the covariance (3, 3) of the zero (mm) and them."""
     scale = np.array([pace, 1 / pace, pace**-2])
     return one.law * scale[1:], one.covariance * np.outer(scale, scale)
 
@@ -167,7 +167,7 @@ def _shared_law(laws: Floats, spreads: Floats) -> _SharedLaw:
 
 
 def _at_scatter(laws: Floats, spreads: Floats, scatter: float) -> tuple[_SharedLaw, float]:
-    """The common law for a given tau, and chi-square of the presses about it."""
+    """Return the common law for a given tau, and chi-square of the presses about it."""
     law = np.median(laws, axis=0)
     for _ in range(3):
         weights = np.linalg.inv(spreads + scatter**2 * np.outer(law, law))
@@ -201,10 +201,10 @@ def apply_travel_scale(
     pile_up_ratios: Mapping[str, float],
     sound: Sequence[str],
 ) -> dict[str, ContactTimes]:
-    """`events` with those of the `sound` presses where the travel scale of their bevel puts them.
+    """Return `events` with those of the `sound` presses where the travel scale of their bevel puts them.
 
-    The motion stage is the scale where it was recorded, else the pace. As they were: presses whose first contact
-    or pace is not known, or whose bevel's scale does not fit. `pile_up_ratios`: the gel's rise at the bevel
+    The motion stage is the scale where it was recorded, else the pace. Unchanged: presses whose first contact
+    or pace is unknown, or whose bevel's scale does not fit. `pile_up_ratios`: the gel's rise at the bevel
     over the depth.
     """
     scaled = dict(events)
@@ -218,7 +218,7 @@ def apply_travel_scale(
         points = {
             name: replace(point, tilt_shift_mm=point.tilt_shift_mm - tilt_shift) for name, point in points.items()
         }
-        # their forces follow one law of the travel, as far as that was looked at: up to a stop
+        # their forces follow one law of the travel, within the examined range: up to a stop
         even = all(travel.shared_mm > 0 and not _stops(measurements, name) for name, travel in group.items())
         scale = fit_travel_scale(list(points.values()), scale=1.0 if staged else None, even=even)
         if scale is None:
@@ -232,7 +232,7 @@ def apply_travel_scale(
 def _groups(
     measurements: RecordingMeasurements, events: Mapping[str, ContactTimes], sound: Sequence[str]
 ) -> dict[tuple[object, ...], dict[str, IndenterTravel]]:
-    """The ways in of presses of one bevel and radius that came to a sure touch."""
+    """Return the approaches of presses of one bevel and radius with a certain touch."""
     begun: dict[tuple[object, ...], dict[str, ContactPoint]] = {}
     for name in sound:
         one, window = events.get(name), measurements.windows[name]
@@ -260,7 +260,7 @@ def _travels(
     begun: Mapping[str, ContactPoint],
     pace_mm_s: Mapping[str, float],
 ) -> dict[str, IndenterTravel]:
-    """The ways in, each since a first contact that knows the law of the others."""
+    """Return the approaches, each from a first contact improved by the common law."""
 
     def ways(since: Mapping[str, ContactPoint]) -> dict[str, IndenterTravel]:
         found = {}
@@ -282,7 +282,7 @@ def _travels(
 
 
 def _stops(measurements: RecordingMeasurements, name: str) -> bool:
-    """Whether the rig stopped on the way in."""
+    """Return whether the rig stopped on the way in."""
     window = measurements.windows[name]
     assert window is not None
     assert window.phases is not None
@@ -290,7 +290,7 @@ def _stops(measurements: RecordingMeasurements, name: str) -> bool:
 
 
 def _paces(measurements: RecordingMeasurements, names: Sequence[str]) -> dict[str, float]:
-    """Stated speeds; 1 for all where none is stated, which asks for presses that come alike."""
+    """Return stated speeds; 1 for all where none is stated, which requires equal paces."""
     stated = {press.press: press.speed_mm_s for press in measurements.recording.presses if press.press in names}
     if not any(np.isfinite(speed) for speed in stated.values()):
         return dict.fromkeys(stated, 1.0)
@@ -307,12 +307,12 @@ def _travel_point(
     assert window is not None
     there = travel.at(one.crossed.time_s)
     scale = there / onset.at
-    if one.event.dwell:  # the rig stopped about the touch: how far from it, the force tells
+    if one.event.dwell:  # the rig stopped about the touch: the force gives the distance from it
         there += scale * (
             onset.at - float(one.bevel_contact.law.depth(window.at(np.array([one.crossed.time_s])))[0])
         )
     own = scale**2 * max(onset.std**2 - onset.shared_std**2, 0.0) + travel.std_mm**2
-    # an edge that was found lies anywhere in its window: seen beyond it, the touch comes by the bevel's fall later
+    # an edge that was found lies anywhere in its window: seen beyond it, the touch is later by the bevel's fall
     shape = 0.0 if one.bevel_contact.distance_given else 0.5 * fill_mm(indenter)
     zero = float(np.hypot(travel.shared_mm, scale * FORM_MM))
     shared = (
@@ -346,7 +346,7 @@ def _moved(
     travel: IndenterTravel,
     point: TravelPoint,
 ) -> ContactTimes:
-    """The press with its event where the travel scale puts it, and the force read there."""
+    """Return the press with its event where the travel scale puts it, and the force read there."""
     assert one.crossed is not None
     assert one.touch is not None
     assert one.event is not None
@@ -377,14 +377,14 @@ def _moved(
 
 
 def _beyond_stop(one: ContactTimes, event: EventForce, window: ForceWindow, beyond_mm: float) -> EventForce:
-    """The force of a stop carried on to a touch `beyond_mm` behind it, along the press's own law."""
+    """Return the force of a stop extrapolated to a touch `beyond_mm` after it, along the press's own law."""
     force = event.force_N.copy()
     force[2] += _rate(one, window) * beyond_mm
     return replace(event, force_N=force)
 
 
 def _rate(one: ContactTimes, window: ForceWindow) -> float:
-    """Force per driving depth (N/mm) where the rig stood."""
+    """Return the force per driving depth (N/mm) where the rig stood."""
     assert one.crossed is not None
     law = one.bevel_contact.law
     depth = float(law.depth(window.at(np.array([one.crossed.time_s])))[0])

@@ -22,16 +22,16 @@ from tactilevision.records.constants import NU_MAX, NU_SILICONE
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel, Indenter
 
-# What the slopes behind a depth may be off by, as the photometric method's card states it.
+# Errors of the slopes that determine a depth, as stated by the photometric method's card.
 
 UNKNOWN_GAIN = 0.1  # relative std of slopes where no card states it
-MIN_GAIN = 0.01  # relative std that no ring of slopes undercuts; benchmarks.nu_from_frames
+MIN_GAIN = 0.01  # lower bound on the relative std of a ring's slopes; benchmarks.nu_from_frames
 RING_SHARE = 0.25  # of the picture, and so of the balls, that a ring averages
 BALL_SLOPE = 0.3  # mm/mm, a slope that most light calibrations hold
 
 
 def ring_gain_std(method: object) -> float:
-    """Relative std of slopes averaged over a ring: the balls' scatter over the balls that such a ring averages."""
+    """Return the relative std of slopes averaged over a ring: the scatter of as many balls as it averages."""
     card = _card(method)
     if card.balls is None:
         return UNKNOWN_GAIN
@@ -40,16 +40,17 @@ def ring_gain_std(method: object) -> float:
 
 
 def ball_slope(method: object) -> float:
-    """Steepest slope (mm/mm) that the light was calibrated with."""
+    """Return the steepest slope (mm/mm) with which the light was calibrated."""
     steepest = _card(method).steepest_slope
     return BALL_SLOPE if steepest is None else steepest
 
 
 def shared_depth_std(track: PressTrack, method: object) -> float:
-    """Relative std of a face's reconstructed depth that all presses share; NaN where no map states one.
+    """Return the common relative std of a face's reconstructed depth in all presses; NaN where no map states one.
 
-    The height map's std counts the scale of a single ball as unsure. What all presses share is the scale's mean
-    over the balls that it was made from.
+    The height map's std includes the scale's scatter of a single ball. The common error is that of the mean scale
+    over
+    the calibration's balls.
     """
     face, height = track.footprint, track.face_map
     if face is None or height.std_mm is None:
@@ -73,28 +74,27 @@ def _relative_error(method: object) -> float:
     return float(getattr(method, "relative_error", UNKNOWN_GAIN))
 
 
-# How far the gel falls away beside a face while the bevel touches, as the picture reads it: slopes, by place.
+# The fall of the gel outside a face while the bevel touches, as the picture shows it: slopes, by place.
 #
-# A face is reached over walls too steep to be read, the gel beside it over slopes as gentle as those of the balls
-# that the light was made from. Per quarter of directions and ring: the depth at its inner edge less that at its
-# outer one (mm), less what the free gel shows there; from frames of about the touch's depth, each carried to it in
-# proportion.
+# Walls around a face are too steep to be read, the gel outside has slopes as gentle as those of the calibration's
+# balls. Per quarter of directions and ring: the depth at its inner edge minus that at its outer one (mm), minus
+# that of the free gel; from frames near the touch's depth, each scaled to it in proportion.
 
 RINGS = 6  # between the nearest and the farthest distance
-NEAREST_MM = 0.4  # mm beside the edge: nearer is the wall, its ink and the blur
-NEAREST_PX = 4.0  # pixels beside the edge: nearer is the wall, its ink and the blur
-NEAREST = 0.16  # of the radius, beside the edge, where the first ring begins
-FARTHEST = 1.0  # of the radius, beside the edge, where the last ring ends
-BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are left out, lest the bevel's dent be read
+NEAREST_MM = 0.4  # mm outside the edge: nearer is the wall, its ink and the blur
+NEAREST_PX = 4.0  # pixels outside the edge: nearer is the wall, its ink and the blur
+NEAREST = 0.16  # of the radius, outside the edge, where the first ring begins
+FARTHEST = 1.0  # of the radius, outside the edge, where the last ring ends
+BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are excluded because of the bevel's dent
 NEAR = 0.15  # of the event's depth: frames this near to it are read
 FREE = 0.05  # of the event's depth: shallower frames show the free gel
-MIN_RATIO = 2.0  # outer over inner edge: fewer leave no rings to part
+MIN_RATIO = 2.0  # outer over inner edge: a smaller ratio is too narrow for rings
 
 
 def edge_profile(
     track: PressTrack, touch: ContactEvent, *, bevel_distance_mm: float | None, method: object = None
 ) -> EdgeProfile | None:
-    """Drops by quarter and ring, with what the photometric `method` states of slopes; None where none is seen."""
+    """Return drops by quarter and ring, with the slope data of `method`'s card; None where none is readable."""
     edges, levels = ring_edges(track), _levels(track, touch)
     if edges is None or levels is None:
         return None
@@ -111,7 +111,7 @@ def edge_profile(
 
 
 def ring_edges(track: PressTrack) -> Floats | None:
-    """Where rings begin and end beside the face (RINGS + 1,), mm; None where the face is too small to have any."""
+    """Return the limits of the rings outside the face (RINGS + 1,), mm; None where the face is too small."""
     radius = track.indenter.radius_mm
     pixel = max(*track.face_map.mm_per_px, GRID_MM)
     first, last = max(NEAREST_MM, NEAREST_PX * pixel, NEAREST * radius), FARTHEST * radius
@@ -121,7 +121,7 @@ def ring_edges(track: PressTrack) -> Floats | None:
 
 
 def _levels(track: PressTrack, touch: ContactEvent) -> Floats | None:
-    """Depth (4, R) at the touch less the free gel's; None where no frame is near it."""
+    """Return depth (4, R) at the touch minus the free gel's; None where no frame is near it."""
     seen, depth = touch.depth_seen_mm, track.depth_mm
     top = track.time_s[track.deepest]
     near = (np.abs(depth / seen - 1) < NEAR) & (track.time_s <= top) if seen > 0 else np.zeros(depth.size, bool)
@@ -134,17 +134,17 @@ def _levels(track: PressTrack, touch: ContactEvent) -> Floats | None:
 
 
 def _azimuths(side: str) -> Iterator[int]:
-    """Of the quarters of `Watch.rings`, degrees: towards the bevel, away from it, and across."""
+    """Return the azimuths of the quarters of `Watch.rings`, degrees: towards the bevel, away, and across."""
     along = round(float(np.degrees(np.arctan2(SIDES[side][1], SIDES[side][0]))))
     return ((along + turn) % 360 for turn in (0, 180, 90, 270))
 
 
-# How far the gel rises where the bevel meets it, and the depth that the bevel then certifies.
+# The gel's rise where the bevel meets it, and the depth that the bevel then certifies.
 #
 #     touch:  w + u_z(r_bevel, w) = H        rho = u_z / w  (positive out of the gel)      w = H / (1 + rho)
 #
-# By the profile around a flat punch on a bonded layer, for what is known of the gel's Poisson ratio. Where the
-# bevel's place is neither given nor found, or the gel is not described, w = H is kept with what that may be wrong.
+# By the profile around a flat punch on a bonded layer, for the known range of the gel's Poisson ratio. Where the
+# bevel's place is unknown, or the gel is not described, w = H with the corresponding deviation.
 # Source: docs/explanation/physics.md, "The bevel touches early".
 
 _SINKS = 1.4  # of the radius, within which the gel sinks in
@@ -163,12 +163,12 @@ class PileUp:
 
 
 def unknown_pile_up() -> PileUp:
-    """Nothing is known of the bevel's place: w = H, and how far that may be off."""
+    """Return w = H for an unknown bevel place, with its deviation."""
     return PileUp(0.0, (_UNKNOWN[1] - _UNKNOWN[0]) / float(np.sqrt(3)))
 
 
 def computed_pile_up(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> PileUp | None:
-    """Return the rise by the layer's profile and what is known of Poisson's ratio."""
+    """Return the rise by the layer's profile and the known Poisson's ratio."""
     if gel is None or indenter.height_mm is None or not distance_mm > indenter.radius_mm:
         return None
     nu, nu_std = gel.poisson_ratio, gel.poisson_ratio_std or _STATED_STD
@@ -177,7 +177,7 @@ def computed_pile_up(gel: Gel | None, indenter: Indenter, *, distance_mm: float)
     if not 0 < indenter.height_mm < 0.25 * gel.thickness_mm:
         return None
     nu, h = min(nu, NU_MAX), gel.thickness_mm
-    # near a punch, which the gel sinks in with, the depth at touch may exceed the height
+    # near a punch, where the gel sinks in, the depth at touch may exceed the height
     deepest = indenter.height_mm * (_SUNK if distance_mm < _SINKS * indenter.radius_mm else 1.0)
     model = profile_model(nu, indenter.radius_mm / h, deepest=deepest / h)
     touch = touch_depth(
@@ -191,7 +191,7 @@ def computed_pile_up(gel: Gel | None, indenter: Indenter, *, distance_mm: float)
 
 
 def blur_place(pile_up: PileUp, gel: Gel | None, *, indenter: Indenter, distance_mm: float) -> PileUp:
-    """The rise with what it may be off by where the bevel's place was found, to about its window."""
+    """Return the rise with its deviation where the bevel's place was found, to about its window."""
     near, far = (computed_pile_up(gel, indenter, distance_mm=distance_mm + sign * EDGE_MM) for sign in (-1, 1))
     if near is None or far is None:
         return pile_up
@@ -206,9 +206,9 @@ def depth_std(
     scale_std: float | None = None,
     tilt_std_mm: float = 0.0,
 ) -> float:
-    """Std (mm) of a certified depth from machined height, pile-up and tilt.
+    """Return the std (mm) of a certified depth from machined height, pile-up and tilt.
 
-    On a travel scale `scale_std`, its relative std, takes the place of height and tilt.
+    On a travel scale its relative std `scale_std` replaces height and tilt.
     """
     from_pile_up = depth_mm * pile_up.std / (1 + pile_up.ratio)
     if scale_std is not None:

@@ -27,15 +27,15 @@ from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Curve, Estimate, Floats, Pair
 from tactilevision.records.rig import SHADOW_ZONE, Indenter, ShadowZone
 
-# The gel beside a punch as a surface of its own, from slopes alone.
+# The surface of the gel around a punch, from slopes alone.
 #
-# Slopes of several frames are averaged over half squares (SQUARE_MM/2) and integrated to squares, with the face
-# and its walls left out, so that the gel beside stands on its own slopes. Its level and tilt are then open. What
-# lies under the bevel, and beyond it, is left out.
+# Slopes of several frames are averaged over half squares (SQUARE_MM/2) and integrated to squares, excluding the
+# face and its walls, so that the gel outside depends on its own slopes only. Its level and tilt are then unknown.
+# Gel under the bevel, and beyond it, is excluded.
 
 SQUARE_MM = 0.25  # mm, side of the squares that slopes are averaged over; benchmarks.nu_from_frames
 WALL_MM = 0.5  # mm beyond the edge: steep profile, ink and blur; benchmarks.nu_from_frames
-BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are left out, lest the bevel's dent be read
+BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are excluded because of the bevel's dent
 SOUND = 0.9  # share of a square's pixels that must be readable; benchmarks.nu_from_frames
 CENTRE_STD_MM = 0.05  # mm, one sigma of the face's centre; benchmarks.nu_from_frames
 
@@ -51,7 +51,7 @@ class SquareSlopes:
 
 
 def average_slopes(maps: Sequence[tuple[SlopeMap, float]], mm_per_px: Pair) -> SquareSlopes | None:
-    """Means over slope maps (H, W), each with the punch's depth in mm; None without any. mm_per_px (x, y)."""
+    """Return means over slope maps (H, W), each with the punch's depth in mm; or None. mm_per_px (x, y)."""
     if not maps:
         return None
     total = np.sum([_sums(slopes, mm_per_px) for slopes, _ in maps], axis=0)
@@ -94,7 +94,7 @@ def surface_view(
 
 
 def _sums(slopes: SlopeMap, mm_per_px: Pair) -> npt.NDArray[np.float32]:
-    """dz/dx, dz/dy and share (3, 2h, 2w) of the readable pixels of half squares, as means over all pixels."""
+    """Return dz/dx, dz/dy and share (3, 2h, 2w) of readable pixels of half squares, as means over all pixels."""
     readable = np.isfinite(slopes.dz_dx) & np.isfinite(slopes.dz_dy)
     if slopes.valid is not None:
         readable &= slopes.valid
@@ -104,36 +104,36 @@ def _sums(slopes: SlopeMap, mm_per_px: Pair) -> npt.NDArray[np.float32]:
 
 
 def _places(shape: tuple[int, ...], mm: Sequence[float], centre_mm: Pair) -> tuple[Floats, Floats]:
-    """x (1, w) and y (h, 1) in mm of squares (h, w) from the punch's axis; `mm` (x, y) of a square."""
+    """Return x (1, w) and y (h, 1) in mm of squares (h, w) from the punch's axis; `mm` (x, y) of a square."""
     rows, columns = shape
     x = (np.arange(columns) - (columns - 1) / 2)[None, :] * mm[0] - centre_mm[0]
     y = (np.arange(rows) - (rows - 1) / 2)[:, None] * mm[1] - centre_mm[1]
     return np.asarray(x, np.float64), np.asarray(y, np.float64)
 
 
-# Do lamps cast shadows around the punch? The fall of the gel over the depth shows it, without any lamp known.
+# Do lamps cast shadows around the punch? The fall of the gel over the depth shows it, for unknown lamps.
 #
 #     f = (z at .5 to .9 mm beyond the edge - z at 1.3 to 1.8 mm) / depth
 #
-# is nearly one number for all depths: finite elements and pictures without shadows have it grow by an eighth from
-# .14 to .56 mm. The wall of a pressed face throws the shadow of low lamps onto just that gel, the farther the
-# deeper it stands; slopes read there are too steep, and f grows by a half and more. A line through f against
-# depth, with the scatter of the presses about it, decides on a flag; nu is read beyond shadows anyway.
+# is nearly constant over depth: in finite elements and pictures without shadows it grows by an eighth from .14 to
+# .56 mm. The wall of a pressed face casts the shadow of low lamps onto that gel, farther with depth; slopes read
+# there are too steep, and f grows by a half and more. A line through f against depth, with the scatter of the
+# presses about it, decides on a flag; nu is read beyond shadows in any case.
 
 FLAG = "cast_shadow"
 NEAR_MM = (0.5, 0.9)  # mm beyond the edge, where walls and their blur end
 FAR_MM = (1.3, 1.8)  # mm beyond the edge, where shadows of gentle presses end
-MIN_GROWTH = 0.25  # of f from the gentlest press to the deepest: twice what depth itself does to it
+MIN_GROWTH = 0.25  # of f from the gentlest press to the deepest: twice the growth by depth itself
 MIN_SIGMA = 4.0  # deviations of the growth, by the scatter of the presses
-MIN_PRESSES = 4  # fewer tell no scatter
+MIN_PRESSES = 4  # presses; fewer do not determine the scatter
 MIN_SPAN = 1.5  # deepest over gentlest: less shows no growth
 MIN_COUNT = 20  # squares of gel in either ring
 
 
 def fall_growth(views: Sequence[SurfaceView]) -> tuple[float, float]:
-    """By what part of itself f grows from the gentlest press to the deepest, and its standard deviation.
+    """Return the relative growth of f from the gentlest press to the deepest, and its standard deviation.
 
-    NaN where too few presses show it. Depths (h, w) of the views in mm.
+    NaN for too few presses. Depths (h, w) of the views in mm.
     """
     pairs = [(view.certified_depth_mm, _fall_mm(view) / view.certified_depth_mm) for view in views]
     depth, fall = np.array([pair for pair in pairs if np.isfinite(pair).all()]).reshape(-1, 2).T
@@ -148,7 +148,7 @@ def fall_growth(views: Sequence[SurfaceView]) -> tuple[float, float]:
 
 
 def shows_shadow(growth: float, std: float) -> bool:
-    """Whether a growth of f, and its deviation, are more than depth itself and the presses' scatter make."""
+    """Return whether a growth of f exceeds the effect of depth itself and, significantly, the presses' scatter."""
     return bool(growth > MIN_GROWTH and growth > MIN_SIGMA * std)
 
 
@@ -168,33 +168,33 @@ def _ring(view: SurfaceView, beyond: Floats, limits: tuple[float, float]) -> flo
 
 # Poisson's ratio from the gel's rise around each accepted punch, read where every lamp reaches.
 #
-# A height map reaches the gel over walls that are too steep to be read, and what is missing there leaks into all
-# of it. Here slopes alone are averaged over the frames near the event and integrated without the face and the gel
-# that its wall may shade:
+# A height map includes walls that are too steep to be read, and the missing step leaks into all of it. Here slopes
+# alone are averaged over the frames near the event and integrated without the face and the gel that its wall may
+# shade:
 #
 #     r > a + K w,    K = 1/tan(elevation of the lowest lamp)
 #
-# a the radius, w the certified depth, carried to each frame by the press's curve. How nu changes with K is part of
-# its deviation:
+# a the radius, w the certified depth, transferred to each frame by the press's curve. The change of nu with K is
+# part of its deviation:
 #
 #     std^2 = std_fit^2 + (dnu/dK std_K)^2,    dnu/dK std_K = (nu(K + std_K) - nu(K - std_K))/2
 #
-# Level and tilt of the surface are open, which a fit of the rise does not mind. Known of the map: its gain from
-# balls that were held out, and a light that drifts unevenly: it leaves a bowl, which is fitted along.
+# Level and tilt of the surface are free parameters of the fit. Known errors of the map: its gain from held-out
+# balls, and uneven light drift, whose bowl is fitted as well.
 
-FRAMES = 8  # a press: more no longer lower what is left, which all frames share; benchmarks.nu_from_frames
+FRAMES = 8  # a press: more do not reduce the error common to all frames; benchmarks.nu_from_frames
 NEAR = 0.15  # of the depth: frames this near to the event show one surface on another scale
-MAP_OFF = 0.1  # of the depth: pictures that are farther from the force's have lost or gained a wall
-FORCE_POWER = 1.1  # of the depth, as which the force grows near .1 of the thickness: 1 + beta w/h
-GUARD = 0.4  # thicknesses beside the edge, where the edge's radius and the wall's blur reach
+MAP_OFF = 0.1  # of the depth: pictures farther from the force's depth have misread a wall
+FORCE_POWER = 1.1  # of the depth: exponent of the force near .1 of the thickness: 1 + beta w/h
+GUARD = 0.4  # thicknesses from the edge, to which the edge's radius and the wall's blur extend
 BOWL_STD_PER_MM = 3e-4  # slope per mm, one sigma: three thousandths of slope at 10 mm
 STATED_STD = 0.005  # of a Poisson's ratio stated without one
-UNKNOWN_STD = 0.02  # of a depth whose deviation is not known
+UNKNOWN_STD = 0.02  # of a depth whose deviation is unknown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressSlopes:
-    """Mean slopes of one accepted press near its event, and where its punch stands: `centre_mm` on the pad."""
+    """Mean slopes of one accepted press near its event, and the position of its punch: `centre_mm` on the pad."""
 
     point: CertifiedPoint
     indenter: Indenter
@@ -265,10 +265,10 @@ def nu_beyond_shadows(
 def with_nu(
     recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate, zone: ShadowZone = SHADOW_ZONE
 ) -> tuple[Certificate, Estimate | None]:
-    """Return the certificate with depths that follow nu_beyond_shadows where nothing better is known of the gel.
+    """Return the certificate with depths that follow nu_beyond_shadows where no better value of the gel is known.
 
-    And that nu; None where no press can show it. The certificate is flagged where the gel around the punches falls
-    the more steeply over depth the deeper they stand: lamps cast shadows there.
+    And that nu; None where no press shows it. The certificate is flagged where the gel's fall around the punches
+    over depth grows with depth: lamps cast shadows there.
     """
     gel = recording.sensor.gel
     presses = press_slopes(recording, reconstructor, certificate=certificate) if gel is not None else []
@@ -295,9 +295,9 @@ def with_nu(
 
 
 def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_ratio: Estimate) -> Certificate:
-    """Return the certificate with the bevel's touch corrected by the rise that belongs to this Poisson's ratio.
+    """Return the certificate with the bevel's touch corrected by the rise for this Poisson's ratio.
 
-    As it is where nu has no value or the bevel's place is unknown.
+    Unchanged where nu has no value or the bevel's place is unknown.
     """
     gel = recording.sensor.gel
     if (
@@ -361,7 +361,7 @@ def press_slopes(
 
 
 def _frames(recording: Recording, curve: Curve, point: CertifiedPoint) -> list[tuple[int, float]]:
-    """Number and depth (mm) of the frames nearest to the event in time, of about its depth."""
+    """Return number and depth (mm) of the frames nearest to the event in time, of similar depth."""
     depth_mm = _depths(curve, point)
     near = np.abs(depth_mm / point.depth_mm - 1) < NEAR
     order = np.argsort(np.where(near, np.abs(curve.time_s - point.time_s), np.inf), kind="stable")
@@ -371,9 +371,10 @@ def _frames(recording: Recording, curve: Curve, point: CertifiedPoint) -> list[t
 
 
 def _depths(curve: Curve, point: CertifiedPoint) -> Floats:
-    """Depths (T,) of the curve in mm: by the force over the event's where the picture's are far from that.
+    """Return depths (T,) of the curve in mm: by the force over the event's where the picture's differ much from
+    that.
 
-    A deep wall may be read in one frame and not in the next, which moves the picture's depth by a half.
+    A deep wall may be read in one frame and not in the next, which changes the picture's depth by a half.
     """
     force = np.maximum(curve.force_N[:, 2], 0.0)
     there = float(np.interp(point.time_s, curve.time_s, force))

@@ -18,29 +18,32 @@ from tactilevision.records.measured import Bools, Floats, ForceSeries
 from tactilevision.records.rig import Press
 from tactilevision.robust import mad_std
 
-# How much deeper a face went in some frames, where its wall is read now one way, now another.
+# The increase of a face's depth over some frames, where the reading of its wall alternates between two values.
 
-_MAX_PACE = 3.0  # times the ramp's median pace, that a face moves at between two frames
-_BOTH_WAYS = 4  # frames, at least, within which a wall that is read two ways is read either way
-_BOTH_WAYS_S = 0.25  # s, likewise: most of a hold of half a second is left
-_MOVING = 0.2  # of the pace of all but the fastest tenth of a ramp: slower frames are stops, and tell no pace
+_MAX_PACE = 3.0  # times the ramp's median pace: limit on a face's speed between two frames
+_BOTH_WAYS = 4  # minimum number of frames within which both readings of such a wall occur
+_BOTH_WAYS_S = 0.25  # s, likewise: most of a hold of half a second remains
+_MOVING = (
+    0.2  # of the pace of all but the fastest tenth of a ramp: slower frames are stops, excluded from the pace
+)
 
 
 def moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> float:
-    """The most that the face went deeper from frame `after` to `until`.
+    """Return the largest increase of the face's depth (mm) from frame `after` to `until`.
 
-    A face moves at its rig's pace: what jumps is a wall that is read now one way, now the other. Both ways grow
-    with the face, so the shallower one, of the frames that follow, tells as much. A
-    single frame that reads shallower than both its neighbours is no start to count from.
+    A face moves at its rig's pace: jumps are alternating readings of a wall. Both readings grow with the face, so
+    the shallower one, of the frames that follow, is sufficient. A single frame that reads shallower than both its
+    neighbours
+    is no valid start.
     """
     seconds = np.diff(track.time_s)
     paces = (np.abs(np.diff(of_three(track.depth_mm))) / seconds)[phases.onset : phases.hold]
     paces = paces[np.isfinite(paces)]
     moving = paces[paces > _MOVING * np.quantile(paces, 0.9)] if paces.size else paces
-    pace = float(np.median(moving)) if moving.size else np.inf  # no ramp in view tells none
+    pace = float(np.median(moving)) if moving.size else np.inf  # no ramp in view determines the pace
     moved = []
     for depth_mm in (track.depth_mm, of_three(track.depth_mm)):
-        with np.errstate(invalid="ignore"):  # where no frame in a row is read
+        with np.errstate(invalid="ignore"):  # where no frame in a row is readable
             steps = np.diff(_shallower(depth_mm, float(np.median(seconds))))
         jumps = np.abs(steps) > _MAX_PACE * pace * seconds + 5 * phases.noise
         moves = np.where(jumps | ~np.isfinite(steps), 0.0, steps)[after : until - 1]
@@ -49,7 +52,7 @@ def moved_mm(track: PressTrack, after: int, *, until: int, phases: Phases) -> fl
 
 
 def of_three(depth_mm: Floats) -> Floats:
-    """Each depth (T,), mm, and its neighbours' median: one frame may read a wall that those beside it do not."""
+    """Return the median of each depth (T,), mm, and its neighbours: one frame may misread a wall."""
     if depth_mm.size < 3:
         return depth_mm
     inner = np.median([depth_mm[:-2], depth_mm[1:-1], depth_mm[2:]], axis=0)
@@ -57,32 +60,32 @@ def of_three(depth_mm: Floats) -> Floats:
 
 
 def _shallower(depth_mm: Floats, interval_s: float) -> Floats:
-    """The least of each depth (T,), mm, and of those that follow it for _BOTH_WAYS_S."""
+    """Return the least of each depth (T,), mm, and of those that follow it for _BOTH_WAYS_S."""
     count = max(_BOTH_WAYS, int(np.ceil(_BOTH_WAYS_S / interval_s)))
     padded = np.concatenate([np.nan_to_num(depth_mm, nan=np.inf), np.full(count - 1, np.inf)])
     return np.asarray(sliding_window_view(padded, count).min(axis=1))
 
 
-# Whether a press can be trusted: each check says why not, with its figures, or nothing.
+# Whether a press can be trusted: each check returns its reason with figures, or nothing.
 #
-# Limits come from what the figures of the whole recording scatter by, or from what an error would do to the
-# certified depth and force; where both speak, the larger one counts. Several may speak; the first in ORDER is
-# the press' reason: what is seen at once and spoils the rest comes first.
+# Limits come from the scatter of the figures over the recording, or from the effect of an error on the certified
+# depth and force; with both, the larger one counts. Of several reasons, the first in ORDER is the press' main
+# reason: obvious faults that spoil other checks come first.
 
-TANGENTIAL = 0.1  # of the normal force: a share of 1/10 turns the resultant by six degrees
-TILT_SHARE = 0.05  # of the depth: what a tilt may shift the bevel by; benchmarks.certificate
+TANGENTIAL = 0.1  # of the normal force: a share of 1/10 tilts the resultant by six degrees
+TILT_SHARE = 0.05  # of the depth: shift of the bevel by a tilt; benchmarks.certificate
 TILT_READ = 0.005  # rad that a map right to 1 % may tilt a flat face by; benchmarks.certificate
-RADIUS_SHARE = 0.06  # of the radius, thrice what the footprint itself may be off; benchmarks.certificate
-# of the depth, on the face or beside it: the gel there dips and rises by a third of it, alike all round
+RADIUS_SHARE = 0.06  # of the radius, three times the footprint's own error; benchmarks.certificate
+# of the depth, on the face or outside it: the gel there dips and rises by a third of it, all round
 UNEVEN_SHARE = 0.05
-FORCE_SHARE = 0.005  # of the force, what a gap between frames may leave open
+FORCE_SHARE = 0.005  # of the force: uncertainty by a gap between frames
 FAINT_CHI2 = 4 * DETECTION_CHI2  # ten sigma, below which light that drifts may pass for a touch
 ELSEWHERE_SHARE = 0.05  # of the depth of touch: more than heights and gels differ by from press to press
 FAR_SHARE = 0.2  # of it: more than a gel softens by, over several presses, or a height is ground off
-ZERO_MM = 0.015  # that the zeros of presses' depths may lie apart by
+ZERO_MM = 0.015  # mm: largest difference between the zeros of presses' depths
 _MAX_GAP = 2.5  # of the median interval at the event: one lost frame and jitter are no gap; benchmarks.certificate
-_TILTED = 0.75  # of a face's deep frames, in which it must be tilted: walls may be read wrongly in half of them
-_MIN_REST = 0.5  # of the median rest, that a press must have had
+_TILTED = 0.75  # of a face's deep frames, in which it must be tilted: walls may be misread in half of them
+_MIN_REST = 0.5  # of the median rest: minimum before a press
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +98,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressEvidence:
-    """One press with all that was read of it. `event_s` (camera): its touch, or where the touch was to be
-    expected.
-    """
+    """Measurements of one press. `event_s` (camera): its touch, or its expected touch."""
 
     track: PressTrack
     force: ForceWindow | None
@@ -112,11 +113,11 @@ class PressEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingStatistics:
-    """Medians and scatter of this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
-    interval of frames at the event, the rest, the chance that two readings of the free gel are equal, how
-    uneven the gel is beside the face, how far the face is from flat, and, by indenter, what the gel beside the
-    other ones has in common round them (180,). `touch_share`, by radius in mm: depth of touch, by the force, over
-    the height, NaN where it is not known.
+    """Medians and scatter of this recording: radius over nominal by indenter, tilt (2,) and its scatter, the frame
+    interval at the event, the rest, the chance that two readings of the free gel are equal, the unevenness of the
+    gel outside the face, the face's deviation from flat, and, by indenter, the common profile of the gel around
+    the other indenters (180,). `touch_share`, by radius in mm: depth of touch, by the force, over the height, NaN
+    where unknown.
     """
 
     radius: dict[str, float]
@@ -134,7 +135,7 @@ class RecordingStatistics:
 def rejection_reasons(
     evidence: PressEvidence, statistics: RecordingStatistics, *, forces: ForceSeries
 ) -> tuple[Finding, ...]:
-    """All that speaks against a press, the main reason first."""
+    """Return all reasons against a press, the main reason first."""
     findings = [check(evidence, statistics, forces) for check in ORDER]
     return tuple(finding for finding in findings if finding is not None)
 
@@ -160,7 +161,7 @@ def _border(evidence: PressEvidence, statistics: RecordingStatistics, forces: Fo
 
 
 def _mm(length: float) -> str:
-    """A length (mm) with two decimals, and one below .1 with two digits: never 0.00 unless it is nothing."""
+    """Return a length (mm) with two decimals, and one below .1 with two digits: 0.00 only for zero."""
     return f"{length:.2f}" if length >= 0.1 else f"{length:.2g}"
 
 
@@ -170,7 +171,7 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
         return Finding("footprint", "no round face is to be seen")
     if face.residual_mm > RADIUS_SHARE * face.radius_mm:
         return Finding("footprint", f"the face is not round: its edge is {face.residual_mm:.2f} mm off a circle")
-    # a face that slides on leaves the circle of its shallow frames, and draws gel along
+    # a sliding face leaves the circle of its shallow frames, and drags gel along
     dragged = _tangential(evidence, statistics, forces) is not None
     ring = ring_outside(evidence.track.face_map, face, away_from=SIDES[evidence.track.side])
     uneven = unevenness_mm(ring, statistics.light[evidence.track.indenter.name])
@@ -185,7 +186,7 @@ def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces:
         return Finding(
             "footprint", f"the face is not flat: {1e3 * flatness:.0f} µm rms beside a plane; is it chipped?"
         )
-    if not np.isfinite(nominal) or evidence.track.indenter.shape != "flat_cylinder":  # a ball touches with less
+    if not np.isfinite(nominal) or evidence.track.indenter.shape != "flat_cylinder":  # a ball's contact is smaller
         return None
     ratio = face.radius_mm / nominal / statistics.radius.get(evidence.track.indenter.name, 1.0)
     limit = max(
@@ -242,9 +243,9 @@ def _saturated(evidence: PressEvidence, statistics: RecordingStatistics, forces:
 
 
 def _force_stopped(evidence: PressEvidence, force: ForceWindow) -> Finding | None:
-    """The force has stopped growing while the camera still sees the face go deeper.
+    """Return a finding where the force has stopped growing while the camera still sees the face go deeper.
 
-    Frames count until the force falls again: on its way out no face goes deeper, but walls may be read wrongly.
+    Frames count until the force falls again: during unloading no face goes deeper, but walls may be misread.
     """
     seen = find_phases(evidence.track.depth_mm)
     if force.phases is None or seen is None or seen.hold == 0:
@@ -252,7 +253,7 @@ def _force_stopped(evidence: PressEvidence, force: ForceWindow) -> Finding | Non
     ends = [force.phases.hold, min(force.phases.release, force.time_s.size - 1)]
     still_s, falls_s = force.time_s[ends] - evidence.offset_s
     depth = evidence.track.depth_mm
-    # frames taken since: none is made up in a gap
+    # frames taken since: none is interpolated in a gap
     after, until = (int(k) for k in np.searchsorted(evidence.track.time_s, (still_s, falls_s)))
     if until <= after:
         return None
@@ -270,7 +271,7 @@ def _longest(run: Bools) -> int:
 
 
 def interval_at(time_s: Floats, event_s: float) -> float:
-    """Interval (s) between the frames, taken at times (N,) s, before and after an event; inf outside them."""
+    """Return the interval (s) of the frames, at times (N,) s, around an event; inf outside them."""
     after = int(np.searchsorted(time_s, event_s))
     if not 0 < after < time_s.size:
         return float("inf")
@@ -298,7 +299,7 @@ def _dropped(evidence: PressEvidence, statistics: RecordingStatistics, forces: F
 
 
 def _moving_s(evidence: PressEvidence, force: ForceWindow) -> float:
-    """How long the rig needs for what it moved between the frames about the event: a dwell is no gap."""
+    """Return the rig's motion time (s) between the frames about the event: a dwell is no gap."""
     after = int(np.searchsorted(evidence.track.time_s, evidence.event_s))
     if not 0 < after < evidence.track.time_s.size or not force.ramp_N_s > 0:
         return float("inf")
@@ -323,7 +324,7 @@ def _not_touched(evidence: PressEvidence, statistics: RecordingStatistics, force
 
 
 def _elsewhere(onset: Onset, height_mm: float, *, usual: float) -> Finding | None:
-    """A touch far from where the other presses touch is light that changes there; a faint one sooner."""
+    """Return a finding for a touch far from the others, caused by light; stricter for a faint one."""
     away = onset.at / height_mm / usual - 1
     share = ELSEWHERE_SHARE if onset.gain <= FAINT_CHI2 else FAR_SHARE
     if not abs(away) > max(share, 5 * onset.std / height_mm / usual, ZERO_MM / height_mm):
@@ -344,7 +345,7 @@ def _short_rest(evidence: PressEvidence, statistics: RecordingStatistics, forces
 
 
 def rests(presses: Sequence[Press]) -> list[float]:
-    """Rest before each press: as recorded, else the time since the end of the one before."""
+    """Return the rest before each press: as recorded, else the time since the end of the previous one."""
     found = []
     for k, press in enumerate(presses):
         earlier = [p.end_s for p in presses[:k] if p.end_s <= press.start_s]
@@ -365,15 +366,15 @@ ORDER: tuple[Callable[[PressEvidence, RecordingStatistics, ForceSeries], Finding
 )
 
 
-# Statistics of a recording's presses, against which the checks hold each of them.
+# Statistics of a recording's presses, with which the checks compare each of them.
 
-_DEFAULT_TILT_STD = 0.002  # rad, where too few presses show the tilts' scatter
+_DEFAULT_TILT_STD = 0.002  # rad, where too few presses determine the tilts' scatter
 _MIN_REPEATS = 2  # repeated presses from which the scatter of tilts is taken; benchmarks.certificate
-_MAX_RADIUS_OFF = 0.1  # of 1: a larger common error of radii is no habit of the footprint
+_MAX_RADIUS_OFF = 0.1  # of 1: a larger common error of radii is not the footprint's
 
 
 def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStatistics:
-    """Medians over the presses, and the scatter of their tilts."""
+    """Return medians over the presses, and the scatter of their tilts."""
     seen = [evidence for evidence in presses.values() if evidence.track.footprint is not None]
     tilts = np.array([face_tilt(evidence.track) for evidence in seen]).reshape(-1, 2)
     tilts = tilts[np.isfinite(tilts).all(axis=1)]
@@ -412,9 +413,10 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
 
 
 def _touch_shares(presses: Iterable[PressEvidence]) -> dict[float, float]:
-    """Median over the presses of a radius that touched; of all radii where fewer than three did; else NaN.
+    """Return the median over the presses of a radius that touched; of all radii where fewer than three did; else
+    NaN.
 
-    How far the gel rises at the bevel depends on the radius.
+    The gel's rise at the bevel depends on the radius.
     """
     shares: dict[float, list[float]] = {}
     for evidence in presses:
@@ -427,13 +429,13 @@ def _touch_shares(presses: Iterable[PressEvidence]) -> dict[float, float]:
 
 
 def _median(values: Sequence[float]) -> float:
-    """Of what is known; 0 where fewer than three are known."""
+    """Return the median of the known values; 0 where fewer than three are known."""
     known = [value for value in values if np.isfinite(value)]
     return float(np.median(known)) if len(known) >= 3 else 0.0
 
 
 def _radius_ratios(seen: list[PressEvidence]) -> dict[str, float]:
-    """Radius over nominal, by indenter where it has three presses, else of all."""
+    """Return radius over nominal, by indenter where it has three presses, else of all."""
     by_name: dict[str, list[float]] = {}
     for evidence in seen:
         face, indenter = evidence.track.footprint, evidence.track.indenter
@@ -446,7 +448,7 @@ def _radius_ratios(seen: list[PressEvidence]) -> dict[str, float]:
 
 
 def _equal(presses: Mapping[str, PressEvidence]) -> float:
-    """Chance that two readings of the free gel, one after the other, are the same number."""
+    """Return the chance that two consecutive readings of the free gel are the same number."""
     shares: list[float] = []
     for evidence in presses.values():
         if evidence.force is None or evidence.force.phases is None:
@@ -460,9 +462,9 @@ def _equal(presses: Mapping[str, PressEvidence]) -> float:
 
 
 def tilt_scatter_to_bevel(presses: Sequence[PressEvidence], medians: RecordingStatistics) -> float:
-    """Scatter (rad) of the faces' tilt towards the bevel from press to press, by the repeats of each indenter.
+    """Return the scatter (rad) of the faces' tilt towards the bevel between repeated presses of each indenter.
 
-    Against all presses where none is repeated: a height map that misreads walls tilts by what the depth is.
+    Over all presses where none is repeated: misread walls make the tilt depend on depth.
     """
     tilts: dict[str, list[float]] = {}
     for evidence in presses:
@@ -475,21 +477,21 @@ def tilt_scatter_to_bevel(presses: Sequence[PressEvidence], medians: RecordingSt
     return float(np.sqrt(sum(np.var(group) * len(group) for group in tilts.values()) / freedom))
 
 
-# Is the indenter tilted in its mount? All faces then stand askew by as much, however deep they are.
+# Is the indenter tilted in its mount? All faces then have the same tilt, at any depth.
 #
-#     tilt = t0 + k w      t0 (2,) rad: the mount; k: a map that misreads walls tilts a face by what the depth is
+#     tilt = t0 + k w      t0 (2,) rad: the mount; k: a map that misreads walls tilts a face in proportion to depth
 #
-# A tilted indenter tips its bevel as well, so that certified depths are off, by about as much in each press: it
-# looks like another depth zero. No press stands out of the others, so that none is rejected.
+# A tilted indenter tilts its bevel as well, so that certified depths have a similar error in each press, as by
+# another depth zero. No press differs from the others, so that none is rejected.
 
-MIN_SPREAD = 1.5  # deepest press over the shallowest: fewer tell no mount from a map
-SIGMA = 5.0  # how far beyond its own std the tilt has to stand
+MIN_SPREAD = 1.5  # deepest press over the shallowest: a smaller ratio does not separate mount and map
+SIGMA = 5.0  # of the tilt's own std: minimum significant tilt
 
 
 def mount_tilt(tilts: Floats, depth_mm: Floats) -> Floats | None:
-    """t0 (2,) in rad of tilts (n, 2) in rad of faces at these depths (n,) in mm; None where none is to be told.
+    """Return t0 (2,) in rad of tilts (n, 2) in rad of faces at these depths (n,) in mm; None where undetermined.
 
-    Range: any n; fewer than four presses, or depths of less than 1.5 to 1, tell nothing.
+    Range: any n; fewer than four presses, or depths of less than 1.5 to 1, give None.
     """
     known = np.isfinite(tilts).all(axis=1) & np.isfinite(depth_mm) & (depth_mm > 0)
     tilts, depth_mm = tilts[known], depth_mm[known]
@@ -504,7 +506,7 @@ def mount_tilt(tilts: Floats, depth_mm: Floats) -> Floats | None:
 
 
 def tilt_warning(presses: Sequence[PressEvidence]) -> str:
-    """That the indenter is tilted in its mount, in a sentence; empty where it does not show."""
+    """Return a warning that the indenter is tilted in its mount; empty where the tilt is not significant."""
     seen = [one for one in presses if one.track.footprint is not None]
     tilts = np.array([face_tilt(one.track) for one in seen]).reshape(-1, 2)
     tilt = mount_tilt(tilts, np.array([one.depth_mm for one in seen]))
@@ -521,7 +523,7 @@ def tilt_warning(presses: Sequence[PressEvidence]) -> str:
 
 
 def _lever_mm(one: PressEvidence) -> float:
-    """From the axis to the bevel, or to about where it usually is."""
+    """Return the distance from the axis to the bevel, or its usual value."""
     if one.distance_mm:
         return one.distance_mm
     return float("nan") if one.track.footprint is None else 2 * one.track.footprint.radius_mm

@@ -25,7 +25,7 @@ FLAT = "flat_cylinder"
 def flat_steps(
     recording: Recording, reconstructor: Reconstructor
 ) -> tuple[list[Known], str, tuple[Certified, ...]]:
-    """The steps of a recording's certified presses; why there are none, "" where there are some; the presses."""
+    """Return the steps of certified presses; why there are none, "" where there are some; the presses."""
     flat = {name for name, indenter in recording.indenters.items() if indenter.shape == FLAT}
     if not any(press.indenter in flat for press in recording.presses):
         return [], "no flat steps in this recording", ()
@@ -43,7 +43,7 @@ def flat_steps(
 
 
 def _step(recording: Recording, reconstructor: Reconstructor, point: CertifiedPoint) -> Known | None:
-    """One face, at the moment that certifies it; None where the picture does not show it then."""
+    """Return one face at its certified event; None where the picture does not show it then."""
     found_mm = point.details.reconstructed_depth_mm
     relative = _relative_std(recording, reconstructor, recording.indenters[point.indenter], point.time_s)
     if not np.isfinite([found_mm, relative, point.depth_std_mm]).all():
@@ -54,7 +54,7 @@ def _step(recording: Recording, reconstructor: Reconstructor, point: CertifiedPo
 
 
 def _relative_std(recording: Recording, reconstructor: Reconstructor, indenter: Indenter, time_s: float) -> float:
-    """Deviation that the map of the nearest frame states of the face, relative; NaN without a face."""
+    """Return the relative deviation that the nearest frame's map states of the face; NaN without a face."""
     nearest = int(np.argmin(np.abs(recording.frame_times_s - time_s)))
     try:
         height = reconstructor.height_map(read_frame(recording, nearest))

@@ -27,7 +27,7 @@ from tactilevision.sensors.rectification import rectify
 # frame alone. Lengths in mm, places on the pad; times on the camera's clock.
 
 GRID_MM = 0.1  # mm, grid of the maps that are kept
-_WALL_MM = 0.15  # mm, a depth that stands well out of the noise and whose walls a picture still shows
+_WALL_MM = 0.15  # mm, a significant depth whose walls a picture still shows
 DEEP = 0.6  # of the deepest reading, beyond which a face's tilt is read
 _MAX_RADIUS_CHANGE = 0.1  # of the radius, within which the shallow circle is the deep one
 CoarseMap = npt.NDArray[np.float32]
@@ -91,7 +91,7 @@ class _Place:
     inverse: Floats
 
     def _face(self, depth: CoarseMap) -> Floats:
-        """Plane through the face: depth at the centre, d/dx, d/dy."""
+        """Return the plane through the face: depth at the centre, d/dx, d/dy."""
         here = depth[self.face].astype(np.float64)
         known = np.isfinite(here)
         if known.all() and known.size >= 6:
@@ -101,7 +101,7 @@ class _Place:
         return np.asarray(np.linalg.lstsq(self.basis[known], here[known], rcond=None)[0], dtype=np.float64)
 
     def read(self, depth: CoarseMap, picture: HalfPicture) -> tuple[Floats, Floats, Floats, Floats]:
-        """Face (3,), strip of depth (S,), of colours (S, 3), rings (4, R)."""
+        """Return face (3,), strip of depth (S,), of colours (S, 3), rings (4, R)."""
         reach = float(self.s_mm[-1])
 
         def along(field_: npt.NDArray[Any]) -> Floats:
@@ -187,7 +187,7 @@ def _coarse_size(height: HeightMap) -> tuple[int, int]:
 
 
 def _scale(height: HeightMap) -> Pair:
-    """Coarse pixels per mm."""
+    """Return coarse pixels per mm."""
     (columns, rows), shape = _coarse_size(height), height.depth_mm.shape
     return columns / (shape[1] * height.mm_per_px[0]), rows / (shape[0] * height.mm_per_px[1])
 
@@ -220,7 +220,7 @@ def _place(height: HeightMap, centre_mm: Pair, radius_mm: float, indenter: Inden
 
 
 def _footprint(tape: _TrackRecorder, face_map: HeightMap, indenter: Indenter) -> Footprint | None:
-    """The face where it is deepest, its circle from where it is shallow: steep walls blur it outwards."""
+    """Return the deepest face, its circle from shallow frames: steep walls enlarge the deep one."""
     deep = find_footprint(face_map, indenter)
     if deep is None or tape.wall_map is None or tape.wall_map is face_map:
         return deep
@@ -270,17 +270,17 @@ def _measure(
 
 
 def face_tilt(track: PressTrack) -> Floats:
-    """Tilt (2,) rad of the face while it is deep, the median over those frames."""
+    """Return the tilt (2,) rad of the face while it is deep, the median over those frames."""
     return np.asarray(np.nanmedian(deep_tilts(track), axis=0), dtype=np.float64)
 
 
 def deep_tilts(track: PressTrack) -> Floats:
-    """Tilt (N, 2) rad of the face in each frame that shows it deep."""
+    """Return the tilt (N, 2) rad of the face in each frame that shows it deep."""
     return track.tilts[track.depth_mm > DEEP * np.nanmax(track.depth_mm)]
 
 
 def _face_basis(shape: tuple[int, int], centre_px: Pair, scale: Pair, radius_mm: float) -> tuple[Bools, Floats]:
-    """Pixels (H, W) of the face, and 1, x, y (K, 3) there in mm from its centre."""
+    """Return the pixels (H, W) of the face, and 1, x, y (K, 3) there in mm from its centre."""
     x = ((np.arange(shape[1]) - centre_px[0]) / scale[0])[None, :]
     y = ((np.arange(shape[0]) - centre_px[1]) / scale[1])[:, None]
     face = np.hypot(x, y) < radius_mm
@@ -289,9 +289,7 @@ def _face_basis(shape: tuple[int, int], centre_px: Pair, scale: Pair, radius_mm:
 
 
 def _rings(depth: CoarseMap, centre_px: Pair, scale: Pair, r: Floats, side: str) -> Floats:
-    """Mean depth (4, R) over quarters of rings: towards the bevel, away from it, and the two across; NaN
-    unseen.
-    """
+    """Return mean depth (4, R) over quarters of rings: towards the bevel, away, across; NaN unseen."""
     along = np.arctan2(SIDES[side][1], SIDES[side][0])
     turn = np.deg2rad(np.arange(-44, 45, 8.0))
     angles = np.concatenate([along + k + turn for k in (0, np.pi, np.pi / 2, -np.pi / 2)])
@@ -306,9 +304,7 @@ def _rings(depth: CoarseMap, centre_px: Pair, scale: Pair, r: Floats, side: str)
 
 
 def _zero(level: Floats) -> float:
-    """Level of the face before contact: the median of the readings that lie within the noise of the lowest
-    tenth.
-    """
+    """Return the face's level before contact: median of readings within the noise of the lowest tenth."""
     known = level[np.isfinite(level)]
     if known.size == 0:
         return 0.0
@@ -318,18 +314,18 @@ def _zero(level: Floats) -> float:
     return float(np.median(free)) if free.size >= 3 else 0.0
 
 
-# What a strong compression hides of a touch: dents fainter than its steps are rounded away, and come late.
+# The effect of strong compression on a touch: dents fainter than its steps are rounded away, and detected late.
 #
-# The steps that it leaves between its blocks of 8 pixels tell its strength, b in grey levels. All touches of a
-# recording are late together, by one sigma of _LATE_MM_PER_GREY (b - USUAL_GREY) beyond what the shape of a
-# growing dent leaves open. JPEG of quality 80 and above stays below USUAL_GREY.
+# The steps between its blocks of 8 pixels indicate its strength, b in grey levels. All touches of a recording
+# have a common delay, one sigma of _LATE_MM_PER_GREY (b - USUAL_GREY) in addition to the uncertainty of the dent's
+# shape. JPEG of quality 80 and above stays below USUAL_GREY.
 
 USUAL_GREY = 1.0  # grey levels between blocks up to which touches are not seen later; docs/how-to/lerobot.md
 _LATE_MM_PER_GREY = 0.005  # mm, of touches in two samples packed as JPEG and MJPEG; docs/how-to/lerobot.md
 
 
 def note_blocks(frames: Iterable[Frame | BadFrame], blocks: list[float]) -> Iterator[Frame | BadFrame]:
-    """The frames as they come; `blocks` (grey levels) grows by the steps between blocks in the first sound one."""
+    """Yield the frames; `blocks` (grey levels) grows by the block steps of the first sound one."""
     looked = False
     for frame in frames:
         if not looked and not isinstance(frame, BadFrame):
@@ -339,12 +335,12 @@ def note_blocks(frames: Iterable[Frame | BadFrame], blocks: list[float]) -> Iter
 
 
 def late_std_mm(blocks: Sequence[float]) -> float:
-    """Std (mm) of what all touches come late by together; 0 for `blocks` (grey levels) of usual pictures."""
+    """Return the std (mm) of the touches' common delay; 0 for `blocks` (grey levels) of usual pictures."""
     return _LATE_MM_PER_GREY * max(_typical(blocks) - USUAL_GREY, 0.0)
 
 
 def compression_warnings(blocks: Sequence[float]) -> tuple[str, ...]:
-    """A sentence where pictures are compressed so strongly that touches of the bevel are seen late."""
+    """Return a warning where strong compression delays the detection of touches."""
     late = late_std_mm(blocks)
     if not late:
         return ()
@@ -363,7 +359,7 @@ def _typical(blocks: Sequence[float]) -> float:
 # Frames of a video that were not seen anew: a strong compression copies what hardly changed since the one before.
 #
 # A picture that grows by less than the coder's step between two frames is shown late, by as much as a frame or
-# more, on the way in and on the way out alike, so that no clock can tell. A frame that is coded by itself shows
+# more, equally on the way in and out, which no clock fit detects. A frame that is coded by itself shows
 # the sensor's noise: few of its pixels are the same as before. What the others have alike beyond that was copied.
 
 _THIN = 3  # pixels from one that is compared to the next
@@ -372,7 +368,7 @@ _MIN_PAIRS = 12  # pairs of frames: a coder's whole group of pictures
 
 
 def note_repeats(frames: Iterable[Frame | BadFrame], repeats: list[float]) -> Iterator[Frame | BadFrame]:
-    """The frames as they come; `repeats` grows by the share of pixels that each has from the one before."""
+    """Yield the frames; `repeats` grows by the share of pixels that each repeats."""
     before = None
     for frame in frames:
         if not isinstance(frame, BadFrame):
@@ -384,7 +380,7 @@ def note_repeats(frames: Iterable[Frame | BadFrame], repeats: list[float]) -> It
 
 
 def repeated_share(repeats: Sequence[float]) -> float:
-    """The share of the picture that the median frame copies; 0 where too few frames tell."""
+    """Return the share of the picture that the median frame copies; 0 for too few frames."""
     if len(repeats) < _MIN_PAIRS:
         return 0.0
     anew, typical_share = float(np.quantile(repeats, 0.03)), float(np.median(repeats))
@@ -392,7 +388,7 @@ def repeated_share(repeats: Sequence[float]) -> float:
 
 
 def allow_for_repeats(offset: Estimate, share: float, *, times_s: Floats) -> tuple[Estimate, tuple[str, ...]]:
-    """The clocks' offset (s) with a frame's interval more of uncertainty, and a warning that says so.
+    """Return the clocks' offset (s) with its std increased by a frame's interval, and a warning.
 
     Where most of each picture is a copy: `share` of it, frames at `times_s` (n,). Otherwise as it was.
     """
