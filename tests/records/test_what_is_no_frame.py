@@ -20,7 +20,7 @@ RGB = np.zeros((4, 6, 3), np.uint8)
     [
         (Frame(RGB), "frame.rgb"),
         ([RGB, RGB], r"numpy.stack\(frames\)"),
-        (Path("a.png"), "read_image"),
+        (Path("a.png"), "read_frame"),
         (RGB[..., 0], "Record in colour"),
         (RGB[..., :1], "Record in colour"),
         (np.zeros((4, 6, 4), np.uint8), r"rgb\[..., :3\]"),
