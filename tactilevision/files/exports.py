@@ -126,19 +126,19 @@ EXPORTS: dict[str, Callable[[Path, HeightMap], None]] = {
 }
 
 
+def check_form(form: str, *, where: str) -> None:
+    """Raise InputError for a format that is not known."""
+    if form not in EXPORTS:
+        remedy = "Known are " + ", ".join(EXPORTS) + "."
+        raise InputError("no such format of height maps", where=where, value=form, remedy=remedy)
+
+
 def export(height: HeightMap, folder: Path | str, *, form: str) -> Path:
     """Write a height map (H, W), in mm, as `form`, a name in EXPORTS, under its own name; returns the file.
 
     Raises InputError for a format that is not known.
     """
-    writer = EXPORTS.get(form)
-    if writer is None:
-        raise InputError(
-            "no such format of height maps",
-            where="export",
-            value=form,
-            remedy="Known are " + ", ".join(EXPORTS) + ".",
-        )
+    check_form(form, where="export")
     path = Path(folder) / f"{Path(height.name).stem or 'height'}.{form}"
-    writer(path, height)
+    EXPORTS[form](path, height)
     return path

@@ -17,7 +17,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
 from tactilevision.files.runs import output_lock
 from tactilevision.files.writing import write_text
-from tactilevision.force.calibrated import check_gel
+from tactilevision.force.calibrated import check_gel, read_thickness_mm
 from tactilevision.force.comparison import Readings
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import ForceField, ForceSettings
@@ -131,17 +131,16 @@ def force_job(
     return ForceJob(field, reconstructor, untouched or _untouched(recording), store)
 
 
-def with_gel(recording: Recording, calibration: Path | None, thickness_mm: float | None) -> Recording:
+def with_gel(recording: Recording, calibration: Path | None) -> Recording:
     """Return the recording with a gel as thick as the calibration's, and a warning, where it describes none.
 
     Raises InputError where its own gel is not that of the file `calibration`.
     """
     gel = recording.sensor.gel
-    if gel is not None:
-        if calibration is not None:
-            check_gel(calibration, gel)
-        return recording
-    if thickness_mm is None:
+    thickness_mm = None if calibration is None else read_thickness_mm(calibration)
+    if gel is not None and calibration is not None:
+        check_gel(calibration, gel)
+    if gel is not None or thickness_mm is None:
         return recording
     guess = f"guessed: the gel is {thickness_mm:g} mm thick, as the calibration's, and has no sides nearby"
     sensor = replace(recording.sensor, gel=Gel(thickness_mm))

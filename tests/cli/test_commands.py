@@ -269,7 +269,7 @@ def test_completing_a_line_waits_for_no_cluster(monkeypatch: pytest.MonkeyPatch)
     asked: list[str] = []
     monkeypatch.setattr("tactilevision.cluster.connect.check_cluster", asked.append)
     line = ["somewhere", "--cluster", "tcp://127.0.0.1:1"]
-    command = get_command(app).commands["depth"]  # type: ignore[attr-defined]
+    command = get_command(app).get_command(None, "depth")  # type: ignore[attr-defined]
     command.make_context("depth", list(line), resilient_parsing=True)
     assert not asked
     command.make_context("depth", list(line))
