@@ -24,7 +24,8 @@ from tactilevision.recording.folder import list_references
 from tactilevision.recording.images import read_image
 from tactilevision.recording.model import faults_of_reference
 from tactilevision.records.maps import LIGHT, Frame, flag_messages
-from tactilevision.robots.camera import FRAMES, Audit, Newest, Played, Shot, Source, audit, open_camera
+from tactilevision.robots import camera as cameras
+from tactilevision.robots.camera import FRAMES, Audit, Newest, Played, Shot, Source, audit
 from tactilevision.robots.live import COLUMNS, Counts, LiveResult, Stream, run
 from tactilevision.robots.preview import Foxglove, Preview, check_installed, words
 
@@ -68,28 +69,13 @@ def live(
         check_installed()
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
-
-    def listeners(stack: ExitStack) -> tuple[list[Callable[[LiveResult, float], None]], Path | None]:
-        return _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap), _table(stack, out)
-
-    _play(opened, listeners, until=(frames, seconds), every=every, json=json)
-
-
-def _play(
-    opened: _Opened,
-    listeners: Callable[[ExitStack], tuple[list[Callable[[LiveResult, float], None]], Path | None]],
-    *,
-    until: tuple[int | None, float | None],
-    every: bool,
-    json: Path | None,
-) -> None:
-    """Audit the source, then read it frame by frame `until` so many frames or seconds, and print both."""
     found = audit(opened.first, timed=not opened.source.waits)
     _say_audit(opened, found)
     counts, newest = Counts(), Newest(opened.source, every=every)
     try:
         with ExitStack() as stack:
-            reporter = _Reporter(counts, opened.stream, *listeners(stack), *until)
+            shows = _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap)
+            reporter = _Reporter(counts, opened.stream, shows, _table(stack, out), frames, seconds)
             run(stack.enter_context(newest), opened.stream, counts=counts, report=reporter)
     finally:  # also where the camera has gone, or after Ctrl-C
         _say_end(counts, newest.came, newest.dropped)
@@ -113,7 +99,7 @@ def _open(
 ) -> _Opened:
     numbered = re.fullmatch(r"(?:/dev/video)?(\d+)", camera)
     if numbered:
-        device = open_camera(int(numbered[1]), form=form)
+        device = cameras.open_camera(int(numbered[1]), form=form)
         first = list(islice(device.shots(), FRAMES))
         return _Opened(device, first, Stream(_calibrated(chosen, indenter), even_so=chosen.even_so), device.doubts)
     if form is not None:
