@@ -183,7 +183,7 @@ def write_settings(recording: Recording) -> None:
         "format": layout.FORMAT,
         "name": recording.name,
         "date": recording.date,
-        "sensor": _sensor(recording),
+        "sensor": sensor_table(recording.sensor, white_level=recording.white_level),
         "force": {
             "std_N": std_N if std_N is None or np.isfinite(std_N).all() else None,
             "rate_Hz": recording.force_rate_Hz,
@@ -216,7 +216,7 @@ def write_image(path: Path | str, rgb: Bytes, *, jpeg_quality: int = 95) -> None
         return
     if path.suffix.lower() not in layout.IMAGE_SUFFIXES:
         raise InputError("pictures are written as " + ", ".join(layout.IMAGE_SUFFIXES), where=path)
-    options = []
+    options = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]  # smallest for noisy pictures
     if path.suffix.lower() in (".jpg", ".jpeg"):
         full = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
         options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality, *full]
@@ -229,10 +229,10 @@ def _extra(recording: Recording, table: str) -> Mapping[str, Any]:
     return recording.extra.get(table, {})
 
 
-def _sensor(recording: Recording) -> dict[str, Any]:
-    sensor = recording.sensor
+def sensor_table(sensor: Sensor, *, white_level: float | None = None) -> dict[str, Any]:
+    """Return the keys of [sensor]; unknown values are omitted."""
     custom = sensor.kind == "custom" and sensor.width_px > 0
-    return {
+    content = {
         "kind": sensor.kind,
         "serial": sensor.serial or None,
         "mm_per_px": None if np.isnan(sensor.mm_per_px[0]) else list(sensor.mm_per_px),
@@ -240,9 +240,10 @@ def _sensor(recording: Recording) -> dict[str, Any]:
         "height_px": sensor.height_px if custom else None,
         "rectification": None if sensor.rectification is None else MAPS,
         "has_markers": sensor.has_markers or None,
-        "white_level": recording.white_level,
+        "white_level": white_level,
         "gel": None if sensor.gel is None else asdict(sensor.gel),
     }
+    return _known(content)
 
 
 def _known(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -37,7 +37,8 @@ FILES = {
     "": Answer(
         "text/html; charset=utf-8",
         b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>tactilevision live</title>
-<link rel="stylesheet" href="page.css"><h1>Live</h1><img alt="picture and depth"><script src="page.js"></script>""",
+<link rel="stylesheet" href="page.css"><h1>Live</h1>
+<img alt="picture and depth"><script src="page.js"></script>""",
     ),
     "page.css": Answer("text/css", b"body{margin:1em;background:#fafafa;font:16px sans-serif}img{max-width:100%}"),
     "page.js": Answer(
