@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import j0, j1
 
 from tactilevision.records.measured import Floats, Pair
-from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, lookup, smooth_step
+from tactilevision.synthetic.gel import Area, Grid, Singles, Surface, lookup, smooth_step
 
 # Surface of a bonded gel layer outside a flat frictionless punch by linear theory.
 #
@@ -100,8 +100,8 @@ def _kernels(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats, float]:
 _TERMS = 5  # odd powers of a, see above
 
 
-@dataclass(frozen=True, slots=True)
-class BallPress:
+@dataclass(frozen=True)
+class BallPress(Surface):
     """A ball of `radius_mm` with a contact circle of `contact_radius_mm` on a layer of `poisson_ratio`."""
 
     radius_mm: float
@@ -132,10 +132,6 @@ class BallPress:
         inside = np.linspace(0.0, self.contact_radius_mm, 200, endpoint=False)
         cap = press - self.radius_mm + np.sqrt(self.radius_mm**2 - inside**2)
         return np.concatenate([inside, outside]), np.concatenate([cap, depth])
-
-    def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
-        """Return the sideways shift (H, W) mm of the ink in x and in y."""
-        return Flat().shift_mm(grid)
 
 
 @lru_cache(maxsize=64)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -65,37 +64,31 @@ class Grid:
         return Grid(x, y)
 
 
-class Surface(Protocol):
-    """A gel surface: where it changes steeply, its depth, and the sideways shift of its ink."""
+class Surface:
+    """A gel surface: the untouched gel, of which others differ in depth, steep areas and the shift of the ink."""
 
     @property
     def steep(self) -> tuple[Area, ...]:
-        """Where slopes change within a pixel."""
-
-    def depth_mm(self, grid: Grid) -> Singles:
-        """Return the depth (H, W) mm on the grid."""
-
-    def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
-        """Return the sideways shift (H, W) mm of the ink at each place in x and in y."""
-
-
-@dataclass(frozen=True, slots=True)
-class Flat:
-    """The untouched gel."""
-
-    steep: tuple[Area, ...] = ()
+        """Areas where slopes change within a pixel."""
+        return ()
 
     def depth_mm(self, grid: Grid) -> Singles:
         """Return the depth (H, W) mm on the grid."""
         return np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
-        """Return the sideways shift (H, W) mm of the ink in x and in y."""
-        return self.depth_mm(grid), self.depth_mm(grid)
+        """Return the sideways shift (H, W) mm of the ink at each place in x and in y."""
+        zero = np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
+        return zero, zero.copy()
 
 
-@dataclass(frozen=True, slots=True)
-class Prescribed:
+@dataclass(frozen=True)
+class Flat(Surface):
+    """The untouched gel."""
+
+
+@dataclass(frozen=True)
+class Prescribed(Surface):
     """A given height map: `depth_map_mm` on `map_grid`, linear in between, nearest beyond. No sideways shift."""
 
     depth_map_mm: Floats
@@ -111,11 +104,6 @@ class Prescribed:
         columns = (grid.x_mm - self.map_grid.x_mm[0]) / step_x
         places = np.meshgrid(rows, columns, indexing="ij")
         return np.asarray(map_coordinates(self.depth_map_mm, places, order=1, mode="nearest"), dtype=np.float32)
-
-    def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
-        """Return the sideways shift (H, W) mm of the ink in x and in y."""
-        zero = np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
-        return zero, zero.copy()
 
 
 def smooth_step(x: Floats) -> Floats:
