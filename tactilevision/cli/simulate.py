@@ -14,7 +14,7 @@ import typer
 from calibration.tasks import validate as report
 from tactilevision.cli import console
 from tactilevision.cluster.pool import cluster_pool
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, check_known
 from tactilevision.mechanics.tables import solve as method
 from tactilevision.mechanics.tables.cases import Grid
 from tactilevision.mechanics.tables.solve import LAWS, Progress, tabulate as solve
@@ -108,14 +108,8 @@ def _grid(
 ) -> Grid:
     usual = Grid()
     laws = usual.laws if law is None else tuple(part.strip() for part in law.split(","))
-    unknown = sorted(set(laws) - {one.name for one in LAWS})
-    if unknown:
-        raise InputError(
-            "no such law",
-            where="--law",
-            value=", ".join(unknown),
-            remedy="There are " + ", ".join(one.name for one in LAWS) + ".",
-        )
+    for name in laws:
+        check_known(name, [one.name for one in LAWS], what="no such law", where="--law")
     return Grid(
         laws=laws,
         frictions=_within("--friction", friction, usual.frictions, (0.0, math.inf)),

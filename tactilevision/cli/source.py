@@ -105,10 +105,7 @@ class Choice:
         return f"{content} {self.mm_per_px}"
 
     def open(self, path: Path, *, needs_frames: bool = True) -> Recording:
-        """Read a recording, or a bare folder of frames whose sensor is named.
-
-        Unless `needs_frames`, ball presses alone suffice.
-        """
+        """Read a recording, or a bare folder of frames whose sensor is named."""
         if self.profile is not None:
             recording = open_with_profile(path, self.profile, reference=self.reference)
         elif self._is_recording(path):
@@ -121,7 +118,7 @@ class Choice:
                 mm_per_px=self.mm_per_px,
                 guess=not self._has_own_reference(),
             )
-        if needs_frames or not recording.balls:
+        if needs_frames:
             require(recording, "frames", step="making height maps")
         return recording
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from tactilevision.cli import console, source as sources
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, check_known
 from tactilevision.files.runs import output_lock
 from tactilevision.force.calibrated import check_gel, material_of, read_calibration
 from tactilevision.heightmap.ball_validation import told
@@ -36,9 +36,7 @@ from tactilevision.profile.ball_guide import Guide, Session, start_table
 from tactilevision.profile.make import make_profile
 from tactilevision.profile.model import Profile
 from tactilevision.profile.storage import SUFFIX, check_name, read_profile, write_profile
-from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
-from tactilevision.recording.read import read_recording
 
 
 def train(
@@ -65,13 +63,11 @@ def train(
     Its card states its errors; a figure shows held-out balls, and flat steps certified by the recording's own
     presses, by depth and by contact size.
     """
-    if method not in PHOTOMETRIC:
-        remedy = "Known are " + ", ".join(PHOTOMETRIC) + "."
-        raise InputError("no photometric method of that name", where="--method", value=method, remedy=remedy)
+    check_known(method, PHOTOMETRIC, what="no photometric method of that name", where="--method")
     chosen = sources.Choice(sensor, reference, None, mm_per_px)
     if guide:
         _guide(recording, chosen, ball_radius_mm, method=method, port=port)
-    source = _read(recording, chosen, ball_radius_mm)
+    source = sources.open_balls(recording, chosen, ball_radius_mm)
     if not source.balls:
         remedy = "Press a ball at twenty places. For a bare folder state the radius with --ball-radius-mm."
         raise InputError("no ball presses to train on", where=recording / "reference" / "ball", remedy=remedy)
@@ -95,19 +91,12 @@ def train(
         _save_profile(source, made, out)
 
 
-def _read(path: Path, chosen: sources.Choice, ball_radius_mm: float | None) -> Recording:
-    if chosen == sources.Choice() and ((path / layout.SETTINGS).is_file() or not path.exists()):
-        return read_recording(path)  # frames are not needed
-    return sources.open_balls(path, chosen, ball_radius_mm)
-
-
 def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, method: str, port: int) -> None:
     """Serve the page until the person has finished and the table of balls is written."""
     start_table(path, ball_radius_mm)
     with console.progress_bar("looking for balls"):
-        session = Session(
-            _read(path, chosen, ball_radius_mm), method="polynomial" if method == "network" else method
-        )
+        presses = sources.open_balls(path, chosen, ball_radius_mm)
+        session = Session(presses, method="polynomial" if method == "network" else method)
     with output_lock(session.table, file=True), Guide(session, port=port) as page:
         console.say(f"mark the circles at {page.address}", "Ctrl-C ends without writing them")
         page.wait()

@@ -22,8 +22,8 @@ from tactilevision.batch.selection import (
     read_map,
 )
 from tactilevision.cli import console, source
-from tactilevision.errors import InputError
-from tactilevision.files.exports import check_form, export as write
+from tactilevision.errors import InputError, check_known
+from tactilevision.files.exports import EXPORTS, UNKNOWN, export as write
 from tactilevision.force.comparison import Readings
 from tactilevision.heightmap.deviation import contributions_mm
 from tactilevision.heightmap.reconstructor import Reading, Reconstructor
@@ -109,7 +109,7 @@ def _check(forms: list[str], *, screen: bool) -> None:
     if screen:
         style.check_screen()
     for form in forms:
-        check_form(form, where="--export")
+        check_known(form, EXPORTS, what=UNKNOWN, where="--export")
 
 
 def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict[str, Figure]:

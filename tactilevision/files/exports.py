@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError
+from tactilevision.errors import check_known
 from tactilevision.files.tiff import masked, write_tiff
 from tactilevision.files.writing import replacing
 from tactilevision.files.zarr_store import write_zarr
@@ -126,11 +126,7 @@ EXPORTS: dict[str, Callable[[Path, HeightMap], None]] = {
 }
 
 
-def check_form(form: str, *, where: str) -> None:
-    """Raise InputError for a format that is not known."""
-    if form not in EXPORTS:
-        remedy = "Known are " + ", ".join(EXPORTS) + "."
-        raise InputError("no such format of height maps", where=where, value=form, remedy=remedy)
+UNKNOWN = "no such format of height maps"
 
 
 def export(height: HeightMap, folder: Path | str, *, form: str) -> Path:
@@ -138,7 +134,7 @@ def export(height: HeightMap, folder: Path | str, *, form: str) -> Path:
 
     Raises InputError for a format that is not known.
     """
-    check_form(form, where="export")
+    check_known(form, EXPORTS, what=UNKNOWN, where="export")
     path = Path(folder) / f"{Path(height.name).stem or 'height'}.{form}"
     EXPORTS[form](path, height)
     return path

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, check_known
 from tactilevision.records.rig import Sensor
 from tactilevision.sensors.digit import DIGIT
 from tactilevision.sensors.gelsight_mini import GELSIGHT_MINI
@@ -72,13 +72,7 @@ def get_sensor(kind: str, **overrides: Any) -> Sensor:
         if missing:
             raise InputError(f"a custom sensor needs {', '.join(missing)}", where="get_sensor")
         return _checked(Sensor(kind="custom", **overrides))
-    if kind not in SENSORS:
-        raise InputError(
-            "no sensor of that name",
-            where="get_sensor",
-            value=kind,
-            remedy="Known are " + ", ".join([*SENSORS, "custom"]) + ".",
-        )
+    check_known(kind, [*SENSORS, "custom"], what="no sensor of that name", where="get_sensor")
     return _checked(dataclasses.replace(SENSORS[kind], **overrides))
 
 
