@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError, OutputError
-from tactilevision.files.writing import output_errors, unfinished
+from tactilevision.files.writing import replacing
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.local_page import Answer, LocalPage
 from tactilevision.records.constants import MILLI
@@ -173,14 +173,13 @@ class Foxglove:
         self._wrench = foxglove.Channel("/wrench", schema=_WRENCH, context=self._context)
         self._state = foxglove.Channel("/state", schema=_STATE, context=self._context)
         self._began_ns = time.time_ns() - round(S_TO_NS * time.monotonic())
-        self._scratch = None if mcap is None else mcap.with_name(f"{unfinished()}{mcap.name}")
-        self._writer, self._server = None, None
-        if self._scratch is not None:
-            with output_errors(self._scratch):
-                self._scratch.parent.mkdir(parents=True, exist_ok=True)
-                self._writer = foxglove.open_mcap(self._scratch, allow_overwrite=True, context=self._context)
-        if serve:
-            self._server = _served(self._context)
+        self._writer = None
+        with ExitStack() as opening:
+            if mcap is not None:
+                temporary = opening.enter_context(replacing(mcap))
+                self._writer = foxglove.open_mcap(temporary, allow_overwrite=True, context=self._context)
+            self._server = _served(self._context) if serve else None
+            self._files = opening.pop_all()
 
     def __enter__(self) -> Self:
         return self
@@ -190,21 +189,18 @@ class Foxglove:
     ) -> None:
         if self._server is not None:
             self._server.stop()
-        if self._writer is not None and self._scratch is not None and self.mcap is not None:
-            try:
-                with output_errors(self.mcap):
-                    self._writer.close()
-                    self._scratch.replace(self.mcap)
-            except (RuntimeError, OutputError) as refused:  # its own kind of error, also for a full disk
-                if kind is not None:  # the error that ended the stream, or an interrupt, is raised instead
-                    return
-                if isinstance(refused, OutputError):
-                    raise
-                said = f"cannot be written: {refused}"
-                raise OutputError(said, where=self.mcap, remedy="Is the disk full?") from refused
-            finally:
-                with suppress(OSError):
-                    self._scratch.unlink(missing_ok=True)
+        if self._writer is None:
+            return
+        try:
+            with self._files:  # renamed also where an error ended the stream
+                self._writer.close()
+        except (RuntimeError, OutputError) as refused:  # its own kind of error, also for a full disk
+            if kind is not None:  # the error that ended the stream, or an interrupt, is raised instead
+                return
+            if isinstance(refused, OutputError):
+                raise
+            said = f"cannot be written: {refused}"
+            raise OutputError(said, where=self.mcap, remedy="Is the disk full?") from refused
 
     def show(self, result: LiveResult, rate_Hz: float) -> None:
         """Send one result on all topics."""

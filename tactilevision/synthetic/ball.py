@@ -6,35 +6,32 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import j0, j1
+from scipy.special import j0
 
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.synthetic.gel import Area, Grid, Singles, Surface, lookup, smooth_step
 
 # Surface of a bonded gel layer outside a flat frictionless punch by linear theory.
 #
-#     u_z(r)/w = (2a/π) ∫₀^∞ K(kh) Φ(ka) J₀(kr) dk        u_r(r)/w = (2a/π) ∫₀^∞ K_r(kh) Φ(ka) J₁(kr) dk
-#     Φ(ka) = ∫₀¹ φ(x) cos(kax) dx                         φ + (2/π) ∫₀¹ M(x, y) φ(y) dy = 1 with 1 - K in M
+#     u_z(r)/w = (2a/π) ∫₀^∞ K(kh) Φ(ka) J₀(kr) dk         Φ(ka) = ∫₀¹ φ(x) cos(kax) dx
+#     φ + (2/π) ∫₀¹ M(x, y) φ(y) dy = 1 with 1 - K in M
+#     K(u) = (2κ sinh 2u - 4u)/(2κ cosh 2u + κ² + 1 + 4u²)   κ = 3 - 4ν
 #
-# K and K_r are solved wave by wave from Navier's equations (four exponentials, a free surface, a bonded base),
-# independently of `tactilevision.mechanics`. The rim of the pad is far away.
+# K is the compliance of a layer bonded to a rigid base, over a half-space's. The rim of the pad is far away.
 # Source: Hayes et al., J. Biomech. 5 (1972), eqs. 20-24.
 
 FAR = 5  # thicknesses beyond the edge at which the surface counts as untouched
 
 
-def layer_surface(poisson_ratio: float, a_over_h: float, *, radii: Floats) -> tuple[Floats, Floats]:
-    """Return ratios u_z/w and u_r/w (n,) at `radii` (in thicknesses, outside the punch) by linear theory."""
+def layer_surface(poisson_ratio: float, a_over_h: float, *, radii: Floats) -> Floats:
+    """Return ratios u_z/w (n,) at `radii` (in thicknesses, outside the punch) by linear theory."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     x, dx = (nodes + 1) / 2, weights / 2
-    u, du, K, K_r, K_r_far = _waves(poisson_ratio)
+    u, du, K = _waves(poisson_ratio)
     phi = _punch_density(x, dx, u, (1 - K) * du, a_over_h)
     transform = np.cos(np.outer(u * a_over_h, x)) @ (phi * dx)
-    scale = 2 * a_over_h / np.pi
-    depth = scale * (_half_space(radii, a_over_h, x, phi) - j0(np.outer(radii, u)) @ ((1 - K) * transform * du))
-    far = K_r_far * float(phi @ dx) / radii
-    shift = scale * (far + j1(np.outer(radii, u)) @ ((K_r - K_r_far) * transform * du))
-    return depth, shift
+    missing = j0(np.outer(radii, u)) @ ((1 - K) * transform * du)
+    return np.asarray(2 * a_over_h / np.pi * (_half_space(radii, a_over_h, x, phi) - missing))
 
 
 def _half_space(radii: Floats, a_over_h: float, x: Floats, phi: Floats) -> Floats:
@@ -55,37 +52,13 @@ def _punch_density(x: Floats, dx: Floats, u: Floats, missing: Floats, a_over_h: 
 
 
 @lru_cache(maxsize=8)
-def _waves(poisson_ratio: float) -> tuple[Floats, Floats, Floats, Floats, float]:
-    """Return wave numbers (per thickness) up to 25, where 1 - K vanishes, their weights, and the kernels there."""
+def _waves(poisson_ratio: float) -> tuple[Floats, Floats, Floats]:
+    """Return wave numbers u (per thickness) up to 25, where 1 - K vanishes, their weights, and K."""
     nodes, weights = np.polynomial.legendre.leggauss(480)
     half = 25 / 2
-    u = half * (nodes + 1)
-    return (u, half * weights, *_kernels(u, poisson_ratio))
-
-
-def _kernels(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats, float]:
-    """Return K, K_r at u = kh and K_r of the half-space: surface displacements relative to those of a half-space.
-
-    Each wave is a sum of (U, W) = (1, 1)e^(-kz), (z + s, z)e^(-kz) and their mirror images from the base.
-    """
-    s = -(3 - 4 * poisson_ratio) / u
-    e = np.exp(-u)
-    one = np.ones_like(u)
-    lame = poisson_ratio / (1 - 2 * poisson_ratio)  # λ / 2μ
-    dilatation = -2 * (1 - 2 * poisson_ratio)  # of the second pair: kU + W'
-    rows: list[list[Floats]] = [
-        [e, (1 + s) * e, one, s],  # U at the base, h = 1
-        [e, e, -one, 0 * u],  # W at the base
-        [-2 * u, 1 - u * s, 2 * u * e, (-1 + u * (1 + s) + u) * e],  # U' - kW at the surface
-        [-u, (lame * dilatation + 1) * one, -u * e, (lame * dilatation + 1 - u) * e],  # (λ/2μ) div + W'
-    ]
-    matrix = np.moveaxis(np.array(rows), 2, 0)
-    load = np.zeros((u.size, 4, 1))
-    load[:, 3, 0] = -0.5 / (1 - poisson_ratio)  # -p/2μ for p = E*/2, which makes uW the ratio K
-    A = np.linalg.solve(matrix, load)[..., 0]
-    W = A[:, 0] - A[:, 2] * e - A[:, 3] * e
-    U = A[:, 0] + A[:, 1] * s + (A[:, 2] + A[:, 3] * (1 + s)) * e
-    return u * W, u * U, -(1 - 2 * poisson_ratio) / (2 * (1 - poisson_ratio))
+    u, kappa = half * (nodes + 1), 3 - 4 * poisson_ratio
+    upper = 2 * kappa * np.sinh(2 * u) - 4 * u
+    return u, half * weights, upper / (2 * kappa * np.cosh(2 * u) + kappa**2 + 1 + 4 * u**2)
 
 
 # Gel under a ball on a layer of finite thickness. The contact is a superposition of flat punches whose radii a
@@ -146,7 +119,7 @@ def _surface(radius_mm: float, contact_mm: float, thickness_mm: float, nu: float
     terms = np.linalg.lstsq(sunk, ball, rcond=None)[0]
     spread = powers @ terms * da
     reach = np.linspace(0.0, 1.0, 90) ** 2 * FAR * thickness_mm
-    around = [layer_surface(nu, one / thickness_mm, radii=(contact_mm + reach) / thickness_mm)[0] for one in a]
+    around = [layer_surface(nu, one / thickness_mm, radii=(contact_mm + reach) / thickness_mm) for one in a]
     return (
         float(spread.sum()),
         contact_mm + reach,
@@ -159,7 +132,7 @@ def _below(r: float, powers: Floats, contact_mm: float, thickness_mm: float, nu:
     nodes, weights = np.polynomial.legendre.leggauss(8)
     angle = np.pi / 4 * (nodes + 1)
     a = r * np.sin(angle)
-    g = np.array([layer_surface(nu, one / thickness_mm, radii=np.array([r / thickness_mm]))[0][0] for one in a])
+    g = np.array([layer_surface(nu, one / thickness_mm, radii=np.array([r / thickness_mm]))[0] for one in a])
     step = np.pi / 4 * weights * r * np.cos(angle)
     orders = 2 * np.arange(powers.shape[1]) + 1
     return np.asarray(((1 - g) * step) @ (a[:, None] / contact_mm) ** orders)
