@@ -19,7 +19,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
 from tactilevision.files.writing import replacing, write_text
 from tactilevision.recording import layout
-from tactilevision.recording.model import BallPress, Recording, StageSeries
+from tactilevision.recording.model import BallPress, Recording
 from tactilevision.recording.read_tables import point_columns
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Bytes, Curve, Floats, ForceSeries
@@ -57,17 +57,6 @@ def write_forces(folder: Path | str, forces: ForceSeries, *, extra: _Columns = _
     if forces.temperature_C is not None:
         columns["temperature_C"] = forces.temperature_C
     write_table(Path(folder) / layout.FORCES, columns | dict(extra))
-
-
-def write_stage(folder: Path | str, stage: StageSeries, *, extra: _Columns = _NOTHING) -> None:
-    """Write stage.csv."""
-    write_table(Path(folder) / layout.STAGE, {"time_s": stage.time_s, "z_mm": stage.z_mm, **extra})
-
-
-def write_presses(folder: Path | str, presses: Sequence[Press]) -> None:
-    """Write presses.csv."""
-    further = [press.extra for press in presses]
-    write_table(Path(folder) / layout.PRESSES, _record_columns(presses, further, layout.PRESS_COLUMNS.required))
 
 
 def write_points(folder: Path | str, points: Sequence[CertifiedPoint]) -> None:
@@ -162,9 +151,12 @@ def write_recording(recording: Recording) -> None:
     if recording.forces is not None:
         write_forces(folder, recording.forces, extra=_extra(recording, layout.FORCES))
     if recording.stage is not None:
-        write_stage(folder, recording.stage, extra=_extra(recording, layout.STAGE))
+        stage = {"time_s": recording.stage.time_s, "z_mm": recording.stage.z_mm}
+        write_table(folder / layout.STAGE, stage | dict(_extra(recording, layout.STAGE)))
     if recording.presses:
-        write_presses(folder, recording.presses)
+        further = [press.extra for press in recording.presses]
+        required = layout.PRESS_COLUMNS.required
+        write_table(folder / layout.PRESSES, _record_columns(recording.presses, further, required))
     if recording.curves:
         write_curves(folder, recording.curves)
     if recording.points:

@@ -206,7 +206,9 @@ def annotate(
     if there:
         raise InputError("the data set has such a feature already", where=dataset.root, value=there[0])
     warnings = _look(dataset, sensor)
-    work = _Work(dataset, base, added, _readings(dataset, sensor, shrink=shrink), progress)
+    shown = pictures(dataset)
+    readings = ((row.episode.number, read_frame(sensor, rgb, shrink=shrink)) for row, rgb in shown)
+    work = _Work(dataset, base, added, readings, progress)
     with staged(out) as folder:
         for place in dict.fromkeys(one.data for one in dataset.episodes):
             work.write_table(dataset.data(place), folder / data_name(place))
@@ -298,12 +300,6 @@ class _Work:
             else:
                 found[key] = statistics_of_values(np.asarray(values, float).reshape(len(values), -1))
         return found
-
-
-def _readings(dataset: DataSet, sensor: CalibratedSensor, *, shrink: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield the episode's number and the reading, frame by frame."""
-    for row, rgb in pictures(dataset):
-        yield row.episode.number, read_frame(sensor, rgb, shrink=shrink)
 
 
 def _look(dataset: DataSet, sensor: CalibratedSensor) -> tuple[str, ...]:

@@ -133,7 +133,8 @@ def read_dataset(root: Path | str, camera: str) -> DataSet:
         )
     if not isinstance(features, dict) or not isinstance(rate, int | float) or not 0 < rate < 1e5:
         raise InputError("states no features, or no rate (fps)", where=root / INFO, value=rate)
-    cameras = {name: kind for name, kind in _kinds(features).items() if kind in ("video", "image")}
+    kinds = {name: str(one.get("dtype")) for name, one in features.items() if isinstance(one, dict)}
+    cameras = {name: kind for name, kind in kinds.items() if kind in ("video", "image")}
     if camera not in cameras:
         listed = ", ".join(f"{name} ({kind})" for name, kind in cameras.items()) or "none"
         raise InputError("the data set has no such camera", where=root, value=camera, remedy=f"It has: {listed}.")
@@ -144,10 +145,6 @@ def read_dataset(root: Path | str, camera: str) -> DataSet:
 def episode_files(root: Path) -> list[str]:
     """Return the names of the tables of episodes in the data set."""
     return [path.relative_to(root).as_posix() for path in sorted((root / EPISODES).glob("*/*.parquet"))]
-
-
-def _kinds(features: Mapping[str, Any]) -> dict[str, str]:
-    return {name: str(one.get("dtype")) for name, one in features.items() if isinstance(one, dict)}
 
 
 def _episodes(root: Path, camera: str, is_video: bool) -> tuple[Episode, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -149,15 +150,11 @@ def _read_ros1(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Messag
     with library("rosbags.rosbag1").Reader(path) as bag:
         names = {value: name for name, value in library("rosbags.rosbag1.reader").decompressors.items()}
         for place, chunk in bag.chunks.items():
-            bag.chunks[place] = chunk._replace(decompressor=_bounded(names[chunk.decompressor], path))
+            bag.chunks[place] = chunk._replace(decompressor=partial(unpack, names[chunk.decompressor], where=path))
         log.topics |= {one.topic: one.msgtype for one in bag.connections}
         chosen = [one for one in bag.connections if one.topic in wanted]
         for about, log_ns, data in bag.messages(chosen) if chosen else ():
             yield Message(about.topic, about.msgtype, log_ns, bytes(data), "ros1")
-
-
-def _bounded(kind: str, path: Path) -> Callable[[bytes], bytes]:
-    return lambda data: unpack(kind, data, where=path)
 
 
 def _read_sqlite(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Message]:
