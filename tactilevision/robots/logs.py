@@ -10,8 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tactilevision.errors import InputError, TactilevisionError
-from tactilevision.files.opening import check, check_regular, limit
+from tactilevision.errors import InputError
+from tactilevision.files.opening import check, check_regular, damage, limit
 
 
 def library(name: str) -> Any:
@@ -42,20 +42,13 @@ def unpack(kind: str, data: bytes, *, where: object) -> bytes:
     if kind not in _OPEN:
         raise InputError("a part of the log is packed in a way that is not read", where=where, value=kind)
     most = int(limit("MAX_ARRAY_MB") * MB)
-    try:
+    with damage(where, what="a packed part of the log is damaged"):
         unpacker = _OPEN[kind]()
         found = bytes(unpacker.decompress(data, max_length=most + 1))
-    except Exception as fault:
-        raise _damaged(where, str(fault)) from fault
-    check(len(found) / MB, "MAX_ARRAY_MB", what="a part of the log, unpacked, in MB,", where=where)
-    if not unpacker.eof:
-        raise _damaged(where, "it is truncated")
+        check(len(found) / MB, "MAX_ARRAY_MB", what="a part of the log, unpacked, in MB,", where=where)
+        if not unpacker.eof:
+            raise ValueError("it is truncated")
     return found
-
-
-def _damaged(where: object, said: str) -> InputError:
-    what = f"a packed part of the log is damaged: {said[:120]}"
-    return InputError(what, where=where, remedy="Copy it again.")
 
 
 class _Zstd:
@@ -111,20 +104,12 @@ class Log:
         total = 0.0
         for path in _files(self.path):
             check_regular(path)
-            try:
+            remedy = "Copy it again, or repair it with the tools of ROS (rosbag reindex, mcap recover)."
+            with damage(path, what="the log is damaged or truncated", remedy=remedy):
                 for message in _READ[path.suffix](self, path, wanted):
                     total += len(message.data) / MB
                     check(total, "MAX_FILE_MB", what="what the log holds, unpacked, in MB,", where=path)
                     yield message
-            except (TactilevisionError, GeneratorExit):
-                raise
-            except Exception as fault:  # the libraries raise errors of every kind for damaged logs
-                said = " ".join(str(fault).split()) or type(fault).__name__
-                raise InputError(
-                    f"the log is damaged or truncated: {said[:160]}",
-                    where=path,
-                    remedy="Copy it again, or repair it with the tools of ROS (rosbag reindex, mcap recover).",
-                ) from fault
 
 
 def _files(path: Path) -> list[Path]:
