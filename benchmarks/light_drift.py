@@ -34,9 +34,8 @@ from tactilevision.records.maps import Frame, HeightMap
 from tactilevision.records.measured import Bools, Bytes, Pair
 from tactilevision.records.rig import Gel
 from tactilevision.sensors import get_sensor
-from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Camera, CameraOptions, build_camera
-from tactilevision.synthetic.gel import Area, Flat, Grid, Singles
+from tactilevision.synthetic.gel import Area, BallPress, Flat, Grid, Singles
 from tactilevision.synthetic.options import GelOptions
 from tactilevision.synthetic.punch import PunchPress, PunchProfile, punch_profile
 from tactilevision.synthetic.simulation import picture_still, plan_balls

@@ -18,8 +18,7 @@ from tactilevision.recording.model import BallPress as BallRecord, Recording
 from tactilevision.recording.write import write_image, write_recording
 from tactilevision.records.rig import Gel, Sensor
 from tactilevision.synthetic import simulation as writing
-from tactilevision.synthetic.ball import BallPress
-from tactilevision.synthetic.gel import Flat, Singles, Surface
+from tactilevision.synthetic.gel import BallPress, Flat, Singles, Surface
 from tactilevision.synthetic.options import GelOptions
 from tactilevision.synthetic.punch import PunchPress, punch_profile
 from tactilevision.synthetic.simulation import plan_balls

@@ -19,9 +19,8 @@ from tactilevision.recording.model import BallPress as BallRecord, Recording
 from tactilevision.recording.write import write_image, write_recording
 from tactilevision.records.measured import Bytes, Floats, ForceSeries, Pair
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
-from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Imaging, build_camera, distortion
-from tactilevision.synthetic.gel import Flat
+from tactilevision.synthetic.gel import BallPress, Flat
 from tactilevision.synthetic.options import GelOptions, SimulationOptions
 from tactilevision.synthetic.scenario import (
     DEPTH_STD_MM,

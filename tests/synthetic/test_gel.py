@@ -9,9 +9,8 @@ import pytest
 from each import each
 
 from tactilevision.mechanics.kappa import kappa
-from tactilevision.synthetic import ball as truth
-from tactilevision.synthetic.ball import BallPress
-from tactilevision.synthetic.gel import Grid, Prescribed
+from tactilevision.synthetic import gel as truth
+from tactilevision.synthetic.gel import BallPress, Grid, Prescribed
 from tactilevision.synthetic.punch import Bevel, PunchPress, punch_profile
 
 
