@@ -52,7 +52,7 @@ CALIBRATION, HISTORY = "calibration.json", "history.json"
 
 @contextmanager
 def replaced(out: Path, names: Sequence[str], figures: Sequence[str]) -> Iterator[Path]:
-    """Stage results in place of those of an earlier run: its files of these names and figures do not stay."""
+    """Stage results, then remove files of these names and figures that an earlier run left."""
     earlier = _found(out, names, figures)
     with staged(out) as stage:
         yield stage

@@ -72,7 +72,7 @@ def tabulate(
     poisson_ratio: Numbers = None,
     a_over_h: Numbers = None,
     edge_over_h: Numbers = None,
-    processes: Annotated[int | None, typer.Option(min=1, help="How many; left out: all cores.")] = None,
+    processes: Annotated[int | None, typer.Option(min=1, help="How many; by default one a core.")] = None,
     cluster: Annotated[
         str | None,
         typer.Option("--cluster", "--scheduler", metavar="ADDRESS", help="A Dask cluster, or its scheduler file."),
@@ -82,7 +82,7 @@ def tabulate(
     """Solve the flat punch over nu, a/h, depth, friction, law and edge radius; writes OUT/punch.npz and its card.
 
     Each solved case is a file of its own in OUT/cases: a run that is stopped, or killed, goes on where it was.
-    What is left out of the options spans what the shipped table does: some 1000 cases of a few seconds each.
+    Omitted options span what the shipped table does: some 1000 cases of a few seconds each.
     """
     grid = _grid(law, friction, poisson_ratio, a_over_h, edge_over_h)
     cases, folder = list(grid.cases()), out / "cases"

@@ -38,7 +38,7 @@ def gelslim3_options() -> SimulationOptions:
 
 
 def make_samples(folder: Path | str) -> None:
-    """Write gelslim3 and paper_points into `folder`, in place of existing ones, whose README.md stays."""
+    """Write gelslim3 and paper_points into `folder`, replacing existing ones except for their README.md."""
     simulate(Path(folder) / "gelslim3", seed=GELSLIM3_SEED, options=gelslim3_options())
     write_paper_points(Path(folder) / "paper_points")
 

@@ -274,3 +274,15 @@ def test_completing_a_line_waits_for_no_cluster(monkeypatch: pytest.MonkeyPatch)
     assert not asked
     command.make_context("depth", list(line))
     assert asked == line[2:]
+
+
+def test_the_list_of_commands_is_printed_without_importing_one() -> None:
+    program = (
+        "import sys; from tactilevision.cli import main; sys.argv = ['tactilevision', '--help']; main(); "
+        "sys.exit(any(name in sys.modules for name in ('matplotlib', 'scipy', 'tactilevision.plots')))"
+    )
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    group = get_command(app)
+    for name in group.list_commands(None):  # type: ignore[attr-defined]
+        assert f"  {name} " in found.stdout
+        assert group.get_command(None, name).help, name  # type: ignore[attr-defined]
