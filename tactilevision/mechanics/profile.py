@@ -1,14 +1,10 @@
-"""The gel's surface around a flat punch, and the pressure under it, in linear theory: exact up to quadrature.
+"""The gel's surface around a flat punch in linear theory: exact up to quadrature.
 
 With phi and Phi(xi) = Int_0^1 phi cos(xi x) dx of punch_equation.py, lengths in punch radii, alpha = a/h, r > 1:
 
     u_z/w = (2/pi) [Int_0^1 phi(x)/sqrt(r^2 - x^2) dx - alpha Int (1 - K(u)) Phi(alpha u) J0(alpha u r) du],
     u_r/w = -(2/pi) [L_inf kappa/r - alpha Int (L_inf - L(u)) Phi(alpha u) J1(alpha u r) du],
-    L(u) = [2k (1 - 2 nu)(cosh 2u - 1) - 4u^2] / [2 (1 - nu) D(u)],   L_inf = (1 - 2 nu)/(2 (1 - nu)),
-
-and for r < 1
-
-    p/p_mean = [phi(1)/sqrt(1 - r^2) - Int_r^1 phi'(t)/sqrt(t^2 - r^2) dt] / (2 kappa).
+    L(u) = [2k (1 - 2 nu)(cosh 2u - 1) - 4u^2] / [2 (1 - nu) D(u)],   L_inf = (1 - 2 nu)/(2 (1 - nu)).
 
 u_z is into the gel: the *rise* around the punch is -u_z. Frictionless, sharp edge, small strain, a wide layer; the
 rise at r = 2a is .097 w at nu = .48, a/h = .83, and .011 w more for each .01 of nu. Depth enters only as a factor;
@@ -29,7 +25,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.material import positive
 from tactilevision.mechanics.punch_equation import (
     A_OVER_H_RANGE,
     KERNEL_END,
@@ -143,52 +138,13 @@ LINEAR = ProfileModel(
 )
 
 
-def friction_share(friction: float) -> float:
-    """Return the share of friction's full effect on the profile at a coefficient mu >= 0: 0 at none, 1 from mu =
-    .3 on.
-
-    With x = mu/.3 below 1: x (1.4 - .4 x), which agrees with finite elements at mu = .15 (.5 to .7); above, more
-    friction changes the profile by less than a few parts in ten thousand of the depth.
-    """
-    part = min(friction / FULL_FRICTION, 1.0)
-    return part * (1.4 - 0.4 * part)
-
-
 def friction_of_share(share: float) -> float:
-    """Return the least coefficient of friction that has this share, in [0, 1], of the full effect."""
-    return FULL_FRICTION * (1.4 - float(np.sqrt(1.96 - 1.6 * min(share, 1.0)))) / 0.8
+    """Return the least coefficient of friction mu that has this share, in [0, 1], of the full effect.
 
-
-def surface_rise(
-    r_mm: npt.ArrayLike,
-    depth_mm: float,
-    *,
-    radius_mm: float,
-    thickness_mm: float,
-    poisson_ratio: float,
-    source: ProfileSource = linear_profile,
-) -> Floats:
-    """Return the rise of the gel (mm, positive out of it; -depth under the face) at *material* radius r >= 0 (any
-    shape).
+    With x = mu/.3 the share is x (1.4 - .4 x) up to x = 1, which agrees with finite elements at mu = .15 (.5 to
+    .7); beyond, more friction changes the profile by less than a few parts in ten thousand of the depth.
     """
-    r = np.asarray(r_mm, dtype=float)
-    case = punch_case(depth_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    rise, _ = source(np.maximum(r / radius_mm, 1.0), case)
-    return np.where(r > radius_mm, depth_mm * rise, -depth_mm)
-
-
-def seen_rise(
-    r_mm: npt.ArrayLike,
-    depth_mm: float,
-    *,
-    radius_mm: float,
-    thickness_mm: float,
-    poisson_ratio: float,
-    source: ProfileSource = linear_profile,
-) -> Floats:
-    """Return the rise (mm) at the radius r_mm (any shape) where a camera sees it, as a height map shows it."""
-    case = punch_case(depth_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    return depth_mm * seen_profile(np.asarray(r_mm, dtype=float) / radius_mm, case, source=source)
+    return FULL_FRICTION * (1.4 - float(np.sqrt(1.96 - 1.6 * min(share, 1.0)))) / 0.8
 
 
 def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = linear_profile) -> Floats:
@@ -207,34 +163,6 @@ def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = l
     forward = np.concatenate([[True], np.diff(np.maximum.accumulate(seen)) > 0])
     place = PchipInterpolator(seen[forward], rise[forward])
     return np.where(r_over_a > 1, place(np.maximum(r_over_a, seen[0])), -1.0)
-
-
-def punch_case(depth_mm: float, *, radius_mm: float, thickness_mm: float, poisson_ratio: float) -> PunchCase:
-    """Return the case of a punch in mm.
-
-    Raises InputError if a length is not above 0 or the depth reaches the thickness.
-    """
-    radius, thickness = float(positive("radius_mm", radius_mm)), float(positive("thickness_mm", thickness_mm))
-    if not 0 <= depth_mm < thickness:
-        raise InputError("a depth lies in [0, thickness)", where="punch_case", value=depth_mm)
-    return PunchCase(float(poisson_ratio), radius / thickness, depth_mm / thickness)
-
-
-def punch_pressure(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: float) -> Floats:
-    """Return the pressure over its mean, p/p_mean, at r/a in [0, 1) (any shape); it grows like 1/sqrt(1 - r) to
-    the edge.
-
-    The mean is P/(pi a^2) = 2 E* kappa w/(pi a).
-    """
-    r = np.asarray(r_over_a, dtype=float)
-    if not ((r >= 0) & (r < 1)).all():
-        raise InputError("the pressure under the punch is for r/a in [0, 1)", where="punch_pressure")
-    punch = solve_punch(poisson_ratio, a_over_h)
-    share, weights = gauss(32)
-    t = np.sqrt(r[..., None] ** 2 + (1 - r[..., None] ** 2) * share**2)
-    root = np.sqrt(1 - r**2)
-    slope_over_t = punch.series.deriv()(t) / t
-    return np.asarray((punch.series(1.0) / root - root * (slope_over_t @ weights)) / (2 * punch.kappa))
 
 
 def _kernel_nodes(reach_over_h: float) -> int:

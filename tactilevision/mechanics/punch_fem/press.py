@@ -1,8 +1,7 @@
-"""Press a flat punch into a gel pad by depth or by force, and return the solution."""
+"""Press a flat punch into a gel pad to given depths, and return the solution."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,9 +126,6 @@ def _moved_points(model: Model, state: State) -> Floats:
     return (mesh.points_mm + shift).reshape(-1, 2)
 
 
-# Loading and unloading, by depth or by force.
-
-
 def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSolution:
     """Solve `problem` at each depth (mm, into the gel) in the given order; smaller after larger ones unload.
 
@@ -137,7 +133,9 @@ def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSol
     the path, so ask for the depths in the order in which they occur; intermediate steps are added where needed.
     Raises InputError for depths outside [0, thickness), ConvergenceError where no equilibrium is found.
     """
-    depths = _checked(depths_mm, "depths_mm")
+    depths = np.atleast_1d(np.asarray(depths_mm, dtype=float))
+    if depths.ndim != 1 or depths.size == 0 or not np.isfinite(depths).all() or depths.min() < 0:
+        raise InputError("depths_mm is a list of finite numbers from 0 up", where="punch_fem", value=depths_mm)
     if depths.max() >= problem.thickness_mm:
         raise InputError(
             "a depth reaches through the gel",
@@ -145,26 +143,7 @@ def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSol
             value=float(depths.max()),
             remedy=f"The gel is {problem.thickness_mm} mm thick.",
         )
-    return _press(problem, depths.tolist(), by_force=False)
-
-
-def press_to_forces(problem: PunchProblem, forces_N: npt.ArrayLike) -> PunchSolution:
-    """Solve `problem` at each force (N, into the gel) in the given order; the depth is an unknown.
-
-    As press_to_depths otherwise. Raises InputError for forces below 0.
-    """
-    return _press(problem, _checked(forces_N, "forces_N").tolist(), by_force=True)
-
-
-def _press(problem: PunchProblem, targets: Sequence[float], *, by_force: bool) -> PunchSolution:
     model = build(problem)
     steps: list[StepRecord] = []
-    states = list(march(equations(model, by_force=by_force), targets, log=steps))
+    states = list(march(equations(model), depths.tolist(), log=steps))
     return gather(model, states, steps=steps)
-
-
-def _checked(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
-    array = np.atleast_1d(np.asarray(values, dtype=float))
-    if array.ndim != 1 or array.size == 0 or not np.isfinite(array).all() or array.min() < 0:
-        raise InputError(f"{name} is a list of finite numbers from 0 up", where="punch_fem", value=values)
-    return array

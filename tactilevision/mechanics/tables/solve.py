@@ -118,7 +118,7 @@ def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
     states: list[State] = []
     ended = ""
     try:
-        for state in march(equations(model, by_force=False), depths, log=steps):
+        for state in march(equations(model), depths, log=steps):
             states.append(state)  # noqa: PERF402 - what was reached before an error is kept
     except ConvergenceError:
         ended = steps[-1].failure
