@@ -10,36 +10,37 @@ import json
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from tactilevision.cluster.pool import ClusterPool, EndsWorkers, cluster_pool
+from tactilevision.cluster.connect import check_cluster
+from tactilevision.cluster.pool import EndsWorkers, cluster_pool
 from tactilevision.errors import InputError
 from tactilevision.files.documents import read_text
-from tactilevision.files.runs import join_lock, worker_pool
+from tactilevision.files.runs import join_lock, output_lock, worker_pool
 from tactilevision.files.writing import append_text, write_text
+from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.model import BadFrame, Recording
 from tactilevision.recording.pictures import iter_frames
 from tactilevision.records.maps import Frame, HeightMap
 
-# A worker writes the result of a frame whole, then enters the frame in the journal at once. So killing any process
-# at any moment loses no frame, and a second run does only the rest, including the frames that workers were at.
+# A worker writes the result of each frame whole, and this process enters the frames of a finished task in the
+# journal. So killing any process at any moment loses no frame, and a second run does only the rest, including the
+# frames that workers were at.
 
 Row = tuple[str, ...]
 Timed = tuple[list[Row], float]  # rows of a task, and the seconds that it took
 Progress = Callable[[int, int], None]
-CHUNK = 16  # largest number of frames in a task
-MIN_CHUNK = 4  # frames of a task in a short run, so that each worker has some
-SHIPMENT = 4  # frames of the first tasks for a cluster, until the time of one is known
-TASK_S = 1.0  # s of work in a task for a cluster: submitting it costs some ten milliseconds
-MAX_SHIPMENT = 256  # largest number of frames in a task for a cluster
+T = TypeVar("T")
+FIRST = 4  # frames of the first tasks, until the time of one is known
+TASK_S = 1.0  # s of work in a task: submitting it to a cluster costs some ten milliseconds
+MOST = 256  # largest number of frames in a task
 AHEAD = 3  # tasks queued for each worker
 KEPT_BYTES = 31 << 20  # just below the 32 MB from which glibc maps every array anew (mallopt(3))
 GLIBC_KEEPS = ((-3, KEPT_BYTES), (-1, 2 * KEPT_BYTES))  # M_MMAP_, M_TRIM_THRESHOLD: a Dask nanny sets low ones
@@ -54,8 +55,31 @@ class Job(Protocol):
     """
 
     @property
+    def out(self) -> Path:
+        """Folder of the results."""
+        ...
+
+    @property
+    def reconstructor(self) -> Reconstructor:
+        """What reads the frames."""
+        ...
+
+    @property
     def columns(self) -> int:
         """Number of cells of a row."""
+        ...
+
+    @property
+    def journal(self) -> str:
+        """Name of the journal in the folder."""
+        ...
+
+    def decides(self) -> tuple[object, ...]:
+        """Return what determines a result besides the frame and its height map."""
+        ...
+
+    def prepare(self, names: Sequence[str], *, anew: bool) -> None:
+        """Clean up after killed runs; where nothing is resumed, `anew`, make an empty place for the results."""
         ...
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
@@ -112,40 +136,38 @@ def run_job(
     recording: Recording,
     job: Job,
     *,
-    journal: Journal,
+    end: Callable[[list[Row]], T],
     workers: int | None = None,
     cluster: str | None = None,
     progress: Progress | None = None,
-    begin: Callable[[], None] | None = None,
-) -> list[Row]:
-    """Compute every frame's row in the order of the frames; those in the journal are not computed again.
+) -> T:
+    """Compute every frame's row, and return what `end` makes of them in the order of the frames.
 
-    `begin` is called first unless an earlier run is resumed. `progress` is called with the frames of the earlier
-    run, then after each frame. `cluster` is the address of a Dask scheduler, or its file: its workers see the same
-    folders, and only this process writes the journal.
+    Those in the journal of an unfinished run with the same result are not computed again. `progress` is called
+    with the frames of the earlier run, then after each frame. `workers` is the number of processes (None: one a
+    core); `cluster` the address of a Dask scheduler, or its file, whose workers see the same folders.
     """
-    done = journal.read(job)
-    if not done:
-        journal.end()  # its rows belong to another run's scratch
-        if begin is not None:
-            begin()
-    journal.begin(done)
-    names = recording.frame_names
-    left = [number for number, name in enumerate(names) if name not in done]
-    report = progress or (lambda done, total: None)
-    report(len(done), len(names))
-    bare = _bare(recording)
-    rows = (
-        _rows(bare, left, (job, journal), workers or os.cpu_count() or 1)
-        if cluster is None
-        else _rows_of_cluster(bare, left, job, cluster)
-    )
-    for row in rows:
-        if cluster is not None:
-            journal.add(row)
-        done[row[0]] = row
+    if cluster is not None:
+        check_cluster(cluster)
+    with output_lock(job.out):
+        seen = way_of_reading(recording, job.reconstructor.height_map)
+        journal = Journal(job.out / job.journal, fingerprint_of(recording, seen, *job.decides()))
+        done = journal.read(job)
+        if not done:
+            journal.end()  # its rows belong to another run's scratch
+        job.prepare(recording.frame_names, anew=not done)
+        journal.begin(done)
+        names = recording.frame_names
+        left = [number for number, name in enumerate(names) if name not in done]
+        report = progress or (lambda done, total: None)
         report(len(done), len(names))
-    return [done[name] for name in names]
+        for row in _rows(_bare(recording), left, job, workers=workers, cluster=cluster):
+            journal.add(row)
+            done[row[0]] = row
+            report(len(done), len(names))
+        made = end([done[name] for name in names])
+        journal.end()
+        return made
 
 
 def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
@@ -165,21 +187,15 @@ def as_line(row: Row) -> str:
     return text.getvalue()
 
 
-_at_work: tuple[Recording, Job, Journal | None] | None = None  # of this process: sent once, not with each frame
+_at_work: tuple[Recording, Job] | None = None  # of this process: sent once, not with each frame
 
 
-def _start_worker(recording: Recording, job: Job, journal: Journal) -> None:
+def _start_worker(recording: Recording, job: Job, shares_lock: bool) -> None:
     global _at_work
-    if not join_lock(journal.path.parent):
+    if shares_lock and not join_lock(job.out):
         os._exit(1)  # the parent has ended, and another run may have the lock
     _on_one_thread()
-    _at_work = recording, job, journal
-
-
-def _start_on_cluster(recording: Recording, job: Job) -> None:
-    global _at_work
-    _on_one_thread()
-    _at_work = recording, job, None
+    _at_work = recording, job
 
 
 def _on_one_thread() -> None:
@@ -194,13 +210,6 @@ def _on_one_thread() -> None:
             ctypes.CDLL(None).mallopt(name, size)
 
 
-def _read_and_do(numbers: list[int]) -> list[Row]:
-    assert _at_work is not None
-    recording, job, journal = _at_work
-    frames = _frames(recording, numbers)
-    return [_do(number, frame, job, journal) for number, frame in zip(numbers, frames, strict=True)]
-
-
 def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | BadFrame]:
     """Yield the frames of these numbers; one of another kind or size, or beyond a limit, is a bad one alone."""
     left = deque(numbers)
@@ -210,70 +219,85 @@ def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | Ba
                 yield frame
                 left.popleft()
         except InputError as fault:
-            number = left.popleft()
-            yield BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), fault.what)
+            yield _bad(recording, left.popleft(), fault.what)
 
 
-def _do(number: int, frame: Frame | BadFrame, job: Job, journal: Journal | None) -> Row:
-    row = job(frame, number)
-    if journal is not None:
-        journal.add(row)
-    return row
+def _bad(recording: Recording, number: int, why: str) -> BadFrame:
+    return BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), why)
 
 
-def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], workers: int) -> Iterator[Row]:
-    if not left:
-        return
-    if workers == 1 or len(left) <= FEW:
-        _on_one_thread()
-        for number, frame in zip(left, _frames(recording, left), strict=True):
-            yield _do(number, frame, *what)
-        return
-    with worker_pool(min(workers, -(-len(left) // MIN_CHUNK)), _start_worker, recording, *what) as pool:
-        tasks = _tasks(pool, recording, left, chunk=_chunk(len(left), workers))
-        pending = set(islice(tasks, AHEAD * workers))
-        while pending:
-            ready, pending = wait(pending, return_when=FIRST_COMPLETED)
-            pending |= set(islice(tasks, len(ready)))
-            for one in ready:
-                yield from one.result()
-
-
-def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: str) -> Iterator[Row]:
-    """Yield rows from the cluster.
+def _rows(
+    recording: Recording, left: list[int], job: Job, *, workers: int | None, cluster: str | None
+) -> Iterator[Row]:
+    """Yield the rows of the frames `left`, as they are done.
 
     Frames whose task ended its workers are tried once more, each alone, then named.
     """
     if not left:
         return
-    frames_path = recording.frames_path and recording.frames_path.absolute()
-    recording = replace(recording, path=recording.path.absolute(), frames_path=frames_path)
-    with cluster_pool(cluster, _start_on_cluster, recording, job) as pool:
-        flight = _Flight()
-        for numbers, future in _shipments(pool, recording, left, flight=flight):
-            flight.pending[future] = numbers
-            while len(flight.pending) >= AHEAD * pool.width:
+    count = min(workers or os.cpu_count() or 1, -(-len(left) // FIRST))
+    if cluster is None and (count == 1 or len(left) <= FEW):
+        _on_one_thread()
+        yield from map(job, _frames(recording, left), left)
+        return
+    with _take_off(recording, job, count, cluster) as flight:
+        for numbers, given in flight.parts(left):
+            flight.send(numbers, given)
+            while len(flight.pending) >= AHEAD * flight.width():
                 yield from flight.landed()
         while flight.pending:
             yield from flight.landed()
         for number in sorted(flight.suspects):
-            ((_, alone),) = _shipments(pool, recording, [number], flight=flight)
+            ((_, given),) = flight.parts([number])
             try:
-                yield from alone.result()[0]
+                yield from flight.send([number], given).result()[0]
             except EndsWorkers:
-                why = "it ended every process that worked on it"
-                yield job(
-                    BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), why), number
-                )
+                yield job(_bad(recording, number, "it ended every process that worked on it"), number)
+
+
+@contextmanager
+def _take_off(recording: Recording, job: Job, count: int, cluster: str | None) -> Iterator[_Flight]:
+    """Start `count` processes here, or connect to a cluster."""
+    if cluster is None:
+        with worker_pool(count, _start_worker, recording, job, True) as local:
+            yield _Flight(local, recording, lambda: count)
+        return
+    frames_path = recording.frames_path and recording.frames_path.absolute()
+    recording = replace(recording, path=recording.path.absolute(), frames_path=frames_path)
+    with cluster_pool(cluster, _start_worker, recording, job, False) as remote:
+        yield _Flight(remote, recording, lambda: remote.width)
 
 
 @dataclass
 class _Flight:
     """Submitted tasks, frames whose task ended its workers, and the number of frames in a task of TASK_S."""
 
+    pool: Executor
+    recording: Recording
+    width: Callable[[], int]  # number of workers
     pending: dict[Future[Timed], list[int]] = field(default_factory=dict)
     suspects: list[int] = field(default_factory=list)
-    size: int = SHIPMENT
+    size: int = FIRST
+
+    def parts(self, left: list[int]) -> Iterator[tuple[list[int], list[Frame | BadFrame] | None]]:
+        """Yield tasks: pictures are read by the workers themselves; of a video each frame is sent."""
+        assert self.recording.frames_path is not None
+        if not self.recording.frames_path.is_dir():
+            for number, frame in zip(left, _frames(self.recording, left), strict=True):
+                yield [number], [frame]
+            return
+        rest = deque(left)
+        while rest:
+            size = min(
+                self.size, -(-len(rest) // (2 * self.width()))
+            )  # so that workers end at about the same time
+            yield [rest.popleft() for _ in range(size)], None
+
+    def send(self, numbers: list[int], frames: list[Frame | BadFrame] | None) -> Future[Timed]:
+        """Submit the frames of these numbers; those of a folder are read by the worker."""
+        future = self.pool.submit(_do, numbers, frames)
+        self.pending[future] = numbers
+        return future
 
     def landed(self) -> Iterator[Row]:
         """Return rows of the tasks that are done, one at least."""
@@ -284,50 +308,16 @@ class _Flight:
             except EndsWorkers:
                 self.suspects.extend(numbers)
             else:
-                self.size = min(max(1, int(TASK_S * len(rows) / seconds)), 2 * self.size, MAX_SHIPMENT)
+                self.size = min(max(1, int(TASK_S * len(rows) / seconds)), 2 * self.size, MOST)
                 yield from rows
 
 
-def _shipments(
-    pool: ClusterPool, recording: Recording, left: list[int], *, flight: _Flight
-) -> Iterator[tuple[list[int], Future[Timed]]]:
-    """Yield tasks: pictures are read by the workers themselves; of a video each frame is sent."""
-    assert recording.frames_path is not None
-    if recording.frames_path.is_dir():
-        rest = deque(left)
-        while rest:
-            numbers = [rest.popleft() for _ in range(min(flight.size, len(rest)))]
-            yield numbers, pool.submit(_timed, _read_and_do, numbers)
-        return
-    for number, frame in zip(left, _frames(recording, left), strict=True):
-        yield [number], pool.submit(_timed, _do_all, number, frame)
-
-
-def _timed(do: Callable[..., list[Row]], *given: Any) -> Timed:
-    start = time.perf_counter()
-    return do(*given), time.perf_counter() - start
-
-
-def _chunk(count: int, workers: int) -> int:
-    """Return the number of frames of a task, so that workers end at about the same time."""
-    return min(max(MIN_CHUNK, count // (4 * workers)), CHUNK)
-
-
-def _tasks(pool: Executor, recording: Recording, left: list[int], *, chunk: int) -> Iterator[Future[list[Row]]]:
-    """Return tasks: pictures are read by the workers themselves; a video can be read by one process only."""
-    assert recording.frames_path is not None
-    if recording.frames_path.is_dir():
-        for start in range(0, len(left), chunk):
-            yield pool.submit(_read_and_do, left[start : start + chunk])
-        return
-    for number, frame in zip(left, _frames(recording, left), strict=True):
-        yield pool.submit(_do_all, number, frame)
-
-
-def _do_all(number: int, frame: Frame | BadFrame) -> list[Row]:
+def _do(numbers: list[int], frames: list[Frame | BadFrame] | None) -> Timed:
     assert _at_work is not None
-    _, job, journal = _at_work
-    return [_do(number, frame, job, journal)]
+    recording, job = _at_work
+    start = time.perf_counter()
+    rows = list(map(job, _frames(recording, numbers) if frames is None else frames, numbers))
+    return rows, time.perf_counter() - start
 
 
 def _part(recording: Recording, numbers: list[int]) -> Recording:

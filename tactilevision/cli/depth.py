@@ -197,7 +197,7 @@ def force(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
-    from tactilevision.force.comparison import shear_summary, whole_residuals, write_comparison
+    from tactilevision.force.comparison import residuals, shear_summary, write_comparison
     from tactilevision.force.folder import force_folder, with_gel
 
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
@@ -216,7 +216,7 @@ def force(
     content = {"frames": len(rows), "read": len(read), "material": known.material.as_json()}
     content |= {"faces_certified": anchor.depth_scale is not None}
     content |= {"warnings": list(reconstructor.warnings)}
-    shear, compared = shear_summary(read), whole_residuals(rows, recording.force_std_N)
+    shear, compared = shear_summary(read), residuals(rows, recording.force_std_N)
     _say_shear(shear)
     content |= {"shear": shear, "measured": _say_residuals(compared, has_offset=not recording.presses)}
     written = write_comparison(recording, rows, folder=out / "beside")
@@ -268,7 +268,7 @@ def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, 
         out=out,
         form=form.value,
         untouched=sensor.untouched if sensor else None,
-        compliance=sensor.compliance if sensor and fits else None,
+        compliance=sensor.profile.compliance if sensor and fits else None,
     )
     return replace(job, anchor=anchor)
 
@@ -317,6 +317,7 @@ def _figures(
 ) -> list[dict[str, Any]]:
     """Draw the strongest frames, the resultant over time, its sensitivity to E and nu, and its residual."""
     from tactilevision.batch.selection import strongest_frames
+    from tactilevision.force.calibrated import material_sensitivity
     from tactilevision.force.comparison import strength_N
     from tactilevision.plots import force as draw, style
     from tactilevision.recording.pictures import read_frame
@@ -330,7 +331,8 @@ def _figures(
     best = int(np.nanargmax(strength)) if np.isfinite(strength).any() else -1
     if best >= 0 and strength[best] > 0:
         solved = job.solve(read_frame(recording, best))
-        sensitivity = _sensitivity(solved.found, job.sensitivity(solved), folder)
+        ranges = material_sensitivity(job.field, solved.found, solved.height, solved.shear)
+        sensitivity = _sensitivity(solved.found, ranges, folder)
     style.save_figure(draw.draw_resultants(rows, recording.presses), folder / "resultants.png")
     if compared is not None:
         style.save_figure(draw.draw_residuals(compared), folder / "residuals.png")

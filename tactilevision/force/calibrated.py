@@ -81,17 +81,12 @@ def material_sensitivity(
     """Return the resultants (N) of a map (H, W) with E, then nu, at the ends of the material's own 95 % interval.
 
     Each is varied alone, then both together by their covariance (to first order). `found` is what `field` computed
-    from the maps; it is proportional to E, and a compliance is computed for each end of nu.
-
-    Raises InputError if the material has no covariance.
+    from the maps; it is proportional to E, and a compliance is computed for each end of nu. Empty where the
+    material has no covariance.
     """
     material = field.material
     if material.covariance is None:
-        raise InputError(
-            "the material has no covariance",
-            where="material_sensitivity",
-            remedy="Take it from calibration.json, or give Material a covariance.",
-        )
+        return ()
     half = Z95 * np.sqrt(np.diag(material.covariance))
     moduli = tuple(max(material.youngs_modulus_MPa + s * half[0], TINY) for s in (-1, 1))
     ratios = tuple(float(np.clip(material.poisson_ratio + s * half[1], 0.0, NU_MAX)) for s in (-1, 1))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +14,19 @@ from scipy import fft
 
 from tactilevision.errors import InputError
 from tactilevision.files.opening import check_numbers
-from tactilevision.force.inverse import Cells
 from tactilevision.force.kernel import REACH, WAVES, CellCompliance, layer_cells
-from tactilevision.force.lateral_boundaries import LOAD_MM, STATION_MM, VERSION, SideTable, side_table
-from tactilevision.force.nodes import NodeGrid
+from tactilevision.force.lateral_boundaries import (
+    LOAD_MM,
+    STATION_MM,
+    VERSION,
+    SideTable,
+    from_side,
+    side_table,
+    station_shape,
+)
+from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.records.constants import ROUNDING
-from tactilevision.records.measured import Bools, Floats, Material, Pair
+from tactilevision.records.measured import Bools, Floats
 from tactilevision.records.rig import Gel
 
 # The unbounded layer's exact compliance, and the contribution of the gel's free sides:
@@ -44,7 +52,7 @@ class Slopes:
 class GelCompliance:
     """Compliance between cells at modulus 1 MPa; `inside` (rows, columns): the cells on the gel.
 
-    `kept` is its stored derivative by nu; None: computed when needed.
+    `slopes` is for the derivative by nu; None: not computed.
     """
 
     gel: Gel
@@ -52,22 +60,17 @@ class GelCompliance:
     layer: CellCompliance
     inside: Bools = field(repr=False)
     sides: SideTable | None = None
-    kept: Slopes | None = field(default=None, repr=False)
+    slopes: Slopes | None = field(default=None, repr=False)
 
     @property
     def grid(self) -> NodeGrid:
         """The cells."""
         return self.layer.grid
 
-    def block(self, receivers: Cells, sources: Cells) -> Floats:
-        """Return the block (3 R, 3 S), x of all, y of all, z of all."""
-        block = self.layer.block(receivers, sources)
-        return block if self.sides is None else self.sides.add(block, self.grid, receivers, sources)
-
-    def normal_block(self, cells: Cells) -> Floats:
-        """Return the block (C, C) of depth by pressure."""
-        block = self.layer.normal_block(cells)
-        return block if self.sides is None else self.sides.add_normal(block, self.grid, cells=cells)
+    def block(self, cells: Cells, parts: int = 3) -> Floats:
+        """Return displacement by traction between cells, (parts C, parts C), as CellCompliance does."""
+        block = self.layer.block(cells, parts)
+        return block if self.sides is None else block + self.sides.block(cells, parts)
 
     def depth(self, cells: Cells, traction: Floats) -> Floats:
         """Return the depth (rows, columns) everywhere that `traction` (3 or 1, C) at `cells` makes.
@@ -95,69 +98,18 @@ class GelCompliance:
 
     def by_poisson(self, cells: Cells, parts: int) -> Floats:
         """Return the derivative of the cells' own block by nu, (parts C, parts C)."""
-        slope = self._poisson_slope
-        layer = slope.normal_block(cells) if parts == 1 else slope.block(cells, cells)
-        here = self._of_sides(self.sides, cells, layer)
-        if not here.any():
+        assert self.slopes is not None
+        layer = self.slopes.layer.block(cells, parts)
+        if self.sides is None or self.slopes.sides is None:
             return layer
-        return np.asarray(layer + (here - self._of_sides(self._sides_lower, cells, layer)) / SIDE_POISSON_STEP)
-
-    def prepare_slope(self) -> None:
-        """Compute what `by_poisson` needs."""
-        self.slopes  # noqa: B018
-
-    @property
-    def slopes(self) -> Slopes:
-        """What `by_poisson` needs."""
-        felt = self.sides is not None and self.sides.table.any()
-        return Slopes(self._poisson_slope, self._sides_lower if felt else None)
-
-    def _of_sides(self, sides: SideTable | None, cells: Cells, like: Floats) -> Floats:
-        none = np.zeros_like(like)
-        if sides is None:
-            return none
-        normal_alone = len(like) == len(cells)
-        return (
-            sides.add_normal(none, self.grid, cells=cells)
-            if normal_alone
-            else sides.add(none, self.grid, cells, cells)
-        )
-
-    @cached_property
-    def _sides_lower(self) -> SideTable | None:
-        """The sides for a smaller nu; computed only for a contact near them."""
-        if self.kept is not None:
-            return self.kept.sides
-        return side_table(self.gel, self.grid, poisson_ratio=self.poisson_ratio - SIDE_POISSON_STEP)
-
-    @cached_property
-    def _poisson_slope(self) -> CellCompliance:
-        if self.kept is not None:
-            return self.kept.layer
-        lower = layer_cells(
-            self.grid, thickness_mm=self.gel.thickness_mm, poisson_ratio=self.poisson_ratio - POISSON_STEP
-        )
-        return CellCompliance(self.grid, (self.layer.table - lower.table) / POISSON_STEP)
+        change = self.sides.block(cells, parts) - self.slopes.sides.block(cells, parts)
+        return np.asarray(layer + change / SIDE_POISSON_STEP)
 
 
-class CalibratedGel(Protocol):
-    """A sensor calibrated for force; None: unknown, or not computed yet."""
-
-    @property
-    def gel(self) -> Gel | None: ...
-
-    @property
-    def material(self) -> Material | None: ...
-
-    @property
-    def mm_per_px(self) -> Pair: ...
-
-    @property
-    def compliance(self) -> GelCompliance | None: ...
-
-
-def gel_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: bool = True) -> GelCompliance:
-    """Build, or read from the cache, the compliance of `gel` for the cells of `grid`.
+def gel_compliance(
+    gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: bool = True, slopes: bool = False
+) -> GelCompliance:
+    """Build, or read from the cache, the compliance of `gel` for the cells of `grid`, with `slopes` if asked for.
 
     Raises InputError if no cell is on the gel.
     """
@@ -169,43 +121,39 @@ def gel_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: boo
             value=gel,
             remedy="Check radius_mm or size_mm of [sensor.gel].",
         )
-    layer = layer_cells(grid, thickness_mm=gel.thickness_mm, poisson_ratio=poisson_ratio)
+    h = gel.thickness_mm
+    layer = layer_cells(grid, thickness_mm=h, poisson_ratio=poisson_ratio)
     table = side_table(gel, grid, poisson_ratio=poisson_ratio) if sides else None
-    return GelCompliance(gel, poisson_ratio, layer, inside, table)
+    lower, change = None, None
+    if slopes:
+        below = layer_cells(grid, thickness_mm=h, poisson_ratio=poisson_ratio - POISSON_STEP)
+        if table is not None:
+            lower = side_table(gel, grid, poisson_ratio=poisson_ratio - SIDE_POISSON_STEP)
+        change = Slopes(CellCompliance(grid, (layer.table - below.table) / POISSON_STEP), lower)
+    return GelCompliance(gel, poisson_ratio, layer, inside, table, change)
 
 
 def on_gel(gel: Gel, grid: NodeGrid) -> Bools:
     """Return the mask (rows, columns) of the cells that lie wholly on the gel."""
     half = grid.spacing_mm / 2
-    x, y = np.abs(grid.x_mm)[None, :] + half, np.abs(grid.y_mm)[:, None] + half
-    if gel.shape == "disc" and gel.radius_mm is not None:
-        return np.asarray(np.hypot(x, y) <= gel.radius_mm)
-    if gel.shape == "rectangle" and gel.size_mm is not None:
-        return np.asarray((x <= gel.size_mm[0] / 2 + ROUNDING) & (y <= gel.size_mm[1] / 2 + ROUNDING))
-    return np.ones(grid.shape, dtype=bool)
+    x, y = np.meshgrid(np.abs(grid.x_mm) + half, np.abs(grid.y_mm) + half)
+    return np.asarray(from_side(gel, np.stack([x, y], axis=-1)) >= -ROUNDING)
 
 
 # A gel's compliance as arrays, since it takes a second, or half a minute with free sides. The key names all that
 # the numbers depend on; arrays of another key are not used.
 
 Arrays = Mapping[str, npt.NDArray[Any]]
-KEY, LAYER, LAYER_SLOPE = "key", "layer", "layer_slope"
-SIDES, SIDES_LOWER, STATIONS = "sides", "sides_lower", "stations"
+KEY, LAYER, LAYER_SLOPE, SIDES, SIDES_LOWER = "key", "layer", "layer_slope", "sides", "sides_lower"
 
 
 def as_arrays(made: GelCompliance) -> dict[str, npt.NDArray[Any]]:
-    """Return all that is computed of a compliance, mm/MPa at modulus 1 MPa, under its key; of any shape."""
-    slopes = made.slopes
-    arrays: dict[str, npt.NDArray[Any]] = {
-        KEY: np.array(_key(made.gel, made.grid, made.poisson_ratio)),
-        LAYER: made.layer.table,
-        LAYER_SLOPE: slopes.layer.table,
-    }
-    if made.sides is not None:
-        arrays |= {SIDES: made.sides.table, STATIONS: np.array([made.sides.rows, made.sides.columns])}
-    if slopes.sides is not None:
-        arrays[SIDES_LOWER] = slopes.sides.table
-    return arrays
+    """Return all that is computed of a compliance with slopes, mm/MPa at modulus 1 MPa, under its key."""
+    assert made.slopes is not None
+    key = np.array(_key(made.gel, made.grid, made.poisson_ratio))
+    sides = {SIDES: made.sides, SIDES_LOWER: made.slopes.sides}
+    arrays = {KEY: key, LAYER: made.layer.table, LAYER_SLOPE: made.slopes.layer.table}
+    return arrays | {name: one.table for name, one in sides.items() if one is not None}
 
 
 def of_arrays(arrays: Arrays, gel: Gel, *, grid: NodeGrid, poisson_ratio: float, where: object) -> GelCompliance:
@@ -214,30 +162,24 @@ def of_arrays(arrays: Arrays, gel: Gel, *, grid: NodeGrid, poisson_ratio: float,
     Another gel's, or version's, is computed anew. Raises InputError if the arrays have the key and do not fit it.
     """
     if KEY not in arrays or str(arrays[KEY]) != _key(gel, grid, poisson_ratio):
-        return gel_compliance(gel, grid, poisson_ratio=poisson_ratio)
-    offsets = (2 * grid.shape[0] - 1) * (2 * grid.shape[1] - 1)
-    for name in (LAYER, LAYER_SLOPE):
-        _check(arrays, name, (offsets, 9), where)
-    layer, slope = (CellCompliance(grid, arrays[name]) for name in (LAYER, LAYER_SLOPE))
-    sides, lower = (_sides(arrays, name, where) for name in (SIDES, SIDES_LOWER))
-    return GelCompliance(gel, poisson_ratio, layer, on_gel(gel, grid), sides, Slopes(slope, lower))
+        return gel_compliance(gel, grid, poisson_ratio=poisson_ratio, slopes=True)
+    cells = (2 * grid.shape[0] - 1) * (2 * grid.shape[1] - 1), 9
+    sides = (3 * math.prod(station_shape(grid)),) * 2
+    layer, slope = (CellCompliance(grid, _checked(arrays, name, cells, where)) for name in (LAYER, LAYER_SLOPE))
+    here, lower = (
+        SideTable(grid, _checked(arrays, name, sides, where)) if name in arrays else None
+        for name in (SIDES, SIDES_LOWER)
+    )
+    return GelCompliance(gel, poisson_ratio, layer, on_gel(gel, grid), here, Slopes(slope, lower))
 
 
-def _sides(arrays: Arrays, name: str, where: object) -> SideTable | None:
-    if name not in arrays:
-        return None
-    _check(arrays, STATIONS, (2,), where)
-    rows, columns = (int(count) for count in arrays[STATIONS])
-    _check(arrays, name, (3 * rows * columns, 3 * rows * columns), where)
-    return SideTable(arrays[name], rows, columns, STATION_MM)
-
-
-def _check(arrays: Arrays, name: str, shape: tuple[int, ...], where: object) -> None:
+def _checked(arrays: Arrays, name: str, shape: tuple[int, ...], where: object) -> npt.NDArray[Any]:
     found = arrays.get(name)
     fits = found is not None and found.shape == shape and found.dtype.kind in "fi"
     if found is None or not fits or not np.isfinite(found).all():
         raise InputError(f"the compliance's {name} is missing or has another shape", where=where, value=shape)
     check_numbers(found, what=f"a number of the compliance's {name}", where=where)
+    return found
 
 
 def _key(gel: Gel, grid: NodeGrid, poisson_ratio: float) -> str:

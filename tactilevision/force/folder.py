@@ -11,18 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.batch.jobs import Journal, fingerprint_of, run_job, way_of_reading
-from tactilevision.cluster.connect import check_cluster
+from tactilevision.batch.jobs import Row, run_job
 from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
-from tactilevision.files.runs import output_lock
 from tactilevision.files.writing import write_text
 from tactilevision.force.calibrated import check_gel
 from tactilevision.force.comparison import Readings
 from tactilevision.force.compliance import GelCompliance
-from tactilevision.force.field import ForceField, ForceSettings
+from tactilevision.force.field import ForceField, ForceSettings, triple
 from tactilevision.force.frame import ForceJob, Form, FrameForce, TractionStore
-from tactilevision.force.wrench import triple
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.model import Recording, is_bare
 from tactilevision.recording.pictures import read_flats
@@ -32,7 +29,7 @@ from tactilevision.records.rig import Gel
 from tactilevision.sensors.rectification import rectify
 from tactilevision.shear.displacement import Untouched, read_untouched
 
-TABLE, JOURNAL = "resultants.csv", ".force-journal.csv"
+TABLE = "resultants.csv"
 AXES = ("fx", "fy", "fz")
 COLUMNS = ("frame", "time_s", *(f"{a}_N" for a in AXES), *(f"{a}_std_N" for a in AXES), "mx_Nmm", "my_Nmm",
            "mz_Nmm", "depth_mm", "x_mm", "y_mm", "flags", "press", *(f"ft_{a}_N" for a in AXES))  # fmt: skip
@@ -50,49 +47,18 @@ def force_folder(
     """Write the tractions of every frame and resultants.csv; return its rows in the frames' order.
 
     `job` comes from `force_job`. `clock_offset_s` (F/T minus camera) is used if the recording states none.
-    `cluster` as in batch/folder.py. A frame that cannot be read is listed with the reason. An unfinished run of
+    `cluster` as in batch/jobs.py. A frame that cannot be read is listed with the reason. An unfinished run of
     the same job is resumed.
     """
-    if cluster is not None:
-        check_cluster(cluster)
-    with output_lock(job.store.out):
-        return _solve(
-            recording,
-            job,
-            Readings(recording, clock_offset_s),
-            workers=workers,
-            cluster=cluster,
-            progress=progress,
-        )
+    readings = Readings(recording, clock_offset_s)
 
+    def end(done: list[Row]) -> tuple[FrameForce, ...]:
+        rows = tuple(with_reading(FrameForce.of(row), readings) for row in done)
+        job.store.end(recording.frame_names, [number for number, row in enumerate(rows) if row.read])
+        write_text(job.out / TABLE, table(rows))
+        return rows
 
-def _solve(
-    recording: Recording,
-    job: ForceJob,
-    readings: Readings,
-    *,
-    workers: int | None,
-    cluster: str | None,
-    progress: Callable[[int, int], None] | None,
-) -> tuple[FrameForce, ...]:
-    store, names = job.store, recording.frame_names
-    store.settle()
-    seen = way_of_reading(recording, job.reconstructor.height_map)
-    journal = Journal(store.out / JOURNAL, fingerprint_of(recording, store, seen, *_what_decides(job)))
-    done = run_job(
-        recording,
-        job,
-        journal=journal,
-        workers=workers,
-        cluster=cluster,
-        progress=progress,
-        begin=lambda: store.begin(names),
-    )
-    rows = tuple(with_reading(FrameForce.of(row), readings) for row in done)
-    store.end(names, [number for number, row in enumerate(rows) if row.read])
-    write_text(store.out / TABLE, table(rows))
-    journal.end()
-    return rows
+    return run_job(recording, job, end=end, workers=workers, cluster=cluster, progress=progress)
 
 
 def force_job(
@@ -156,12 +122,10 @@ def untouched_frame(recording: Recording) -> Bytes | None:
 
 def with_reading(row: FrameForce, readings: Readings) -> FrameForce:
     """Add the F/T reading and the press of its time to a row."""
-    press = readings.press_at(row.time_s)
+    press, measured = readings.press_at(row.time_s), triple(readings.at(row.time_s))
     if press is None:
-        return replace(row, measured_N=triple(readings.at(row.time_s)))
-    return replace(
-        row, measured_N=triple(readings.at(row.time_s)), press=press.press, reading_clipped=readings.clipped(press)
-    )
+        return replace(row, measured_N=measured)
+    return replace(row, measured_N=measured, press=press.press, reading_clipped=readings.clipped(press))
 
 
 def table(rows: Sequence[FrameForce]) -> str:
@@ -179,15 +143,6 @@ def _untouched(recording: Recording) -> Untouched | None:
     frame = untouched_frame(recording)
     sensor = recording.sensor
     return None if frame is None else read_untouched(frame, sensor.mm_per_px, markers=sensor.has_markers or None)
-
-
-def _what_decides(job: ForceJob) -> tuple[object, ...]:
-    """Return all that would change a frame's force."""
-    field, material = job.field, job.field.material
-    covariance = None if material.covariance is None else material.covariance.tolist()
-    follows = job.untouched is not None and job.untouched.shows
-    return (material.youngs_modulus_MPa, material.poisson_ratio, covariance, field.settings, field.gel, follows,
-            job.anchor.depth_scale, job.reconstructor.taught)  # fmt: skip
 
 
 def _cell(value: float) -> str:

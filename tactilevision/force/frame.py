@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import os
 import shutil
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
+from scipy.ndimage import center_of_mass
 
 from tactilevision.batch.jobs import Row
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.opening import read_cells
 from tactilevision.files.writing import output_errors, replacing
-from tactilevision.files.zarr_store import Singles, begin_frames, end_frames, settle, write_frame
-from tactilevision.force.calibrated import Sensitivity, material_sensitivity
-from tactilevision.force.field import NO_CONTACT, ForceField
+from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
+from tactilevision.force.field import NO_CONTACT, ForceField, Triple
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
@@ -55,59 +54,47 @@ class TractionStore:
         """The store that is being filled."""
         return self.out / f".tractions.{self.form}-unfinished"
 
-    def settle(self) -> None:
-        """Clean up after killed runs, also those in the other form."""
+    def prepare(self, frames: Sequence[str], *, anew: bool) -> None:
+        """Clean up after killed runs, also those in the other form, and make an empty scratch where `anew`."""
         if self.form == "zarr":
             settle(self.path)
             replace(self, form="npz").scratch.unlink(missing_ok=True)
-        else:
-            shutil.rmtree(replace(self, form="zarr").scratch, ignore_errors=True)
-
-    def begin(self, frames: Sequence[str]) -> None:
-        """Make the scratch, empty."""
-        if self.form == "zarr":
-            units = dict.fromkeys(FIELDS, "MPa")
-            begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
+            if anew:
+                units = dict.fromkeys(FIELDS, "MPa")
+                begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
             return
-        shape = (len(frames), len(FIELDS), *self.grid.shape)
-        with output_errors(self.scratch):
-            np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
-            if hasattr(os, "posix_fallocate"):  # a full disk raises here instead of killing a worker by a signal
-                with self.scratch.open("r+b") as file:
-                    os.posix_fallocate(file.fileno(), 0, self.scratch.stat().st_size)
+        shutil.rmtree(replace(self, form="zarr").scratch, ignore_errors=True)
+        if anew:
+            shape = (len(frames), len(FIELDS), *self.grid.shape)
+            with output_errors(self.scratch):
+                np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
+                if hasattr(
+                    os, "posix_fallocate"
+                ):  # a full disk raises here instead of killing a worker by a signal
+                    with self.scratch.open("r+b") as file:
+                        os.posix_fallocate(file.fileno(), 0, self.scratch.stat().st_size)
 
-    def write(self, number: int, fields: dict[str, Singles]) -> None:
-        """Write one frame's fields, (rows, columns) each."""
+    def write(self, number: int, found: TractionMap) -> None:
+        """Write one frame's tractions."""
+        fields = {name: getattr(found, name).astype(np.float32) for name in FIELDS}
         if self.form == "zarr":
             write_frame(self.scratch, number, fields=fields)
             return
         stack = np.lib.format.open_memmap(self.scratch, mode="r+")
-        stack[number] = np.stack([fields[name] for name in FIELDS])
+        stack[number] = np.stack(list(fields.values()))
         stack.flush()
-
-    def exists(self) -> bool:
-        """Return whether the scratch is there."""
-        return self.scratch.exists()
 
     def end(self, frames: Sequence[str], good: Sequence[int]) -> None:
         """Put the store in place; `good` are the numbers of the frames that have tractions."""
         if self.form == "zarr":
             end_frames(self.scratch, self.path)
             return
-        stack = np.lib.format.open_memmap(self.scratch, mode="r")
-        with replacing(self.path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as packed:
-            whole = {"frame": np.array([frames[number] for number in good], dtype=np.str_)} | {
-                name: np.array(value) for name, value in self._about().items()
-            }
-            for name, values in whole.items():
-                with packed.open(f"{name}.npy", "w") as file:
-                    np.lib.format.write_array(file, values, allow_pickle=False)
-            for part, name in enumerate(FIELDS):
-                header = {"descr": "<f4", "fortran_order": False, "shape": (len(good), *self.grid.shape)}
-                with packed.open(f"{name}.npy", "w", force_zip64=True) as file:
-                    np.lib.format.write_array_header_1_0(file, header)
-                    for number in good:  # never more than one frame in memory
-                        file.write(stack[number, part].tobytes())
+        every = np.lib.format.open_memmap(self.scratch, mode="r")
+        kept = every if len(good) == len(frames) else every[good]
+        arrays = {name: kept[:, part] for part, name in enumerate(FIELDS)} | self._about()
+        names = np.array([frames[number] for number in good], dtype=np.str_)
+        with replacing(self.path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, frame=names, **arrays)
         self.scratch.unlink()
 
     def _about(self) -> dict[str, Any]:
@@ -117,7 +104,7 @@ class TractionStore:
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
 NOTHING = (float("nan"),) * 3  # N: a force that is not known
-Triple = tuple[float, float, float]
+JOURNAL = ".force-journal.csv"
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +165,7 @@ class Solved:
 
 @dataclass(frozen=True)
 class ForceJob:
-    """Job that computes the forces of frames. Not thread-safe, as the reconstructor is not.
+    """Job that computes the forces of frames.
 
     `untouched` None: no reference, so fx and fy are unknown. `anchor` corrects the depth of certified faces. Shear
     is computed only for frames with contact.
@@ -189,7 +176,25 @@ class ForceJob:
     untouched: Untouched | None
     store: TractionStore
     columns: int = 16
+    journal: str = JOURNAL
     anchor: FaceDepthCorrection = NO_CORRECTION
+
+    @property
+    def out(self) -> Path:
+        """Folder of the results."""
+        return self.store.out
+
+    def decides(self) -> tuple[object, ...]:
+        """Return what determines a force besides the frame and its height map."""
+        material = self.field.material
+        covariance = None if material.covariance is None else material.covariance.tolist()
+        follows = self.untouched is not None and self.untouched.shows
+        return (self.store, material.youngs_modulus_MPa, material.poisson_ratio, covariance, self.field.settings,
+                self.field.gel, follows, self.anchor.depth_scale, self.reconstructor.taught)  # fmt: skip
+
+    def prepare(self, names: Sequence[str], *, anew: bool) -> None:
+        """Prepare the store."""
+        self.store.prepare(names, anew=anew)
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
         """Store the tractions; return the row of the resultant, or why there is none."""
@@ -201,7 +206,7 @@ class ForceJob:
             return FrameForce(frame.name, frame.time_s, why=f"rejected: {fault.what}").as_row()
         except ConvergenceError as fault:
             return FrameForce(frame.name, frame.time_s, why=f"not solved: {fault}").as_row()
-        self.store.write(number, {name: getattr(found, name).astype(np.float32) for name in FIELDS})
+        self.store.write(number, found)
         return as_force(found, frame).as_row()
 
     def solve(self, frame: Frame) -> Solved:
@@ -209,58 +214,34 @@ class ForceJob:
 
         Raises InputError for a frame that cannot be read, ConvergenceError if the contact does not settle.
         """
-        solved = self._solved(frame, self.reconstructor.height_map(frame))
-        doubts = tuple(MEANING[flag] for flag in add(solved.height.flags, self._beyond_balls(solved.height)))
-        return replace(solved, found=replace(solved.found, flags=(*solved.found.flags, *doubts)))
-
-    def _beyond_balls(self, height: HeightMap) -> tuple[str, ...]:
-        """Return the flag of a contact whose depth is extrapolated.
-
-        A cut by the border is flagged by the field itself.
-        """
-        if not self.field.touched(height):
-            return ()
-        error = self.reconstructor.error
-        return tuple(flag for flag in contact_flags(find_contact(height, error), error) if flag == BEYOND_BALLS)
-
-    def _solved(self, frame: Frame, height: HeightMap) -> Solved:
-        if not self.field.touched(height):
-            return self._without_shear(height, "")
-        height = self.anchor(height)
-        if self.untouched is None or not self.untouched.shows:
-            return self._without_shear(height, NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW)
-        shear = self.untouched.shear(self.reconstructor.rectified(frame))
-        return Solved(height, shear, self.field(height, shear))
-
-    def sensitivity(self, solved: Solved) -> tuple[Sensitivity, ...]:
-        """Return how the material's 95 % interval changes the force; nothing if it states none."""
-        if self.field.material.covariance is None:
-            return ()
-        return material_sensitivity(self.field, solved.found, solved.height, solved.shear)
-
-    def _without_shear(self, height: HeightMap, why: str) -> Solved:
-        found = self.field(height)
-        flags = tuple(dict.fromkeys((*found.flags, why))) if why else found.flags
-        return Solved(height, None, replace(found, flags=flags))
+        height, shear, why = self.reconstructor.height_map(frame), None, []
+        doubts: tuple[str, ...] = ()
+        if self.field.touched(height):
+            height = self.anchor(height)
+            if self.untouched is None or not self.untouched.shows:
+                why = [NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW]
+            else:
+                shear = self.untouched.shear(self.reconstructor.rectified(frame))
+            error = self.reconstructor.error
+            doubts = contact_flags(find_contact(height, error), error)
+        found = self.field(height, shear)
+        # a contact cut by the border is flagged by the field itself
+        doubts = add(height.flags, tuple(flag for flag in doubts if flag == BEYOND_BALLS))
+        flags = (*dict.fromkeys((*found.flags, *why)), *(MEANING[flag] for flag in doubts))
+        return Solved(height, shear, replace(found, flags=flags))
 
     def kept(self, row: Row) -> bool:
         """Return whether the store that holds the frame's tractions is there."""
         FrameForce.of(row)
-        return bool(row[15]) or self.store.exists()
+        return bool(row[15]) or self.store.scratch.exists()
 
 
 def as_force(found: TractionMap, frame: Frame) -> FrameForce:
     """Return the numbers of a map of tractions."""
-    pressure = np.maximum(np.nan_to_num(found.t_z), 0)
-    total = float(pressure.sum())
-    place = NOTHING[:2]
-    if total > 0:
-        rows, columns = np.indices(pressure.shape)
-        step_x, step_y = found.mm_per_px
-        place = (
-            found.first_mm[0] + step_x * float((columns * pressure).sum()) / total,
-            found.first_mm[1] + step_y * float((rows * pressure).sum()) / total,
-        )
+    pressure, place = np.maximum(np.nan_to_num(found.t_z), 0), NOTHING[:2]
+    if pressure.any():
+        row, column = center_of_mass(pressure)
+        place = found.first_mm[0] + found.mm_per_px[0] * column, found.first_mm[1] + found.mm_per_px[1] * row
     return FrameForce(frame.name, frame.time_s, found.resultant_N, found.resultant_std_N,
                       found.moment_Nmm or NOTHING, found.depth_mm, place, "; ".join(found.flags))  # fmt: skip
 

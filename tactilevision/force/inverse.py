@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import lapack
-from scipy.ndimage import label, maximum, uniform_filter
+from scipy.ndimage import binary_erosion, binary_fill_holes, label, maximum, uniform_filter
 
 from tactilevision.errors import ConvergenceError
-from tactilevision.force.nodes import NodeGrid
+from tactilevision.force.compliance import GelCompliance
+from tactilevision.force.nodes import NEARLY_0, Cells, NodeGrid, Observation
 from tactilevision.records.contact_thresholds import CONTACT, cell_limit_mm
 from tactilevision.records.measured import Bools, Floats
 
@@ -27,25 +26,23 @@ from tactilevision.records.measured import Bools, Floats
 # are cells below FAINTEST of the greatest pressure, which are ringing at the contact's edge.
 
 FAINTEST = 0.02  # of the greatest pressure: bound of the ringing at a contact's edge
-TINY = 1e-12  # mm: avoids a division by 0 for a cell without deviation
 DOUBT = 0.3  # of a contact's displacement of the gel around it: linear theory against large depth
 
 
-def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.NDArray[np.intp]:
-    """Return the flat indices of the cells that may touch, by depth and its standard deviation (rows, columns) in
-    mm.
+def candidate_cells(seen: Observation) -> Cells:
+    """Return the flat indices of the cells that may touch, by depth and its standard deviation.
 
     Empty where nothing does.
     """
-    seen = depth_mm[known]
-    if seen.size == 0:
+    depth_mm, std_mm, known = seen.displacement_mm[-1], seen.depth_std_mm, seen.known
+    if not known.any():
         return np.zeros(0, dtype=np.intp)
-    deep = known & (depth_mm > cell_limit_mm(std_mm, float(seen.max())))
-    pull = depth_mm / (std_mm + TINY)
+    deep = known & (depth_mm > cell_limit_mm(std_mm, float(depth_mm[known].max())))
+    pull = depth_mm / (std_mm + NEARLY_0)
     return _patches(deep, pull, max(CONTACT.patch_sigma, -float(pull[known].min())))
 
 
-def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usable: Bools) -> npt.NDArray[np.intp]:
+def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usable: Bools) -> Cells:
     """Return flat indices of the cells (rows, columns) of a weak contact next to a deep one.
 
     There the residual depth `left_mm` over the displacement by the deep one (`moved_mm`) is significant. `usable`
@@ -56,11 +53,11 @@ def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usabl
         return np.zeros(0, dtype=np.intp)
     doubt = DOUBT * float(np.abs(moved_mm[usable]).max())
     deep = usable & (left_mm > CONTACT.cell_sigma * std_mm + doubt)
-    share = left_mm / (CONTACT.patch_sigma * std_mm + doubt + TINY)
+    share = left_mm / (CONTACT.patch_sigma * std_mm + doubt + NEARLY_0)
     return _patches(deep, share, max(1.0, -float(share[usable].min())))
 
 
-def _patches(deep: Bools, score: Floats, least: float) -> npt.NDArray[np.intp]:
+def _patches(deep: Bools, score: Floats, least: float) -> Cells:
     """Return indices of the cells in patches of `deep` cells, without isolated ones, that score above `least`."""
     deep = deep & (uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > CONTACT.cell_neighbours - 0.5)
     patches, count = label(deep)
@@ -76,7 +73,7 @@ def pulling(pressure: Floats) -> Bools:
     return np.asarray(pressure < FAINTEST * float(np.max(pressure, initial=0.0)))
 
 
-def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
+def roughness(cells: Cells, shape: tuple[int, int]) -> Floats:
     """Return a quarter of the graph Laplacian of the cells (C,): R, dimensionless (C, C).
 
     x R x is the squared step to the neighbours.
@@ -98,12 +95,9 @@ def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
     return matrix / 4
 
 
-def at_border(cells: npt.NDArray[np.intp], usable: Bools) -> Bools:
+def at_border(cells: Cells, usable: Bools) -> Bools:
     """Return the mask (C,) of the cells with an unknown neighbour: at the border of the view, gel or map."""
-    inside = np.pad(usable, 1)
-    row, column = np.divmod(cells, usable.shape[1])
-    beyond = [inside[row + 1 + dy, column + 1 + dx] for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]
-    return np.asarray(~np.logical_and.reduce(beyond))
+    return np.asarray(~binary_erosion(usable).ravel()[cells])
 
 
 # Traction on the touching cells from the surface displacement.
@@ -127,24 +121,6 @@ def at_border(cells: npt.NDArray[np.intp], usable: Bools) -> Bools:
 SUBCELL = 0.42  # of d/E*: traction that is uneven over a cell; chosen on 24 random contacts, see above
 SUBCELL_STEP = 0.10  # of d/E*: the same between cells; chosen on the same contacts
 MAX_ITERATIONS = 40  # rounds of narrowing
-Cells = npt.NDArray[np.intp]
-
-
-class Compliance(Protocol):
-    """Displacement by traction between cells of a grid, at modulus 1 MPa."""
-
-    @property
-    def grid(self) -> NodeGrid:
-        """The cells."""
-        ...
-
-    def block(self, receivers: Cells, sources: Cells) -> Floats:
-        """Return the block (3 R, 3 S), x of all, y of all, z of all."""
-        ...
-
-    def normal_block(self, cells: Cells) -> Floats:
-        """Return the block (C, C) of depth by pressure."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,50 +170,29 @@ class Solution:
         return found
 
 
-def solve_normal(
-    compliance: Compliance,
-    cells: Cells,
-    *,
-    depth_mm: Floats,
-    std_mm: float,
-    poisson_ratio: float,
-    adhesive: bool = False,
+def solve(
+    compliance: GelCompliance, cells: Cells, *, displacement_mm: Floats, std_mm: Floats, adhesive: bool = False
 ) -> Solution:
-    """Solve for pressure alone (MPa), as of a contact without friction, from the depth (C,) of `cells`."""
-    whole = compliance.normal_block(cells)
-    return _narrow(whole, compliance.grid, cells, depth_mm[None], np.array([std_mm]), poisson_ratio, adhesive)
+    """Solve for the tractions in MPa of modulus 1 from `displacement_mm` (n, C) of `cells`; `std_mm` (n,).
 
-
-def solve_all(
-    compliance: Compliance,
-    cells: Cells,
-    *,
-    displacement_mm: Floats,
-    std_mm: Floats,
-    poisson_ratio: float,
-    adhesive: bool = False,
-) -> Solution:
-    """Solve for tractions along x, y, z in MPa from `displacement_mm` (3, C) of the same cells; `std_mm` (3,).
-
-    The contact is first narrowed by the pressure alone, a system a ninth as large.
+    n is 3 for x, y, z, or 1 for z alone, as of a contact without friction. With 3 the contact is first narrowed by
+    the pressure alone, a system a ninth as large. `adhesive` keeps cells that pull.
     """
-    if not adhesive:
-        first = solve_normal(
-            compliance, cells, depth_mm=displacement_mm[2], std_mm=float(std_mm[2]), poisson_ratio=poisson_ratio
-        )
+    parts = len(displacement_mm)
+    if parts == 3 and not adhesive:
+        first = solve(compliance, cells, displacement_mm=displacement_mm[2:], std_mm=std_mm[2:])
         if len(first.cells) == 0:
             return first
         kept = np.isin(cells, first.cells, assume_unique=True)
         cells, displacement_mm = cells[kept], displacement_mm[:, kept]
-    whole = compliance.block(cells, cells)
-    return _narrow(whole, compliance.grid, cells, displacement_mm, std_mm, poisson_ratio, adhesive)
+    whole, unit = compliance.block(cells, parts), compliance.grid.spacing_mm * (1 - compliance.poisson_ratio**2)
+    return _narrow(whole, compliance.grid, cells, displacement_mm, std_mm, unit, adhesive)
 
 
 def _narrow(
-    whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, poisson_ratio: float, adhesive: bool
+    whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, unit: float, adhesive: bool
 ) -> Solution:
     """Solve and exclude the cells of negative pressure until there are none; possibly no cell remains."""
-    unit = grid.spacing_mm * (1 - poisson_ratio**2)
     active = np.arange(len(cells))
     rms = _rms_guess(u, unit)
     for _ in range(MAX_ITERATIONS):
@@ -282,3 +237,40 @@ def _rms(x: Floats, noise: Floats) -> Floats:
     """Return the rms of the traction, corrected for the noise, but not below a third of the noise."""
     square = np.mean(x**2, axis=1)
     return np.asarray(np.sqrt(np.maximum(square - noise**2, noise**2 / 10)) + np.finfo(float).tiny)
+
+
+# Force where nothing is known: beyond a border that cuts the contact, and in holes of the map.
+
+
+def is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
+    """Return whether pressure reaches the border: the sum over its cells is significant.
+
+    Its deviation includes errors that the whole contact shares, and those of each cell.
+    """
+    edge = at_border(found.cells, binary_fill_holes(seen.known))
+    if not edge.any():
+        return False
+    weights = np.zeros((1, found.traction.size))
+    weights[0, -len(found.cells) :] = edge
+    shared = float(found.shift(weights, seen.depth_std_mm.ravel()[found.cells])[0])
+    own = float(found.propagate(weights, np.repeat(seen.std_mm, len(found.cells)))[0, 0])
+    return float(found.traction[-1][edge].sum()) > CONTACT.cell_sigma * float(np.hypot(shared, np.sqrt(own)))
+
+
+def force_beyond(grid: NodeGrid, found: Solution, seen: Observation, *, scale: Floats, cut: bool) -> Floats:
+    """Return the squared force (3,), N², that may lie where nothing is known.
+
+    Beyond a border that cuts the contact: its cells' traction continued for half the contact's width. In a hole of
+    the map: the mean traction around it, over the hole's area at most.
+    """
+    whole = np.asarray(binary_fill_holes(seen.known))
+    outer = at_border(found.cells, whole)
+    inner = at_border(found.cells, seen.known) & ~outer
+    half_width = np.sqrt(len(found.cells) / np.pi)
+    traction, square = found.traction * scale, np.zeros(len(found.traction))
+    if cut:
+        square += (grid.cell_mm2 * traction[:, outer].sum(axis=1) * half_width) ** 2
+    if inner.any():
+        missing = min(np.count_nonzero(whole & ~seen.known), half_width * np.count_nonzero(inner))
+        square += (grid.cell_mm2 * traction[:, inner].mean(axis=1) * missing) ** 2
+    return np.concatenate([np.zeros(3 - len(square)), square])

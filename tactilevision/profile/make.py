@@ -85,8 +85,7 @@ def with_compliance(profile: Profile) -> Profile:
         return profile
     view = (sensor.height_px, sensor.width_px)
     grid = lay_grid(view, sensor.mm_per_px, spacing_mm=ForceSettings().spacing_mm)
-    made = gel_compliance(gel, grid, poisson_ratio=material.poisson_ratio)
-    made.prepare_slope()
+    made = gel_compliance(gel, grid, poisson_ratio=material.poisson_ratio, slopes=True)
     return replace(profile, compliance=made)
 
 

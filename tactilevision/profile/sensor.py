@@ -14,7 +14,6 @@ from pathlib import Path
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.heightmap.build import with_flats
 from tactilevision.heightmap.reconstructor import Reconstructor
@@ -28,8 +27,8 @@ from tactilevision.recording.model import Recording, faults_of_flats
 from tactilevision.recording.pictures import read_flats
 from tactilevision.recording.read import read_recording
 from tactilevision.records.maps import Footprint, Frame, HeightMap, TractionMap, add, as_frame
-from tactilevision.records.measured import Bytes, Material, Pair
-from tactilevision.records.rig import Gel, Indenter
+from tactilevision.records.measured import Bytes
+from tactilevision.records.rig import Indenter
 from tactilevision.sensors.rectification import rectify
 from tactilevision.shear.displacement import Untouched, read_untouched
 
@@ -69,33 +68,20 @@ class CalibratedSensor:
         """Pickle the profile and rebuild the sensor from it."""
         return _rebuilt, (self.profile, self.indenter)
 
-    @property
-    def gel(self) -> Gel | None:
-        """Return the gel, None where it is not described."""
-        return self.profile.sensor.gel
-
-    @property
-    def material(self) -> Material | None:
-        """Return E and nu with their covariance, None where they are not known."""
-        return self.profile.material
-
-    @property
-    def mm_per_px(self) -> Pair:
-        """Return the scale (x, y) of the rectified picture."""
-        return self.profile.sensor.mm_per_px
-
-    @property
-    def compliance(self) -> GelCompliance | None:
-        """Return the gel's compliance, None where E and nu are not known."""
-        return self.profile.compliance
-
     @cached_property
     def field(self) -> ForceField | None:
         """Return the solver of tractions from a height map; None where gel, E or nu are not known."""
-        if self.gel is None or self.material is None:
+        sensor, material = self.profile.sensor, self.profile.material
+        if sensor.gel is None or material is None:
             return None
-        view = (self.profile.sensor.height_px, self.profile.sensor.width_px)
-        return ForceField(self, view_px=view, settings=ForceSettings(cell_std=False))
+        return ForceField(
+            sensor.gel,
+            material,
+            sensor.mm_per_px,
+            view_px=(sensor.height_px, sensor.width_px),
+            settings=ForceSettings(cell_std=False),
+            compliance=self.profile.compliance,
+        )
 
     def read(self, rgb: Bytes) -> Seen | SeenBatch:
         """Read a raw frame (H, W, 3) uint8, red first, or each of a batch (N, H, W, 3).
