@@ -22,12 +22,10 @@ from tactilevision.force.field import ForceField, ForceSettings, triple
 from tactilevision.force.frame import ForceJob, Form, FrameForce, TractionStore
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.model import Recording, is_bare
-from tactilevision.recording.pictures import read_flats
 from tactilevision.recording.write import table_cell
-from tactilevision.records.measured import Bytes, Material
+from tactilevision.records.measured import Material
 from tactilevision.records.rig import Gel
-from tactilevision.sensors.rectification import rectify
-from tactilevision.shear.displacement import Untouched, read_untouched
+from tactilevision.shear.displacement import Untouched, read_untouched, untouched_frame
 
 TABLE = "resultants.csv"
 AXES = ("fx", "fy", "fz")
@@ -112,12 +110,6 @@ def with_gel(recording: Recording, calibration: Path | None, thickness_mm: float
     guess = f"guessed: the gel is {thickness_mm:g} mm thick, as the calibration's, and has no sides nearby"
     sensor = replace(recording.sensor, gel=Gel(thickness_mm))
     return replace(recording, sensor=sensor, warnings=(*recording.warnings, guess))
-
-
-def untouched_frame(recording: Recording) -> Bytes | None:
-    """Return the first reference picture of the untouched gel, rectified; None if the recording has none."""
-    flats = read_flats(replace(recording, flats=recording.flats[:1]))
-    return rectify(recording.sensor, flats[0]) if flats else None
 
 
 def with_reading(row: FrameForce, readings: Readings) -> FrameForce:

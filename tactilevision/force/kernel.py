@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
-from scipy.interpolate import RegularGridInterpolator
 
 from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.mechanics.layer import surface_compliance
@@ -110,6 +109,8 @@ class LayerStress:
 
     def at(self, level: int, offset_mm: Floats) -> Floats:
         """Return the stress (P, 3 loads, 3, 3) at `offset_mm` (P, 2) from the load; 0 beyond the grid."""
+        from scipy.interpolate import RegularGridInterpolator
+
         axis = (np.arange(self.stress.shape[1]) - self.stress.shape[1] // 2) * self.step_mm
         field = RegularGridInterpolator((axis, axis), self.stress[level], bounds_error=False, fill_value=0.0)
         return np.asarray(field(offset_mm[:, ::-1])[:, :, VOIGT])

@@ -18,9 +18,8 @@ from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import DepthScale, with_walls
-from tactilevision.profile.make import stated_material
 from tactilevision.profile.model import Seen, SeenBatch
-from tactilevision.profile.sensor import CalibratedSensor, load_sensor
+from tactilevision.profile.sensor import CalibratedSensor, load_sensor, stated_material
 from tactilevision.profile.storage import read_profile, write_profile
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import Frame
