@@ -11,16 +11,15 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.batch.jobs import Row, run_job
+from tactilevision.batch.jobs import run_job
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
-from tactilevision.files.opening import read_cells
 from tactilevision.files.tiff import masked, write_tiff
 from tactilevision.files.writing import make_folder, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
@@ -36,7 +35,7 @@ from tactilevision.robust import median
 TABLE = "depth.csv"
 MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"
 QUANTITIES = {MAPS: "depth into the gel", STDS: "standard deviation of the depth into the gel"}
-JOURNAL, SCRATCH = ".depth-journal.csv", ".depth.zarr-unfinished"
+JOURNAL, SCRATCH = ".depth-journal", ".depth.zarr-unfinished"
 COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms", "peak_std_mm", "flags")
 PEAK_SHARE = 1e-3  # of a map's depths is above its peak
 PEAK_SAMPLED = 31  # step of the depths that are sampled for a lower bound of the peak
@@ -56,17 +55,6 @@ class FrameResult:
     peak_std_mm: float = float("nan")
     flags: tuple[str, ...] = ()
 
-    @classmethod
-    def of(cls, row: Row) -> Self:
-        """Read a row of text. Raises InputError if a cell is not a number."""
-        peak_mm, area_mm2, ms, std_mm = read_cells(row[2:-1], where=row[0])
-        return cls(row[0], row[1], peak_mm, area_mm2, ms, std_mm, tuple(row[-1].split()))
-
-    def as_row(self) -> Row:
-        """Return the row as text, every digit kept."""
-        numbers = (self.peak_mm, self.contact_area_mm2, self.ms, self.peak_std_mm)
-        return (self.frame, self.status, *map(repr, numbers), " ".join(self.flags))
-
 
 @dataclass(frozen=True)
 class DepthJob:
@@ -82,7 +70,7 @@ class DepthJob:
     anchor: FaceDepthCorrection = NO_CORRECTION
     with_std: bool = False
     names: Mapping[str, str] = field(default_factory=dict)
-    columns: int = len(COLUMNS)
+    record: type[FrameResult] = FrameResult
     journal: str = JOURNAL
 
     @property
@@ -113,39 +101,37 @@ class DepthJob:
             shape = (sensor.height_px, sensor.width_px)
             begin_frames(self.scratch, names, fields=fields, shape=shape, about=about)
 
-    def end(self, done: Sequence[Row]) -> tuple[FrameResult, ...]:
-        """Put the store in place, and write and return the table."""
-        rows = tuple(map(FrameResult.of, done))
+    def end(self, done: Sequence[FrameResult]) -> tuple[FrameResult, ...]:
+        """Put the store in place, and write the table."""
         if self.scratch is not None:
             end_frames(self.scratch, self.out / STORE)
-        write_text(self.out / TABLE, table(rows))
-        return rows
+        write_text(self.out / TABLE, table(done))
+        return tuple(done)
 
-    def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """Write the map; return its row."""
+    def __call__(self, frame: Frame | BadFrame, number: int) -> FrameResult:
+        """Write the map; return its record."""
         if isinstance(frame, BadFrame):
-            return FrameResult(frame.name, f"unreadable: {frame.why}").as_row()
+            return FrameResult(frame.name, f"unreadable: {frame.why}")
         try:
             start = time.perf_counter()
             height = self.anchor(self.reconstructor.height_map(frame))
             spent = KILO * (time.perf_counter() - start)
         except InputError as fault:
-            return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
+            return FrameResult(frame.name, f"rejected: {fault.what}")
         contact = find_contact(height, self.reconstructor.error)
         peak_mm, area_mm2 = peak_and_area(height, contact)
         flags = add(height.flags, contact_flags(contact, self.reconstructor.error))
         self.keep(replace(height, flags=flags), frame.name, number)
         std_mm = std_at(height, peak_mm)
-        return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags).as_row()
+        return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags)
 
-    def kept(self, row: Row) -> bool:
+    def kept(self, result: FrameResult) -> bool:
         """Return whether the map is there; a store that is being filled is there as a whole."""
-        FrameResult.of(row)
-        if row[1] != "ok":
+        if result.status != "ok":
             return True
         if self.scratch is not None:
             return self.scratch.exists()
-        return all(self._path(row[0], kind).exists() for kind in self.kinds)
+        return all(self._path(result.frame, kind).exists() for kind in self.kinds)
 
     def keep(self, height: HeightMap, name: str, number: int) -> None:
         """Write the map of the frame `name`, the `number`th."""

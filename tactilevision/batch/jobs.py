@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import ctypes
 import hashlib
-import io
 import json
 import os
 import time
@@ -13,9 +11,9 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -30,12 +28,10 @@ from tactilevision.recording.model import BadFrame, Recording
 from tactilevision.recording.pictures import iter_frames
 from tactilevision.records.maps import Frame, HeightMap
 
-# A worker writes the result of each frame whole, and this process enters the frames of a finished task in the
-# journal. So killing any process at any moment loses no frame, and a second run does only the rest, including the
-# frames that workers were at.
+# A worker writes the result of a frame whole, then enters the frame in the journal at once. So killing any process
+# at any moment loses no frame, and a second run does only the rest, including the frames that workers were at. Of a
+# cluster's frames this process writes the journal.
 
-Row = tuple[str, ...]
-Timed = tuple[list[Row], float]  # rows of a task, and the seconds that it took
 Progress = Callable[[int, int], None]
 T = TypeVar("T")
 FIRST = 4  # frames of the first tasks, until the time of one is known
@@ -47,11 +43,22 @@ GLIBC_KEEPS = ((-3, KEPT_BYTES), (-1, 2 * KEPT_BYTES))  # M_MMAP_, M_TRIM_THRESH
 FEW = 12  # frames done faster than a second process starts
 
 
-class Job(Protocol):
+class Result(Protocol):
+    """Record of one frame: a dataclass of words, numbers and tuples of them."""
+
+    @property
+    def frame(self) -> str:
+        """The frame's name."""
+        ...
+
+
+R = TypeVar("R", bound=Result)
+
+
+class Job(Protocol[R]):
     """Work on each frame; it is pickled and sent to every worker once.
 
-    A call writes the frame's result whole and returns its row of text, the frame's name first, also for a frame
-    that cannot be used.
+    A call writes what it computes whole and returns its record, also for a frame that cannot be used.
     """
 
     @property
@@ -65,8 +72,8 @@ class Job(Protocol):
         ...
 
     @property
-    def columns(self) -> int:
-        """Number of cells of a row."""
+    def record(self) -> type[R]:
+        """Class of the records."""
         ...
 
     @property
@@ -82,66 +89,64 @@ class Job(Protocol):
         """Clean up after killed runs; where nothing is resumed, `anew`, make an empty place for the results."""
         ...
 
-    def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """Compute one row; `number` is the frame's place among `Recording.frame_names`."""
+    def __call__(self, frame: Frame | BadFrame, number: int) -> R:
+        """Compute one result; `number` is the frame's place among `Recording.frame_names`."""
         ...
 
-    def kept(self, row: Row) -> bool:
-        """Return whether what the row promises is still on disk.
-
-        Raises InputError for a row that no call returned.
-        """
+    def kept(self, result: R) -> bool:
+        """Return whether what the record promises is still on disk."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Journal:
-    """File of finished frames: a fingerprint of the run, then one row of text for each frame."""
+    """File of finished frames: a fingerprint of the run, then one record in JSON for each frame."""
 
     path: Path
     fingerprint: str
 
-    def read(self, job: Job) -> dict[str, Row]:
-        """Read rows of an earlier run of this fingerprint, by frame; a row cut off in writing is skipped."""
+    def read(self, record: type[R], kept: Callable[[R], bool] = lambda result: True) -> dict[str, R]:
+        """Read records of an earlier run of this fingerprint, by frame; one cut off in writing is skipped."""
         try:
-            lines = read_text(self.path).split("\n")
-            rows = [tuple(row) for row in csv.reader(lines[1:-1])]
-        except (OSError, InputError, csv.Error):
+            fingerprint, *lines = read_text(self.path).split("\n")
+        except (OSError, InputError):
             return {}
-        if lines[0] != self.fingerprint:
-            return {}
-        return {row[0]: row for row in rows if len(row) == job.columns and _holds(job, row)}
+        found: dict[str, R] = {}
+        for line in lines[:-1] if fingerprint == self.fingerprint else ():
+            with suppress(OSError, ValueError, TypeError, AttributeError):  # damaged
+                parts = {name: tuple(v) if isinstance(v, list) else v for name, v in json.loads(line).items()}
+                if kept(result := record(**parts)):
+                    found[result.frame] = result
+        return found
 
-    def begin(self, done: dict[str, Row]) -> None:
-        """Write the journal anew with the valid rows."""
-        write_text(self.path, self.fingerprint + "\n" + "".join(map(as_line, done.values())))
+    def begin(self, done: Iterable[Result]) -> None:
+        """Write the journal anew with the valid records."""
+        write_text(self.path, self.fingerprint + "\n" + "".join(map(as_line, done)))
 
-    def add(self, row: Row) -> None:
-        """Append one row; many processes may do so at a time."""
-        append_text(self.path, as_line(row))
+    def add(self, result: Result) -> None:
+        """Append one record; many processes may do so at a time."""
+        append_text(self.path, as_line(result))
 
     def end(self) -> None:
         """Delete the journal: the results are in place."""
         self.path.unlink(missing_ok=True)
 
 
-def _holds(job: Job, row: Row) -> bool:
-    try:
-        return job.kept(row)
-    except (OSError, InputError):  # damaged: a name that is too long, or text for a number
-        return False
+def as_line(result: Any) -> str:
+    """Return a record as a line of JSON."""
+    return json.dumps(asdict(result)) + "\n"
 
 
 def run_job(
     recording: Recording,
-    job: Job,
+    job: Job[R],
     *,
-    end: Callable[[list[Row]], T],
+    end: Callable[[list[R]], T],
     workers: int | None = None,
     cluster: str | None = None,
     progress: Progress | None = None,
 ) -> T:
-    """Compute every frame's row, and return what `end` makes of them in the order of the frames.
+    """Compute every frame's record, and return what `end` makes of them in the order of the frames.
 
     Those in the journal of an unfinished run with the same result are not computed again. `progress` is called
     with the frames of the earlier run, then after each frame. `workers` is the number of processes (None: one a
@@ -152,18 +157,17 @@ def run_job(
     with output_lock(job.out):
         seen = way_of_reading(recording, job.reconstructor.height_map)
         journal = Journal(job.out / job.journal, fingerprint_of(recording, seen, *job.decides()))
-        done = journal.read(job)
+        done = journal.read(job.record, job.kept)
         if not done:
-            journal.end()  # its rows belong to another run's scratch
+            journal.end()  # its records belong to another run's scratch
         job.prepare(recording.frame_names, anew=not done)
-        journal.begin(done)
+        journal.begin(done.values())
         names = recording.frame_names
         left = [number for number, name in enumerate(names) if name not in done]
         report = progress or (lambda done, total: None)
         report(len(done), len(names))
-        for row in _rows(_bare(recording), left, job, workers=workers, cluster=cluster):
-            journal.add(row)
-            done[row[0]] = row
+        for result in _results(_bare(recording), left, job, journal, workers=workers, cluster=cluster):
+            done[result.frame] = result
             report(len(done), len(names))
         made = end([done[name] for name in names])
         journal.end()
@@ -180,22 +184,17 @@ def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap
     return ""
 
 
-def as_line(row: Row) -> str:
-    """Return a row as a line of CSV."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(row)
-    return text.getvalue()
+_at_work: tuple[Recording, Job[Any], Journal | None] | None = (
+    None  # of this process: sent once, not with each frame
+)
 
 
-_at_work: tuple[Recording, Job] | None = None  # of this process: sent once, not with each frame
-
-
-def _start_worker(recording: Recording, job: Job, shares_lock: bool) -> None:
+def _start_worker(recording: Recording, job: Job[Any], journal: Journal | None) -> None:
     global _at_work
-    if shares_lock and not join_lock(job.out):
+    if journal is not None and not join_lock(job.out):
         os._exit(1)  # the parent has ended, and another run may have the lock
     _on_one_thread()
-    _at_work = recording, job
+    _at_work = recording, job, journal
 
 
 def _on_one_thread() -> None:
@@ -226,10 +225,16 @@ def _bad(recording: Recording, number: int, why: str) -> BadFrame:
     return BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), why)
 
 
-def _rows(
-    recording: Recording, left: list[int], job: Job, *, workers: int | None, cluster: str | None
-) -> Iterator[Row]:
-    """Yield the rows of the frames `left`, as they are done.
+def _results(
+    recording: Recording,
+    left: list[int],
+    job: Job[R],
+    journal: Journal,
+    *,
+    workers: int | None,
+    cluster: str | None,
+) -> Iterator[R]:
+    """Yield the records of the frames `left`, as they are done and in the journal.
 
     Frames whose task ended its workers are tried once more, each alone, then named.
     """
@@ -238,48 +243,60 @@ def _rows(
     count = min(workers or os.cpu_count() or 1, -(-len(left) // FIRST))
     if cluster is None and (count == 1 or len(left) <= FEW):
         _on_one_thread()
-        yield from map(job, _frames(recording, left), left)
+        for result in map(job, _frames(recording, left), left):
+            journal.add(result)
+            yield result
         return
-    with _take_off(recording, job, count, cluster) as flight:
-        for numbers, given in flight.parts(left):
-            flight.send(numbers, given)
-            while len(flight.pending) >= AHEAD * flight.width():
-                yield from flight.landed()
-        while flight.pending:
-            yield from flight.landed()
-        for number in sorted(flight.suspects):
-            ((_, given),) = flight.parts([number])
-            try:
-                yield from flight.send([number], given).result()[0]
-            except EndsWorkers:
-                yield job(_bad(recording, number, "it ended every process that worked on it"), number)
+    with _take_off(recording, job, journal, count=count, cluster=cluster) as flight:
+        for result in flight.results(left):
+            if cluster is not None:
+                journal.add(result)
+            yield result
 
 
 @contextmanager
-def _take_off(recording: Recording, job: Job, count: int, cluster: str | None) -> Iterator[_Flight]:
+def _take_off(
+    recording: Recording, job: Job[R], journal: Journal, *, count: int, cluster: str | None
+) -> Iterator[_Flight[R]]:
     """Start `count` processes here, or connect to a cluster."""
     if cluster is None:
-        with worker_pool(count, _start_worker, recording, job, True) as local:
-            yield _Flight(local, recording, lambda: count)
+        with worker_pool(count, _start_worker, recording, job, journal) as local:
+            yield _Flight(local, recording, job, lambda: count)
         return
     frames_path = recording.frames_path and recording.frames_path.absolute()
     recording = replace(recording, path=recording.path.absolute(), frames_path=frames_path)
-    with cluster_pool(cluster, _start_worker, recording, job, False) as remote:
-        yield _Flight(remote, recording, lambda: remote.width)
+    with cluster_pool(cluster, _start_worker, recording, job, None) as remote:
+        yield _Flight(remote, recording, job, lambda: remote.width)
 
 
 @dataclass
-class _Flight:
+class _Flight(Generic[R]):
     """Submitted tasks, frames whose task ended its workers, and the number of frames in a task of TASK_S."""
 
     pool: Executor
     recording: Recording
+    job: Job[R]
     width: Callable[[], int]  # number of workers
-    pending: dict[Future[Timed], list[int]] = field(default_factory=dict)
+    pending: dict[Future[tuple[list[R], float]], list[int]] = field(default_factory=dict)
     suspects: list[int] = field(default_factory=list)
     size: int = FIRST
 
-    def parts(self, left: list[int]) -> Iterator[tuple[list[int], list[Frame | BadFrame] | None]]:
+    def results(self, left: list[int]) -> Iterator[R]:
+        """Yield the records of the frames `left`."""
+        for numbers, frames in self.tasks(left):
+            self.pending[self.pool.submit(_do, numbers, frames)] = numbers
+            while len(self.pending) >= AHEAD * self.width():
+                yield from self.landed()
+        while self.pending:
+            yield from self.landed()
+        for number in sorted(self.suspects):
+            ((numbers, frames),) = self.tasks([number])
+            try:
+                yield from self.pool.submit(_do, numbers, frames).result()[0]
+            except EndsWorkers:
+                yield self.job(_bad(self.recording, number, "it ended every process that worked on it"), number)
+
+    def tasks(self, left: list[int]) -> Iterator[tuple[list[int], list[Frame | BadFrame] | None]]:
         """Yield tasks: pictures are read by the workers themselves; of a video each frame is sent."""
         assert self.recording.frames_path is not None
         if not self.recording.frames_path.is_dir():
@@ -287,37 +304,33 @@ class _Flight:
                 yield [number], [frame]
             return
         rest = deque(left)
-        while rest:
-            size = min(
-                self.size, -(-len(rest) // (2 * self.width()))
-            )  # so that workers end at about the same time
+        while rest:  # smaller towards the end, so that workers end at about the same time
+            size = min(self.size, -(-len(rest) // (2 * self.width())))
             yield [rest.popleft() for _ in range(size)], None
 
-    def send(self, numbers: list[int], frames: list[Frame | BadFrame] | None) -> Future[Timed]:
-        """Submit the frames of these numbers; those of a folder are read by the worker."""
-        future = self.pool.submit(_do, numbers, frames)
-        self.pending[future] = numbers
-        return future
-
-    def landed(self) -> Iterator[Row]:
-        """Return rows of the tasks that are done, one at least."""
+    def landed(self) -> Iterator[R]:
+        """Yield the records of the tasks that are done, one at least."""
         for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
             numbers = self.pending.pop(future)
             try:
-                rows, seconds = future.result()
+                done, seconds = future.result()
             except EndsWorkers:
                 self.suspects.extend(numbers)
             else:
-                self.size = min(max(1, int(TASK_S * len(rows) / seconds)), 2 * self.size, MOST)
-                yield from rows
+                self.size = min(max(1, int(TASK_S * len(done) / seconds)), 2 * self.size, MOST)
+                yield from done
 
 
-def _do(numbers: list[int], frames: list[Frame | BadFrame] | None) -> Timed:
+def _do(numbers: list[int], frames: list[Frame | BadFrame] | None) -> tuple[list[Any], float]:
+    """Return the records of the frames of these numbers, and the seconds that they took."""
     assert _at_work is not None
-    recording, job = _at_work
-    start = time.perf_counter()
-    rows = list(map(job, _frames(recording, numbers) if frames is None else frames, numbers))
-    return rows, time.perf_counter() - start
+    recording, job, journal = _at_work
+    start, done = time.perf_counter(), []
+    for result in map(job, _frames(recording, numbers) if frames is None else frames, numbers):
+        if journal is not None:
+            journal.add(result)
+        done.append(result)
+    return done, time.perf_counter() - start
 
 
 def _part(recording: Recording, numbers: list[int]) -> Recording:

@@ -5,8 +5,6 @@ A recording or frame that cannot be read is listed with the reason and skipped.
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,10 +12,10 @@ from functools import partial
 from pathlib import Path
 
 from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, cells, reconstruct_folder
-from tactilevision.batch.jobs import fingerprint_of
+from tactilevision.batch.jobs import Journal, fingerprint_of
 from tactilevision.cluster.connect import check_cluster
 from tactilevision.errors import ClusterError, InputError, OutputError, RecordingError
-from tactilevision.files.documents import cell_text, csv_text, read_text
+from tactilevision.files.documents import csv_text
 from tactilevision.files.runs import output_lock
 from tactilevision.files.writing import write_text
 from tactilevision.heightmap.reconstructor import Reconstructor
@@ -25,6 +23,7 @@ from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import find_frames
 
+FINISHED = ".depth-finished"  # in a folder of results until the whole tree is done
 REFERENCE = layout.FLATS.split("/")[0]  # folder of the untouched gel's pictures and the balls
 Open = Callable[[Path], Recording]
 Light = Callable[[Recording], Reconstructor]
@@ -114,7 +113,7 @@ def _reconstruct(
     every = _checked(root, sorted((*branches, *refused), key=lambda branch: branch.name))
     write_text(out / TABLE, _table(every))
     for name in found:
-        _finished(out / name).unlink(missing_ok=True)
+        (out / name / FINISHED).unlink(missing_ok=True)
     return every
 
 
@@ -152,26 +151,19 @@ def _branch(name: str, recording: Recording, out: Path, *, light: Light, run: Ru
         raise
     except InputError as fault:
         return Branch(name, why=str(fault))
-    write_text(_finished(place), fingerprint_of(recording, way))
+    _finished(place, recording, way).begin(rows)
     return Branch(name, rows)
 
 
-def _finished(place: Path) -> Path:
-    """Return the file that marks this branch as done until the whole tree is."""
-    return place / ".depth-finished"
+def _finished(place: Path, recording: Recording, way: str) -> Journal:
+    """Return the file that holds the results of a finished branch until the whole tree is."""
+    return Journal(place / FINISHED, fingerprint_of(recording, way))
 
 
 def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[FrameResult, ...] | None:
-    try:
-        fingerprint = read_text(_finished(place))
-        header, *rows = [
-            tuple(map(cell_text, row)) for row in csv.reader(io.StringIO(read_text(place / TABLE), newline=""))
-        ]
-        if header != COLUMNS or fingerprint != fingerprint_of(recording, way):
-            return None
-        return tuple(FrameResult.of(row) for row in rows)
-    except (OSError, ValueError, InputError, csv.Error):
-        return None
+    rows = tuple(_finished(place, recording, way).read(FrameResult).values())
+    whole = len(rows) == len(recording.frame_names) and (place / TABLE).is_file()
+    return rows if whole else None
 
 
 def _walk(folder: Path, leave: set[Path]) -> Iterator[Path]:

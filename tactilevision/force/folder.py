@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.batch.jobs import Row, run_job
+from tactilevision.batch.jobs import run_job
 from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
 from tactilevision.files.writing import write_text
@@ -50,8 +50,8 @@ def force_folder(
     """
     readings = Readings(recording, clock_offset_s)
 
-    def end(done: list[Row]) -> tuple[FrameForce, ...]:
-        rows = tuple(with_reading(FrameForce.of(row), readings) for row in done)
+    def end(done: list[FrameForce]) -> tuple[FrameForce, ...]:
+        rows = tuple(with_reading(row, readings) for row in done)
         job.store.end(recording.frame_names, [number for number, row in enumerate(rows) if row.read])
         write_text(job.out / TABLE, table(rows))
         return rows

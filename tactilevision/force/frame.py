@@ -7,15 +7,13 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from scipy.ndimage import center_of_mass
 
-from tactilevision.batch.jobs import Row
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.files.opening import read_cells
 from tactilevision.files.writing import output_errors, replacing
 from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
 from tactilevision.force.field import NO_CONTACT, ForceField, Triple
@@ -104,7 +102,7 @@ class TractionStore:
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
 NOTHING = (float("nan"),) * 3  # N: a force that is not known
-JOURNAL = ".force-journal.csv"
+JOURNAL = ".force-journal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,25 +132,6 @@ class FrameForce:
         """Whether there is a force, also 0."""
         return not self.why
 
-    def as_row(self) -> Row:
-        """Return the row as text, every digit kept, without what is added later."""
-        numbers = (
-            self.time_s,
-            *self.resultant_N,
-            *self.resultant_std_N,
-            *self.moment_Nmm,
-            self.depth_mm,
-            *self.place_mm,
-        )
-        return (self.frame, *(repr(float(number)) for number in numbers), self.flags, self.why)
-
-    @classmethod
-    def of(cls, row: Row) -> Self:
-        """Read a row of text. Raises InputError if a cell is not a number."""
-        n = read_cells(row[1:14], where=row[0])
-        return cls(row[0], n[0], (n[1], n[2], n[3]), (n[4], n[5], n[6]), (n[7], n[8], n[9]), n[10], (n[11], n[12]),
-                   row[14], row[15])  # fmt: skip
-
 
 @dataclass(frozen=True, slots=True)
 class Solved:
@@ -175,7 +154,7 @@ class ForceJob:
     reconstructor: Reconstructor
     untouched: Untouched | None
     store: TractionStore
-    columns: int = 16
+    record: type[FrameForce] = FrameForce
     journal: str = JOURNAL
     anchor: FaceDepthCorrection = NO_CORRECTION
 
@@ -196,18 +175,18 @@ class ForceJob:
         """Prepare the store."""
         self.store.prepare(names, anew=anew)
 
-    def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """Store the tractions; return the row of the resultant, or why there is none."""
+    def __call__(self, frame: Frame | BadFrame, number: int) -> FrameForce:
+        """Store the tractions; return the resultant, or why there is none."""
         if isinstance(frame, BadFrame):
-            return FrameForce(frame.name, frame.time_s, why=f"unreadable: {frame.why}").as_row()
+            return FrameForce(frame.name, frame.time_s, why=f"unreadable: {frame.why}")
         try:
             found = self.solve(frame).found
         except InputError as fault:
-            return FrameForce(frame.name, frame.time_s, why=f"rejected: {fault.what}").as_row()
+            return FrameForce(frame.name, frame.time_s, why=f"rejected: {fault.what}")
         except ConvergenceError as fault:
-            return FrameForce(frame.name, frame.time_s, why=f"not solved: {fault}").as_row()
+            return FrameForce(frame.name, frame.time_s, why=f"not solved: {fault}")
         self.store.write(number, found)
-        return as_force(found, frame).as_row()
+        return as_force(found, frame)
 
     def solve(self, frame: Frame) -> Solved:
         """Solve for the forces.
@@ -230,10 +209,9 @@ class ForceJob:
         flags = (*dict.fromkeys((*found.flags, *why)), *(MEANING[flag] for flag in doubts))
         return Solved(height, shear, replace(found, flags=flags))
 
-    def kept(self, row: Row) -> bool:
+    def kept(self, result: FrameForce) -> bool:
         """Return whether the store that holds the frame's tractions is there."""
-        FrameForce.of(row)
-        return bool(row[15]) or self.store.scratch.exists()
+        return not result.read or self.store.scratch.exists()
 
 
 def as_force(found: TractionMap, frame: Frame) -> FrameForce:
