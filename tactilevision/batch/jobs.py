@@ -29,7 +29,7 @@ from tactilevision.recording.pictures import iter_frames
 from tactilevision.records.maps import Frame, HeightMap
 
 # A worker writes the result of a frame whole, then enters the frame in the journal at once. So killing any process
-# at any moment loses no frame, and a second run does only the rest, including the frames that workers were at. Of a
+# at any moment loses no frame, and a second run does only the rest, including frames that workers were at. Of a
 # cluster's frames this process writes the journal.
 
 Progress = Callable[[int, int], None]

@@ -157,14 +157,14 @@ def _draw(
     """Draw the deepest frame of each of the deepest presses, or of parts of the frames where there are none."""
     from tactilevision.batch.selection import strongest_frames
     from tactilevision.plots import style
-    from tactilevision.plots.height import draw_height_and_frame
+    from tactilevision.plots.height import draw_height
     from tactilevision.recording.pictures import read_frame
 
     depth = [row.peak_mm if row.status == "ok" else float("nan") for row in rows]
     for number in strongest_frames(recording, depth, most=most):
         frame = read_frame(recording, number)
         height = anchor(reconstructor.height_map(frame))
-        figure = draw_height_and_frame(reconstructor.rectified(frame), height)
+        figure = draw_height(height, reconstructor.rectified(frame))
         path = folder / f"{Path(frame.name).stem}_depth.png"
         style.save_figure(figure, path)
         console.say(f"wrote {path}")

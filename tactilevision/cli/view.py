@@ -142,7 +142,7 @@ def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict
         "normals": draw.draw_normals(height),
     }
     if rgb is not None:
-        figures["frame"] = draw.draw_overlay(rgb, height, footprint=None)
+        figures["frame"] = draw.draw_overlay(rgb, height)
     if other is not None:
         title = f"{height.name} minus {other.name}"
         figures[f"minus_{Path(other.name).stem}"] = draw.draw_difference(other, height, title=title)
