@@ -8,7 +8,6 @@ from concurrent.futures import Executor, as_completed
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import monotonic
 
 import numpy as np
 
@@ -149,21 +148,7 @@ def _surface(model: Model, state: State, case: Case) -> Floats:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Progress of a run: `done` of `total` cases are in the folder, `now` of them solved by this run, the last
-    of them `case`, to `depth` (w/h); `left_s` estimates the remaining time.
-    """
-
-    done: int
-    total: int
-    now: int
-    case: Case
-    depth: float
-    left_s: float
-
-
-Report = Callable[[Progress], None]
+Report = Callable[[int, int], None]  # of the cases that are in the folder, and of all
 
 
 def tabulate(
@@ -177,11 +162,10 @@ def tabulate(
     place, every = Path(folder), list(cases)
     with output_lock(place):
         missing = [case for case in every if not case_path(place, case).exists()]
-        clock = _Clock(len(every), missing)
-        for case, solved in _solved(missing, workers):
+        for left, (case, solved) in zip(range(len(missing))[::-1], _solved(missing, workers), strict=True):
             save_case(case_path(place, case), solved)
             if report is not None:
-                report(clock.tick(case, float(solved.depth[-1]) if solved.depth.size else 0.0))
+                report(len(every) - left, len(every))
     return len(missing)
 
 
@@ -202,25 +186,3 @@ def _solved(missing: list[Case], workers: Executor | None) -> Iterator[tuple[Cas
     finally:
         for future in waiting:
             future.cancel()
-
-
-class _Clock:
-    """Estimates the remaining time from the effort that cases of a kind usually need."""
-
-    def __init__(self, total: int, missing: list[Case]) -> None:
-        self.total, self.left, self.now = total, sum(map(effort, missing)), 0
-        self.started, self.spent, self.standing = monotonic(), 0.0, total - len(missing)
-
-    def tick(self, case: Case, depth: float) -> Progress:
-        """Count one more case as solved."""
-        self.now += 1
-        self.spent += effort(case)
-        self.left -= effort(case)
-        left_s = (monotonic() - self.started) / self.spent * self.left
-        return Progress(self.standing + self.now, self.total, self.now, case, depth, max(left_s, 0.0))
-
-
-def effort(case: Case) -> float:
-    """Estimate how long a case takes relative to one with some friction at an edge radius of h/60."""
-    sliding = 3 if case.friction == 0 else 1
-    return float(sliding * (1 / (60 * case.edge_over_h)) ** 0.7)

