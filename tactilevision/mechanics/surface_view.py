@@ -183,15 +183,6 @@ class NoiseModel:
         smooth = self.std_mm**2 * matern(_distances(blocks) / self.length_mm)
         return np.asarray(smooth + np.diag(self.white_mm**2 / blocks.share))
 
-    def effective_samples(self, blocks: Blocks) -> float:
-        """Return the number of independent readings of the same variance with an equally certain mean: 1' R^-1 1,
-        R the correlation.
-        """
-        matrix = self.covariance(blocks)
-        scale = np.sqrt(np.diag(matrix))
-        ones = np.ones(len(scale))
-        return float(ones @ np.linalg.solve(matrix / np.outer(scale, scale), ones))
-
 
 WHITE = NoiseModel(0.0, 1.0, START_STD_MM)
 
