@@ -21,8 +21,7 @@ import numpy as np
 
 from tactilevision.force.calibrated import read_clock_offset, read_material
 from tactilevision.force.comparison import residuals
-from tactilevision.force.folder import force_folder, force_job
-from tactilevision.force.frame import FrameForce
+from tactilevision.force.frame import FrameForce, force_folder, force_job
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.recording.model import Recording
 from tactilevision.recording.read import read_recording

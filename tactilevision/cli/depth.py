@@ -198,7 +198,7 @@ def force(
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
     from tactilevision.force.comparison import residuals, shear_summary, write_comparison
-    from tactilevision.force.folder import force_folder, with_gel
+    from tactilevision.force.frame import force_folder, with_gel
 
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     known = _known_material(chosen, calibration)
@@ -255,7 +255,7 @@ def _known_material(chosen: source.Choice, calibration: Path | None) -> _Known:
 
 def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, form: TractionFormat) -> ForceJob:
     """Return the job that solves forces, by the named profile or by the recording's own light."""
-    from tactilevision.force.folder import force_job
+    from tactilevision.force.frame import force_job
 
     sensor = chosen.calibrated(recording)
     reconstructor = chosen.light(recording)

@@ -232,7 +232,7 @@ def _filmed(opened: _Opened | Maps, what: str) -> list[int]:
 
 
 def _film(opened: _Opened | Maps | None, what: str, numbers: list[int], out: Path) -> None:
-    from tactilevision.force.comparison import Readings
+    from tactilevision.force.frame import Readings
     from tactilevision.plots.viewer import Shot, draw_film, write_film
     from tactilevision.recording.pictures import iter_frames
     from tactilevision.records.maps import Frame

@@ -1,4 +1,4 @@
-"""Compliance of the gel's surface, and its conversion to and from stored arrays."""
+"""Compliance of the gel's surface, stored as arrays, and its inverse on the cells in contact."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
+from scipy.linalg import lapack
+from scipy.ndimage import binary_erosion, binary_fill_holes, label, maximum, uniform_filter
 
-from tactilevision.errors import InputError
+from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.opening import check_numbers
 from tactilevision.force.kernel import REACH, WAVES, CellCompliance, layer_cells
 from tactilevision.force.lateral_boundaries import (
@@ -24,8 +26,9 @@ from tactilevision.force.lateral_boundaries import (
     side_table,
     station_shape,
 )
-from tactilevision.force.nodes import Cells, NodeGrid
+from tactilevision.force.nodes import NEARLY_0, Cells, NodeGrid, Observation
 from tactilevision.records.constants import ROUNDING
+from tactilevision.records.contact_thresholds import CONTACT, cell_limit_mm
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.records.rig import Gel
 
@@ -187,3 +190,265 @@ def _key(gel: Gel, grid: NodeGrid, poisson_ratio: float) -> str:
     outline = gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, round(poisson_ratio, 9)
     steps = VERSION, WAVES, REACH, POISSON_STEP, SIDE_POISSON_STEP, STATION_MM, LOAD_MM
     return repr((*outline, grid.shape, grid.spacing_mm, *steps))
+
+
+# Cells that may carry force: candidates from the depth, narrowed by the force itself.
+#
+# Candidates are deeper than three standard deviations and than a share of the deepest
+# (records/contact_thresholds.py). The edge of a contact is at least a third as deep as its middle (Hertz: a half;
+# flat punch: all), so no contact down to a tenth of the deepest is lost. Patches of candidates count if their
+# deepest cell exceeds five deviations and, in deviations of each place, the greatest rise: outside a punch the gel
+# rises by an eighth of its depth at most, so a map that rises more shows its own error. A slow error leaves a few
+# hundred independent places in a view, of which five deviations are exceeded by chance once in thousands of
+# frames. Narrowing: pressure is positive, so cells of negative pressure are excluded until there are none, and so
+# are cells below FAINTEST of the greatest pressure, which are ringing at the contact's edge.
+
+FAINTEST = 0.02  # of the greatest pressure: bound of the ringing at a contact's edge
+DOUBT = 0.3  # of a contact's displacement of the gel around it: linear theory against large depth
+
+
+def candidate_cells(seen: Observation) -> Cells:
+    """Return the flat indices of the cells that may touch, by depth and its standard deviation.
+
+    Empty where nothing does.
+    """
+    depth_mm, std_mm, known = seen.displacement_mm[-1], seen.depth_std_mm, seen.known
+    if not known.any():
+        return np.zeros(0, dtype=np.intp)
+    deep = known & (depth_mm > cell_limit_mm(std_mm, float(depth_mm[known].max())))
+    pull = depth_mm / (std_mm + NEARLY_0)
+    return _patches(deep, pull, max(CONTACT.patch_sigma, -float(pull[known].min())))
+
+
+def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usable: Bools) -> Cells:
+    """Return flat indices of the cells (rows, columns) of a weak contact next to a deep one.
+
+    There the residual depth `left_mm` over the displacement by the deep one (`moved_mm`) is significant. `usable`
+    excludes what is near the deep contact. A patch must exceed its deviation plus the error of the deep contact's
+    displacement, by a larger factor than any place rises: the map's slow error is as often a rise.
+    """
+    if not usable.any():
+        return np.zeros(0, dtype=np.intp)
+    doubt = DOUBT * float(np.abs(moved_mm[usable]).max())
+    deep = usable & (left_mm > CONTACT.cell_sigma * std_mm + doubt)
+    share = left_mm / (CONTACT.patch_sigma * std_mm + doubt + NEARLY_0)
+    return _patches(deep, share, max(1.0, -float(share[usable].min())))
+
+
+def _patches(deep: Bools, score: Floats, least: float) -> Cells:
+    """Return indices of the cells in patches of `deep` cells, without isolated ones, that score above `least`."""
+    deep = deep & (uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > CONTACT.cell_neighbours - 0.5)
+    patches, count = label(deep)
+    if count == 0:
+        return np.zeros(0, dtype=np.intp)
+    sure = maximum(score, patches, np.arange(count + 1)) > least
+    sure[0] = False
+    return np.flatnonzero(sure[patches])
+
+
+def pulling(pressure: Floats) -> Bools:
+    """Return the mask (C,) of the pressures (MPa) of an active set that are to be excluded."""
+    return np.asarray(pressure < FAINTEST * float(np.max(pressure, initial=0.0)))
+
+
+def roughness(cells: Cells, shape: tuple[int, int]) -> Floats:
+    """Return a quarter of the graph Laplacian of the cells (C,): R, dimensionless (C, C).
+
+    x R x is the squared step to the neighbours.
+
+    The edge of the set is free, so a constant traction is not rough and its sum is unbiased.
+    """
+    rows, columns = shape
+    order = np.full((rows + 1) * (columns + 1), -1, dtype=np.intp)
+    row, column = np.divmod(cells, columns)
+    place = row * (columns + 1) + column
+    order[place] = np.arange(len(cells))
+    matrix = np.zeros((len(cells), len(cells)))
+    for step in (1, columns + 1):
+        other = order[place + step]
+        first, second = np.flatnonzero(other >= 0), other[other >= 0]
+        matrix[first, second] = matrix[second, first] = -1
+        matrix[first, first] += 1
+        matrix[second, second] += 1
+    return matrix / 4
+
+
+def at_border(cells: Cells, usable: Bools) -> Bools:
+    """Return the mask (C,) of the cells with an unknown neighbour: at the border of the view, gel or map."""
+    return np.asarray(~binary_erosion(usable).ravel()[cells])
+
+
+# Traction on the touching cells from the surface displacement.
+#
+#     (C + a I + R) x = u,        t = x + a (C + a I + R)^-1 x            (iterated Tikhonov, order 2)
+#
+# C the compliance between the touching cells, R = r_c L per component c with L their roughness. C is the energy's
+# own matrix, so the unknown shape of the traction inside a cell causes a small error of the force; the second step
+# corrects the bias of a in the slow components, and so of the resultant.
+#
+# Weights, from the cell and from the noise alone:
+#     a   = SUBCELL d/E*                              a traction that is not constant over a cell of width d
+#     r_c = SUBCELL_STEP d/E* + sigma_c/tau_c         the same between cells, plus noise over signal: the filter
+#                                                     lambda/(lambda + sigma/tau) is one half where the noise sigma
+#                                                     of u equals the displacement lambda tau of the traction's rms
+# SUBCELL and SUBCELL_STEP are dimensionless, since d/E* is the only compliance of a cell that is small against the
+# thickness. They were chosen on 24 random contacts (Hertz, flat punch, ridge, two at a time) on one layer without
+# and with noise; the benchmark samples others, and other gels, cells and noise. Standard deviations are of the
+# linear map t = F u with fixed cells.
+
+SUBCELL = 0.42  # of d/E*: traction that is uneven over a cell; chosen on 24 random contacts, see above
+SUBCELL_STEP = 0.10  # of d/E*: the same between cells; chosen on the same contacts
+MAX_ITERATIONS = 40  # rounds of narrowing
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """`traction` (n, C) in units of E, n = 3 for (x, y, z) or 1 for z alone; `factor` Cholesky's of M;
+    `subcell` is a.
+    """
+
+    cells: Cells
+    traction: Floats
+    factor: Floats
+    subcell: float
+
+    def gain(self, weights: Floats) -> Floats:
+        """Return weights (K, nC) @ M^-1."""
+        return np.asarray(lapack.dpotrs(self.factor, weights.T, lower=1)[0].T)
+
+    def propagate(self, weights: Floats, std_mm: Floats) -> Floats:
+        """Return the covariance (K, K) of weights (K, nC) @ traction, for displacements with `std_mm` (nC,)."""
+        once = self.gain(weights)
+        full = (once + self.subcell * self.gain(once)) * std_mm
+        return np.asarray(full @ full.T)
+
+    def shift(self, weights: Floats, moved_mm: Floats, component: int = -1) -> Floats:
+        """Return the change (K,) of weights (K, nC) @ traction where one component of all cells' displacement
+        grows by `moved_mm` (C,) at once: the last, depth, or another.
+        """
+        whole = np.zeros_like(self.traction)
+        whole[component] = moved_mm
+        once = lapack.dpotrs(self.factor, whole.ravel(), lower=1)[0]
+        return np.asarray(weights @ (once + self.subcell * lapack.dpotrs(self.factor, once, lower=1)[0]))
+
+    def cell_std(self, std_mm: Floats) -> Floats:
+        """Return the standard deviation (n, C) of each traction.
+
+        The components' coupling (2 % of it) is neglected.
+        """
+        count, found = len(self.cells), np.empty_like(self.traction)
+        lower = np.tril(self.factor)
+        for k in range(len(found)):
+            rows = lower[k * count : (k + 1) * count]
+            own, _ = lapack.dpotrf(rows @ rows.T, lower=1, overwrite_a=1)
+            inverse = np.tril(lapack.dpotri(own, lower=1, overwrite_c=1)[0])
+            inverse = inverse + np.tril(inverse, -1).T
+            full = inverse + self.subcell * (inverse @ inverse)
+            found[k] = np.sqrt((full**2) @ std_mm[k * count : (k + 1) * count] ** 2)
+        return found
+
+
+def solve(
+    compliance: GelCompliance, cells: Cells, *, displacement_mm: Floats, std_mm: Floats, adhesive: bool = False
+) -> Solution:
+    """Solve for the tractions in MPa of modulus 1 from `displacement_mm` (n, C) of `cells`; `std_mm` (n,).
+
+    n is 3 for x, y, z, or 1 for z alone, as of a contact without friction. With 3 the contact is first narrowed by
+    the pressure alone, a system a ninth as large. `adhesive` keeps cells that pull.
+    """
+    parts = len(displacement_mm)
+    if parts == 3 and not adhesive:
+        first = solve(compliance, cells, displacement_mm=displacement_mm[2:], std_mm=std_mm[2:])
+        if len(first.cells) == 0:
+            return first
+        kept = np.isin(cells, first.cells, assume_unique=True)
+        cells, displacement_mm = cells[kept], displacement_mm[:, kept]
+    whole, unit = compliance.block(cells, parts), compliance.grid.spacing_mm * (1 - compliance.poisson_ratio**2)
+    return _narrow(whole, compliance.grid, cells, displacement_mm, std_mm, unit, adhesive)
+
+
+def _narrow(
+    whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, unit: float, adhesive: bool
+) -> Solution:
+    """Solve and exclude the cells of negative pressure until there are none; possibly no cell remains."""
+    active = np.arange(len(cells))
+    rms = _rms_guess(u, unit)
+    for _ in range(MAX_ITERATIONS):
+        factor, x = _solved(whole, grid, cells, active, u[:, active], unit, std_mm / rms)
+        drop = np.zeros(len(active), dtype=bool) if adhesive else pulling(x[-1])
+        rms = _rms(x, std_mm / unit)
+        if not drop.any():
+            return Solution(cells[active], x, factor, SUBCELL * unit)
+        active = active[~drop]
+        if len(active) == 0:
+            return Solution(cells[:0], x[:, :0], factor[:0, :0], SUBCELL * unit)
+    raise ConvergenceError(f"the contact did not settle in {MAX_ITERATIONS} rounds")
+
+
+def _solved(
+    whole: Floats, grid: NodeGrid, cells: Cells, active: Cells, u: Floats, unit: float, noise: Floats
+) -> tuple[Floats, Floats]:
+    count, parts = len(active), len(u)
+    every = np.concatenate([active + k * len(cells) for k in range(parts)])
+    matrix = whole.copy() if count == len(cells) else whole[np.ix_(every, every)]
+    rough = roughness(cells[active], grid.shape)
+    for k in range(parts):
+        matrix[k * count : (k + 1) * count, k * count : (k + 1) * count] += (
+            SUBCELL_STEP * unit + noise[k]
+        ) * rough
+    matrix.flat[:: len(matrix) + 1] += SUBCELL * unit
+    factor, fault = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1)
+    if fault:
+        raise ConvergenceError("the compliance of the touching cells is not positive definite")
+    once, _ = lapack.dpotrs(factor, u.ravel(), lower=1)
+    again, _ = lapack.dpotrs(factor, once, lower=1)
+    return factor, (once + SUBCELL * unit * again).reshape(parts, count)
+
+
+def _rms_guess(u: Floats, unit: float) -> Floats:
+    """Guess the rms of the traction: a displacement that changes over some cells, tied to the largest."""
+    size = np.sqrt(np.mean(u**2, axis=1)) / (4 * unit)
+    return np.asarray(np.maximum(size, 1e-2 * size.max()) + np.finfo(float).tiny)
+
+
+def _rms(x: Floats, noise: Floats) -> Floats:
+    """Return the rms of the traction, corrected for the noise, but not below a third of the noise."""
+    square = np.mean(x**2, axis=1)
+    return np.asarray(np.sqrt(np.maximum(square - noise**2, noise**2 / 10)) + np.finfo(float).tiny)
+
+
+# Force where nothing is known: beyond a border that cuts the contact, and in holes of the map.
+
+
+def is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
+    """Return whether pressure reaches the border: the sum over its cells is significant.
+
+    Its deviation includes errors that the whole contact shares, and those of each cell.
+    """
+    edge = at_border(found.cells, binary_fill_holes(seen.known))
+    if not edge.any():
+        return False
+    weights = np.zeros((1, found.traction.size))
+    weights[0, -len(found.cells) :] = edge
+    shared = float(found.shift(weights, seen.depth_std_mm.ravel()[found.cells])[0])
+    own = float(found.propagate(weights, np.repeat(seen.std_mm, len(found.cells)))[0, 0])
+    return float(found.traction[-1][edge].sum()) > CONTACT.cell_sigma * float(np.hypot(shared, np.sqrt(own)))
+
+
+def force_beyond(grid: NodeGrid, found: Solution, seen: Observation, *, scale: Floats, cut: bool) -> Floats:
+    """Return the squared force (3,), N², that may lie where nothing is known.
+
+    Beyond a border that cuts the contact: its cells' traction continued for half the contact's width. In a hole of
+    the map: the mean traction around it, over the hole's area at most.
+    """
+    whole = np.asarray(binary_fill_holes(seen.known))
+    outer = at_border(found.cells, whole)
+    inner = at_border(found.cells, seen.known) & ~outer
+    half_width = np.sqrt(len(found.cells) / np.pi)
+    traction, square = found.traction * scale, np.zeros(len(found.traction))
+    if cut:
+        square += (grid.cell_mm2 * traction[:, outer].sum(axis=1) * half_width) ** 2
+    if inner.any():
+        missing = min(np.count_nonzero(whole & ~seen.known), half_width * np.count_nonzero(inner))
+        square += (grid.cell_mm2 * traction[:, inner].mean(axis=1) * missing) ** 2
+    return np.concatenate([np.zeros(3 - len(square)), square])

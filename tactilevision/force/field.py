@@ -32,8 +32,16 @@ import numpy as np
 from scipy.ndimage import label
 
 from tactilevision.errors import InputError
-from tactilevision.force.compliance import GelCompliance, gel_compliance
-from tactilevision.force.inverse import Solution, candidate_cells, force_beyond, is_cut, overlooked_cells, solve
+from tactilevision.force.compliance import (
+    GelCompliance,
+    Solution,
+    candidate_cells,
+    force_beyond,
+    gel_compliance,
+    is_cut,
+    overlooked_cells,
+    solve,
+)
 from tactilevision.force.nodes import Cells, NodeGrid, Observation, lay_grid, observe
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.profile import LIKELY_SHARE, SHARE_STD

@@ -1,10 +1,10 @@
-"""Convert a frame of a recording to tractions, and store the tractions of many frames."""
+"""Tractions and resultants of the frames of a recording, stored, with the readings of a force/torque sensor."""
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -12,17 +12,24 @@ from typing import Any, Literal
 import numpy as np
 from scipy.ndimage import center_of_mass
 
+from tactilevision.batch.jobs import run_job
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.files.writing import output_errors, replacing
+from tactilevision.files.documents import csv_text
+from tactilevision.files.writing import output_errors, replacing, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
-from tactilevision.force.field import NO_CONTACT, ForceField, Triple
+from tactilevision.force.calibrated import check_gel
+from tactilevision.force.compliance import GelCompliance
+from tactilevision.force.field import NO_CONTACT, ForceField, ForceSettings, Triple, triple
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
-from tactilevision.recording.model import BadFrame
+from tactilevision.recording.model import BadFrame, Recording, is_bare
+from tactilevision.recording.write import table_cell
 from tactilevision.records.maps import BEYOND_BALLS, MEANING, Frame, HeightMap, ShearMap, TractionMap, add
-from tactilevision.shear.displacement import NOTHING_TO_FOLLOW, Untouched
+from tactilevision.records.measured import Floats, Material
+from tactilevision.records.rig import Gel, Press
+from tactilevision.shear.displacement import NOTHING_TO_FOLLOW, Untouched, read_untouched, untouched_frame
 
 # Tractions of many frames on disk, written by many processes a frame at a time, then moved to their place.
 #
@@ -227,3 +234,187 @@ def as_force(found: TractionMap, frame: Frame) -> FrameForce:
 def nothing_touches(row: FrameForce) -> bool:
     """Return whether the frame was read and shows a gel that is free."""
     return row.read and NO_CONTACT in row.flags
+
+
+# Readings of the force/torque sensor.
+
+STUCK = 5  # equal readings at the extreme: a sensor at the end of its range
+
+
+class Readings:
+    """Force/torque readings at camera times, zeroed between presses.
+
+    `clock_offset_s` (F/T minus camera) is used if the recording states none.
+    """
+
+    def __init__(self, recording: Recording, clock_offset_s: float | None = None) -> None:
+        stated = recording.clock_offset_s
+        self.forces, self.offset = recording.forces, (stated if stated is not None else clock_offset_s) or 0.0
+        self.presses = recording.presses
+        self._zero = None if recording.forces is None else self._free(recording)
+
+    def at(self, time_s: float) -> Floats:
+        """Return the force (3,) at a camera time, NaN outside the readings."""
+        if self.forces is None or not np.isfinite(time_s):
+            return np.full(3, np.nan)
+        now, times = time_s + self.offset, self.forces.time_s
+        if len(times) == 0 or not times[0] <= now <= times[-1]:
+            return np.full(3, np.nan)
+        read = np.array([np.interp(now, times, self.forces.force_N[:, k]) for k in range(3)])
+        if self._zero is None:
+            return read
+        zero = [np.interp(now, self._zero[:, 0], self._zero[:, 1 + k]) for k in range(3)]
+        return np.asarray(read - np.array(zero))
+
+    def press_at(self, time_s: float) -> Press | None:
+        """Return the press under way at a time."""
+        return next((press for press in self.presses if press.start_s <= time_s <= press.end_s), None)
+
+    def clipped(self, press: Press) -> bool:
+        """Return whether the F/T sensor stood at the end of its range: STUCK and more equal readings at its
+        extreme.
+
+        Noise does not repeat a number so often, and a sensor at rest is not at its extreme.
+        """
+        if self.forces is None:
+            return False
+        times, force = self.forces.time_s, self.forces.force_N
+        under_way = (times > press.start_s + self.offset) & (times < press.end_s + self.offset)
+        ends = np.abs(force).max(axis=0)
+        at_end = (np.abs(force[under_way]) == ends) & (ends > 0)
+        return bool((at_end.sum(axis=0) >= STUCK).any())
+
+    def _free(self, recording: Recording) -> Floats | None:
+        """Return (G, 4) middle time and median force of every gap between presses.
+
+        None if presses are not listed.
+        """
+        assert recording.forces is not None
+        if not recording.presses:
+            return None
+        times, force = recording.forces.time_s, recording.forces.force_N
+        busy = sorted((p.start_s + self.offset, p.end_s + self.offset) for p in recording.presses)
+        starts, ends = [-np.inf, *(end for _, end in busy)], [*(start for start, _ in busy), np.inf]
+        rows = []
+        for start, end in zip(starts, ends, strict=True):
+            free = (times > start) & (times < end)
+            if free.any():
+                rows.append([float(times[free].mean()), *np.median(force[free], axis=0)])
+        return np.array(rows) if rows else None
+
+
+# Tractions and resultants of all frames of a recording, with the F/T readings: streamed on all cores and resumed
+# where a run was interrupted (batch/jobs.py).
+
+TABLE = "resultants.csv"
+AXES = ("fx", "fy", "fz")
+COLUMNS = ("frame", "time_s", *(f"{a}_N" for a in AXES), *(f"{a}_std_N" for a in AXES), "mx_Nmm", "my_Nmm",
+           "mz_Nmm", "depth_mm", "x_mm", "y_mm", "flags", "press", *(f"ft_{a}_N" for a in AXES))  # fmt: skip
+
+
+def force_folder(
+    recording: Recording,
+    job: ForceJob,
+    *,
+    clock_offset_s: float | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[FrameForce, ...]:
+    """Write the tractions of every frame and resultants.csv; return its rows in the frames' order.
+
+    `job` comes from `force_job`. `clock_offset_s` (F/T minus camera) is used if the recording states none.
+    `cluster` as in batch/jobs.py. A frame that cannot be read is listed with the reason. An unfinished run of
+    the same job is resumed.
+    """
+    readings = Readings(recording, clock_offset_s)
+
+    def end(done: list[FrameForce]) -> tuple[FrameForce, ...]:
+        rows = tuple(with_reading(row, readings) for row in done)
+        job.store.end(recording.frame_names, [number for number, row in enumerate(rows) if row.read])
+        write_text(job.out / TABLE, table(rows))
+        return rows
+
+    return run_job(recording, job, end=end, workers=workers, cluster=cluster, progress=progress)
+
+
+def force_job(
+    recording: Recording,
+    reconstructor: Reconstructor,
+    *,
+    material: Material,
+    out: Path | str,
+    settings: ForceSettings | None = None,
+    form: Form = "npz",
+    untouched: Untouched | None = None,
+    compliance: GelCompliance | None = None,
+) -> ForceJob:
+    """Prepare what every frame needs: compliance, the untouched gel, and where tractions go.
+
+    Shear is measured from the first frame of the untouched gel among the recording's references, or from
+    `untouched`; without one, fx and fy are unknown. `compliance` is the gel's if it was computed before. Raises
+    InputError if the sensor's gel is not described.
+    """
+    sensor = recording.sensor
+    if sensor.gel is None:
+        bare = is_bare(recording)
+        raise InputError(
+            "forces need the gel's thickness",
+            where=recording.path if bare else recording.path / "recording.toml",
+            remedy="Name a TOML file with [sensor.gel] thickness_mm, shape and size, or a profile, with --sensor."
+            if bare
+            else "Add [sensor.gel] with thickness_mm, shape and size.",
+        )
+    view = (sensor.height_px, sensor.width_px)
+    field = ForceField(
+        sensor.gel, material, sensor.mm_per_px, view_px=view, settings=settings, compliance=compliance
+    )
+    assert field.compliance is not None
+    store = TractionStore(Path(out).absolute(), form, field.compliance.grid)
+    return ForceJob(field, reconstructor, untouched or _untouched(recording), store)
+
+
+def with_gel(recording: Recording, calibration: Path | None, thickness_mm: float | None) -> Recording:
+    """Return the recording with a gel as thick as the calibration's, and a warning, where it describes none.
+
+    Raises InputError where its own gel is not that of the file `calibration`.
+    """
+    gel = recording.sensor.gel
+    if gel is not None:
+        if calibration is not None:
+            check_gel(calibration, gel)
+        return recording
+    if thickness_mm is None:
+        return recording
+    guess = f"guessed: the gel is {thickness_mm:g} mm thick, as the calibration's, and has no sides nearby"
+    sensor = replace(recording.sensor, gel=Gel(thickness_mm))
+    return replace(recording, sensor=sensor, warnings=(*recording.warnings, guess))
+
+
+def with_reading(row: FrameForce, readings: Readings) -> FrameForce:
+    """Add the F/T reading and the press of its time to a row."""
+    press, measured = readings.press_at(row.time_s), triple(readings.at(row.time_s))
+    if press is None:
+        return replace(row, measured_N=measured)
+    return replace(row, measured_N=measured, press=press.press, reading_clipped=readings.clipped(press))
+
+
+def table(rows: Sequence[FrameForce]) -> str:
+    """Return resultants.csv; what is not known is left empty."""
+    return csv_text([COLUMNS, *map(_cells, rows)])
+
+
+def _cells(row: FrameForce) -> tuple[str, ...]:
+    numbers = (*row.resultant_N, *row.resultant_std_N, *row.moment_Nmm, row.depth_mm, *row.place_mm)
+    about = (row.why or row.flags, row.press)
+    return (row.frame, table_cell(row.time_s), *map(_cell, numbers), *about, *map(_cell, row.measured_N))
+
+
+def _untouched(recording: Recording) -> Untouched | None:
+    frame = untouched_frame(recording)
+    sensor = recording.sensor
+    return None if frame is None else read_untouched(frame, sensor.mm_per_px, markers=sensor.has_markers or None)
+
+
+def _cell(value: float) -> str:
+    return f"{value:.7g}" if np.isfinite(value) else ""

@@ -11,8 +11,8 @@ from planted_forces import GEL, MATERIAL, SCALE, VIEW, displacement, hertz, meas
 
 from tactilevision.errors import InputError
 from tactilevision.force.calibrated import material_sensitivity
+from tactilevision.force.compliance import solve
 from tactilevision.force.field import CUT, NO_CONTACT, NO_SHEAR, SMALL_GEL, ForceField, ForceSettings
-from tactilevision.force.inverse import solve
 from tactilevision.records.maps import HeightMap, Positions, ShearMap
 from tactilevision.records.measured import Material
 from tactilevision.records.rig import Gel

@@ -12,8 +12,7 @@ from planted_forces import GEL, MATERIAL, SCALE, hertz, measured
 from tactilevision.force.calibrated import Sensitivity
 from tactilevision.force.comparison import AT_ITS_END, NO_READING, residuals, summary
 from tactilevision.force.field import CUT, NO_CONTACT, ForceField
-from tactilevision.force.folder import table
-from tactilevision.force.frame import NOTHING, FrameForce
+from tactilevision.force.frame import NOTHING, FrameForce, table
 from tactilevision.plots.force import draw_force, draw_residuals, draw_resultants, draw_sensitivity
 from tactilevision.plots.style import save_figure
 from tactilevision.records.rig import Press

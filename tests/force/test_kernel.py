@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.force.inverse import candidate_cells, roughness
+from tactilevision.force.compliance import candidate_cells, roughness
 from tactilevision.force.kernel import layer_cells
 from tactilevision.force.nodes import Observation, cell_means, lay_grid, mean_std
 from tactilevision.records.measured import Bools, Floats
