@@ -13,7 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.documents import read_json
 from tactilevision.files.opening import check_numbers, number
 from tactilevision.force.field import ForceField
-from tactilevision.records.constants import NU_MAX, TINY, Z95
+from tactilevision.records.constants import MICRO, NU_MAX, TINY, Z95
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
 from tactilevision.records.measured import Floats, Material
 from tactilevision.records.rig import Gel
@@ -110,7 +110,7 @@ def _both(ends_N: Floats, values: Floats, covariance: Floats) -> Sensitivity:
 
     The change is small where the stiffness is well known although E and nu are not.
     """
-    slope = (ends_N[:, 1] - ends_N[:, 0]) / np.maximum(values[:, 1] - values[:, 0], 1e-12)[:, None]
+    slope = (ends_N[:, 1] - ends_N[:, 0]) / np.maximum(values[:, 1] - values[:, 0], TINY)[:, None]
     half = Z95 * np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", slope, covariance, slope), 0))
     now = ends_N[0].mean(axis=0)  # the force is proportional to E
     return Sensitivity("both together", "", (float("nan"), float("nan")), np.stack([now - half, now + half]))
@@ -170,7 +170,7 @@ def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
         raise InputError("the covariance is not a matrix of numbers", where=path, value=str(entry)[:40]) from fault
     if not np.isfinite(matrix).all():
         return None
-    if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > 1.000001 * np.sqrt(matrix[0, 0] * matrix[1, 1]):
+    if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > (1 + MICRO) * np.sqrt(matrix[0, 0] * matrix[1, 1]):
         raise InputError(
             "the covariance of E and nu is not positive semidefinite",
             where=path,

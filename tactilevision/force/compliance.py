@@ -13,6 +13,7 @@ import numpy.typing as npt
 from scipy import fft
 from scipy.linalg import lapack
 from scipy.ndimage import binary_erosion, binary_fill_holes, label, maximum, uniform_filter
+from scipy.spatial.distance import cdist
 
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.opening import check_numbers
@@ -26,8 +27,8 @@ from tactilevision.force.lateral_boundaries import (
     side_table,
     station_shape,
 )
-from tactilevision.force.nodes import NEARLY_0, Cells, NodeGrid, Observation
-from tactilevision.records.constants import ROUNDING
+from tactilevision.force.nodes import Cells, NodeGrid, Observation
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.contact_thresholds import CONTACT, cell_limit_mm
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.records.rig import Gel
@@ -216,7 +217,7 @@ def candidate_cells(seen: Observation) -> Cells:
     if not known.any():
         return np.zeros(0, dtype=np.intp)
     deep = known & (depth_mm > cell_limit_mm(std_mm, float(depth_mm[known].max())))
-    pull = depth_mm / (std_mm + NEARLY_0)
+    pull = depth_mm / (std_mm + TINY)
     return _patches(deep, pull, max(CONTACT.patch_sigma, -float(pull[known].min())))
 
 
@@ -231,7 +232,7 @@ def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usabl
         return np.zeros(0, dtype=np.intp)
     doubt = DOUBT * float(np.abs(moved_mm[usable]).max())
     deep = usable & (left_mm > CONTACT.cell_sigma * std_mm + doubt)
-    share = left_mm / (CONTACT.patch_sigma * std_mm + doubt + NEARLY_0)
+    share = left_mm / (CONTACT.patch_sigma * std_mm + doubt + TINY)
     return _patches(deep, share, max(1.0, -float(share[usable].min())))
 
 
@@ -258,19 +259,9 @@ def roughness(cells: Cells, shape: tuple[int, int]) -> Floats:
 
     The edge of the set is free, so a constant traction is not rough and its sum is unbiased.
     """
-    rows, columns = shape
-    order = np.full((rows + 1) * (columns + 1), -1, dtype=np.intp)
-    row, column = np.divmod(cells, columns)
-    place = row * (columns + 1) + column
-    order[place] = np.arange(len(cells))
-    matrix = np.zeros((len(cells), len(cells)))
-    for step in (1, columns + 1):
-        other = order[place + step]
-        first, second = np.flatnonzero(other >= 0), other[other >= 0]
-        matrix[first, second] = matrix[second, first] = -1
-        matrix[first, first] += 1
-        matrix[second, second] += 1
-    return matrix / 4
+    places = np.stack(np.divmod(cells, shape[1]), axis=1)
+    near = cdist(places, places, "cityblock") == 1
+    return np.asarray((np.diag(near.sum(axis=1)) - near.astype(float)) / 4)
 
 
 def at_border(cells: Cells, usable: Bools) -> Bools:

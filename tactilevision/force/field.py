@@ -45,6 +45,7 @@ from tactilevision.force.compliance import (
 from tactilevision.force.nodes import Cells, NodeGrid, Observation, lay_grid, observe
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.profile import LIKELY_SHARE, SHARE_STD
+from tactilevision.records.constants import TINY
 from tactilevision.records.contact_thresholds import CONTACT
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
 from tactilevision.records.measured import Floats, Material, Pair
@@ -375,7 +376,7 @@ def depth_factors(
     touching.flat[cells] = True
     patches, count = label(touching)
     which = patches.ravel()[cells] - 1
-    weight = np.maximum(pressure, 0) + 1e-12
+    weight = np.maximum(pressure, 0) + TINY
     depth = np.bincount(which, weight * displacement_mm[-1].ravel()[cells], count) / np.bincount(
         which, weight, count
     )

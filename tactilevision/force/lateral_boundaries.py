@@ -19,6 +19,7 @@ from tactilevision.files.arrays import read_arrays
 from tactilevision.files.writing import replacing
 from tactilevision.force.kernel import LayerStress, layer_stress
 from tactilevision.force.nodes import Cells, NodeGrid
+from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel
 
@@ -140,7 +141,8 @@ def _element_matrices(corners: Floats, poisson_ratio: float) -> Floats:
 # and the sides; geometry is quadratic, so that a disc's side is round.
 
 DEPTHS = np.array([0.0, 0.15, 0.45, 1.0])  # ends of the elements through the thickness
-CORE = 0.55  # half side of the disc's square core, of its radius
+CORE = 0.55  # of the disc's radius: what the elements of a petal leave to its core
+SQUARE = 0.75 * CORE  # half side of that square core, of the radius
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,17 +204,14 @@ def _disc(radius_mm: float, element_mm: float) -> list[Floats]:
     side = max(4, int(np.ceil(np.pi / 2 * radius_mm / element_mm)))
     out = max(3, int(np.ceil((1 - CORE) * radius_mm / element_mm)) + 1)
     flat = np.linspace(-1, 1, 2 * side + 1)
-    x, y = np.meshgrid(flat * CORE * radius_mm * 0.75, flat * CORE * radius_mm * 0.75)
-    patches = [np.stack([x, y], axis=-1)]
+    inner = np.stack([np.full_like(flat, 1.0), flat], axis=-1) * SQUARE * radius_mm
+    patches = [np.stack(np.meshgrid(inner[:, 1], inner[:, 1]), axis=-1)]
     step = _with_middles(1 - np.linspace(1, 0, out + 1) ** 1.4)
     angle = flat * np.pi / 4
-    inner = np.stack([np.full_like(flat, CORE * 0.75), flat * CORE * 0.75], axis=-1) * radius_mm
     outer = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * radius_mm
     petal = inner[:, None, :] * (1 - step)[None, :, None] + outer[:, None, :] * step[None, :, None]
-    for quarter in range(4):
-        c, s = np.round(np.cos(quarter * np.pi / 2)), np.round(np.sin(quarter * np.pi / 2))
-        patches.append(petal @ np.array([[c, s], [-s, c]]))
-    return patches
+    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    return patches + [petal @ np.linalg.matrix_power(quarter, turns) for turns in range(4)]
 
 
 def _merge(patches: list[Floats]) -> tuple[Floats, Indices]:
@@ -252,7 +251,7 @@ def face_values(mesh: GelMesh, places_mm: Floats) -> tuple[Indices, Floats]:
     for p, place in enumerate(places_mm):
         for quad in np.argsort(np.hypot(*(middle - place).T) / reach)[:12]:
             local = _local(corners[quad], place)
-            if np.abs(local).max() < 1 + 1e-6:
+            if np.abs(local).max() < 1 + MICRO:
                 nodes[p], values[p] = quads[quad], _face_functions(local)[0]
                 break
         else:
@@ -482,7 +481,7 @@ def _admissible(gel: Gel, places_mm: Floats) -> Floats:
     if gel.shape == "disc" and gel.radius_mm is not None:
         distance = np.hypot(*places_mm.T)
         return np.asarray(
-            places_mm * np.minimum(1.0, (gel.radius_mm - keep) / np.maximum(distance, 1e-9))[:, None]
+            places_mm * np.minimum(1.0, (gel.radius_mm - keep) / np.maximum(distance, TINY))[:, None]
         )
     if gel.shape == "rectangle" and gel.size_mm is not None:
         most = np.array(gel.size_mm) / 2 - keep

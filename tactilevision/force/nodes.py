@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from tactilevision.errors import InputError
-from tactilevision.records.constants import ROUNDING
+from tactilevision.records.constants import MILLI, ROUNDING, TINY
 from tactilevision.records.maps import HeightMap, ShearMap
 from tactilevision.records.measured import Bools, Floats, Pair
 from tactilevision.robust import MAD_TO_STD
@@ -126,9 +126,8 @@ def _overlap(pixels: int, pixel_mm: float, cells: int, cell_mm: float) -> Floats
 # A height map has the depth at the present place of the surface, the compliance at material places X. If the shear
 # u(X) is known, the depth is read at X + u(X). A map whose `positions` are "undeformed" is at X already.
 
-NEARLY_0 = 1e-12  # mm: avoids a division by 0 for a cell without deviation
 MIN_FAR = 50  # cells: fewer do not determine the scatter of gel at rest
-SAME_SCALE = 1e-3  # relative difference of mm per pixel between two maps of one sensor
+SAME_SCALE = MILLI  # relative difference of mm per pixel between two maps of one sensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,7 +237,7 @@ def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, 
     distance = _from_deep(grid, depth, known)
     if distance is None or np.count_nonzero(distance > away_mm) < MIN_FAR:
         return 1.0
-    pull = np.abs(depth[known]) / np.maximum(std_mm[known], NEARLY_0)
+    pull = np.abs(depth[known]) / np.maximum(std_mm[known], TINY)
     return max(1.0, float(MAD_TO_STD * np.median(pull[distance > away_mm])))
 
 

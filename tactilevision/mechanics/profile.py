@@ -40,9 +40,11 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 FULL_FRICTION = 0.3  # Coulomb's coefficient of full friction
+SATURATION = 0.4  # how much the effect of friction saturates below that
 LIKELY_SHARE = 0.7  # prior mean of the share of friction's full effect: silicone sticks to most things
 SHARE_STD = 0.3  # prior standard deviation of that share
 REACH = 20  # thicknesses: the spline ends at r = a + 20 h, where the rise is below 1e-6 w
+SHAPE_PLACES = (0.1, 0.25, 0.5, 0.9, 1.6)  # (r - a)/h at which a model states the error of its shape
 SPLINE_NODES = 100  # of the profile's spline
 
 
@@ -133,7 +135,7 @@ LINEAR = ProfileModel(
     linear_profile,
     "linear layer theory, frictionless",
     relative_error=0.06,
-    shape_error=((0.1, 0.03), (0.25, 0.025), (0.5, 0.015), (0.9, 0.006), (1.6, 0.004)),
+    shape_error=tuple(zip(SHAPE_PLACES, (0.03, 0.025, 0.015, 0.006, 0.004), strict=True)),
     single_depth_std=0.01,
 )
 
@@ -141,10 +143,12 @@ LINEAR = ProfileModel(
 def friction_of_share(share: float) -> float:
     """Return the least coefficient of friction mu that has this share, in [0, 1], of the full effect.
 
-    With x = mu/.3 the share is x (1.4 - .4 x) up to x = 1, which agrees with finite elements at mu = .15 (.5 to
-    .7); beyond, more friction changes the profile by less than a few parts in ten thousand of the depth.
+    With x = mu/.3 the share is x (1 + s - s x) up to x = 1, s = SATURATION, which agrees with finite elements at
+    mu = .15 (.5 to .7); beyond, more friction changes the profile by less than a few parts in ten thousand of the
+    depth.
     """
-    return FULL_FRICTION * (1.4 - float(np.sqrt(1.96 - 1.6 * min(share, 1.0)))) / 0.8
+    most = 1 + SATURATION
+    return FULL_FRICTION * (most - float(np.sqrt(most**2 - 4 * SATURATION * min(share, 1.0)))) / (2 * SATURATION)
 
 
 def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = linear_profile) -> Floats:

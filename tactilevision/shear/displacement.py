@@ -17,7 +17,7 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.markers import MIN_COUNT, evenly_spaced
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_flats
-from tactilevision.records.constants import MICRO
+from tactilevision.records.constants import MICRO, MILLI, TINY
 from tactilevision.records.maps import ShearMap
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair
 from tactilevision.sensors.rectification import rectify
@@ -91,7 +91,7 @@ def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools
     round_trip = _smooth(((forth + returned) ** 2).mean(axis=2) / 2, CORRELATION_PX)
     residual = _smooth((warped - before.pattern) ** 2, CORRELATION_PX)
     patch = CORRELATION_PX / GRAIN_PX  # independent grains along a side of the flow's patch
-    std = np.sqrt(round_trip + residual / (patch**2 * np.maximum(before.slope, 1e-12)))
+    std = np.sqrt(round_trip + residual / (patch**2 * np.maximum(before.slope, TINY)))
     inside = (to_x >= 0) & (to_x <= columns - 1) & (to_y >= 0) & (to_y <= rows - 1)
     valid = np.asarray(before.known & inside & (std < ROUND_TRIP_PX), dtype=np.bool_)
     return forth.astype(np.float64), std.astype(np.float64), valid
@@ -108,7 +108,7 @@ def _channel_noise(fine: Singles) -> Singles:
     r, g, b = cv2.split(fine)
     rg, rb, gb = (_smooth(one**2, CONTRAST_PX) for one in (r - g, r - b, g - b))
     found = np.stack([rg + rb - gb, rg + gb - rb, rb + gb - rg], axis=2) / 2
-    return np.asarray(np.maximum(found, 0.02 * (rg + rb + gb)[..., None]) + 1e-9)
+    return np.asarray(np.maximum(found, 0.02 * (rg + rb + gb)[..., None]) + TINY)
 
 
 def _pattern(fine: Singles, weights: Singles) -> tuple[Singles, Bools]:
@@ -191,7 +191,7 @@ def follow_markers(before_px: Floats, after_px: Floats) -> MarkerMotion:
         seen = np.where(pairs[:, None], after_px[partner] - before_px, 0.0)
         pairs &= _like_neighbours(seen, pairs, near, spacing)
         moved = np.where(pairs[:, None], seen, _from_neighbours(seen, pairs, near, motion))
-        settled = np.array_equal(pairs, found) and np.allclose(moved, motion, atol=1e-3)
+        settled = np.array_equal(pairs, found) and np.allclose(moved, motion, atol=MILLI)
         motion, found = moved, pairs
         if settled:
             break

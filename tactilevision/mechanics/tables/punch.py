@@ -10,12 +10,12 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.mechanics.boundary import rim_share
 from tactilevision.mechanics.flat_contact import FlatContact
-from tactilevision.mechanics.profile import LINEAR, ProfileModel, PunchCase, linear_profile
+from tactilevision.mechanics.profile import LINEAR, SHAPE_PLACES, ProfileModel, PunchCase, linear_profile
 from tactilevision.mechanics.tables import table as tables
 from tactilevision.mechanics.tables.blocks import hayes_stiffness
-from tactilevision.mechanics.tables.cases import BESIDE, REACH
+from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, REACH, USUAL
 from tactilevision.mechanics.tables.table import shipped_table
-from tactilevision.records.constants import NU_MAX, ROUNDING
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats, Material
 
 
@@ -98,10 +98,10 @@ def _demand(known: Bools, depth: Floats, contact: FlatContact, material: Materia
 # each is solved anew at its own friction and edge radius (synthetic/punch.py), so that errors of the table do not
 # cancel.
 
-EDGE_OVER_H = 1 / 60  # edge radius of the table's punch over h
-POISSON_RANGE = (0.3, NU_MAX)  # Poisson's ratio of the table
-A_OVER_H_RANGE = (0.2, 1.5)  # a/h of the table
-DEEPEST = 0.25  # w/h of the table
+EDGE_OVER_H = USUAL.edges_over_h[0]  # edge radius of the table's punch over h
+POISSON_RANGE = USUAL.poisson_ratios[0], USUAL.poisson_ratios[-1]
+A_OVER_H_RANGE = USUAL.a_over_h[0], USUAL.a_over_h[-1]
+DEEPEST = DEPTHS[-1]  # w/h of the table
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ TABULATED = ProfileModel(
     poisson_range=POISSON_RANGE,
     a_over_h_range=A_OVER_H_RANGE,
     deepest=DEEPEST,
-    shape_error=((0.1, 0.01), (0.25, 0.007), (0.5, 0.004), (0.9, 0.0025), (1.6, 0.0015)),
+    shape_error=tuple(zip(SHAPE_PLACES, (0.01, 0.007, 0.004, 0.0025, 0.0015), strict=True)),
     single_depth_std=0.005,
 )
 
