@@ -77,55 +77,38 @@ def reconstruct_tree(
     """
     if cluster is not None:
         check_cluster(cluster)
+    root, out, report = Path(root), Path(out), progress or (lambda done, total, what: None)
+    run = partial(reconstruct_folder, workers=workers, cluster=cluster, form=form, with_std=with_std)
+    way = " ".join((form, "with std" if with_std else "", method))
     with output_lock(out):
-        return _reconstruct(
-            Path(root),
-            Path(out),
-            read=read,
-            light=light,
-            run=partial(reconstruct_folder, workers=workers, cluster=cluster, form=form, with_std=with_std),
-            way=" ".join((form, "with std" if with_std else "", method)),
-            progress=progress,
-        )
+        found, branches = _opened(root, out, read)
+        finished = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
+        branches += [Branch(name, rows) for name, rows in finished.items() if rows is not None]
+        total, before = sum(len(one.frame_names) for one in found.values()), sum(len(b.rows) for b in branches)
+        report(before, total, "")
+        for name, recording in found.items():
+            if finished[name] is None:
+                so_far = partial(_forward, report, before, total, name)
+                branches.append(
+                    _branch(name, recording, out, light=light, run=partial(run, progress=so_far), way=way)
+                )
+                before += len(recording.frame_names)
+        branches.sort(key=lambda branch: branch.name)
+        if all(branch.why for branch in branches):
+            raise InputError(
+                "none of its recordings, folders and videos can be read",
+                where=root,
+                remedy=f"The first of {len(branches)}: {branches[0].why}",
+            )
+        write_text(out / TABLE, _table(branches))
+        for name in found:
+            (out / name / FINISHED).unlink(missing_ok=True)
+    return tuple(branches)
 
 
-def _reconstruct(
-    root: Path, out: Path, *, read: Open, light: Light, run: Run, way: str, progress: Progress | None
-) -> tuple[Branch, ...]:
-    found, refused = _opened(root, out, read)
-    total = sum(len(recording.frame_names) for recording in found.values())
-    rows_of = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
-    finished = {name: rows for name, rows in rows_of.items() if rows is not None}
-    branches = [Branch(name, rows) for name, rows in finished.items()]
-    before = sum(len(branch.rows) for branch in branches)
-    if progress is not None:
-        progress(before, total, "")
-    for name, recording in found.items():
-        if name in finished:
-            continue
-
-        def report(done: int, of: int, before: int = before, name: str = name) -> None:
-            if progress is not None:
-                progress(before + done, total, name)
-
-        branches.append(_branch(name, recording, out, light=light, run=partial(run, progress=report), way=way))
-        before += len(recording.frame_names)
-    every = _checked(root, sorted((*branches, *refused), key=lambda branch: branch.name))
-    write_text(out / TABLE, _table(every))
-    for name in found:
-        (out / name / FINISHED).unlink(missing_ok=True)
-    return every
-
-
-def _checked(root: Path, every: Sequence[Branch]) -> tuple[Branch, ...]:
-    """Return all branches. Raises InputError if none of them could be read."""
-    if all(branch.why for branch in every):
-        raise InputError(
-            "none of its recordings, folders and videos can be read",
-            where=root,
-            remedy=f"The first of {len(every)}: {every[0].why}",
-        )
-    return tuple(every)
+def _forward(report: Progress, before: int, total: int, name: str, done: int, of: int) -> None:
+    """Report the progress of one source as that of the tree."""
+    report(before + done, total, name)
 
 
 def _opened(root: Path, out: Path, read: Open) -> tuple[dict[str, Recording], list[Branch]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from contextlib import nullcontext
 from dataclasses import replace
 from enum import StrEnum
@@ -110,11 +111,11 @@ def tabulate(
 
 def _workers(processes: int | None, cluster: str | None) -> AbstractContextManager[Executor | None]:
     from tactilevision.cluster.pool import cluster_pool
-    from tactilevision.mechanics.tables import solve as method
+    from tactilevision.files.runs import worker_pool
 
     if cluster is not None:
         return cluster_pool(cluster)
-    return nullcontext() if processes == 1 else method.processes(processes)
+    return nullcontext() if processes == 1 else worker_pool(processes or len(os.sched_getaffinity(0)))
 
 
 def _grid(

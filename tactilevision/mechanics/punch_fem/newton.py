@@ -50,13 +50,6 @@ class Equations:
     pattern: Pattern
 
 
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """Why a step has no solution, in words."""
-
-    why: str
-
-
 MAX_ITERATIONS = 10  # of one step
 FORCE_TOLERANCE = 1e-6  # out-of-balance force over the punch's
 CHATTER_TOLERANCE = 1e-4  # the same, where single contact points alternate between stick and slip; P is right
@@ -75,7 +68,8 @@ def equations(model: Model) -> Equations:
     """Set up the pattern of a press to given depths."""
     free = ~model.held
     free[model.mesh.punch] = False
-    tables = (model.mesh.dofs, model.mesh.surface.dofs) if _touches(model) else (model.mesh.dofs,)
+    glued = not isinstance(model.problem.punch, RoundedPunch)
+    tables = (model.mesh.dofs,) if glued else (model.mesh.dofs, model.mesh.surface.dofs)
     return Equations(model, find_pattern(tables, free))
 
 
@@ -88,8 +82,9 @@ def at_rest(model: Model) -> State:
 
 def solve_step(
     system: Equations, last: State, *, depth_mm: float, guess: tuple[Floats, Floats], patient: bool = False
-) -> State | Failure:
-    """Return the equilibrium at `depth_mm`, from the converged `last` and a guess (u (n,), pressure).
+) -> State | str:
+    """Return the equilibrium at `depth_mm`, from the converged `last` and a guess (u (n,), pressure), or why there
+    is none.
 
     Where the guess has another depth, the first iteration is the tangent predictor. `patient`
     goes on where a shorter step would usually be cheaper.
@@ -101,20 +96,20 @@ def solve_step(
     for iteration in range(most + 1):
         state = deform(mesh, u)
         if not (state.volume.min() > 0 and state.plane.min() > 0):
-            return Failure("an element turned inside out")
+            return "an element turned inside out"
         solid = linearise(mesh, model.problem.law, material=model.problem.material, state=state, pressure=pressure)
         contact = contact_at(model, u, history=history, keep=iteration == 0)
         error = _imbalance(system, solid, contact)
         late = iteration >= LATE and error > LATE_ERROR and not patient
         if not np.isfinite(error) or (iteration > 1 and error > WORST_ERROR) or late:
-            return Failure(f"the iteration diverges (residual {error:.1e})")
+            return f"the iteration diverges (residual {error:.1e})"
         chatters = iteration > LATE
         settled = jump == 0 and (contact is None or iteration > 0)
         settled = settled and error < (CHATTER_TOLERANCE if chatters else FORCE_TOLERANCE)
         if settled and _volume_error(mesh, solid) < (CHATTER_VOLUME if chatters else VOLUME_TOLERANCE):
             folded = bool(corner_volumes(mesh, u).min() <= 0)
             if folded and not model.problem.may_fold:
-                return Failure("the surface folds at the punch's edge")
+                return "the surface folds at the punch's edge"
             reaction = -float(_sum(system, solid.internal, contact)[mesh.punch])
             reached = None if contact is None else contact.history
             return State(u, pressure, reached, -float(u[mesh.punch]), reaction, iteration, error, folded)
@@ -124,7 +119,7 @@ def solve_step(
         u = u + du
         local = du[mesh.dofs]
         pressure = pressure + solid.recover_constant - (solid.recover_slope @ local[:, :, None])[:, :, 0]
-    return Failure(f"no convergence in {most} iterations (residual {error:.1e})")
+    return f"no convergence in {most} iterations (residual {error:.1e})"
 
 
 def contact_at(
@@ -135,10 +130,6 @@ def contact_at(
     if not isinstance(punch, RoundedPunch) or history is None:
         return None
     return touch(model.mesh.surface, punch, stiffness=model.contact_stiffness, u=u, history=history, keep=keep)
-
-
-def _touches(model: Model) -> bool:
-    return isinstance(model.problem.punch, RoundedPunch)
 
 
 def _imbalance(system: Equations, solid: ElementSystem, contact: ContactState | None) -> float:
@@ -213,8 +204,8 @@ def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord])
                 system, last, depth_mm=aim, guess=_extrapolate(before, last, aim), patient=patient
             )
             taken = abs(aim - last.depth_mm)
-            if isinstance(outcome, Failure):
-                log.append(StepRecord(float(aim), 0, float("nan"), outcome.why))
+            if isinstance(outcome, str):
+                log.append(StepRecord(float(aim), 0, float("nan"), outcome))
                 step, patient = taken / 2, True
                 if step < SMALLEST_CUT * whole:
                     raise ConvergenceError(_lost(last, aim, outcome))
@@ -246,9 +237,9 @@ def _extrapolate(before: State | None, last: State, aim: float) -> tuple[Floats,
     return last.u + share * (last.u - before.u), last.pressure + share * (last.pressure - before.pressure)
 
 
-def _lost(last: State, aim: float, failure: Failure) -> str:
+def _lost(last: State, aim: float, failure: str) -> str:
     return (
-        f"punch_fem: no equilibrium found at {aim:.5g} mm: {failure.why}. The press converged to depth "
+        f"punch_fem: no equilibrium found at {aim:.5g} mm: {failure}. The press converged to depth "
         f"{last.depth_mm:.4g} mm, force {last.force_N:.4g} N. "
         "Use a finer mesh, a larger edge radius or smaller steps."
     )

@@ -39,11 +39,6 @@ class Case:
     a_over_h: float
 
     @property
-    def block(self) -> tuple[str, float, float, float]:
-        """Law, friction, edge radius and pad radius, which are not interpolated."""
-        return self.law, self.friction, self.edge_over_h, self.pad_over_h
-
-    @property
     def name(self) -> str:
         """Unique file name, stable over runs."""
         numbers = asdict(self)

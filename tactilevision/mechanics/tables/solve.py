@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from tactilevision.errors import ConvergenceError
-from tactilevision.files.runs import output_lock, worker_pool
+from tactilevision.files.runs import output_lock
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.laws import Hencky, Law, NeoHooke, least_acoustic
 from tactilevision.mechanics.punch_fem.newton import State, StepRecord, equations, march
@@ -156,8 +154,8 @@ def tabulate(
 ) -> int:
     """Solve every case that is not in `folder` yet; return how many were solved now.
 
-    Cases are written atomically, so a run may be stopped and started again. Without `workers` (see `processes`,
-    and cluster/pool.py) the cases are solved one by one in this process.
+    Cases are written atomically, so a run may be stopped and started again. Without `workers` (see
+    files/runs.py and cluster/pool.py) the cases are solved one by one in this process.
     """
     place, every = Path(folder), list(cases)
     with output_lock(place):
@@ -167,11 +165,6 @@ def tabulate(
             if report is not None:
                 report(len(every) - left, len(every))
     return len(missing)
-
-
-def processes(count: int | None = None) -> AbstractContextManager[Executor]:
-    """Return a pool of so many processes on this machine, by default one a core; they end with their parent."""
-    return worker_pool(count or len(os.sched_getaffinity(0)))
 
 
 def _solved(missing: list[Case], workers: Executor | None) -> Iterator[tuple[Case, SolvedCase]]:
