@@ -152,22 +152,16 @@ def read_calibration(path: Path | str) -> dict[str, Any]:
 
 
 def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
-    """Read (2, 2) of E and nu, from {"of": names, "matrix": rows} or from the rows alone with E and nu first."""
+    """Read the covariance (2, 2) of E and nu from {"of": names, "matrix": rows}; None where it is not stated."""
     entry = content.get("covariance")
-    names = ["youngs_modulus_MPa", "poisson_ratio"]
-    if isinstance(entry, dict):
-        of, entry = entry.get("of"), entry.get("matrix")
-        if not isinstance(of, list) or not all(name in of for name in names):
-            return None
-        places = [of.index(name) for name in names]
-    else:
-        places = [0, 1]
+    if not isinstance(entry, dict) or not all(name in entry.get("of", ()) for name in _UNITS):
+        return None
+    places = [entry["of"].index(name) for name in _UNITS]
     try:
-        matrix = np.asarray(entry, dtype=float)[np.ix_(places, places)]
+        matrix = np.asarray(entry.get("matrix"), dtype=float)[np.ix_(places, places)]
     except (TypeError, ValueError, IndexError) as fault:
-        if entry is None:
-            return None
-        raise InputError("the covariance is not a matrix of numbers", where=path, value=str(entry)[:40]) from fault
+        value = str(entry.get("matrix"))[:40]
+        raise InputError("the covariance is not a matrix of numbers", where=path, value=value) from fault
     if not np.isfinite(matrix).all():
         return None
     if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > (1 + MICRO) * np.sqrt(matrix[0, 0] * matrix[1, 1]):
@@ -194,9 +188,7 @@ def check_gel(path: Path | str, gel: Gel) -> None:
 
 def read_thickness_mm(path: Path | str) -> float | None:
     """Read the thickness of the gel from calibration.json; None if it is not in it."""
-    made_on = read_calibration(path).get("gel")
-    thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else made_on
-    return number(thickness, what="the thickness of the gel", where=path)
+    return _stated(path, "gel", "thickness_mm")
 
 
 def read_clock_offset(path: Path | str) -> float | None:
@@ -204,6 +196,9 @@ def read_clock_offset(path: Path | str) -> float | None:
 
     None if it is not in it.
     """
-    stated = read_calibration(path).get("clock_offset_s")
-    value = stated.get("value") if isinstance(stated, dict) else stated
-    return number(value, what="clock_offset_s", where=path)
+    return _stated(path, "clock_offset_s", "value")
+
+
+def _stated(path: Path | str, table: str, key: str) -> float | None:
+    found = read_calibration(path).get(table)
+    return number(found.get(key) if isinstance(found, dict) else found, what=table, where=path)
