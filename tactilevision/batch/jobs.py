@@ -184,9 +184,8 @@ def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap
     return ""
 
 
-_at_work: tuple[Recording, Job[Any], Journal | None] | None = (
-    None  # of this process: sent once, not with each frame
-)
+# of this process: sent once, not with each frame
+_at_work: tuple[Recording, Job[Any], Journal | None] | None = None
 
 
 def _start_worker(recording: Recording, job: Job[Any], journal: Journal | None) -> None:
@@ -247,30 +246,30 @@ def _results(
             journal.add(result)
             yield result
         return
-    with _take_off(recording, job, journal, count=count, cluster=cluster) as flight:
-        for result in flight.results(left):
+    with _start_pool(recording, job, journal, count=count, cluster=cluster) as tasks:
+        for result in tasks.results(left):
             if cluster is not None:
                 journal.add(result)
             yield result
 
 
 @contextmanager
-def _take_off(
+def _start_pool(
     recording: Recording, job: Job[R], journal: Journal, *, count: int, cluster: str | None
-) -> Iterator[_Flight[R]]:
+) -> Iterator[_Tasks[R]]:
     """Start `count` processes here, or connect to a cluster."""
     if cluster is None:
         with worker_pool(count, _start_worker, recording, job, journal) as local:
-            yield _Flight(local, recording, job, lambda: count)
+            yield _Tasks(local, recording, job, lambda: count)
         return
     frames_path = recording.frames_path and recording.frames_path.absolute()
     recording = replace(recording, path=recording.path.absolute(), frames_path=frames_path)
     with cluster_pool(cluster, _start_worker, recording, job, None) as remote:
-        yield _Flight(remote, recording, job, lambda: remote.width)
+        yield _Tasks(remote, recording, job, lambda: remote.width)
 
 
 @dataclass
-class _Flight(Generic[R]):
+class _Tasks(Generic[R]):
     """Submitted tasks, frames whose task ended its workers, and the number of frames in a task of TASK_S."""
 
     pool: Executor
@@ -283,20 +282,20 @@ class _Flight(Generic[R]):
 
     def results(self, left: list[int]) -> Iterator[R]:
         """Yield the records of the frames `left`."""
-        for numbers, frames in self.tasks(left):
+        for numbers, frames in self.parts(left):
             self.pending[self.pool.submit(_do, numbers, frames)] = numbers
             while len(self.pending) >= AHEAD * self.width():
-                yield from self.landed()
+                yield from self.finished()
         while self.pending:
-            yield from self.landed()
+            yield from self.finished()
         for number in sorted(self.suspects):
-            ((numbers, frames),) = self.tasks([number])
+            ((numbers, frames),) = self.parts([number])
             try:
                 yield from self.pool.submit(_do, numbers, frames).result()[0]
             except EndsWorkers:
                 yield self.job(_bad(self.recording, number, "it ended every process that worked on it"), number)
 
-    def tasks(self, left: list[int]) -> Iterator[tuple[list[int], list[Frame | BadFrame] | None]]:
+    def parts(self, left: list[int]) -> Iterator[tuple[list[int], list[Frame | BadFrame] | None]]:
         """Yield tasks: pictures are read by the workers themselves; of a video each frame is sent."""
         assert self.recording.frames_path is not None
         if not self.recording.frames_path.is_dir():
@@ -308,7 +307,7 @@ class _Flight(Generic[R]):
             size = min(self.size, -(-len(rest) // (2 * self.width())))
             yield [rest.popleft() for _ in range(size)], None
 
-    def landed(self) -> Iterator[R]:
+    def finished(self) -> Iterator[R]:
         """Yield the records of the tasks that are done, one at least."""
         for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
             numbers = self.pending.pop(future)

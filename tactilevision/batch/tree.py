@@ -73,7 +73,7 @@ def reconstruct_tree(
     """Write height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
 
     `read` opens a source; `light` makes its reconstructor; `method` names their way of reading. An interrupted run
-    is resumed: finished sources are known by their depth.csv. Raises InputError if no source is found.
+    is resumed: results of finished sources are kept next to their table. Raises InputError if no source is found.
     """
     if cluster is not None:
         check_cluster(cluster)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.profile import ProfileModel, PunchCase, seen_profile
-from tactilevision.mechanics.touch import touch_depth
+from tactilevision.mechanics.profile import ProfileModel, PunchCase, seen_profile, touch_depth
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Indenter
 
