@@ -97,7 +97,8 @@ def _box(k_x: Floats, k_y: Floats, width_mm: float) -> Floats:
 
 STEP_MM_OF_CELL = 0.5  # of a cell: step of the table over distance
 Waves = npt.NDArray[np.inexact[Any]]
-VOIGT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # place of each component among xx yy zz xy xz yz
+PAIRS = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])  # xx yy zz xy xz yz
+VOIGT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # place of each component among them
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,11 +133,9 @@ def layer_stress(
     box = _box(k_x, k_y, cell_mm) / step**2
     field = np.empty((len(depths_mm), count, count, 3, 6))
     for level, depth in enumerate(depths_mm):
-        waves = wave_stress(k, depth, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-        across = _across(k, depth, thickness_mm)
-        for load, entries in enumerate(_turned(waves, across, cosine, sine)):
-            for which, entry in enumerate(entries):
-                field[level, :, :, load, which] = np.fft.fftshift(fft.irfft2(entry * box, (count, count)))
+        waves = _stress_waves(k, cosine, sine, depth, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+        entries = fft.irfft2(waves[:, *PAIRS] * box, (count, count))
+        field[level] = np.moveaxis(np.fft.fftshift(entries, axes=(-2, -1)), (0, 1), (2, 3))
     return LayerStress(field, step)
 
 
@@ -171,29 +170,18 @@ def wave_stress(k: Floats, depth_mm: float, *, thickness_mm: float, poisson_rati
     return np.stack([*parts[0], *parts[1]])
 
 
-def _turned(waves: Floats, across: tuple[Floats, Floats], c: Floats, s: Floats) -> list[list[Waves]]:
-    """Return the stress entries (xx yy zz xy xz yz) in x, y, z for loads along x, y, z, complex."""
-    zero = np.zeros_like(waves[0])
-    normal = _rotated(waves[0], waves[1], waves[2], zero, 1j * waves[3], zero, c, s)
-    along = _rotated(-1j * waves[4], -1j * waves[5], -1j * waves[6], zero, waves[7], zero, c, s)
-    sideways = _rotated(zero, zero, zero, 1j * across[0], zero, across[1], c, s)
-    by_x = [c * one - s * other for one, other in zip(along, sideways, strict=True)]
-    by_y = [s * one + c * other for one, other in zip(along, sideways, strict=True)]
-    return [by_x, by_y, normal]
-
-
-def _rotated(
-    ll: Waves, tt: Waves, zz: Waves, lt: Waves, lz: Waves, tz: Waves, c: Floats, s: Floats
-) -> list[Waves]:
-    """Return xx yy zz xy xz yz of a tensor given along L = (c, s) and T = (-s, c)."""
-    return [
-        c * c * ll + s * s * tt - 2 * c * s * lt,
-        s * s * ll + c * c * tt + 2 * c * s * lt,
-        zz,
-        c * s * (ll - tt) + (c * c - s * s) * lt,
-        c * lz - s * tz,
-        s * lz + c * tz,
-    ]
+def _stress_waves(
+    k: Floats, c: Floats, s: Floats, depth_mm: float, *, thickness_mm: float, poisson_ratio: float
+) -> Waves:
+    """Return the stress (3 loads, 3, 3, ky, kx) in x, y, z, from that along L = (c, s), T = (-s, c) and z."""
+    p = wave_stress(k, depth_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+    (lt, tz), o = _across(k, depth_mm, thickness_mm), np.zeros_like(k)
+    along = [[-1j * p[4], o, p[7]], [o, -1j * p[5], o], [p[7], o, -1j * p[6]]]
+    across = [[o, 1j * lt, o], [1j * lt, o, tz], [o, tz, o]]
+    normal = [[p[0], o, 1j * p[3]], [o, p[1], o], [1j * p[3], o, p[2]]]
+    turn = np.array([[c, -s, o], [s, c, o], [o, o, np.ones_like(k)]])
+    turned = np.einsum("la...,im...,jn...,amn...->lij...", turn, turn, turn, np.array([along, across, normal]))
+    return np.asarray(turned)
 
 
 def _across(k: Floats, depth_mm: float, thickness_mm: float) -> tuple[Floats, Floats]:
