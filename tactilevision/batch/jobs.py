@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -114,8 +114,7 @@ class Journal:
         found: dict[str, R] = {}
         for line in lines[:-1] if fingerprint == self.fingerprint else ():
             with suppress(OSError, ValueError, TypeError, AttributeError):  # damaged
-                parts = {name: tuple(v) if isinstance(v, list) else v for name, v in json.loads(line).items()}
-                if kept(result := record(**parts)):
+                if kept(result := _restored(record, line)):
                     found[result.frame] = result
         return found
 
@@ -135,6 +134,16 @@ class Journal:
 def as_line(result: Any) -> str:
     """Return a record as a line of JSON."""
     return json.dumps(asdict(result)) + "\n"
+
+
+def _restored(record: type[R], line: str) -> R:
+    """Return the record of a line; raise ValueError, TypeError or AttributeError where it is damaged."""
+    parts = {name: tuple(one) if isinstance(one, list) else one for name, one in json.loads(line).items()}
+    result, kinds = record(**parts), {"str": str, "float": float, "bool": bool}
+    for part in fields(result):  # type: ignore[arg-type]  # a dataclass
+        if not isinstance(getattr(result, part.name), kinds.get(str(part.type), tuple)):
+            raise TypeError(part.name)
+    return result
 
 
 def run_job(

@@ -152,7 +152,7 @@ KEY, LAYER, LAYER_SLOPE, SIDES, SIDES_LOWER = "key", "layer", "layer_slope", "si
 
 
 def as_arrays(made: GelCompliance) -> dict[str, npt.NDArray[Any]]:
-    """Return all that is computed of a compliance with slopes, mm/MPa at modulus 1 MPa, under its key."""
+    """Return all that is computed of a compliance with slopes, mm/MPa at modulus 1 MPa, any shape, and its key."""
     assert made.slopes is not None
     key = np.array(_key(made.gel, made.grid, made.poisson_ratio))
     sides = {SIDES: made.sides, SIDES_LOWER: made.slopes.sides}

@@ -467,7 +467,7 @@ def _wall_forces(mesh: GelMesh, wall: WallPoints, field: LayerStress, places_mm:
 
 
 def from_side(gel: Gel, places_mm: Floats) -> Floats:
-    """Return the distance of places (..., 2) from the nearest side; below 0 outside."""
+    """Return the distance in mm of places (..., 2) from the nearest side; below 0 outside."""
     if gel.radius_mm is not None and gel.shape == "disc":
         return np.asarray(gel.radius_mm - np.linalg.norm(places_mm, axis=-1))
     if gel.size_mm is not None and gel.shape == "rectangle":

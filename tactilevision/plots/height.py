@@ -116,7 +116,7 @@ def relief(
     limits: tuple[float, float],
     cmap: str = style.DEPTH_MAP,
 ) -> float:
-    """Draw a field (H, W), downwards, with `most` points along a side; return its vertical scale."""
+    """Draw a field (H, W) in mm, downwards, with `most` points along a side; return its vertical scale."""
     step = max(1, -(-max(field_mm.shape) // most))
     coarse = field_mm[::step, ::step]
     x, y = np.meshgrid(*(np.arange(n) * step * s for n, s in zip(coarse.shape[::-1], mm_per_px, strict=True)))
@@ -189,7 +189,7 @@ def titled(height: HeightMap, what: str, *, between: str = "\n") -> str:
 
 
 def known_mm(height: HeightMap) -> Floats:
-    """Return the depth (H, W), NaN where it is not known."""
+    """Return the depth (H, W) in mm, NaN where it is not known."""
     return np.where(height.valid, height.depth_mm, np.nan).astype(np.float64)
 
 

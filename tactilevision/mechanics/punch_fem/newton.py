@@ -83,8 +83,8 @@ def at_rest(model: Model) -> State:
 def solve_step(
     system: Equations, last: State, *, depth_mm: float, guess: tuple[Floats, Floats], patient: bool = False
 ) -> State | str:
-    """Return the equilibrium at `depth_mm`, from the converged `last` and a guess (u (n,), pressure), or why there
-    is none.
+    """Return the equilibrium at `depth_mm`, from the converged `last` and a guess (u (n,) in mm, pressure), or
+    why there is none.
 
     Where the guess has another depth, the first iteration is the tangent predictor. `patient`
     goes on where a shorter step would usually be cheaper.

@@ -99,8 +99,8 @@ def _demand(known: Bools, depth: Floats, contact: FlatContact, material: Materia
 # cancel.
 
 EDGE_OVER_H = USUAL.edges_over_h[0]  # edge radius of the table's punch over h
-POISSON_RANGE = USUAL.poisson_ratios[0], USUAL.poisson_ratios[-1]
-A_OVER_H_RANGE = USUAL.a_over_h[0], USUAL.a_over_h[-1]
+POISSON_RANGE = USUAL.poisson_ratios[0], USUAL.poisson_ratios[-1]  # Poisson's ratio of the table
+A_OVER_H_RANGE = USUAL.a_over_h[0], USUAL.a_over_h[-1]  # a/h of the table
 DEEPEST = DEPTHS[-1]  # w/h of the table
 
 
