@@ -17,12 +17,11 @@ from tactilevision.batch.tree import Branch, reconstruct_tree
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
 from tactilevision.force import comparison
-from tactilevision.force.calibrated import Sensitivity, read_clock_offset, read_material
-from tactilevision.force.folder import force_folder, force_job, with_gel
-from tactilevision.force.frame import ForceJob, FrameForce
+from tactilevision.force.calibrated import Sensitivity, material_sensitivity, read_clock_offset, read_material
+from tactilevision.force.frame import ForceJob, FrameForce, force_folder, force_job, with_gel
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.plots import force as draw, style
-from tactilevision.plots.height import draw_height_and_frame
+from tactilevision.plots.height import draw_height
 from tactilevision.press.certified_faces import FaceDepthCorrection
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
@@ -150,7 +149,7 @@ def _draw(
     for number in strongest_frames(recording, depth, most=most):
         frame = read_frame(recording, number)
         height = anchor(reconstructor.height_map(frame))
-        figure = draw_height_and_frame(reconstructor.rectified(frame), height)
+        figure = draw_height(height, reconstructor.rectified(frame))
         path = folder / f"{Path(frame.name).stem}_depth.png"
         style.save_figure(figure, path)
         console.say(f"wrote {path}")
@@ -188,7 +187,7 @@ def force(
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")
-    shear, compared = comparison.shear_summary(read), comparison.whole_residuals(rows, recording.force_std_N)
+    shear, compared = comparison.shear_summary(read), comparison.residuals(rows, recording.force_std_N)
     _say_shear(shear)
     measured = _say_residuals(compared, has_offset=not recording.presses)
     written = comparison.write_comparison(recording, rows, folder=out / "beside")
@@ -240,7 +239,7 @@ def _job(
         out=out,
         form=form,
         untouched=sensor.untouched if sensor else None,
-        compliance=sensor.compliance if sensor and calibration is None else None,
+        compliance=sensor.profile.compliance if sensor and calibration is None else None,
     )
     return replace(job, anchor=anchor)
 
@@ -295,7 +294,8 @@ def _figures(
     best = int(np.nanargmax(strength)) if np.isfinite(strength).any() else -1
     if best >= 0 and strength[best] > 0:
         solved = job.solve(read_frame(recording, best))
-        sensitivity = _sensitivity(solved.found, job.sensitivity(solved), folder)
+        ranges = material_sensitivity(job.field, solved.found, solved.height, solved.shear)
+        sensitivity = _sensitivity(solved.found, ranges, folder)
     style.save_figure(draw.draw_resultants(rows, recording.presses), folder / "resultants.png")
     if compared is not None:
         style.save_figure(draw.draw_residuals(compared), folder / "residuals.png")

@@ -33,8 +33,8 @@ from tactilevision.press.certified_faces import (
 )
 from tactilevision.press.step_validation import flat_steps
 from tactilevision.profile.ball_guide import Guide, Session, start_table
-from tactilevision.profile.make import make_profile
 from tactilevision.profile.model import Profile
+from tactilevision.profile.sensor import make_profile
 from tactilevision.profile.storage import SUFFIX, check_name, read_profile, write_profile
 from tactilevision.recording.model import Recording
 

@@ -24,7 +24,7 @@ from tactilevision.batch.selection import (
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError, check_known
 from tactilevision.files.exports import EXPORTS, UNKNOWN, export as write
-from tactilevision.force.comparison import Readings
+from tactilevision.force.frame import Readings
 from tactilevision.heightmap.deviation import contributions_mm
 from tactilevision.heightmap.reconstructor import Reading, Reconstructor
 from tactilevision.plots import height as draw, style, viewer
@@ -119,7 +119,7 @@ def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict
         "normals": draw.draw_normals(height),
     }
     if rgb is not None:
-        figures["frame"] = draw.draw_overlay(rgb, height, footprint=None)
+        figures["frame"] = draw.draw_overlay(rgb, height)
     if other is not None:
         title = f"{height.name} minus {other.name}"
         figures[f"minus_{Path(other.name).stem}"] = draw.draw_difference(other, height, title=title)
