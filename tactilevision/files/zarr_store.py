@@ -1,7 +1,6 @@
 """Write a height map, or fields of many frames, as a Zarr store of format 2.
 
-Every frame is one chunk and so one file, written whole: many processes fill one store. Chunks are not compressed,
-since the noise of depths does not pack. Source: Zarr storage specification, version 2.
+Every frame is one chunk and so one file, written whole: many processes fill one store.
 """
 
 from __future__ import annotations
@@ -10,18 +9,23 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.errors import InputError
 from tactilevision.files.tiff import masked
 from tactilevision.files.writing import output_errors, unfinished
 from tactilevision.records.maps import HeightMap
 
 Singles = npt.NDArray[np.float32]
+ZARR_THREADS = "zarr.core.sync"  # where zarr 3 keeps them
 
 
 def write_zarr(path: Path | str, height: HeightMap) -> None:
@@ -38,10 +42,13 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
         "flags": list(height.flags),
     }
     with output_errors(path):
-        _begin(scratch, about)
+        group = _new_group(scratch, about)
         for name, values in fields.items():
-            _begin_array(scratch / name, values.shape, values.shape, about=_field("mm", "y", "x"))
-            (scratch / name / "0.0").write_bytes(_packed(values))
+            array = group.create_array(
+                name, shape=values.shape, chunks=values.shape, dtype="f4", fill_value=np.nan
+            )
+            array.attrs.update({"unit": "mm", "_ARRAY_DIMENSIONS": ["y", "x"]})
+            array[:] = values
         _move(scratch, path)
 
 
@@ -54,64 +61,57 @@ def begin_frames(
     about: Mapping[str, Any],
 ) -> None:
     """Make a store of `fields` (name: unit), (frames, rows, columns) float32 of NaN, and of `frame`, the names."""
-    names = np.array(list(frames), dtype=np.str_)
-    with output_errors(scratch):
-        _begin(scratch, about)
+    with output_errors(scratch), _own_threads():
+        group = _new_group(scratch, about)
         for name, unit in fields.items():
-            whole = (len(frames), *shape)
-            _begin_array(scratch / name, whole, (1, *shape), about=_field(unit, "frame", "y", "x"))
-        dtype = names.dtype.newbyteorder("<")
-        listed = {"_ARRAY_DIMENSIONS": ["frame"]}
-        _begin_array(scratch / "frame", names.shape, names.shape, dtype=dtype.str, fill_value="", about=listed)
-        (scratch / "frame" / "0").write_bytes(names.astype(dtype).tobytes())
+            array = group.create_array(
+                name, shape=(len(frames), *shape), chunks=(1, *shape), dtype="f4", fill_value=np.nan
+            )
+            array.attrs.update({"unit": unit, "_ARRAY_DIMENSIONS": ["frame", "y", "x"]})
+        names = np.array(list(frames), dtype=np.str_)
+        listed = group.create_array("frame", shape=names.shape, dtype=names.dtype)
+        listed.attrs["_ARRAY_DIMENSIONS"] = ["frame"]
+        listed[:] = names
 
 
 def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) -> None:
-    """Write one frame's fields, (rows, columns) each."""
+    """Write one frame's fields; (rows, columns) each, as zarr writes a chunk, without its threads."""
     with output_errors(scratch):
         for name, values in fields.items():
-            chunk = scratch / name / ".".join([str(number)] + ["0"] * values.ndim)
+            folder = scratch / name
+            made = (folder / ".zarray").stat()  # a cluster's worker may write many stores to one path
+            codec = _codec(str(folder), (made.st_ino, made.st_mtime_ns))
+            chunk = folder / ".".join([str(number)] + ["0"] * values.ndim)
             partial = chunk.with_name(f"{chunk.name}.{uuid.uuid4().hex}.partial")
-            partial.write_bytes(_packed(values))
+            partial.write_bytes(codec.encode(np.ascontiguousarray(values, "<f4")))
             os.replace(partial, chunk)
 
 
 def end_frames(scratch: Path, path: Path) -> None:
     """Move the finished store to its place, without partial files of killed writers."""
+    _codec.cache_clear()
     with output_errors(path):
         for left in list(scratch.rglob("*.partial")):
             left.unlink()
         _move(scratch, path)
 
 
-def _packed(values: Singles) -> bytes:
-    return np.ascontiguousarray(values, "<f4").tobytes()
+@lru_cache(maxsize=16)
+def _codec(folder: str, made: tuple[int, int]) -> Any:
+    """Return the codec of a field's chunks. Raises InputError if zarr is missing."""
+    _zarr()
+    import numcodecs  # type: ignore[import-untyped]  # comes with zarr
+
+    return numcodecs.get_codec(json.loads((Path(folder) / ".zarray").read_text())["compressor"])
 
 
-def _field(unit: str, *dimensions: str) -> dict[str, Any]:
-    return {"unit": unit, "_ARRAY_DIMENSIONS": list(dimensions)}
-
-
-def _begin(scratch: Path, about: Mapping[str, Any]) -> None:
+def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
+    _codec.cache_clear()
     shutil.rmtree(scratch, ignore_errors=True)
-    scratch.mkdir(parents=True)
-    (scratch / ".zgroup").write_text(json.dumps({"zarr_format": 2}))
-    (scratch / ".zattrs").write_text(json.dumps(dict(about)))
-
-
-def _begin_array(
-    folder: Path,
-    shape: tuple[int, ...],
-    chunks: tuple[int, ...],
-    *,
-    dtype: str = "<f4",
-    fill_value: str = "NaN",
-    about: Mapping[str, Any],
-) -> None:
-    layout = {"zarr_format": 2, "shape": shape, "chunks": chunks, "dtype": dtype, "fill_value": fill_value}
-    folder.mkdir()
-    (folder / ".zarray").write_text(json.dumps(layout | {"order": "C", "compressor": None, "filters": None}))
-    (folder / ".zattrs").write_text(json.dumps(dict(about)))
+    scratch.parent.mkdir(parents=True, exist_ok=True)
+    group = _zarr().open_group(str(scratch), mode="w", zarr_format=2)
+    group.attrs.update(dict(about))
+    return group
 
 
 def settle(path: Path) -> None:
@@ -133,3 +133,42 @@ def _move(scratch: Path, path: Path) -> None:
 
 def _old(path: Path) -> Path:
     return path.with_name(f".{path.name}-old")
+
+
+@contextmanager
+def _own_threads() -> Iterator[None]:
+    """End zarr's threads if they were started inside, so that workers can be forked (files/runs.py)."""
+    _zarr()
+    if _loop_and_thread() is not None:  # started by others, who may be using them
+        yield
+        return
+    try:
+        yield
+    finally:
+        begun = _loop_and_thread()
+        if begun is not None:
+            loop, thread = begun
+            loop.call_soon_threadsafe(loop.stop)
+            thread.join()  # zarr itself waits .2 s, which is too short on a busy machine
+            import_module(ZARR_THREADS).cleanup_resources()
+
+
+def _loop_and_thread() -> tuple[Any, Any] | None:
+    """Return zarr's event loop and thread; None of a version that keeps them elsewhere."""
+    with suppress(ImportError, AttributeError):
+        sync = import_module(ZARR_THREADS)
+        if sync.loop[0] is not None and sync.iothread[0] is not None:
+            return sync.loop[0], sync.iothread[0]
+    return None
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ImportError as fault:
+        raise InputError(
+            "the package zarr is not installed",
+            where="--format zarr",
+            remedy="pip install zarr, or choose another format.",
+        ) from fault
+    return zarr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -117,3 +118,19 @@ def test_a_store_that_cannot_be_filled_is_an_output_error(tmp_path: Path) -> Non
     write_frame(scratch, 0, fields={"depth_mm": np.zeros((4, 5), np.float32)})
     with pytest.raises(OutputError, match="cannot be written"):
         write_frame(scratch, 1, fields={"depth_mm": np.zeros((4, 5), np.float32)})
+
+
+def test_a_store_is_begun_without_leaving_threads_behind(tmp_path: Path) -> None:
+    """Workers can then be copies of the process. Zarr works on, here and where somebody uses it already."""
+    sync = pytest.importorskip("zarr.core.sync")
+    sync.cleanup_resources()
+    for number in range(2):
+        begin_frames(tmp_path / f"{number}", ["a", "b"], fields={"depth_mm": "mm"}, shape=(3, 4), about={})
+        assert sync.loop[0] is None
+        assert "zarr_io" not in {thread.name for thread in threading.enumerate()}
+    assert list(zarr.open_group(str(tmp_path / "1"), mode="r")["frame"][:]) == ["a", "b"]
+    used = sync.loop[0]
+    begin_frames(tmp_path / "other", ["a"], fields={"depth_mm": "mm"}, shape=(3, 4), about={})
+    assert used is not None
+    assert sync.loop[0] is used
+    assert used.is_running()
