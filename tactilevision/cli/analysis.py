@@ -270,7 +270,7 @@ def _export(shown: Shown, opened: Opened, out: Path) -> Path:
     assert shown.now is not None
     found = replace(shown.now.found, suggested=shown.suggested)
     history = replace(shown.history, applied=True)
-    commands = folders.commands_after_comparison(found, replace(history, seed=0), opened.files)
+    commands = folders.commands_after_comparison(found, history, opened.files)
     title = f"Comparison of {opened.title}"
     folders.write_comparison(found, history, title=title, out=out, try_next=commands, listener=console)
     return out / "report.html"

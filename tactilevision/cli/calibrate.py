@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -100,11 +99,13 @@ def plan(
 
     Give --radius, --heights and --thickness, or a RECORDING that states them.
     """
-    if recording is None and thickness is None:
-        raise InputError(
-            "the gel's thickness is needed", where="--thickness", remedy="Give it in mm, or name a recording."
-        )
-    design = Design(Gel(math.nan), ()) if recording is None else _read(recording)
+    if recording is not None:
+        design = _read(recording)
+    elif thickness is not None:
+        design = Design(Gel(thickness), ())
+    else:
+        remedy = "Give it in mm, or name a recording."
+        raise InputError("the gel's thickness is needed", where="--thickness", remedy=remedy)
     guess = _range("--poisson-ratio", poisson_ratio, design.poisson_ratio)
     gel = console.stated(
         design.gel,

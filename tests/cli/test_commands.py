@@ -286,3 +286,10 @@ def test_the_list_of_commands_is_printed_without_importing_one() -> None:
     for name in group.list_commands(None):  # type: ignore[attr-defined]
         assert f"  {name} " in found.stdout
         assert group.get_command(None, name).help, name  # type: ignore[attr-defined]
+
+
+def test_a_misspelt_command_is_named_with_those_alike(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "dept") == 2
+    assert "Did you mean 'depth'" in capsys.readouterr().err
