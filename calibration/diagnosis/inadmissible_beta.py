@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.effects import EFFECTS
-from calibration.fit.least_squares import Fit, Problem
+from calibration.fit.least_squares import Fit, Problem, r_squared
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Model
 from calibration.model.stages import THICKNESS, Effect
@@ -107,6 +107,4 @@ def straightness(data: Observations, force_N: Floats) -> float:
     inside = data.depth_mm > 0.05 * np.max(data.depth_mm)
     strain = data.depth_mm[inside] / data.gel.thickness_mm
     per_depth = force_N[inside] / data.depth_mm[inside]
-    line = np.polyval(np.polyfit(strain, per_depth, 1), strain)
-    total = float(np.sum((per_depth - per_depth.mean()) ** 2))
-    return 1 - float(np.sum((per_depth - line) ** 2)) / total if total > 0 else float("nan")
+    return r_squared(per_depth, np.asarray(np.polyval(np.polyfit(strain, per_depth, 1), strain), dtype=float))

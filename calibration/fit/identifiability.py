@@ -14,9 +14,9 @@ a share t of it costs t^2 D, so 95 % intervals extend a share 1.96/sqrt(D) of th
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from tactilevision.records.measured import Estimate, Floats, Pair
 
 NODES = 201  # nu at which E's interval is taken
 UNFIXED = 0.6  # of silicones' range: several radii determine nu where its interval is shorter
-_STUCK: deque[tuple[Fit, Fit]] = deque(maxlen=4)
+KEPT = 4  # fits whose rivals are cached
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,51 +45,35 @@ class Rival:
     share: float
 
 
-_RIVALS: deque[tuple[Fit, tuple[Rival, ...]]] = deque(maxlen=4)
-
-
+@lru_cache(maxsize=KEPT)
 def rivals(fitted: Fit) -> tuple[Rival, ...]:
     """Return fits with a sticking gel, rounded edges, and both; none where nu is fixed.
 
-    Cached for the last few fits. Raises ConvergenceError where one cannot be fitted.
+    Raises ConvergenceError where one cannot be fitted.
     """
-    for known, found in _RIVALS:
-        if known is fitted:
-            return found
-    others = tuple(_rivals(fitted))
-    _RIVALS.append((fitted, others))
-    return others
-
-
-def _rivals(fitted: Fit) -> Iterator[Rival]:
     law, data = fitted.model.law, fitted.data
     fixed = fitted.parameters[fitted.index("poisson_ratio")].fixed
     if fixed or np.unique(data.presses.radius_mm).size == 1 or not isinstance(law, FlatPunch):
-        return
+        return ()
     known = _fits(fitted, EDGE) or all(i.edge_radius_mm is not None for i in data.indenters)
     sticking = stuck(fitted)
     laws = [law] if sticking is None else [law, replace(law, sticking=1.0)]
     fits = [] if known else [_again(fitted, one, with_usual_edges(data)) for one in laws]
     fits += [] if sticking is None else [sticking]
-    for one in fits:
-        yield Rival(one, min(Z95 / max(one.chi2 - fitted.chi2, TINY) ** 0.5, 1.0))
+    return tuple(Rival(one, min(Z95 / max(one.chi2 - fitted.chi2, TINY) ** 0.5, 1.0)) for one in fits)
 
 
+@lru_cache(maxsize=KEPT)
 def stuck(fitted: Fit) -> Fit | None:
     """Return the fit with a sticking gel; None where it already sticks or slides, or its friction is fitted.
 
-    Cached for the last few fits. Raises ConvergenceError where it cannot be fitted.
+    Raises ConvergenceError where it cannot be fitted.
     """
     law = fitted.model.law
     slides = fitted.data.lubricated or _fits(fitted, STICKING)
     if slides or not isinstance(law, FlatPunch) or law.sticking == 1:
         return None
-    for known, found in _STUCK:
-        if known is fitted:
-            return found
-    found = _again(fitted, replace(law, sticking=1.0), fitted.data)
-    _STUCK.append((fitted, found))
-    return found
+    return _again(fitted, replace(law, sticking=1.0), fitted.data)
 
 
 def _fits(fitted: Fit, condition: str) -> bool:
@@ -111,13 +95,11 @@ def with_usual_edges(data: Observations) -> Observations:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """The material as far as it is determined. `source` of nu; `covariance` of (E, nu, c, beta)."""
+    """E and nu as far as they are determined. `source` of nu; `covariance` of (E, nu, c, beta)."""
 
     youngs_modulus: Estimate
     poisson_ratio: Estimate
     reduced_modulus: Estimate
-    c: Estimate
-    beta: Estimate
     source: str
     covariance: Floats
     modulus_of_nu: tuple[Pair, ...]
@@ -125,12 +107,11 @@ class Identified:
 
 
 def identify(fitted: Fit) -> Identified:
-    """Return the material from a fit of the FlatPunch law with any effects."""
+    """Return E and nu from a fit of the FlatPunch law with any effects."""
     radius = main_radius(fitted)
     assumptions: list[str] = []
     others = _others(fitted)
     nu, source = _poisson(fitted, others, assumptions)
-    c = stiffness_of(fitted, radius)
     spread = _spread(fitted, nu, radius)
     deep = finite_depth(fitted, nu, radius_mm=radius)
     if deep is not None:
@@ -153,8 +134,6 @@ def identify(fitted: Fit) -> Identified:
         youngs_modulus=modulus,
         poisson_ratio=nu,
         reduced_modulus=reduced,
-        c=c,
-        beta=bend_of(fitted, radius),
         source=source,
         covariance=_covariance(fitted, radius, deep),
         modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius=radius, deep=deep),

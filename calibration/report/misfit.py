@@ -52,18 +52,6 @@ def force_curves(fits: Mapping[str, Fit]) -> ForceCurves:
     return ForceCurves(models, tuple(presses), data.is_curves)
 
 
-def force_of_effect(fitted: Fit, key: str) -> Floats:
-    """Return the change of the force (N,), N, by one effect of a fitted model, all else fixed.
-
-    Raises InputError where the model has no such effect.
-    """
-    places = fitted.model.slices(fitted.data)
-    if key not in fitted.model.keys:
-        raise InputError("the model has no such effect", where=fitted.model.name, value=key)
-    values = np.delete(fitted.values, places[key])
-    return np.asarray(fitted.force_N - fitted.model.without(key).predict(values, fitted.data))
-
-
 def same_samples(fits: Mapping[str, Fit]) -> tuple[str, ...]:
     """Return the fits' names. Raises InputError for none, or for fits to different samples."""
     every = list(fits.values())

@@ -27,7 +27,7 @@ from calibration.laws.theory import (
 )
 from calibration.model.composition import Model
 from calibration.result.poisson_routes import CONTRARY, HIGHEST, contradictions, holding_each, of_fit
-from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.result.result import CalibrationResult, common_assumptions
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.records.constants import NU_MAX
@@ -147,9 +147,7 @@ def published_route(fitted: Fit) -> CalibrationResult:
         youngs_modulus=found["E"], poisson_ratio=found["nu"], poisson_ratio_source="beta", c=c, beta=beta,
         reduced_modulus=found["reduced"],
         youngs_modulus_of_nu=tuple((nu, modulus_at(c.value, nu, radius_mm=radius)) for nu in NU_TABLE),
-        covariance=np.asarray(rows @ fitted.covariance @ rows.T), law="paper", r_squared=r_squared(fitted),
-        rms_error_N=fitted.rms_error_N, noise_floor_N=repeatability_rms(fitted), clock_offset=NO_CLOCK,
-        fitted=fitted, presses_accepted=data.presses.label,
+        covariance=np.asarray(rows @ fitted.covariance @ rows.T), fitted=fitted,
         assumptions=(*_assumptions(fitted, radius), *common_assumptions(fitted)),
         warnings=(*fitted.warnings, *data.warnings, *([outside] if outside else [])),
         flags=("beta_outside_theory",) if outside else (),
@@ -262,9 +260,7 @@ def of_round(fitted: Fit) -> CalibrationResult:
         youngs_modulus=modulus, poisson_ratio=nu, poisson_ratio_source="prior",
         c=Estimate(None, None, None, "N/mm", NO_C), beta=fitted.estimate("beta"),
         reduced_modulus=_reduced(fitted, modulus), youngs_modulus_of_nu=curve, covariance=_covariance(fitted),
-        law=fitted.model.law.key, r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N,
-        noise_floor_N=repeatability_rms(fitted), clock_offset=NO_CLOCK, fitted=fitted,
-        presses_accepted=fitted.data.presses.label, assumptions=tuple(lines),
+        fitted=fitted, assumptions=tuple(lines),
         warnings=(*fitted.warnings, *fitted.data.warnings),
     )  # fmt: skip
 
@@ -339,6 +335,7 @@ def determine_material(fitted: Fit) -> CalibrationResult:
         found = of_round(fitted)
     else:
         found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
+    found = replace(found, noise_floor_N=repeatability_rms(fitted))
     checks = (
         (FLAG, outside_gels(found.youngs_modulus)),
         (NU_FLAG, stated_outside_gels(fitted.data.gel)),
@@ -377,9 +374,7 @@ def _of_default(fitted: Fit) -> CalibrationResult:
     return CalibrationResult(
         youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
         c=c, beta=bend, reduced_modulus=known.reduced_modulus,
-        youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, law=fitted.model.law.key,
-        r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N, noise_floor_N=repeatability_rms(fitted),
-        clock_offset=NO_CLOCK, fitted=fitted, presses_accepted=fitted.data.presses.label,
+        youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, fitted=fitted,
         by_radius=lines, assumptions=(*common_assumptions(fitted), *known.assumptions),
         warnings=(*fitted.warnings, *fitted.data.warnings, *filter(None, (outside, deep))),
         flags=("beta_outside_theory",) if outside else (),
