@@ -119,7 +119,7 @@ def _presses(
         order=data.count + np.arange(float(COUNT)),
     )
     size = COUNT * depth.size
-    usual = {
+    usual: dict[str, Any] = {
         name: np.full(size, float(np.median(getattr(data, name))))
         for name in ("temperature_C", "depth_std_mm", "force_std_N")
     }

@@ -24,7 +24,7 @@ QUALITY = 85  # of a JPEG for display
 
 def _state(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
     """Return the state once it differs from the version that the page has."""
-    bench.wait(int(asked.get("since", "0")), PATIENCE_S, tab=asked.get("tab", "")[:40])
+    bench.wait(int(asked.get("since", "0")), PATIENCE_S)
     return state_view(bench)
 
 

@@ -55,7 +55,7 @@ def state_view(bench: Bench) -> dict[str, Any]:
         "stoppable": bench.stoppable,
         "notice": shown.notice,
         "saved": shown.saved,
-        "warnings": [*opened.warnings, *_changed(shown)],
+        "warnings": [*opened.warnings, *[shown.changed] * bool(shown.changed)],
         "model": _model_number(shown),
         "looked": shown.now is not None and shown.now.rng is not None,
         "undo": bool(shown.track.past),
@@ -73,13 +73,6 @@ def state_view(bench: Bench) -> dict[str, Any]:
         "weeks": [_week(row) for row in shown.weeks],
         "sides": None if shown.sides is None else _sides(shown),
     }
-
-
-def _changed(shown: Shown) -> list[str]:
-    if shown.tabs == 1:
-        return [shown.changed] * bool(shown.changed)
-    tabs = f"this analysis is open in {shown.tabs} tabs: all show the same state, and each can change it"
-    return [*[shown.changed] * bool(shown.changed), tabs]
 
 
 def _model_number(shown: Shown) -> str:

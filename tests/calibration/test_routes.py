@@ -16,7 +16,7 @@ from calibration.result.poisson_routes import informed, of_beta
 from calibration.result.result import CalibrationResult
 from calibration.result.uncertainty import joint_picture
 from calibration.tasks.calibrate import calibrate, observe
-from calibration.tasks.compare import plain_law, prepare
+from calibration.tasks.compare import completed, plain_law, prepare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
@@ -103,7 +103,8 @@ def calibrated_wrongly() -> CalibrationResult:
 
 
 def test_a_comparison_reaches_to_each_route_as_a_calibration_does() -> None:
-    found = plain_law(prepare(observe([stated_wrongly()])), rng=None).models[0].material
+    compared = completed(plain_law(prepare(observe([stated_wrongly()]))), np.random.default_rng(0))
+    found = compared.models[0].material
     alone = calibrated_wrongly()
     assert found is not None
     assert any("widened to reach to each" in line for line in found.warnings)
