@@ -393,14 +393,14 @@ def equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tu
     for other in candidates:
         if other.effect.key == best.effect.key or not inside(other):
             continue
-        if other.cost - best.cost < AS_GOOD or _apart(current, best, other.effect) < TOLD_APART:
+        if other.cost - best.cost < AS_GOOD or apart(current, best, other.effect) < TOLD_APART:
             kept.append(other)
     return tuple(kept)
 
 
-def _apart(current: Fit, best: Candidate, other: Effect) -> float:
-    """Return the separation in std; inf where the other cannot be fitted to the best."""
+def apart(base: Fit, one: Candidate, other: Effect) -> float:
+    """Return the separation in std; inf where the other cannot be fitted to the candidate."""
     try:
-        return separation(current, best, other)
+        return separation(base, one, other)
     except CANNOT_FIT:
         return float("inf")

@@ -9,7 +9,7 @@ error. The minimiser is certified on the NIST StRD problems.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -60,6 +60,13 @@ class Box:
     low: Floats
     high: Floats
     scale: Floats
+
+
+def box_of(parameters: Sequence[Parameter]) -> Box:
+    """Return the bounds and scales of the parameters that are not fixed."""
+    free = [p for p in parameters if not p.fixed]
+    low, high = (np.array([p.bounds[side] for p in free]) for side in (0, 1))
+    return Box(low, high, np.array([p.scale for p in free]))
 
 
 def minimise(
@@ -324,9 +331,7 @@ class Problem:
     @property
     def box(self) -> Box:
         """Bounds and scales of the free parameters."""
-        table = [p for p in self.parameters if not p.fixed]
-        low, high = (np.array([p.bounds[k] for p in table]) for k in (0, 1))
-        return Box(low, high, np.array([p.scale for p in table]))
+        return box_of(self.parameters)
 
     def full(self, free_values: Floats) -> Floats:
         """Return all values from the free ones."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -101,23 +102,29 @@ def _distinct(scored: Sequence[Scored]) -> list[str]:
 def _strip(
     covariate: Covariate, data: Observations, residual_N: Floats, *, p: tuple[float, ...], trend: tuple[float, ...]
 ) -> Strip:
-    number = bins(covariate, most_bins(covariate.name))
-    rows = [np.flatnonzero(number == k) for k in range(int(number.max()) + 1)]
-    count = np.array([row.size for row in rows])
-    mean = np.array([[one[row].mean() for row in rows] for one in residual_N])
-    spread = np.array([[one[row].std(ddof=1) if row.size > 1 else np.nan for row in rows] for one in residual_N])
+    centre, mean, reach = binned(covariate, residual_N)
     return Strip(
         name=covariate.name,
         words=wording.covariate(covariate.name),
         unit=covariate.unit,
         levels=levels(covariate.name, data),
         values=covariate.values,
-        centre=np.array([covariate.values[row].mean() for row in rows]),
+        centre=centre,
         mean_N=mean,
-        reach95_N=Z95 * spread / np.sqrt(count),
+        reach95_N=reach,
         p_adjusted=p,
         p_trend=trend,
     )
+
+
+def binned(covariate: Covariate, values: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the bins' centres (k,), the means (m, k) of values (m, N) there and their 95 % half widths (m, k)."""
+    number = bins(covariate, most_bins(covariate.name))
+    rows = [np.flatnonzero(number == k) for k in range(int(number.max()) + 1)]
+    mean = np.array([[one[row].mean() for row in rows] for one in values])
+    spread = np.array([[one[row].std(ddof=1) if row.size > 1 else np.nan for row in rows] for one in values])
+    reach = Z95 * spread / np.sqrt([row.size for row in rows])
+    return np.array([covariate.values[row].mean() for row in rows]), mean, reach
 
 
 def most_bins(name: str) -> int:
@@ -155,15 +162,10 @@ def repeatability_band(fitted: Fit, repeatability: float) -> Pair | None:
 
 def error_fall_of_comparison(found: Comparison) -> ErrorFall:
     """Return the error of the models in the order in which effects were added."""
-    held_out = all(math.isfinite(one.held_out_N) for one in found.models)
-    last = found.models[-1]
-    return ErrorFall(
-        model_names([one.effects for one in found.models]),
-        tuple(one.held_out_N if held_out else one.rms_N for one in found.models),
-        last.repeatability_N,
-        repeatability_band(last.fitted, last.repeatability_N),
-        held_out,
-    )
+    held_out = [one.held_out_N for one in found.models]
+    known = all(map(math.isfinite, held_out))
+    last, errors = found.models[-1], held_out if known else [one.rms_N for one in found.models]
+    return _fall([one.effects for one in found.models], errors, last.fitted, last.repeatability_N, known)
 
 
 def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
@@ -176,10 +178,11 @@ def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
 
 def error_fall_of_sight(found: Diagnosis) -> tuple[ErrorFall, ...]:
     """Return the error of the reconstructed depth, where effects on it were named."""
-    if found.search.sight is None or not any(e.key not in found.fits.fitted.model.keys for e in found.effects):
+    sight = found.search.sight
+    if sight is None or not any(e.key not in found.fits.fitted.model.keys for e in found.effects):
         return ()
-    fits = [found.search.sight.base, *(step.fitted for step in found.search.sight.steps)]
-    keys = [step.best.effect.key for step in found.search.sight.steps]
+    fits = [sight.base, *(step.fitted for step in sight.steps)]
+    keys = [step.best.effect.key for step in sight.steps]
     effects = [keys[: k + 1] for k in range(len(keys))]
     return _picture_fall(fits, effects, [reading_error_mm(one) for one in fits])
 
@@ -188,26 +191,27 @@ def _picture_fall(
     fits: Sequence[Fit], effects: Sequence[Sequence[str]], errors: Sequence[float]
 ) -> tuple[ErrorFall]:
     """Return the error of the reconstructed depth, and of the faces where it is of slopes next to them."""
-    floor = repeatability_rms(fits[-1])
-    names = (AS_READ, *model_names(effects))
+    fall = _fall(effects, errors, fits[-1], repeatability_rms(fits[-1]), True)
     faces = () if fits[0].data.slopes is None else tuple(face_error_mm(one) for one in fits)
-    return (ErrorFall(names, tuple(errors), floor, repeatability_band(fits[-1], floor), True, "mm", faces),)
+    return (replace(fall, models=(AS_READ, *fall.models), unit="mm", faces=faces),)
 
 
 def error_fall_of_diagnosis(found: Diagnosis) -> ErrorFall:
     """Return the error of the base model and with each effect of the force that was named."""
     keys = [effect.key for effect in found.effects if effect.key in found.fits.fitted.model.keys]
-    steps = [tuple(keys[:k]) for k in range(len(keys) + 1)][: max(len(found.errors.held_out_N), 1)]
-    held_out = bool(found.errors.held_out_N) and all(math.isfinite(one) for one in found.errors.held_out_N)
-    fitted = (found.errors.before, found.errors.after)[: len(steps)]
-    errors = found.errors.held_out_N if held_out else (fitted[0], *[math.nan] * (len(steps) - 2), *fitted[1:])
-    return ErrorFall(
-        model_names(steps),
-        tuple(errors),
-        found.errors.floor,
-        repeatability_band(found.fits.fitted, found.errors.floor),
-        held_out,
-    )
+    held_out, fitted = found.errors.held_out_N, (found.errors.before, found.errors.after)
+    steps = [tuple(keys[:k]) for k in range(len(keys) + 1)][: max(len(held_out), 1)]
+    known = bool(held_out) and all(map(math.isfinite, held_out))
+    inner = [math.nan] * (len(steps) - 2)
+    errors = held_out if known else (fitted[0], *inner, fitted[1])[: len(steps)]
+    return _fall(steps, errors, found.fits.fitted, found.errors.floor, known)
+
+
+def _fall(
+    effects: Sequence[Sequence[str]], errors: Sequence[float], last: Fit, repeatability: float, held_out: bool
+) -> ErrorFall:
+    band = repeatability_band(last, repeatability)
+    return ErrorFall(model_names(effects), tuple(errors), repeatability, band, held_out)
 
 
 def model_names(effects: Sequence[Sequence[str]]) -> tuple[str, ...]:

@@ -41,6 +41,11 @@ COVARIATES = {
 }
 
 
+def in_words(key: str) -> str:
+    """Return the name of an effect, or of what it is confused with, in words."""
+    return {"youngs_modulus": "Young's modulus", "beta": "the slope β"}.get(key) or key.replace("_", " ")
+
+
 def covariate(name: str) -> str:
     """Return a covariate in words."""
     return COVARIATES.get(name, name)

@@ -259,7 +259,7 @@ def diagnosed(question: Question, report: Callable[[str], None]) -> Verdict:
     """Return the verdict of `diagnose` in words."""
     from calibration.effects import get_effect
     from calibration.effects.private import load_effect
-    from calibration.report.verdict import allowed_for, reading_sentence, verdict_sentence
+    from calibration.report.diagnosis_report import allowed_for, reading_sentence, verdict_sentence
     from calibration.tasks.diagnose import diagnose
 
     own = {effect.key: effect for effect in (load_effect(path) for path in question.own)}

@@ -18,7 +18,6 @@ from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.observations import press_names
 from calibration.model.stages import EffectBase
 from calibration.report import wording
-from calibration.report.comparison_report import OF_MATERIAL, fall_sentence, parameter
 from calibration.report.misfit import (
     BASE,
     error_fall_of_comparison,
@@ -26,7 +25,8 @@ from calibration.report.misfit import (
     force_curves,
     residual_strips,
 )
-from calibration.report.verdict import in_words
+from calibration.report.report import OF_MATERIAL, fall_sentence, parameter
+from calibration.report.wording import in_words
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import Compared, Comparison
 from calibration.tasks.history import HistoryRow

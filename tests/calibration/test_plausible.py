@@ -11,7 +11,7 @@ from made_recordings import HEIGHTS_MM, Truth, draw, points_of
 
 from calibration.inputs.observations import Measured
 from calibration.laws.theory import FLAG, GEL_MODULUS_MPA, NU_FLAG, outside_gels
-from calibration.report.verdict import verdict_sentence
+from calibration.report.diagnosis_report import verdict_sentence
 from calibration.result.material import RADII_FLAG as APART
 from calibration.tasks.calibrate import calibrate, observe
 from calibration.tasks.diagnose import diagnose

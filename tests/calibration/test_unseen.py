@@ -17,8 +17,7 @@ from calibration.fit.outlying_presses import outlying_presses
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.report.diagnosis_report import summary
-from calibration.report.verdict import verdict_sentence
+from calibration.report.diagnosis_report import summary, verdict_sentence
 from calibration.result.material import determine_material
 from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.diagnose import diagnose
