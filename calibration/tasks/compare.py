@@ -136,6 +136,8 @@ class Compared:
     def as_json(self, before: Compared | None = None) -> dict[str, Any]:
         """Return one entry of comparison.json; `before` is the base model to compare the errors with."""
         base = before or self
+        labels = self.fitted.data.presses.label
+        errors = [rms_of_presses(one.fitted) for one in (base, self)]
         return {
             "name": self.name,
             "effects": list(self.effects),
@@ -156,9 +158,7 @@ class Compared:
             "youngs_modulus_MPa": None if self.material is None else self.material.youngs_modulus.as_json(),
             "presses": [
                 {"press": label, "rms_before_N": before, "rms_after_N": after}
-                for label, before, after in zip(
-                    self.fitted.data.presses.label, _of_presses(base.fitted), _of_presses(self.fitted), strict=True
-                )
+                for label, before, after in zip(labels, *errors, strict=True)
             ],
         }
 
@@ -330,7 +330,7 @@ def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:
     )
 
 
-def _of_presses(fitted: Fit) -> Floats:
+def rms_of_presses(fitted: Fit) -> Floats:
     """Return the rms error of each press (M,), N."""
     press = fitted.data.press
     return np.sqrt(np.bincount(press, fitted.residual_N**2) / np.bincount(press))

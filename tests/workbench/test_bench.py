@@ -20,7 +20,7 @@ from calibration.workbench import bench as bench_module
 from calibration.workbench.analysis import Models, Verdict
 from calibration.workbench.bench import Bench, Track
 from calibration.workbench.opened import file_marks
-from calibration.workbench.views import curve_view, state_view, tried_view
+from calibration.workbench.server import curve_view, state_view, tried_view
 from tactilevision.errors import InputError
 from tactilevision.files.writing import as_json
 
