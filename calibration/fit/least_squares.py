@@ -252,7 +252,7 @@ class Fit:
 
 
 def r_squared(measured: Floats, modelled: Floats) -> float:
-    """Return 1 less the residual over the total sum of squares; NaN for a constant."""
+    """Return 1 less the residual over the total sum of squares of values (n,) in any unit; NaN for a constant."""
     total = float(np.sum((measured - measured.mean()) ** 2))
     return 1 - float(np.sum((measured - modelled) ** 2)) / total if total > 0 else float("nan")
 

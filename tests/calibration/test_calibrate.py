@@ -69,7 +69,7 @@ def test_the_published_numbers_are_reproduced() -> None:
 def test_at_the_true_thickness_ratio_the_modulus_is_lower() -> None:
     measured = paper_points()
     gel = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.4797, poisson_ratio_std=0.002)
-    recording = replace(measured.recording, sensor=Sensor("custom", 10, 10, (0.1, 0.1), gel))  # type: ignore[type-var]
+    recording = replace(measured.recording, sensor=Sensor("custom", 10, 10, (0.1, 0.1), gel))
     result = calibrate(replace(measured, recording=recording))
     assert result.youngs_modulus.value == pytest.approx(0.1915, abs=1e-4)
     assert result.flags == ("beta_outside_theory",)
@@ -110,7 +110,7 @@ def test_indenters_that_differ_more_than_repeats_widen_the_interval() -> None:
     measured = draw(truth, np.random.default_rng(11))
     silent = {k: replace(i, height_std_mm=0.0) for k, i in measured.recording.indenters.items()}
     points = tuple(replace(p, depth_std_mm=float("nan")) for p in measured.points)
-    recording = replace(measured.recording, indenters=silent)  # type: ignore[type-var]
+    recording = replace(measured.recording, indenters=silent)
     result = calibrate(replace(measured, recording=recording, points=points))
     assert any("scatter" in w for w in result.warnings)
     low, high = result.c.interval95 or (0, 0)
@@ -193,7 +193,7 @@ def test_history_says_when_the_modulus_has_moved() -> None:
     sets = []
     for day, modulus in ((1, 0.2), (8, 0.2), (60, 0.23)):
         measured = draw(replace(WELL, modulus_MPa=modulus), rng)
-        dated = replace(measured.recording, date=datetime.date(2026, 1, 1) + datetime.timedelta(day))  # type: ignore[type-var]
+        dated = replace(measured.recording, date=datetime.date(2026, 1, 1) + datetime.timedelta(day))
         sets.append(replace(measured, recording=dated))
     rows = history(sets[::-1])
     assert [row.moved for row in rows] == [False, False, True]
@@ -268,7 +268,7 @@ def test_depths_beyond_the_elements_are_flagged() -> None:
 def test_presses_of_another_shape_are_left_out_and_named() -> None:
     measured = points_of(DEPTHS, FORCES)
     ball = Indenter("ball", shape="sphere", radius_mm=3.0)
-    recording = replace(measured.recording, indenters=dict(measured.recording.indenters) | {"ball": ball})  # type: ignore[type-var]
+    recording = replace(measured.recording, indenters=dict(measured.recording.indenters) | {"ball": ball})
     points = (*measured.points, replace(measured.points[0], press="9", indenter="ball", fz_N=0.1))
     result = calibrate(replace(measured, recording=recording, points=points))
     assert "9" not in result.presses_accepted

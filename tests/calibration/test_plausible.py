@@ -95,7 +95,7 @@ def of_three_radii(stated: dict[float, float]) -> Measured:
         name: replace(indenter, radius_mm=stated.get(indenter.radius_mm or 0.0, indenter.radius_mm))
         for name, indenter in measured.recording.indenters.items()
     }
-    return replace(measured, recording=replace(measured.recording, indenters=indenters))  # type: ignore[type-var]
+    return replace(measured, recording=replace(measured.recording, indenters=indenters))
 
 
 @each(

@@ -94,7 +94,7 @@ def stated_wrongly() -> Measured:
     sensor = several.recording.sensor
     assert sensor.gel is not None
     gel = replace(sensor.gel, poisson_ratio=0.40, poisson_ratio_std=0.004)
-    return replace(several, recording=replace(several.recording, sensor=replace(sensor, gel=gel)))  # type: ignore[type-var]
+    return replace(several, recording=replace(several.recording, sensor=replace(sensor, gel=gel)))
 
 
 @lru_cache
