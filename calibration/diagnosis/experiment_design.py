@@ -84,7 +84,7 @@ def _presses(
     speed: float = USUAL_SPEED_MM_S,
     hold_s: float = 0.0,
     place: Pair | None = None,
-    rest_s: float = 60.0,
+    rest_s: float = 60,
     unload: bool = False,
     air: bool = False,
     later_days: float = 0.0,
@@ -256,7 +256,7 @@ def press_again(odd: OutlyingPresses) -> tuple[NextMeasurement, ...]:
         names = ", ".join(odd.presses)
         action, minutes = f"press {names} again: the same indenter at the same place", 2.0 * len(odd.presses)
     elif odd.wanders:
-        action, minutes = "repeat the first press after the last one: is it still the same?", 3.0
+        action, minutes = "repeat the first press after the last one: is it still the same?", 3
     else:
         return ()
     return (NextMeasurement(action, minutes),)

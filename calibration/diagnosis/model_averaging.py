@@ -32,6 +32,7 @@ from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.identifiability import identify, stuck
 from calibration.fit.least_squares import Fit
 from calibration.model.stages import STICKING, Effect
+from tactilevision.records.constants import TAILS95
 from tactilevision.records.measured import Estimate, Floats
 
 ANY = 0.5  # prior chance that a rig has an unknown effect
@@ -85,7 +86,7 @@ def average_models(
     top = float(log_weight.max())
     weight = np.exp(log_weight - top)
     std = np.concatenate([np.full(p.shift.size, p.std) for p in parts])
-    ends = (_quantile(share, weight / weight.sum(), shift, std) for share in (0.025, 0.975))
+    ends = (_quantile(share, weight / weight.sum(), shift, std) for share in TAILS95)
     low, high = (modulus.value * float(np.exp(end)) for end in ends)
     reach = min(low, modulus.interval95[0]), max(high, modulus.interval95[1])
     return replace(modulus, interval95=reach), _ranked(parts, top + float(np.log(weight.sum())))

@@ -17,6 +17,7 @@ from calibration.model.stages import NOT_READ, Effect, EffectBase, Parameter
 from calibration.noise.model import Whitener
 from calibration.noise.reml import Weighing
 from tactilevision.errors import ConvergenceError
+from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Bools, Floats
 
 # Candidates refitted in full, held out and compared, all under one error model.
@@ -100,14 +101,14 @@ def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floa
         return rows
     white = problem.whitener.apply
     jacobian = white(base.jacobian[:, base.free])
-    q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
+    q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), NONZERO))
     z = white(problem.data.normal_N - base.force_N)
     z = z - q @ (q.T @ z)
     gains = []
     for row in rows:
         d = white(problem.model.predict(row, problem.data) - base.force_N)
         d = d - q @ (q.T @ d)
-        gains.append(float(d @ z) ** 2 / max(float(d @ d), 1e-300) * np.sign(float(d @ z)))
+        gains.append(float(d @ z) ** 2 / max(float(d @ d), NONZERO) * np.sign(float(d @ z)))
     return rows[np.argsort(gains)[::-1][:most]]
 
 
@@ -293,8 +294,8 @@ def _with(values: Floats, own: slice, start: Floats) -> Floats:
 
 # Which candidate stands, and which cannot be distinguished from it (point 3 of `decision.decide`).
 
-AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
-TOLD_APART = 3.0  # std between two candidates: nearer ones stay in the set
+AS_GOOD = 6  # in chi^2 + 2 q: candidates this near the best stay in the set
+TOLD_APART = 3  # std between two candidates: nearer ones stay in the set
 NEAR = 0.1  # share of the best one's gain: a rival this near is compared by likelihood
 
 

@@ -31,6 +31,7 @@ from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from calibration.noise.model import Noise, Scatter
 from tactilevision.errors import InputError
+from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats
 
 DRAWS = 399  # samples of the bootstrap: p to .0025, finer by the tail's fit
@@ -38,7 +39,7 @@ FIRST_DRAWS = 99  # after which it ends where all is decided
 MANY_DRAWS = 1999  # where p lies near a level: with heavy tails p of 399 varied 300 times, of these 3
 NEAR_LEVELS = (1e-5, 0.2)  # p between which more samples may decide otherwise
 PORTION = 300  # samples made at once
-PORTION_VALUES = 4.5e6  # forces made at once, 36 MB
+PORTION_VALUES = 4_500_000  # forces made at once, 36 MB
 BATCH = 50  # samples of one step, which any process may do: .2 s for 1600 forces
 FAR_FROM = 4  # times the level: p of 99 samples above it means p above the level but for 1 in 1e7
 LEVEL = 0.05  # family-wise error rate
@@ -229,7 +230,7 @@ class _Looks:
 
 def _either_way(table: Floats) -> Floats:
     """Return directions (N, s) without those parallel to another."""
-    unit = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    unit = table / np.maximum(np.linalg.norm(table, axis=0), NONZERO)
     alike = np.triu(np.abs(unit.T @ unit) > ONE_WAY, k=1).any(axis=0)
     return np.asarray(table[:, ~alike])
 

@@ -23,7 +23,7 @@ from tactilevision.records.measured import Bools, Floats
 
 KNOWN = 3.6  # std detected at 80 % power where presses determine the noise
 FOUR_OF_FIVE = 0.84  # std: the 80 % point of a normal distribution
-MOST = 1e6  # of a statistic
+MOST = 1_000_000  # of a statistic
 
 
 def smallest_visible(

@@ -27,7 +27,7 @@ from calibration.inputs.denoised_depth import LOAD, branches, nominal_depth
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.stages import Effect, Parameter
 from calibration.noise.model import Scatter, Whitener
-from tactilevision.records.constants import Z95
+from tactilevision.records.constants import KILO, Z95
 from tactilevision.records.measured import Floats, Pair
 
 # Whether a significant residual matters: its effect on E, and on a force or a depth that is read.
@@ -71,7 +71,7 @@ class Remainder:
     @property
     def sentence(self) -> str:
         """A warning in words."""
-        size, off = 1e3 * self.rms_mm, 100 * abs(self.E_off)
+        size, off = KILO * self.rms_mm, 100 * abs(self.E_off)
         plain = next((error.words for error in INSTRUMENT_ERRORS if error.key == self.key), "")
         on = f"as of {plain}" if plain else f"over {self.key}"
         return f"the residual amounts to {size:.2g} µm of depth ({on}); E moves by {off:.1g} %"
@@ -342,10 +342,10 @@ def unexplained(searched: Searched, plain: AlternativeExplanation | None) -> Une
     return replace(found, covariates=tuple(dict.fromkeys((plain.covariate, *found.covariates))))
 
 
-def describe(fitted: Fit, scored: tuple[Scored, ...], *, level: float = 0.05) -> Unexplained:
+def describe(fitted: Fit, scored: tuple[Scored, ...]) -> Unexplained:
     """Return the description of a fit's residual."""
     size, length = _process(*_binned(fitted))
-    return Unexplained(size, length, tuple(s.key for s in scored if s.p_adjusted < level))
+    return Unexplained(size, length, tuple(s.key for s in scored if s.p_adjusted < LEVEL))
 
 
 def nearest(searched: Searched) -> tuple[str, float] | None:

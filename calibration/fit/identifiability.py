@@ -29,7 +29,7 @@ from calibration.model.composition import Model
 from calibration.model.stages import EDGE, STICKING
 from tactilevision.errors import ConvergenceError
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
-from tactilevision.records.constants import NU_MAX, NU_SILICONE, TINY, Z95
+from tactilevision.records.constants import NU_MAX, NU_SILICONE, TAILS95, TINY, Z95
 from tactilevision.records.measured import Estimate, Floats, Pair
 
 NODES = 201  # nu at which E's interval is taken
@@ -355,7 +355,7 @@ def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estima
         why = "another parameter takes its place in these data; the interval is the range of gels"
         return Estimate(None, None, GEL_MODULUS_MPA, unit, why)
     mean = float(np.interp(nu.value, spread.nodes, spread.modulus))
-    low, high = spread.quantile(0.025), spread.quantile(0.975)
+    low, high = map(spread.quantile, TAILS95)
     std = float(np.sqrt(np.var(spread.modulus) + np.mean((spread.modulus * spread.relative_std) ** 2)))
     return Estimate(mean, std, (low / (1 + surplus), high), unit)
 

@@ -22,7 +22,7 @@ from calibration.model.stages import Parameter
 from calibration.noise.model import Linear, Noise, Whitener, base_noise
 from calibration.noise.reml import UNKNOWN_SHARE, estimate_noise
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.records.constants import MICRO, TINY
+from tactilevision.records.constants import MICRO, TAILS95, TINY
 from tactilevision.records.measured import Bools, Estimate, Floats
 
 Residual = Callable[[Floats], Floats]
@@ -261,7 +261,7 @@ def quantile95(dof: float) -> float:
     """Return Student's two-sided 95 % quantile, for one degree of freedom at least."""
     from scipy.special import stdtrit
 
-    return float(stdtrit(max(dof, 1.0), 0.975)) if np.isfinite(dof) else NORMAL95
+    return float(stdtrit(max(dof, 1.0), TAILS95[1])) if np.isfinite(dof) else NORMAL95
 
 
 def fit(

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.inputs.denoised_depth import FREE, HOLD, LOAD, SAME_MM, UNLOAD, denoised_depth, ways
 from calibration.inputs.observations import Ints, Observations
-from tactilevision.records.constants import KILO
+from tactilevision.records.constants import KILO, NONZERO
 from tactilevision.records.measured import Floats
 
 COMING_S = 1.0  # s, longer than any clock offset
@@ -190,7 +190,7 @@ def offset_by_phase(data: Observations) -> float:
     steady = replace(data, depth_mm=denoised_depth(data))
     residual = np.array([_residual_of_cubic(steady, np.maximum(depth_at(steady, -o), 0.0)) for o in GRID_S])
     _, which = np.unique(data.radius_mm, return_inverse=True)
-    share = residual / np.maximum(np.bincount(which, data.normal_N**2), 1e-300)  # a wide punch has larger forces
+    share = residual / np.maximum(np.bincount(which, data.normal_N**2), NONZERO)  # a wide punch has larger forces
     now = GRID_S.size // 2
     decide = (np.bincount(which) >= MIN_SAMPLES) & (share[now] > np.maximum(MIN_GAIN * share.min(axis=0), MISSED))
     if not decide.any():

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.diagnosis.diagnosis import Added, Diagnosis, OddPresses
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
-from calibration.diagnosis.score_test import Failure, few_presses
+from calibration.diagnosis.score_test import LEVEL, Failure, few_presses
 from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.effects import PLAIN, get_effect
 from calibration.effects.instrument_errors import InstrumentError
@@ -23,7 +23,6 @@ from calibration.report.wording import in_words
 from tactilevision.errors import InputError
 from tactilevision.records.constants import KILO
 
-MISFIT = 0.05  # smallest p of a covariate below which the page reports a misfit
 ANEW = (
     " Below, the depths are corrected by these sizes; `compare` excludes what a wall may shade instead, to "
     "another error."
@@ -136,7 +135,7 @@ def _misfit(found: Diagnosis, shown: Evidence) -> list[str]:
     if found.effects and not any(effect.key in found.fits.fitted.model.keys for effect in found.effects):
         quiet = page.folded("The forces, which the model explains within their repeatability", *force)
         return [page.section("Where the reconstructed depth fails", *depth, quiet)]
-    fails = min((one.p_adjusted for one in found.search.covariates_before), default=1.0) < MISFIT
+    fails = min((one.p_adjusted for one in found.search.covariates_before), default=1.0) < LEVEL
     return [
         page.section("Where the model fails" if fails else "Measured and modelled force", *force),
         page.folded("The reconstructed depth compared with the certified one", *depth),
@@ -326,7 +325,6 @@ def _bias(share: float | None) -> str:
 # The verdict in words: what is wrong with the rig or the gel, and what E's interval allows for.
 
 NEAR = 0.1  # least share of a misfit that a nearest effect explains
-SHOWN = 0.05  # adjusted p of a significant effect
 WIDER = 0.1  # least relative widening of an interval that is reported
 SHARES = ("relative", "gain")  # parameters given in per cent
 
@@ -398,7 +396,7 @@ def _without(found: Diagnosis) -> str:
 
 def _so_far(found: Diagnosis) -> str:
     """Return the intermediate result of a search that was stopped before it named an effect."""
-    shown = [one.key for one in found.search.score_test if one.p_adjusted < SHOWN]
+    shown = [one.key for one in found.search.score_test if one.p_adjusted < LEVEL]
     if not shown:
         return "No effect is significant so far."
     most = ", then ".join(in_words(key) for key in shown[:2])

@@ -30,7 +30,7 @@ from tactilevision.mechanics.profile import exact_profile
 from tactilevision.plots.calibration import FittedLine, PointCloud
 from tactilevision.plots.diagnosis import Offsets, Overlay, Sighting
 from tactilevision.records.certified import CertifiedPoint
-from tactilevision.records.constants import KILO, TINY
+from tactilevision.records.constants import KILO, NONZERO, TINY
 from tactilevision.records.maps import HeightMap
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.rig import Gel
@@ -131,7 +131,7 @@ def _shows(base: Fit, candidate: Candidate) -> bool:
     """Return whether the candidate's change of the force lies outside the base model's own directions."""
     whitener = Whitener(base.data, base.noise, base.about)
     change = whitener.apply(np.column_stack([base.jacobian[:, base.free], candidate.force_N - base.force_N]))
-    basis, _ = np.linalg.qr(change[:, :-1] / np.maximum(np.linalg.norm(change[:, :-1], axis=0), 1e-300))
+    basis, _ = np.linalg.qr(change[:, :-1] / np.maximum(np.linalg.norm(change[:, :-1], axis=0), NONZERO))
     residual = change[:, -1] - basis @ (basis.T @ change[:, -1])
     return bool(np.linalg.norm(residual) > TOLD_APART)
 

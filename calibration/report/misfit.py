@@ -21,7 +21,7 @@ from calibration.inputs.observations import Observations
 from calibration.report import wording
 from calibration.tasks.compare import Compared, Comparison
 from tactilevision.errors import InputError
-from tactilevision.records.constants import Z95
+from tactilevision.records.constants import TAILS95, Z95
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.misfit import ErrorFall, ForceCurves, PressCurve, ResidualStrips, Strip
 
@@ -156,7 +156,7 @@ def repeatability_band(fitted: Fit, repeatability: float) -> Pair | None:
     dof = fitted.data.count - np.unique(groups).size
     if dof < MIN_DOF or not math.isfinite(repeatability):
         return None
-    low, high = (repeatability * math.sqrt(dof / 2 / float(gammaincinv(dof / 2, p))) for p in (0.975, 0.025))
+    low, high = (repeatability * math.sqrt(dof / 2 / float(gammaincinv(dof / 2, p))) for p in reversed(TAILS95))
     return low, high
 
 

@@ -28,7 +28,7 @@ from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, STATED_NU_STD, Fla
 from calibration.laws.paper import poisson_from_beta
 from calibration.model.composition import Model
 from tactilevision.errors import ConvergenceError
-from tactilevision.records.constants import NU_MAX, Z95
+from tactilevision.records.constants import NU_MAX, TAILS95, Z95
 from tactilevision.records.measured import Estimate, Pair
 from tactilevision.records.rig import Gel
 
@@ -124,7 +124,7 @@ def within(nu: Estimate | None, bound: Pair | None) -> Estimate | None:
         std = max(nu.std, (bound[0] - nu.value) / 2)
         return replace(nu, std=std, interval95=(nu.value - Z95 * std, nu.value + Z95 * std))
     cut = truncnorm(beyond, np.inf, loc=nu.value, scale=nu.std)
-    low, high = cut.ppf((0.025, 0.975))
+    low, high = cut.ppf(TAILS95)
     return replace(nu, value=float(cut.mean()), std=float(cut.std()), interval95=(float(low), float(high)))
 
 

@@ -7,7 +7,7 @@ write_json("calibration.json", result.as_json())
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -94,18 +94,12 @@ def calibrate(
     apart = apart_from_stated(result.youngs_modulus, stated.gel)
     if apart:
         result = replace(result, warnings=(*result.warnings, apart))
-    rejected = (*_distrusted(sets), *_out_of_phase(given, data))
+    late = Counter(given.presses.label) - Counter(data.presses.label)
+    rejected = (
+        *((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted),
+        *((press, OUT_OF_PHASE) for press in late.elements()),
+    )
     return replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
-
-
-def _distrusted(sets: Sequence[Measured]) -> Iterator[tuple[str, str]]:
-    """Return presses that the certificate rejected, each with its reason."""
-    return ((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
-
-
-def _out_of_phase(given: Observations, kept: Observations) -> Iterator[tuple[str, str]]:
-    late = Counter(given.presses.label) - Counter(kept.presses.label)
-    return ((press, OUT_OF_PHASE) for press in late.elements())
 
 
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:

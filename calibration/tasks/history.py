@@ -14,16 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.score_test import LEVEL
 from calibration.fit.identifiability import main_radius, stiffness_of
 from calibration.fit.least_squares import Fit, fit, quantile95
 from calibration.fit.tolerances import DIMENSIONS, HEIGHTS
 from calibration.inputs.observations import Measured
 from calibration.model.stages import Law
-from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import calibrate
 from tactilevision.records.measured import Estimate, Pair
-
-LEVEL = 0.05  # chance, over all recordings, of a change where there is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,18 +64,27 @@ def history(recordings: Sequence[Measured], *, law: Law | str = "default") -> tu
     tests = [_change(own[0], other) for other in own]
     adjusted = [1.0, *holm([p for _, _, p in tests[1:]])]
     return tuple(
-        _row(measured, result, change, interval, p)
+        HistoryRow(
+            date=str(measured.recording.date or ""),
+            recording=measured.recording.name,
+            presses=len(result.presses_accepted),
+            youngs_modulus=result.youngs_modulus,
+            poisson_ratio=result.poisson_ratio,
+            c=result.c,
+            change=change,
+            change_interval95=interval,
+            p_adjusted=p,
+            moved=p < LEVEL,
+        )
         for measured, result, (change, interval, _), p in zip(ordered, results, tests, adjusted, strict=True)
     )
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
     """Return p-values adjusted for the family-wise error (Holm, Scand. J. Stat. 6 (1979) 65)."""
-    order = np.argsort(p_values)
-    adjusted, worst = np.ones(len(p_values)), 0.0
-    for rank, k in enumerate(order):
-        worst = max(worst, min(1.0, (len(p_values) - rank) * p_values[k]))
-        adjusted[k] = worst
+    order, left = np.argsort(p_values), np.arange(len(p_values), 0, -1)
+    adjusted = np.empty(len(p_values))
+    adjusted[order] = np.maximum.accumulate(np.minimum(left * np.asarray(p_values)[order], 1.0))
     return [float(p) for p in adjusted]
 
 
@@ -104,18 +111,3 @@ def _change(first: tuple[Estimate, float], other: tuple[Estimate, float]) -> tup
     reach = quantile95(dof) * std
     p = float(2 * t.sf(abs(shift) / std, max(dof, 1.0)))
     return float(np.expm1(shift)), (float(np.expm1(shift - reach)), float(np.expm1(shift + reach))), p
-
-
-def _row(measured: Measured, result: CalibrationResult, change: float, interval: Pair, p: float) -> HistoryRow:
-    return HistoryRow(
-        date=str(measured.recording.date or ""),
-        recording=measured.recording.name,
-        presses=len(result.presses_accepted),
-        youngs_modulus=result.youngs_modulus,
-        poisson_ratio=result.poisson_ratio,
-        c=result.c,
-        change=change,
-        change_interval95=interval,
-        p_adjusted=p,
-        moved=p < LEVEL,
-    )

@@ -34,6 +34,7 @@ from calibration.result.material import determine_material
 from calibration.result.uncertainty import allow_for_edge
 from calibration.tasks.compare import base_model
 from tactilevision.errors import InputError
+from tactilevision.records.constants import KILO
 from tactilevision.records.measured import Bools, Estimate, Floats, Pair
 from tactilevision.records.rig import Gel, Indenter
 
@@ -484,7 +485,7 @@ def _check_goal(goal: Goal) -> None:
 def _assumptions(design: Design) -> Iterator[str]:
     noise, gel = design.noise, design.gel
     yield (
-        f"one press is off by {1e3 * noise.depth_std_mm:.3g} um in depth, {1e3 * noise.force_std_N:.3g} mN and "
+        f"one press is off by {KILO * noise.depth_std_mm:.3g} um in depth, {KILO * noise.force_std_N:.3g} mN and "
         f"{100 * noise.gain:.3g} % in force (std), each press anew"
     )
     moduli, ratios = (

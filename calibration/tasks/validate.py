@@ -20,7 +20,7 @@ from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_curve import PunchCurve, punch_curve, tabulated_curve
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
-from tactilevision.records.constants import NU_MAX, Z95
+from tactilevision.records.constants import NU_MAX, TAILS95, Z95
 from tactilevision.records.measured import Floats, Material, Pair
 from tactilevision.records.rig import Indenter
 
@@ -68,7 +68,7 @@ def find_trend(depth_mm: Floats, error: Floats) -> Trend:
     left = y - y.mean() - slope * x
     dof = x.size - 2
     std = max(float(np.sqrt(left @ left / dof)), SAME) / float(np.sqrt(x @ x))
-    reach = float(student.ppf(0.975, dof)) * std
+    reach = float(student.ppf(TAILS95[1], dof)) * std
     return Trend(slope, (slope - reach, slope + reach), float(2 * student.sf(abs(slope) / std, dof)))
 
 
