@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,10 +37,6 @@ class InadmissibleBeta:
     r_squared: float
     rms_error_N: float
     youngs_modulus_MPa: float
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return asdict(self)
 
 
 def instead_of_beta() -> tuple[Effect, ...]:

@@ -325,13 +325,9 @@ class Unexplained:
     `length_mm` is NaN where nothing varies; `covariates` are those it depends on, the most significant first.
     """
 
-    size_N: float
+    rms_N: float
     length_mm: float
     covariates: tuple[str, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Its entry `left` in diagnosis.json."""
-        return {"rms_N": self.size_N, "length_mm": self.length_mm, "covariates": list(self.covariates)}
 
 
 def unexplained(searched: Searched, plain: AlternativeExplanation | None) -> Unexplained:

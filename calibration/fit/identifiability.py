@@ -35,6 +35,7 @@ from tactilevision.records.measured import Estimate, Floats, Pair
 NODES = 201  # nu at which E's interval is taken
 UNFIXED = 0.6  # of silicones' range: several radii determine nu where its interval is shorter
 KEPT = 4  # fits whose rivals are cached
+STEP = 1e-4  # of a parameter's scale, for derivatives
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,7 +282,7 @@ def _line(fitted: Fit, values: Floats, radius: float) -> Pair:
 
 def stiffness_of(fitted: Fit, radius: float) -> Estimate:
     """Return c of one radius, N/mm: the intercept of the line through P/w, not below 0."""
-    found = _derived(fitted, lambda v: _line(fitted, v, radius)[0], "N/mm")
+    found = derived(fitted, lambda v: _line(fitted, v, radius)[0], "N/mm")
     low, high = found.interval95 or (0.0, 0.0)
     return replace(found, interval95=(max(low, 0.0), high))
 
@@ -290,26 +291,31 @@ def bend_of(fitted: Fit, radius: float) -> Estimate:
     """Return beta of one radius: the slope of that line over its intercept."""
     if not stated_edge_mm(fitted, radius):
         return fitted.estimate(beta_name(fitted, radius))
-    return _derived(fitted, lambda v: _line(fitted, v, radius)[1], "1")
+    return derived(fitted, lambda v: _line(fitted, v, radius)[1], "1")
 
 
-def _derived(fitted: Fit, function: Callable[[Floats], float], unit: str) -> Estimate:
-    """Return a function of the parameters with its std by the delta method."""
-    gradient = _gradient(fitted, function)
-    value, std = function(fitted.values), float(np.sqrt(gradient @ fitted.covariance @ gradient))
-    reach = fitted.reach(gradient) * std
+def derived(
+    fitted: Fit, function: Callable[[Floats], float], unit: str, *, step: float = STEP, why: str = ""
+) -> Estimate:
+    """Return a function of the parameters (p,), in its unit, with its std by the delta method.
+
+    None with the reason `why` where it is not finite.
+    """
+    value, slope = function(fitted.values), gradient(fitted, function, step=step)
+    if not np.isfinite(value):
+        return Estimate(None, None, None, unit, why)
+    std = float(np.sqrt(slope @ fitted.covariance @ slope))
+    reach = fitted.reach(slope) * std
     return Estimate(value, std, (value - reach, value + reach), unit)
 
 
-def _gradient(fitted: Fit, function: Callable[[Floats], float]) -> Floats:
-    gradient = np.zeros(fitted.values.size)
+def gradient(fitted: Fit, function: Callable[[Floats], float], *, step: float = STEP) -> Floats:
+    """Return the derivatives (p,) of a function of the parameters, per their units, by central differences."""
+    slope = np.zeros(fitted.values.size)
     for k in np.flatnonzero(fitted.free):
-        step = 1e-4 * fitted.parameters[k].scale
-        high, low = fitted.values.copy(), fitted.values.copy()
-        high[k] += step
-        low[k] -= step
-        gradient[k] = (function(high) - function(low)) / (2 * step)
-    return gradient
+        side = step * fitted.parameters[k].scale * np.eye(slope.size)[k]
+        slope[k] = (function(fitted.values + side) - function(fitted.values - side)) / (2 * side[k])
+    return np.nan_to_num(slope)
 
 
 def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
@@ -382,8 +388,8 @@ def _covariance(fitted: Fit, radius: float, deep: FiniteDepth | None) -> Floats:
     """Return the covariance (4, 4) of E, nu, c, beta by the delta method; an open nu is fixed."""
     size = fitted.values.size
     rows = np.zeros((4, size))
-    rows[0] = _gradient(fitted, lambda v: _law_modulus(fitted, v, deep))
+    rows[0] = gradient(fitted, lambda v: _law_modulus(fitted, v, deep))
     rows[1, fitted.index("poisson_ratio")] = 1
-    rows[2] = _gradient(fitted, lambda v: _line(fitted, v, radius)[0])
-    rows[3] = _gradient(fitted, lambda v: _line(fitted, v, radius)[1])
+    rows[2] = gradient(fitted, lambda v: _line(fitted, v, radius)[0])
+    rows[3] = gradient(fitted, lambda v: _line(fitted, v, radius)[1])
     return np.asarray(rows @ fitted.covariance @ rows.T)

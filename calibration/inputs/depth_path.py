@@ -170,7 +170,7 @@ def in_phase(data: Observations) -> Observations:
     if 0 < np.count_nonzero(out) < data.count / 2:
         names = ", ".join(np.array(data.presses.label)[out])
         data, said = data.take(~out), f"{said}: excluded are presses that load within twice that time ({names})"
-    return replace(data, warnings=(*data.warnings, f"{said}. Synchronise the clocks"))
+    return data.warned(f"{said}. Synchronise the clocks")
 
 
 def with_one_clock(data: Observations) -> Observations:

@@ -224,6 +224,10 @@ class Observations:
         """Return the data with the depth shifted, for derivatives with respect to it."""
         return replace(self, depth_mm=self.depth_mm + depth_mm)
 
+    def warned(self, *warnings: str) -> Observations:
+        """Return the data with more warnings."""
+        return replace(self, warnings=(*self.warnings, *warnings))
+
     def with_force(self, normal_N: Floats) -> Observations:
         """Return the data with another normal force, for simulated measurements."""
         return replace(self, force_N=np.column_stack([self.force_N[:, :2], normal_N]))

@@ -501,9 +501,9 @@ def _left(found: Diagnosis) -> str:
         return ""
     on = " and ".join(list(dict.fromkeys(wording.covariate(key) for key in left.covariates))[:2])
     parts = [f"it depends on {on}"] if on else []
-    if left.size_N > 0:
+    if left.rms_N > 0:
         over = f" and varies over {left.length_mm:.2g} mm of depth" if np.isfinite(left.length_mm) else ""
-        parts.append(f"is about {KILO * left.size_N:.0f} mN large{over}")
+        parts.append(f"is about {KILO * left.rms_N:.0f} mN large{over}")
     if found.remainder.change_point is not None:
         parts.append(f"occurs since press {found.remainder.change_point}")
     return f" ({', '.join(parts)})" if parts else ""

@@ -13,7 +13,7 @@ import _thread
 import signal
 import threading
 import time
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -251,6 +251,15 @@ class Shown:
         return self.track.now
 
 
+@dataclass(slots=True)
+class Known:
+    """What is known of a state: evidence, instrument errors to try (None: not looked for yet), and the verdict."""
+
+    evidence: tuple[Evidence, ...] = ()
+    suggested: tuple[str, ...] | None = None
+    verdict: Verdict | None = None
+
+
 class Bench:
     """One analysis. `act` and `wait` may be called from any thread; `work` runs in one."""
 
@@ -271,9 +280,7 @@ class Bench:
         self._todo: deque[tuple[str, str]] = deque([("open", "")])
         self._ended = False
         self._asked: Asked | None = None
-        self._verdicts: dict[tuple[object, ...], Verdict] = {}
-        self._looks: dict[tuple[object, ...], tuple[Evidence, ...]] = {}
-        self._suggested: dict[tuple[object, ...], tuple[str, ...]] = {}
+        self._known: defaultdict[tuple[object, ...], Known] = defaultdict(Known)
         self._model_since = 1
         self._dropping = Dropping()
         self._shown = Shown(1, Track(begin), busy=f"fitting the {BASE}", since_s=time.monotonic())
@@ -410,9 +417,9 @@ class Bench:
         self._show(
             track=track,
             now=fitted,
-            evidence=self._looks.get(place, ()),
-            suggested=self._suggested.get(place, ()),
-            verdict=self._verdicts.get(place),
+            evidence=self._known[place].evidence,
+            suggested=self._known[place].suggested or (),
+            verdict=self._known[place].verdict,
             asking="",
             troubled="",
             saved="",
@@ -434,13 +441,14 @@ class Bench:
             if shown.now.rng is None:
                 self._show(busy="determining the material", since_s=time.monotonic())
                 self._complete()
-            if place not in self._suggested:
+            known = self._known[place]
+            if known.suggested is None:
                 self._show(busy="testing effects", since_s=time.monotonic())
-                if place not in self._looks:
+                if not known.evidence:
                     self._keep_look(place, find_evidence(self.opened, shown.now, seed=shown.history.seed))
-                fit_likeliest(shown.now, self._looks[place], report=lambda table: self._keep_look(place, table))
-                self._suggested[place] = suggest(self._completed(shown.history).found)
-            self._show(suggested=self._suggested[place], busy="")
+                fit_likeliest(shown.now, known.evidence, report=lambda table: self._keep_look(place, table))
+                known.suggested = suggest(self._completed(shown.history).found)
+            self._show(suggested=known.suggested, busy="")
             if len(self.opened.measured) > 1 and not shown.weeks:
                 self._show(busy="fitting each recording alone", since_s=time.monotonic())
                 self._show(weeks=history(self.opened.measured), busy="")
@@ -455,7 +463,7 @@ class Bench:
         return self.models.completed(state.left_out, [step.key for step in state.steps])
 
     def _keep_look(self, place: tuple[object, ...], table: tuple[Evidence, ...]) -> bool:
-        self._looks[place] = table
+        self._known[place].evidence = table
         self._show(evidence=table)
         return not self._waiting
 
@@ -477,16 +485,15 @@ class Bench:
         return Sides((names[0], names[1]), (first, second))
 
     def _ask(self, shown: Shown, place: tuple[object, ...]) -> None:
-        if not self._asks or shown.now is None or place in self._verdicts or self._asked is not None:
+        if not self._asks or shown.now is None or self._known[place].verdict or self._asked is not None:
             return
         keys = [step.key for step in shown.history.steps]
 
         def hear(found: Verdict | str) -> None:
-            if isinstance(found, Verdict):
-                self._verdicts[place] = found
+            verdict, why = (found, "") if isinstance(found, Verdict) else (None, found)
+            self._known[place].verdict = verdict
             if self._place(self._shown.history) == place:
-                known = isinstance(found, Verdict)
-                self._show(verdict=found if known else None, asking="", troubled="" if known else str(found))
+                self._show(verdict=verdict, asking="", troubled=why)
 
         opened, data = self.opened, shown.now.ready.stated
         files = tuple(opened.files.values())
