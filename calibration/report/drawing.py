@@ -24,19 +24,18 @@ from calibration.inputs.conditions import Covariate, bins
 from calibration.laws.theory import nominal_nu
 from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
-from calibration.report import wording
-from calibration.report.misfit import BINS, binned, levels
+from calibration.report.misfit import BINS, strip_of
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.plots.calibration import FittedLine, PointCloud
-from tactilevision.plots.diagnosis import Offsets, Overlay, Sighting
+from tactilevision.plots.diagnosis import Offsets, Sighting
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.constants import KILO, NONZERO, TINY
 from tactilevision.records.maps import HeightMap
 from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.misfit import Strip
 from tactilevision.records.rig import Gel
 
 STEPS = 60  # depths of a plotted curve
-PLAIN_ERROR = "the_plain_error"  # key of the instrument error in a figure
 HALF = 3  # half the width of the grid of a residual map, in radii of the punch
 MAP_STEPS = 61  # places across the grid: a tenth of a radius apart
 NEAR = (1.15, 1.7)  # ring outside the wall of the punch, in radii
@@ -167,7 +166,7 @@ class Card:
 
     key: str
     values: tuple[tuple[str, float, str], ...]
-    overlay: Overlay | None
+    overlay: Strip | None
 
 
 def card_keys(found: Diagnosis) -> list[str]:
@@ -195,8 +194,7 @@ def plain_card(found: Diagnosis) -> Card | None:
     """Return the card of the instrument error nearest to what no effect explains; None without one."""
     if found.remainder.plain is None:
         return None
-    card = _fitted_card(found.fits.fitted, found.remainder.plain)
-    return replace(card, overlay=None if card.overlay is None else replace(card.overlay, key=PLAIN_ERROR))
+    return _fitted_card(found.fits.fitted, found.remainder.plain)
 
 
 def _card(base: Fit, effect: Effect) -> Card:
@@ -212,25 +210,15 @@ def _fitted_card(base: Fit, fitted: Candidate) -> Card:
     return Card(fitted.effect.key, values, overlay(base, fitted))
 
 
-def overlay(base: Fit, candidate: Candidate) -> Overlay:
-    """Return residuals without and with the candidate over the covariate along which it changes most."""
+def overlay(base: Fit, candidate: Candidate) -> Strip:
+    """Return the residual without and with the candidate and the candidate's own change.
+
+    They are binned over the covariate along which it changes most.
+    """
     change = candidate.force_N - base.force_N
     std = np.maximum(base.about.base_N * base.noise.scale, TINY)
     best = max(seen_covariates(at_denoised_depth(base)), key=lambda one: _spread(one, change / std))
-    after = base.residual_N - change
-    centre, mean, reach = binned(best, np.array([base.residual_N, after, change]))
-    return Overlay(
-        words=wording.covariate(best.name),
-        unit=best.unit,
-        levels=levels(best.name, base.data),
-        key=candidate.effect.key,
-        values=centre,
-        before=mean[0],
-        before_reach=reach[0],
-        after=mean[1],
-        after_reach=reach[1],
-        predicted=mean[2],
-    )
+    return strip_of(best, base.data, np.array([base.residual_N, base.residual_N - change, change]))
 
 
 def _spread(covariate: Covariate, change: Floats) -> float:

@@ -87,7 +87,7 @@ def residual_strips(
     strips = []
     for key in (one for one in _distinct(scored[0]) if one in seen):
         p_of, trend_of = (tuple(own.get(key, float("nan")) for own in table) for table in (p, trends))
-        strips.append(_strip(seen["w" if key in DEPTHS else key], data, residual, p=p_of, trend=trend_of))
+        strips.append(strip_of(seen["w" if key in DEPTHS else key], data, residual, p=p_of, trend=trend_of))
     reach = float(np.quantile(np.abs(residual), HELD))
     return ResidualStrips(models, tuple(strips[:most]), residual, data.radius_mm, reach)
 
@@ -99,32 +99,32 @@ def _distinct(scored: Sequence[Scored]) -> list[str]:
     return [key for key in keys if key == depth or key not in DEPTHS]
 
 
-def _strip(
-    covariate: Covariate, data: Observations, residual_N: Floats, *, p: tuple[float, ...], trend: tuple[float, ...]
+def strip_of(
+    covariate: Covariate,
+    data: Observations,
+    residual_N: Floats,
+    *,
+    p: tuple[float, ...] = (),
+    trend: tuple[float, ...] = (),
 ) -> Strip:
-    centre, mean, reach = binned(covariate, residual_N)
+    """Return residuals (m, N), N, in bins of a covariate."""
+    number = bins(covariate, most_bins(covariate.name))
+    rows = [np.flatnonzero(number == k) for k in range(int(number.max()) + 1)]
+    count = np.array([row.size for row in rows])
+    mean = np.array([[one[row].mean() for row in rows] for one in residual_N])
+    spread = np.array([[one[row].std(ddof=1) if row.size > 1 else np.nan for row in rows] for one in residual_N])
     return Strip(
         name=covariate.name,
         words=wording.covariate(covariate.name),
         unit=covariate.unit,
         levels=levels(covariate.name, data),
         values=covariate.values,
-        centre=centre,
+        centre=np.array([covariate.values[row].mean() for row in rows]),
         mean_N=mean,
-        reach95_N=reach,
+        reach95_N=Z95 * spread / np.sqrt(count),
         p_adjusted=p,
         p_trend=trend,
     )
-
-
-def binned(covariate: Covariate, values: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the bins' centres (k,), the means (m, k) of values (m, N) there and their 95 % half widths (m, k)."""
-    number = bins(covariate, most_bins(covariate.name))
-    rows = [np.flatnonzero(number == k) for k in range(int(number.max()) + 1)]
-    mean = np.array([[one[row].mean() for row in rows] for one in values])
-    spread = np.array([[one[row].std(ddof=1) if row.size > 1 else np.nan for row in rows] for one in values])
-    reach = Z95 * spread / np.sqrt([row.size for row in rows])
-    return np.array([covariate.values[row].mean() for row in rows]), mean, reach
 
 
 def most_bins(name: str) -> int:

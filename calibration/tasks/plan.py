@@ -30,8 +30,7 @@ from calibration.inputs.observations import (
     Shared,
 )
 from calibration.noise.model import STATED_DOF, Noise
-from calibration.result.material import determine_material
-from calibration.result.uncertainty import allow_for_edge
+from calibration.result.material import allow_for_edge, determine_material
 from calibration.tasks.compare import base_model
 from tactilevision.errors import InputError
 from tactilevision.records.constants import KILO

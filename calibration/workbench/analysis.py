@@ -37,8 +37,8 @@ from calibration.tasks.compare import (
     with_effect,
 )
 from calibration.workbench.opened import Opened
-from tactilevision.plots.diagnosis import Overlay
 from tactilevision.records.measured import Estimate, Pair
+from tactilevision.records.misfit import Strip
 
 REFITTED = 6  # cards fitted at once; the others are fitted when they are opened
 OF_FORCE, OF_PICTURE = "the force", "the reconstructed depth"
@@ -110,7 +110,7 @@ class Evidence:
     why: str = ""
     of: str = OF_FORCE
     fitted: Candidate | None = None
-    shown: Overlay | None = None
+    shown: Strip | None = None
 
     @property
     def significant(self) -> bool:

@@ -22,8 +22,8 @@ from types import FrameType
 
 from calibration.inputs.observations import press_names
 from calibration.report.misfit import BASE
+from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import suggest
-from calibration.tasks.history import HistoryRow, history
 from calibration.tasks.session import History, Labelled, Step, steps_of_comparison
 from calibration.workbench.analysis import (
     Asked,

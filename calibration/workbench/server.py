@@ -33,14 +33,13 @@ from calibration.report.misfit import (
 from calibration.report.report import OF_MATERIAL, fall_sentence, parameter
 from calibration.report.wording import in_words
 from calibration.result.result import CalibrationResult
+from calibration.tasks.calibrate import HistoryRow
 from calibration.tasks.compare import Compared, Comparison, rms_of_presses
-from calibration.tasks.history import HistoryRow
 from calibration.workbench.analysis import Evidence, Verdict
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Frames, Opened
 from tactilevision.errors import InputError
 from tactilevision.local_page import POLICY, Answer, LocalPage
-from tactilevision.plots.diagnosis import Overlay
 from tactilevision.plots.misfit import CERTAIN, evidence, model_colours, radius_colours
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.measured import Bytes
@@ -245,16 +244,10 @@ def _evidence(p: float) -> str:
     return f"{'' if p < LEVEL else 'not '}significant (p = {p:.2g})"
 
 
-def _overlay(shown: Overlay) -> dict[str, Any]:
-    return {
-        "words": shown.words,
-        "unit": "" if shown.levels else shown.unit,
-        "levels": list(shown.levels),
-        "values": shown.values,
-        "before": KILO * shown.before,
-        "after": KILO * shown.after,
-        "predicted": KILO * shown.predicted,
-    }
+def _overlay(shown: Strip) -> dict[str, Any]:
+    before, after, predicted = KILO * shown.mean_N
+    axis = {"words": shown.words, "unit": "" if shown.levels else shown.unit, "levels": list(shown.levels)}
+    return axis | {"values": shown.centre, "before": before, "after": after, "predicted": predicted}
 
 
 def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:

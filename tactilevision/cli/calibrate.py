@@ -153,7 +153,7 @@ def _describe(certified: CertifiedRecording, folder: Path) -> None:
 
 
 def _write_history(outcomes: Sequence[Calibrated], law: str, figures: FigureFolder) -> None:
-    from calibration.tasks.history import history
+    from calibration.tasks.calibrate import history
     from tactilevision.cli import pictures
     from tactilevision.recording.write import write_table
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibration.result.result import CalibrationResult
-    from calibration.tasks.history import HistoryRow
+    from calibration.tasks.calibrate import HistoryRow
     from tactilevision.press.certificate import Certificate
     from tactilevision.recording.model import Recording
     from tactilevision.records.certified import CertifiedPoint
@@ -57,7 +57,7 @@ def _material(result: CalibrationResult, folder: FigureFolder) -> Picture:
     if not result.routes:
         plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
         return folder.keep(indentation.draw_material(*plain), "material.png", caption=words)
-    from calibration.result.uncertainty import joint_picture
+    from calibration.result.material import joint_picture
 
     seen = joint_picture(result)
     routes = [(band.name, band.interval, band.used) for band in seen.bands]

@@ -17,8 +17,7 @@ from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
 from calibration.inputs.checks import check
 from calibration.inputs.observations import Measured
 from calibration.report import wording
-from calibration.tasks.calibrate import calibrate
-from calibration.tasks.history import history
+from calibration.tasks.calibrate import calibrate, history
 from tactilevision.errors import InputError, NothingCertified
 from tactilevision.records.measured import Curve, Estimate
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor

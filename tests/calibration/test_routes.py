@@ -12,9 +12,9 @@ from made_recordings import Truth, draw
 from calibration.inputs.observations import Measured
 from calibration.laws import theory as admissible_range
 from calibration.laws.flat_punch import SILICONE_NU
+from calibration.result.material import joint_picture
 from calibration.result.poisson_routes import informed, of_beta
 from calibration.result.result import CalibrationResult
-from calibration.result.uncertainty import joint_picture
 from calibration.tasks.calibrate import calibrate, observe
 from calibration.tasks.compare import completed, plain_law, prepare
 from calibration.tasks.diagnose import diagnose
