@@ -106,15 +106,12 @@ def _presses(
     kind = replace(data.indenters[0], name=f"next {radius or ''}", radius_mm=radius or data.indenters[0].radius_mm)
     one = data.presses.take(np.zeros(COUNT, dtype=np.int64))
     x, y = place or (float(np.nan_to_num(one.x_mm[0])), float(np.nan_to_num(one.y_mm[0])))
+    conditions = {"radius_mm": kind.radius_mm, "x_mm": x, "y_mm": y, "rest_s": rest_s, "speed_mm_s": speed}
     presses = replace(
         one,
         label=tuple(f"next{k}" for k in range(COUNT)),
         indenter=np.zeros(COUNT, dtype=np.int64),
-        radius_mm=np.full(COUNT, kind.radius_mm),
-        x_mm=np.full(COUNT, x),
-        y_mm=np.full(COUNT, y),
-        rest_s=np.full(COUNT, rest_s),
-        speed_mm_s=np.full(COUNT, speed),
+        **{name: np.full(COUNT, value) for name, value in conditions.items()},
         day=begins / DAY_S,
         order=data.count + np.arange(float(COUNT)),
     )

@@ -256,12 +256,11 @@ def alternative_explanation(
     if _penalised_chi2(best, begin) >= min((one.cost for one in _fitted(begin, named)), default=np.inf) - AS_GOOD:
         return None
     assert isinstance(best.effect, InstrumentError)
-    sizes = tuple(zip(best.effect.parameters, best.own_values.tolist(), strict=True))
     return AlternativeExplanation(
         best.effect.key,
         best.effect.words,
         best.effect.covariate,
-        sizes,
+        tuple(zip(best.effect.parameters, best.own_values.tolist(), strict=True)),
         tuple(effect.key for effect in named),
         paid - _penalised_chi2(best, begin),
         float(best.values[0]),

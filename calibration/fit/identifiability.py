@@ -115,22 +115,22 @@ def identify(fitted: Fit) -> Identified:
     nu, source = _poisson(fitted, others, assumptions)
     spread = _spread(fitted, nu, radius)
     deep = finite_depth(fitted, nu, radius_mm=radius)
-    if deep is not None:
-        assumptions.append(deep.words(NU_MAX if nu.value is None else nu.value))
+    assumptions += [] if deep is None else [deep.words(NU_MAX if nu.value is None else nu.value)]
     surplus = sticking_range(fitted, nu, radius=radius, assumptions=[] if deep else assumptions)
-    others = () if nu.value is None else tuple(other for other in others if other.fitted is not None)
-    modulus, reduced = (_modulus(one, nu, 0.0 if others else surplus, "MPa") for one in (spread, spread.reduced()))
+    fits = (
+        [] if nu.value is None else [(other.fitted, other.share) for other in others if other.fitted is not None]
+    )
+    modulus, reduced = (_modulus(one, nu, 0.0 if fits else surplus, "MPa") for one in (spread, spread.reduced()))
     if deep is not None:
         modulus, reduced = (
             _of_elements(one, nu, deep, small_strain=small)
             for one, small in ((spread, modulus), (spread.reduced(), reduced))
         )
-    for other in others:
-        assert other.fitted is not None
-        own = other.fitted.estimate("poisson_ratio")
-        spread = _spread(other.fitted, own, radius)
-        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, share=other.share)
-        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, share=other.share)
+    for other, share in fits:
+        own = other.estimate("poisson_ratio")
+        spread = _spread(other, own, radius)
+        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, share=share)
+        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, share=share)
     return Identified(
         youngs_modulus=modulus,
         poisson_ratio=nu,
@@ -256,11 +256,10 @@ def holding(one: Estimate, other: Pair | None, *, share: float = 1.0) -> Estimat
 
 def sticking_range(fitted: Fit, nu: Estimate, *, radius: float, assumptions: list[str]) -> float:
     """Return the share by which E may be lower because the gel sticks; 0 for lubricated presses."""
-    if fitted.data.lubricated:
-        assumptions.append("the presses were lubricated: no friction")
-        return 0.0
-    if isinstance(fitted.model.law, FlatPunch) and fitted.model.law.sticking == 1:
-        assumptions.append("the gel sticks to the indenter's face")
+    sticks = isinstance(fitted.model.law, FlatPunch) and fitted.model.law.sticking == 1
+    if fitted.data.lubricated or sticks:
+        wet = "the presses were lubricated: no friction"
+        assumptions.append(wet if fitted.data.lubricated else "the gel sticks to the indenter's face")
         return 0.0
     surplus = sticking_surplus(NU_MAX if nu.value is None else nu.value, radius / fitted.data.gel.thickness_mm)
     assumptions.append(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.inputs.denoised_depth import FREE, HOLD, LOAD, SAME_MM, UNLOAD, denoised_depth, ways
+from calibration.inputs.denoised_depth import FREE, HOLD, LOAD, SAME_MM, UNLOAD, by_times, denoised_depth, ways
 from calibration.inputs.observations import Ints, Observations
 from tactilevision.records.constants import KILO, NONZERO
 from tactilevision.records.measured import Floats
@@ -31,9 +30,6 @@ class _Course:
     samples_s: Floats
 
 
-_KEPT: deque[tuple[tuple[np.ndarray, ...], _Course]] = deque(maxlen=8)
-
-
 def depth_at(data: Observations, later_s: float) -> Floats:
     """Return the depth (N,) at each sample's time plus `later_s`.
 
@@ -46,18 +42,9 @@ def depth_at(data: Observations, later_s: float) -> Floats:
     return np.asarray(np.interp(asked, course.time_s, course.depth_mm))
 
 
+@by_times
 def _course(data: Observations) -> _Course:
-    """Return the piecewise linear depth, cached for the last few data sets."""
-    key = (data.depth_mm, data.time_s, data.phase, data.press, data.presses.speed_mm_s)
-    for known, course in _KEPT:
-        if all(a is b for a, b in zip(known, key, strict=True)):
-            return course
-    course = _new_course(data)
-    _KEPT.append((key, course))
-    return course
-
-
-def _new_course(data: Observations) -> _Course:
+    """Return the piecewise linear depth."""
     branch, times, depths, samples, after = ways(data), list[Floats](), list[Floats](), list[Floats](), 0.0
     for one, speed in zip(data.spans, data.presses.speed_mm_s, strict=True):
         time, depth = with_corners(

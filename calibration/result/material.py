@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from calibration.fit.finite_depth import finite_depth, usual_softening
+from calibration.fit.finite_depth import finite_depth, stated_edge_mm, usual_softening
 from calibration.fit.identifiability import (
     bend_of,
     beta_name,
@@ -371,7 +371,7 @@ def _of_default(fitted: Fit) -> CalibrationResult:
     )  # fmt: skip
 
 
-# The joint region of E and nu, and the band of each route to nu.
+# The joint region of E and nu.
 #
 # At the fitted stiffness c, E(nu) = c (1 - nu^2)/(2 a kappa). The 95 % region follows it:
 #
@@ -386,71 +386,35 @@ USUAL_NU = 0.3  # the curve begins here unless nu is below
 STEPS = 61  # values of nu along the region's edge
 
 
-@dataclass(frozen=True, slots=True)
-class Band:
-    """One route's 95 % interval of nu."""
+def joint_region(result: CalibrationResult) -> tuple[Floats, Floats]:
+    """Return the curve (n, 2) of E(nu) in MPa at the fitted c, and the outline (k, 2) of the region in (nu, E)."""
+    fitted, ratio, radius = result.fitted, result.poisson_ratio, main_radius(result.fitted)
+    nu, modulus, deep = ratio.value, result.youngs_modulus.value, finite_depth(fitted, ratio, radius_mm=radius)
+    at = nu or SILICONE_NU[1]
 
-    name: str
-    interval: Pair
-    used: bool
+    def curve(places: Floats) -> Floats:
+        return np.array(modulus_of_nu(fitted, np.minimum(places, NU_MAX), radius=radius, deep=deep))
 
-
-@dataclass(frozen=True, slots=True)
-class JointPicture:
-    """`region` (k, 2) the outline in (nu, E); `curve` (n, 2) of E(nu) at the fitted c; `best` (nu, E) or None."""
-
-    curve: Floats
-    region: Floats
-    best: Pair | None
-    bands: tuple[Band, ...]
-
-
-def joint_picture(result: CalibrationResult) -> JointPicture:
-    """Return the joint region of a fit of the default law, with each route to nu."""
-    radius = main_radius(result.fitted)
-    surplus = sticking_range(result.fitted, result.poisson_ratio, radius=radius, assumptions=[])
-    softer = usual_softening(result.fitted, radius, poisson_ratio=result.poisson_ratio.value or SILICONE_NU[1])
-    nu, modulus = result.poisson_ratio.value, result.youngs_modulus.value
-    low = (result.poisson_ratio.interval95 or SILICONE_NU)[0]
-    floor = USUAL_NU if nu is None or nu > USUAL_NU else 0.0
-    grid = np.linspace(max(low - 0.05, floor), NU_MAX, STEPS)
-    deep = finite_depth(result.fitted, result.poisson_ratio, radius_mm=radius)
-    if deep is not None:
-        surplus = max(surplus, deep.room(result.poisson_ratio.value or SILICONE_NU[1])[0])
-    curve = np.array(modulus_of_nu(result.fitted, grid, radius=radius, deep=deep))
-    relative = _relative_std(result)
-    if nu is None or modulus is None:
-        across = np.linspace(*poisson_range(result.fitted), STEPS)
-        centre, half = _modulus(result, across, radius), np.full(STEPS, Z95 * relative)
-    else:
-        t = np.sin(np.linspace(-np.pi / 2, np.pi / 2, STEPS))  # close where the outline turns
-        across = nu + TWO_UNKNOWNS * (result.poisson_ratio.std or 0.0) * t
-        keep = (across > 0) & (across < 0.5)
-        t, across = t[keep], across[keep]
-        centre = modulus * _modulus(result, across, radius) / _modulus(result, np.array([nu]), radius)[0]
-        half = TWO_UNKNOWNS * relative * np.sqrt(1 - t**2)
-    upper, lower = centre * (1 + half) * (1 + softer), centre * (1 - half) / (1 + surplus)
-    region = np.concatenate([np.column_stack([across, upper]), np.column_stack([across, lower])[::-1]])
-    bands = tuple(
-        Band(r.name, r.poisson_ratio.interval95, r.used)
-        for r in result.routes
-        if r.poisson_ratio.interval95 is not None and r.poisson_ratio.value is not None
-    )
-    return JointPicture(curve, region, None if nu is None or modulus is None else (nu, modulus), bands)
-
-
-def _modulus(result: CalibrationResult, nu: Floats, radius_mm: float) -> Floats:
-    """Return E (n,) at the fitted stiffness."""
-    deep = finite_depth(result.fitted, result.poisson_ratio, radius_mm=radius_mm)
-    return np.array(modulus_of_nu(result.fitted, np.minimum(nu, NU_MAX), radius=radius_mm, deep=deep))[:, 1]
-
-
-def _relative_std(result: CalibrationResult) -> float:
-    """Return the relative std of E at known nu."""
     variance, cross, of_nu = result.covariance[0, 0], result.covariance[0, 1], result.covariance[1, 1]
     rest = variance - (cross**2 / of_nu if of_nu > 0 else 0.0)
-    fitted = float(result.fitted.values[result.fitted.index("youngs_modulus_MPa")])
-    return float(np.sqrt(max(rest, 0.0)) / fitted)
+    relative = np.sqrt(max(rest, 0.0)) / float(fitted.values[fitted.index("youngs_modulus_MPa")])
+    if nu is None or modulus is None:
+        across = np.linspace(*poisson_range(fitted), STEPS)
+        centre, half = curve(across)[:, 1], np.full(STEPS, Z95 * relative)
+    else:
+        t = np.sin(np.linspace(-np.pi / 2, np.pi / 2, STEPS))  # close where the outline turns
+        across = nu + TWO_UNKNOWNS * (ratio.std or 0.0) * t
+        keep = (across > 0) & (across < 0.5)
+        t, across = t[keep], across[keep]
+        centre = modulus * curve(across)[:, 1] / curve(np.array([nu]))[0, 1]
+        half = TWO_UNKNOWNS * relative * np.sqrt(1 - t**2)
+    surplus = sticking_range(fitted, ratio, radius=radius, assumptions=[])
+    surplus = surplus if deep is None else max(surplus, deep.room(at)[0])
+    upper = centre * (1 + half) * (1 + usual_softening(fitted, radius, poisson_ratio=at))
+    lower = centre * (1 - half) / (1 + surplus)
+    region = np.concatenate([np.column_stack([across, upper]), np.column_stack([across, lower])[::-1]])
+    begin = max((ratio.interval95 or SILICONE_NU)[0] - 0.05, USUAL_NU if at > USUAL_NU else 0.0)
+    return curve(np.linspace(begin, NU_MAX, STEPS)), region
 
 
 # Allowance of E for a rounded edge where none is stated:
@@ -465,19 +429,16 @@ def _relative_std(result: CalibrationResult) -> float:
 
 def allow_for_edge(result: CalibrationResult) -> CalibrationResult:
     """Return the result with E's upper end raised and an assumption; unchanged where the edge is stated."""
-    data, radius, nu = result.fitted.data, main_radius(result.fitted), result.poisson_ratio.value
-    stated = [i.edge_radius_mm for i in data.indenters if i.radius_mm == radius]
-    if all(edge is not None for edge in stated):
+    fitted, nu, radius = result.fitted, result.poisson_ratio, main_radius(result.fitted)
+    if stated_edge_mm(fitted, radius) is not None:
         return result
-    share = usual_softening(result.fitted, radius, poisson_ratio=SILICONE_NU[1] if nu is None else nu)
-    edge = data.gel.thickness_mm * EDGE_OVER_H
-    said = (
-        f"no edge radius is stated: E is that of one rounded by {edge:.2g} mm, and one rounded twice as much "
-        f"would raise it by some {100 * share:.1f} %; E's interval allows for that"
-        if finite_depth(result.fitted, result.poisson_ratio, radius_mm=radius) is not None
-        else f"no edge radius is stated: E may be higher by up to {100 * share:.1f} % where the punch's edge is "
-        f"rounded by {edge:.2g} mm; E's interval allows for that"
-    )
+    share = usual_softening(fitted, radius, poisson_ratio=SILICONE_NU[1] if nu.value is None else nu.value)
+    edge, more = fitted.data.gel.thickness_mm * EDGE_OVER_H, f"{100 * share:.1f} %"
+    if finite_depth(fitted, nu, radius_mm=radius) is None:
+        said = f"E may be higher by up to {more} where the punch's edge is rounded by {edge:.2g} mm"
+    else:
+        said = f"E is that of one rounded by {edge:.2g} mm; rounded twice as much, it would be some {more} higher"
+    said = f"no edge radius is stated: {said}; E's interval allows for that"
     return replace(
         result,
         youngs_modulus=_reaching(result.youngs_modulus, share),

@@ -43,7 +43,7 @@ from calibration.result.poisson_routes import (
     tightest,
 )
 from calibration.result.result import NO_CLOCK, CalibrationResult
-from calibration.tasks.compare import fit_errors, judged, with_errors, with_stated_noise
+from calibration.tasks.compare import fit_errors, judged, with_stated_noise
 from tactilevision.errors import NothingCertified
 from tactilevision.records.measured import Estimate, Pair
 
@@ -86,7 +86,8 @@ def calibrate(
     routes = (*known, *of_radii(fitted)) if isinstance(chosen, FlatPunch) else ()
     fitted = holding_each(fitted, routes)
     again = judged(fitted)
-    result = with_errors(determine_material(allow_for_indenters(fitted)), fit_errors(again))
+    errors, result = fit_errors(again), determine_material(allow_for_indenters(fitted))
+    result = replace(result, held_out_N=errors.held_out_N, noise_floor_N=errors.repeatability_N)
     result = with_stated_noise(result, again, or_else="; or `diagnose` shows what the model lacks")
     if single:
         result = _of_one_depth(result)

@@ -83,11 +83,6 @@ def judged(fitted: Fit) -> Fit:
         return fitted
 
 
-def with_errors(result: CalibrationResult, errors: FitErrors) -> CalibrationResult:
-    """Return the result with its held-out error and its repeatability."""
-    return replace(result, held_out_N=errors.held_out_N, noise_floor_N=errors.repeatability_N)
-
-
 def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = "") -> CalibrationResult:
     """Return the result with a warning where the stated noise is far from the scatter of this fit's samples."""
     flag, check = TOO_SMALL, "Check std_N of [force] and std_mm of [depth]"
