@@ -45,7 +45,7 @@ def form_errors(steady: Fit) -> Floats:
     found = [np.zeros((steady.data.size, 0))]
     for effect in (e for e in model.effects if e.stage not in (Stage.DEPTH, Stage.INSTRUMENT)):
         without = force_without(model, steady.values, steady.data, key=effect.key)
-        own = {*HOW_A_PRESS_GOES, *getattr(effect, "seen_in", ())}
+        own = {*HOW_A_PRESS_GOES, *effect.seen_in}
         added = FORM * (steady.force_N - without)[:, None]
         found += [added * _hot(c, OTHER_BINS) for c in seen if c.name in own]
     return _independent(np.hstack(found))
@@ -75,7 +75,7 @@ def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
     found = {}
     for effect in fitted.model.effects:
         name = f"{effect.key}.{effect.parameters[0].name}" if effect.parameters else ""
-        for covariate in (c for c in seen if c.name in getattr(effect, "same_over", ())):
+        for covariate in (c for c in seen if c.name in effect.same_over):
             change = fitted.jacobian[:, fitted.index(name)]
             found[f"{effect.key} by {covariate.name}"] = _hot(covariate, OTHER_BINS) * change[:, None]
     return found

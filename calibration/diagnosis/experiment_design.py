@@ -193,7 +193,7 @@ def of_candidates(group: Sequence[Candidate]) -> list[NextMeasurement]:
     """Return checks of the candidates of a set, each with the separation of the fitted amplitude from none."""
     found = []
     for one in group:
-        check = getattr(one.effect, "check", None)
+        check = one.effect.check
         if check is not None and np.isfinite(check.std):
             size = abs(float(one.own_values[0]) - one.effect.parameters[0].default)
             found.append(NextMeasurement(check.action, check.minutes, size / check.std))
@@ -202,7 +202,7 @@ def of_candidates(group: Sequence[Candidate]) -> list[NextMeasurement]:
 
 def of_hidden(bias: Mapping[str, float]) -> list[NextMeasurement]:
     """Return checks of effects that these data cannot show, most bias of E removed in a minute first."""
-    checks = {key: getattr(EFFECTS[key], "check", None) for key in bias if key in EFFECTS}
+    checks = {key: EFFECTS[key].check for key in bias if key in EFFECTS}
     worth = {check: abs(bias[key]) for key, check in checks.items() if check and abs(bias[key]) > MIN_BIAS}
     ranked = sorted(worth, key=lambda check: -worth[check] / check.minutes)
     return [_by_hand(check) for check in ranked]

@@ -41,7 +41,7 @@ class InadmissibleBeta:
 
 def instead_of_beta() -> tuple[Effect, ...]:
     """Return the effects that may look like an inadmissible beta, by their own rank."""
-    ranked = {rank: effect for effect in EFFECTS.values() if (rank := getattr(effect, "instead_of_beta", 0))}
+    ranked = {rank: effect for effect in EFFECTS.values() if (rank := effect.instead_of_beta)}
     return tuple(ranked[rank] for rank in sorted(ranked))
 
 
@@ -62,7 +62,7 @@ def theory_beta(radius_mm: float, thickness_mm: float) -> float:
 
 def _candidate(fitted: Fit, effect: Effect) -> InadmissibleBeta:
     key, data = effect.key, fitted.data
-    rescaled = getattr(effect, "condition", "") == THICKNESS  # another thickness is another theory's beta
+    rescaled = effect.condition == THICKNESS  # another thickness is another theory's beta
     model = fitted.model + effect
     place = model.slices(data)[key].start
     starts = np.array([np.insert(fitted.values, [place] * len(start), start) for start in effect.starts(data)])

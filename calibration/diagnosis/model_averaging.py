@@ -22,10 +22,8 @@ from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.diagnosis.sensitivity import (
     NOTHING,
     Absorbed,
-    absent,
     change_of_force,
     largest,
-    to_be_expected,
     typical,
 )
 from calibration.fit.depth_noise import at_denoised_depth
@@ -77,8 +75,8 @@ def average_models(
     if modulus.value is None or modulus.interval95 is None:
         return modulus, ()
     # a gel that sticks is a law of its own
-    others = [e for e in effects if getattr(e, "condition", "") != STICKING]
-    looked = [e for e in others if e.key not in fitted.model.keys and not absent(e, fitted.data)]
+    others = [e for e in effects if e.condition != STICKING]
+    looked = [e for e in others if e.key not in fitted.model.keys and not e.absent(fitted.data)]
     parts = [part for one, found in _laws(fitted, modulus) for part in _parts(one, found, looked, modulus.value)]
     if not parts:
         return modulus, ()
@@ -107,7 +105,7 @@ def _parts(fitted: Fit, found: Estimate, effects: Sequence[Effect], about_MPa: f
         return []
     space, chance = _Space(at_denoised_depth(fitted)), ANY / max(len(effects), 1)
     std, own = found.std / found.value, np.log(found.value / about_MPa)
-    usual = [effect for effect in effects if to_be_expected(effect, fitted.data)]
+    usual = [effect for effect in effects if effect.to_be_expected(fitted.data)]
     rivals = [one for effect in effects if effect not in usual for one in space.rivals(effect, chance)]
     rest = 1 - chance * len({one.key for one in rivals})
     expected = [one for effect in usual for one in space.rivals(effect, rest / len(usual))]
@@ -158,10 +156,9 @@ def _sizes(effect: Effect, own: Floats, fitted: Fit) -> Floats:
     """Return nodes (NODES,) of equal weight of the size's prior, in units of this start."""
     from scipy.special import ndtri
 
-    stated = getattr(effect, "parameters_on", None)
-    first = (effect.parameters if stated is None else stated(fitted.data))[0]
+    first = effect.parameters_on(fitted.data)[0]
     end = largest(effect) if np.isfinite(largest(effect)) else first.scale
-    judged = typical(effect) if to_be_expected(effect, fitted.data) else end / 2
+    judged = typical(effect) if effect.to_be_expected(fitted.data) else end / 2
     std = judged if first.prior is None else first.prior.std
     start = abs(own[0] - first.default)
     one_sided = first.default in first.bounds

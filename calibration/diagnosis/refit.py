@@ -13,7 +13,7 @@ from calibration.fit.least_squares import QUICK, Fit, Minimum, Problem, fit, min
 from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
-from calibration.model.stages import NOT_READ, Effect, EffectBase, Parameter
+from calibration.model.stages import NOT_READ, Effect, Parameter
 from calibration.noise.model import Whitener
 from calibration.noise.reml import Weighing
 from tactilevision.errors import ConvergenceError
@@ -74,7 +74,7 @@ def _smallest_as_good(problem: Problem, values: Floats, effect: Effect) -> Float
     at = problem.model.slices(problem.data)[effect.key].start
     first, now = problem.parameters[at], values
     at_end = abs(values[at] - first.default) >= (1 - 1e-4) * max(abs(b - first.default) for b in first.bounds)
-    if not (at_end or getattr(effect, "threshold", False)):
+    if not (at_end or effect.threshold):
         return values
     most = float(np.sum(problem.residual(values[problem.free]) ** 2)) + (FLAT if at_end else SAME)
     for _ in range(HALVINGS):
@@ -117,14 +117,9 @@ def separation(base: Fit, one: Candidate, other: Effect) -> float:
 
     The prior of the other's own size is not used: it is a judgement, not a measurement.
     """
-    mimic = refit_with(base, freed(other), target_N=one.force_N, most=2)
+    mimic = refit_with(base, other.freed(), target_N=one.force_N, most=2)
     prior = _prior_cost(base, one)
     return float(np.sqrt(max(mimic.chi2 - prior, 0.0)))
-
-
-def freed(effect: Effect) -> Effect:
-    """Return the effect without the prior of its size."""
-    return effect.freed() if isinstance(effect, EffectBase) else effect
 
 
 def _prior_cost(base: Fit, one: Candidate) -> float:
@@ -243,7 +238,7 @@ def adopt(base: Fit, candidate: Candidate) -> Fit:
     from all its starts, and the likelihood of each with its own noise decides.
     """
     places = [candidate.values]
-    if getattr(candidate.effect, "threshold", False):
+    if candidate.effect.threshold:
         own = candidate.model.slices(base.data)[candidate.effect.key]
         places += [_with(candidate.values, own, start) for start in candidate.effect.starts(base.data)]
     fits = []
@@ -274,7 +269,7 @@ def _by_own_slopes(fitted: Fit) -> Fit:
 
     About a threshold, where slopes jump, chi^2 under the linearisation before may be less by hundreds.
     """
-    if not any(getattr(effect, "threshold", False) for effect in fitted.model.effects):
+    if not any(effect.threshold for effect in fitted.model.effects):
         return fitted
     whitener = Whitener(fitted.data, fitted.noise, fitted.about)
     problem = Problem(fitted.model, fitted.data, fitted.parameters, whitener)
@@ -374,7 +369,7 @@ def skill(current: Fit, fitted: Fit, effect: Effect) -> float:
     folds, begin = press_folds(current.data), fitted.model.slices(current.data)[effect.key].start
     table = effect.parameters
     form = [begin + k for k, p in enumerate(table) if p.unit != table[0].unit]
-    read = not getattr(effect, "asks_readings", False)
+    read = not effect.asks_readings
     held = partial(hold_out, about=fitted, folds=folds, read=read)
     before = held(current.model, start=current.values)
     after = held(fitted.model, start=fitted.values, kept=form)

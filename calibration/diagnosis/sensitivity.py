@@ -12,7 +12,7 @@ from calibration.diagnosis.score_statistics import Cast, Tail
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Model
-from calibration.model.stages import Effect, EffectBase
+from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
 from tactilevision.records.measured import Bools, Floats
 
@@ -75,27 +75,16 @@ def _crossing(tail: Callable[[float], float], p: float) -> float:
 # Size of effects on rigs and gels, in the unit of the first parameter. A fit may go farther, to its bounds.
 
 
-def absent(effect: Effect, data: Observations) -> bool:
-    """Return whether these data cannot have the effect, since their depth comes from elsewhere."""
-    return isinstance(effect, EffectBase) and effect.absent(data)
-
-
 def largest(effect: Effect) -> float:
     """Return the end of its stated range, from where it vanishes; without one, that of its bounds."""
-    first, stated = effect.parameters[0], getattr(effect, "largest", None)
+    first = effect.parameters[0]
     low, high = first.bounds
-    return max(high - first.default, first.default - low) if stated is None else float(stated)
+    return max(high - first.default, first.default - low) if effect.largest is None else effect.largest
 
 
 def typical(effect: Effect) -> float:
     """Return the size that it typically has where it is there."""
-    stated = getattr(effect, "typical", None)
-    return effect.parameters[0].scale if stated is None else float(stated)
-
-
-def to_be_expected(effect: Effect, data: Observations) -> bool:
-    """Return whether every rig like that of these data has some of it."""
-    return isinstance(effect, EffectBase) and effect.to_be_expected(data)
+    return effect.parameters[0].scale if effect.typical is None else effect.typical
 
 
 # The part of a change of the force that a fit absorbs, linear about it, with the priors of its parameters.
@@ -160,7 +149,7 @@ def possible_bias(
     """
     found = {}
     for effect in effects:
-        if absent(effect, fitted.data):
+        if effect.absent(fitted.data):
             found[effect.key] = 0.0
             continue
         first = effect.parameters[0]
@@ -209,8 +198,7 @@ def change_of_force(fitted: Fit, effect: Effect, *, own: Floats) -> Floats | Non
     values = np.insert(fitted.values, [place] * own.size, own)
     try:
         with np.errstate(all="ignore"):
-            data = effect.supposed(fitted.data) if isinstance(effect, EffectBase) else fitted.data
-            force = np.asarray(model.predict(values, data))
+            force = np.asarray(model.predict(values, effect.supposed(fitted.data)))
     except (Exception, SystemExit):  # an effect without its covariate may raise anything
         return None
     real = not np.iscomplexobj(force) and bool(np.isfinite(force).all())
@@ -223,7 +211,7 @@ def as_it_holds(fitted: Fit, model: Model, values: Floats, change_N: Floats) -> 
 
     Otherwise the few samples that pass a threshold would dominate a change that is small everywhere else.
     """
-    for key in (e.key for e in fitted.model.effects if getattr(e, "asks_readings", False)):
+    for key in (e.key for e in fitted.model.effects if e.asks_readings):
         before = fitted.force_N - force_without(fitted.model, fitted.values, fitted.data, key=key)
         after = fitted.force_N + change_N - force_without(model, values, fitted.data, key=key)
         passed = np.abs(after - before) > np.maximum(np.abs(after), np.abs(before)) / 2

@@ -78,7 +78,7 @@ def stuck(fitted: Fit) -> Fit | None:
 
 
 def _fits(fitted: Fit, condition: str) -> bool:
-    return any(getattr(effect, "condition", "") == condition for effect in fitted.model.effects)
+    return any(effect.condition == condition for effect in fitted.model.effects)
 
 
 def _again(fitted: Fit, law: FlatPunch, data: Observations) -> Fit:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.effects import PLAIN, get_effect
 from calibration.effects.instrument_errors import InstrumentError
 from calibration.laws.theory import stated_outside_gels
-from calibration.model.stages import EffectBase, Parameter
+from calibration.model.stages import Effect, Parameter
 from calibration.report import page, wording
 from calibration.report.drawing import Card
 from calibration.report.misfit import BASE
@@ -235,12 +236,10 @@ def _values(added: Added) -> str:
     return ", ".join(f"{_meaning(added.key, name)} {wording.estimate(value)}" for name, value in added.parameters)
 
 
-def _about(key: str) -> EffectBase | None:
-    try:
-        effect = get_effect(key)
-    except InputError:
-        return None
-    return effect if isinstance(effect, EffectBase) else None
+def _about(key: str) -> Effect | None:
+    with suppress(InputError):  # a private effect
+        return get_effect(key)
+    return None
 
 
 def _card(drawn: Drawn, found: Diagnosis) -> str:

@@ -32,12 +32,11 @@ SOURCES = {
     "radii": "punches of several radii",
     "prior": "prior knowledge, not these data",
 }
-ALSO = {"reduced_modulus": "reduced modulus", "clock_offset": "clock of the force sensor"}
+ALSO = {"reduced_modulus": "reduced modulus"}
 MEANINGS = {
     "c": "force over depth P/w at first touch",
     "beta": "growth of P/w with w/h: c (1 + β w/h)",
     "reduced_modulus": "E/(1 − ν²)",
-    "clock_offset": "less that of the camera",
 }
 PRESS_COLUMNS = (
     "press",
@@ -118,6 +117,7 @@ def _head(result: CalibrationResult) -> str:
     notes = MEANINGS | {"poisson_ratio": f"from {source_in_words(result)}"}
     titles = wording.MATERIAL | ALSO
     rows = [(titles[name], value, notes.get(name, "")) for name, value in found.items()]
+    rows.append(("clock of the force sensor", wording.estimate(result.clock_offset), "less that of the camera"))
     table = page.table(("", "value and 95 % interval", ""), [*rows, *_error_rows(result)])
     return page.paragraph(f"{said}, from {presses}.", kind="lead") + table
 

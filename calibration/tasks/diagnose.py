@@ -38,7 +38,6 @@ from calibration.diagnosis.refit import (
     TOLD_APART,
     Candidate,
     adopt,
-    freed,
     held_out_rms,
     inside,
     refit_with,
@@ -373,5 +372,5 @@ def _refitted(base: Fit, effects: Sequence[Effect]) -> Sequence[Candidate]:
     for effect in effects:
         if effect.key not in base.model.keys:
             with suppress(*CANNOT_FIT):
-                found.append(refit_with(base, freed(effect)))
+                found.append(refit_with(base, effect.freed()))
     return found

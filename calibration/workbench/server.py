@@ -21,7 +21,7 @@ from calibration.diagnosis.score_test import LEVEL
 from calibration.fit.least_squares import Fit
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.observations import press_names
-from calibration.model.stages import EffectBase
+from calibration.model.stages import Effect
 from calibration.report import wording
 from calibration.report.misfit import (
     BASE,
@@ -154,8 +154,8 @@ def _components(found: Comparison, opened: Opened) -> list[dict[str, Any]]:
     return [law, *added]
 
 
-def _about(effect: object) -> str:
-    return (effect.title if isinstance(effect, EffectBase) else "") or str(getattr(effect, "words", ""))
+def _about(effect: Effect) -> str:
+    return effect.title or str(getattr(effect, "words", ""))
 
 
 def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
@@ -197,7 +197,6 @@ def _of_gel(material: CalibrationResult | None, name: str) -> str:
 
 def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
     effect, verdict, key = one.effect, shown.verdict, one.effect.key
-    about = effect if isinstance(effect, EffectBase) else EffectBase()
     named = verdict is not None and key in verdict.named
     candidate = verdict is not None and key in verdict.candidates and not named
     unconfirmed = one.significant and verdict is not None and not (named or candidate)
@@ -205,7 +204,7 @@ def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
     return {
         "key": key,
         "title": in_words(key),
-        "about": _about(effect if isinstance(effect, EffectBase) else opened.effect(key)),
+        "about": _about(effect) or _about(opened.effect(key)),
         "kind": opened.kind(key),
         "of": one.of,
         "evidence": _evidence(one.p_adjusted) + ", but the diagnosis does not name it" * unconfirmed,
@@ -220,10 +219,10 @@ def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
             for p, v in zip(effect.parameters, values, strict=False)
         ],
         "overlay": None if one.shown is None else _overlay(one.shown),
-        "seen_in": [wording.covariate(name) for name in about.seen_in],
-        "confused_with": [in_words(other) for other in about.confused_with],
-        "separated_by": list(about.separated_by),
-        "source": about.source,
+        "seen_in": [wording.covariate(name) for name in effect.seen_in],
+        "confused_with": [in_words(other) for other in effect.confused_with],
+        "separated_by": list(effect.separated_by),
+        "source": effect.source,
     }
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from each import each
 from made_presses import indenter, observations
-from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
+from made_recordings import HEIGHTS_MM, Truth, draw, points_of, recording_of
 
 from calibration.inputs.checks import check
 from calibration.inputs.observations import Measured
@@ -133,7 +133,7 @@ def pressed_curves() -> Measured:
     )
     sensor = Sensor("custom", 10, 10, (0.1, 0.1), Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.002))
     presses = tuple(Press(str(k), "A", 100.0 * k, 100.0 * k + 1) for k in range(6))
-    recording = Made(sensor, {"A": Indenter("A", radius_mm=2.5)}, presses, depth_source="vision")
+    recording = recording_of(sensor, {"A": Indenter("A", radius_mm=2.5)}, presses, depth_source="vision")
     return Measured(recording, curves=curves)
 
 
@@ -171,7 +171,7 @@ def test_presses_out_of_phase_are_left_out() -> None:
         curves.append(Curve(str(k), 100.0 * k + time, late, force, np.full(40, "")))
         presses.append(Press(str(k), "A", 100.0 * k, 100.0 * k + time[-1], speed_mm_s=speed))
     sensor = Sensor("custom", 10, 10, (0.1, 0.1), Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.002))
-    recording = Made(sensor, {"A": Indenter("A", radius_mm=2.5)}, tuple(presses), depth_source="stage")
+    recording = recording_of(sensor, {"A": Indenter("A", radius_mm=2.5)}, tuple(presses), depth_source="stage")
     result = calibrate(Measured(recording, curves=tuple(curves)))
     assert result.presses_accepted == ("1", "2", "4")
     assert result.presses_rejected == (("0", "out_of_phase"), ("3", "out_of_phase"))
