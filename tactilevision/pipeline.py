@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress, Watch
 from tactilevision.errors import InputError, NothingCertified, TactilevisionError
+from tactilevision.records.constants import NU_SILICONE
 
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
@@ -219,14 +220,13 @@ def diagnose_recording(
     """
     import numpy as np
 
-    from calibration.laws.flat_punch import elastomer_bound
     from calibration.tasks.diagnose import diagnose
     from tactilevision.cluster.pool import step_pool
 
     heard = listener or Collected()
     certified = _all_certified(recordings, cluster, heard)
     data = observed(certified)
-    nu, bound = sharpest_poisson_ratio(certified), elastomer_bound(prior)
+    nu, bound = sharpest_poisson_ratio(certified), NU_SILICONE if prior else None
     with step_pool(workers, cluster) as each, heard.progress_bar("diagnosing:") as progress:
         watch = Watch(progress, deadline, each)
         rng = np.random.default_rng(seed)
@@ -252,7 +252,6 @@ def compare_recordings(
     """
     import numpy as np
 
-    from calibration.laws.flat_punch import elastomer_bound
     from calibration.tasks.compare import compare
 
     heard = listener or Collected()
@@ -264,7 +263,7 @@ def compare_recordings(
             effects,
             rng=np.random.default_rng(seed),
             bulge=sharpest_poisson_ratio(certified),
-            bound=elastomer_bound(prior),
+            bound=NU_SILICONE if prior else None,
             progress=progress,
             deadline=deadline,
         )
@@ -405,12 +404,11 @@ def calibrate_certified(
 
     Raises InputError where the measurements were wrong as they came, before any press was looked at.
     """
-    from calibration.laws.flat_punch import elastomer_bound
     from calibration.result.result import unfixed_as_json
     from calibration.tasks.calibrate import calibrate
 
     clock, points = certified.clock_offset, certified.points
-    bound, nu = elastomer_bound(prior), certified.poisson_ratio if law == DEFAULT_LAW else None
+    bound, nu = NU_SILICONE if prior else None, certified.poisson_ratio if law == DEFAULT_LAW else None
     try:
         result = calibrate(certified.measured, law=law, clock_offset=clock, bulge=nu, bound=bound)
     except (NothingCertified, InputError) as fault:

@@ -108,8 +108,20 @@ class Searched:
 
     @property
     def explained(self) -> float:
-        """The share of the misfit at the start that the steps explain."""
-        return explained_share(self.start, self.current, left=self.last)
+        """The share of the misfit at the start that the steps explain.
+
+        That is what they took off chi^2, over this and the excess of the most significant covariate; whitened by
+        the last model's noise, the cost of priors included.
+        """
+        current = self.current
+        whitener = Whitener(current.data, current.noise, current.about)
+        before, after = (
+            float(np.sum(whitener.apply(one.residual_N) ** 2) + one.chi2 - np.sum(one.white**2))
+            for one in (self.start, current)
+        )
+        still = max((c.statistic - c.usual for c in self.last.covariates[:1]), default=0.0)
+        taken = max(before - after, 0.0)
+        return taken / (taken + max(still, 0.0)) if taken > 0 else 0.0
 
 
 def forward_selection(
@@ -322,19 +334,3 @@ def _confirmed(turn: Round, level: float, each: Each) -> Step | None:
         except CANNOT_FIT:
             continue  # the next best may still stand
     return None
-
-
-def explained_share(base: Fit, current: Fit, *, left: ScoreTest) -> float:
-    """Return the share of a misfit that the added effects explain: what they took off chi^2, over this and the
-    excess of the most significant covariate; whitened by the last model's noise, the cost of priors included.
-    """
-    before, after = (_under(current, one) for one in (base, current))
-    still = max((c.statistic - c.usual for c in left.covariates[:1]), default=0.0)
-    taken = max(before - after, 0.0)
-    return taken / (taken + max(still, 0.0)) if taken > 0 else 0.0
-
-
-def _under(current: Fit, one: Fit) -> float:
-    """Return chi^2 of a fit under another fit's noise, the cost of its priors unchanged."""
-    whitener = Whitener(current.data, current.noise, current.about)
-    return float(np.sum(whitener.apply(one.residual_N) ** 2) + one.chi2 - np.sum(one.white**2))

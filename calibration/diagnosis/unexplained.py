@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import product
 from typing import Any
@@ -51,49 +51,41 @@ WANDER_BINS = 6  # steps of what presses' zeros wander with
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """A significant residual over the covariate `key`: its rms in N and in mm of depth, and over a reading's std.
+    """A significant residual over a covariate: its rms in N and in mm of depth, and over a reading's std.
 
-    `E_off` is the relative error of E that it may bring, `over_E` this over E's std.
+    `E_off` is the relative error of E that it may bring, `over_std_of_E` this over E's std.
     """
 
-    key: str
+    covariate: str
     rms_N: float
     rms_mm: float
-    over_reading: float
+    over_std_of_a_reading: float
     E_off: float
-    over_E: float
+    over_std_of_E: float
 
     @property
     def matters(self) -> bool:
         """Whether E, force or depth may be off by more than their intervals."""
-        return max(self.over_reading, self.over_E) > MATTERS
+        return max(self.over_std_of_a_reading, self.over_std_of_E) > MATTERS
 
     @property
     def sentence(self) -> str:
         """A warning in words."""
         size, off = KILO * self.rms_mm, 100 * abs(self.E_off)
-        plain = next((error.words for error in INSTRUMENT_ERRORS if error.key == self.key), "")
-        on = f"as of {plain}" if plain else f"over {self.key}"
+        plain = next((error.words for error in INSTRUMENT_ERRORS if error.key == self.covariate), "")
+        on = f"as of {plain}" if plain else f"over {self.covariate}"
         return f"the residual amounts to {size:.2g} µm of depth ({on}); E moves by {off:.1g} %"
 
     def as_json(self) -> dict[str, Any]:
         """Its entry `left_over` in diagnosis.json."""
-        return {
-            "covariate": self.key,
-            "rms_N": self.rms_N,
-            "rms_mm": self.rms_mm,
-            "over_std_of_a_reading": self.over_reading,
-            "E_off": self.E_off,
-            "over_std_of_E": self.over_E,
-            "matters": self.matters,
-        }
+        return asdict(self) | {"matters": self.matters}
 
 
 def remainder(fitted: Fit, left: ScoreTest, *, level: float) -> Remainder | None:
     """Return the largest residual, over E's or a reading's std, that is significant at this level; else None."""
     keys = [s.key for s in (*left.covariates, *left.others) if s.p_adjusted <= level and s.key != STANDS_OUT]
     found = _all(at_denoised_depth(fitted), keys, _std_of_E(fitted)) if keys else []
-    return max(found, key=lambda one: max(one.over_reading, one.over_E), default=None)
+    return max(found, key=lambda one: max(one.over_std_of_a_reading, one.over_std_of_E), default=None)
 
 
 def _all(fitted: Fit, keys: Sequence[str], std_E: float) -> list[Remainder]:

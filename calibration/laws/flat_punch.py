@@ -187,11 +187,6 @@ def radius_number(data: Observations) -> np.ndarray[tuple[int], np.dtype[np.intp
     return np.unique(data.presses.radius_mm, return_inverse=True)[1][data.press]
 
 
-def elastomer_bound(used: bool) -> Pair | None:
-    """Return the range of nu to assume where none is stated; None where it is not wanted."""
-    return SILICONE_NU if used else None
-
-
 def poisson_parameter(gel: Gel, free: bool) -> Parameter:
     """Return nu with a prior where it is stated, else free in the tables' range, or fixed."""
     bounds = OPEN_NU if free else (NU_NOMINAL, NU_NOMINAL)

@@ -38,7 +38,7 @@ from calibration.laws.theory import (
     stated_outside_gels,
 )
 from calibration.model.composition import Model
-from calibration.result.poisson_routes import CONTRARY, HIGHEST, contradictions, holding_each, of_fit
+from calibration.result.poisson_routes import CONTRARY, contradictions, holding_each, of_fit
 from calibration.result.result import CalibrationResult, common_assumptions
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
@@ -120,7 +120,7 @@ def _contrary(lines: list[Line], gel: Gel) -> Iterator[tuple[float, ...]]:
         if not inside or not c_a.value or not c_b.value or min(c_a.value, c_b.value) <= 0:
             continue
         low, high = (
-            b / a * float(np.divide(*fast_kappa(nu, ratios)[::-1])) for nu in (LEAST_POISSON_RATIO, HIGHEST)
+            b / a * float(np.divide(*fast_kappa(nu, ratios)[::-1])) for nu in (LEAST_POISSON_RATIO, NU_MAX)
         )
         found = c_b.value / c_a.value
         std = float(np.hypot((c_a.std or 0.0) / c_a.value, (c_b.std or 0.0) / c_b.value))

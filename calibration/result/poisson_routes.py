@@ -33,7 +33,6 @@ from tactilevision.records.constants import NU_MAX, TAILS95, Z95
 from tactilevision.records.measured import Estimate, Pair
 from tactilevision.records.rig import Gel
 
-HIGHEST = NU_MAX
 AT_BOUND = 1e-4  # of nu: nearer to its bound a fit lies at it
 REACH = 1.95  # std: slightly less than half of a 95 % interval
 CONTRARY = 3  # std between two routes that contradict each other
@@ -159,7 +158,7 @@ def informed(data: Observations, bulge: Estimate | None, *, bound: Pair | None =
     std = float(np.sum(stds**-2.0) ** -0.5) * max(apart(routes), 1.0)
     if apart(routes) > CONTRARY:
         std = max(std, _reach(mean, routes))
-    gel = replace(data.gel, poisson_ratio=min(mean, HIGHEST), poisson_ratio_std=std)
+    gel = replace(data.gel, poisson_ratio=min(mean, NU_MAX), poisson_ratio_std=std)
     return replace(data, gel=gel)
 
 
