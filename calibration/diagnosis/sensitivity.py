@@ -14,6 +14,7 @@ from calibration.inputs.observations import Observations
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
+from tactilevision.errors import InputError
 from tactilevision.records.measured import Bools, Floats
 
 # The minimum detectable effect at 80 % power.
@@ -193,17 +194,30 @@ def change_of_force(fitted: Fit, effect: Effect, *, own: Floats) -> Floats | Non
     """
     if effect.key in fitted.model.keys:
         return None
-    model = fitted.model + effect
-    place = model.slices(fitted.data)[effect.key].start
-    values = np.insert(fitted.values, [place] * own.size, own)
     try:
         with np.errstate(all="ignore"):
-            force = np.asarray(model.predict(values, effect.supposed(fitted.data)))
+            return added_force(fitted, effect, own, effect.supposed(fitted.data))
     except (Exception, SystemExit):  # an effect without its covariate may raise anything
         return None
-    real = not np.iscomplexobj(force) and bool(np.isfinite(force).all())
-    usable = real and force.shape == fitted.force_N.shape
-    return as_it_holds(fitted, model, values, force - fitted.force_N) if usable else None
+
+
+def added_force(fitted: Fit, effect: Effect, own: Floats, data: Observations) -> Floats:
+    """Return what an effect of values `own` (p,) adds to the fit's force (N,), N, on these data.
+
+    Raises InputError for forces that are none.
+    """
+    model = fitted.model + effect
+    place = model.slices_of(fitted.values.size + own.size)[effect.key].start
+    values = np.insert(fitted.values, [place] * own.size, own)
+    force = np.asarray(model.predict(values, data))
+    faults = {
+        "returns one force a sample": force.shape != fitted.force_N.shape,
+        "returns real forces": np.iscomplexobj(force),
+        "returns finite forces": not np.isfinite(force).all(),
+    }
+    for words in (words for words, wrong in faults.items() if wrong):
+        raise InputError(f"an effect {words}", where=effect.key, value=own.tolist())
+    return as_it_holds(fitted, model, values, force - fitted.force_N)
 
 
 def as_it_holds(fitted: Fit, model: Model, values: Floats, change_N: Floats) -> Floats:

@@ -213,7 +213,9 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
     if not touches:
         raise InputError("there is no press to fit", remedy="Hand in accepted points, or curves.")
     gel = _one_gel([m.recording for m in sets])
-    touches = sorted(touches, key=lambda t: (_sortable(t.begin_s), t.recording, _sortable(t.time_s[0])))
+    touches = sorted(
+        touches, key=lambda t: (finite_or(t.begin_s, math.inf), t.recording, finite_or(t.time_s[0], math.inf))
+    )
     origin = math.floor(touches[0].begin_s / DAY_S) * DAY_S if np.isfinite(touches[0].begin_s) else 0.0
     indenters = list(dict.fromkeys(t.indenter for t in touches))
     sizes = [t.time_s.size for t in touches]
@@ -281,14 +283,8 @@ def _day(touch: _Touch, origin: float) -> float:
     return 0.0 if touch.recording == 0 else NAN
 
 
-def _sortable(time: float) -> float:
-    return time if np.isfinite(time) else math.inf
-
-
 def _days_since_epoch(date: object) -> float:
     """Return the days of a date, a datetime or an ISO text; 0 where there is none."""
-    if isinstance(date, datetime.datetime):
-        date = date.date()
     if isinstance(date, str) and date:
         try:
             date = datetime.date.fromisoformat(date[:10])

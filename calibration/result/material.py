@@ -315,8 +315,7 @@ AT_BOUND = "beta_at_bound"  # the flag of a slope at the end of its range
 def material_by_routes(fitted: Fit) -> CalibrationResult:
     """Return the material of a fit, its interval over all routes to nu where these contradict each other."""
     routes = of_fit(fitted)
-    found = determine_material(holding_each(fitted, routes))
-    return replace(found, warnings=(*found.warnings, *contradictions(routes)))
+    return determine_material(holding_each(fitted, routes)).noted(*contradictions(routes))
 
 
 def determine_material(fitted: Fit) -> CalibrationResult:
@@ -333,8 +332,7 @@ def determine_material(fitted: Fit) -> CalibrationResult:
         (RADII_FLAG, radii_apart(fitted)),
     )
     for flag, said in checks:
-        if said:
-            found = replace(found, warnings=(*found.warnings, said), flags=(*found.flags, flag))
+        found = found.noted(said, flags=[flag]) if said else found
     return found
 
 

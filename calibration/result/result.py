@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
 from typing import Any
 
@@ -52,6 +52,10 @@ class CalibrationResult:
     flags: tuple[str, ...] = ()
     routes: tuple[Route, ...] = ()
     held_out_N: float = float("nan")
+
+    def noted(self, *warnings: str, flags: Sequence[str] = ()) -> CalibrationResult:
+        """Return the result with more warnings and flags."""
+        return replace(self, warnings=(*self.warnings, *warnings), flags=(*self.flags, *flags))
 
     @property
     def law(self) -> str:

@@ -48,6 +48,10 @@ from tactilevision.errors import NothingCertified
 from tactilevision.records.measured import Estimate, Pair
 
 ONE_DEPTH = "one_depth"  # the flag of a result whose curvature is theory's
+UNUSUAL_NU = (
+    "Poisson's ratio lies below what solid elastomers have: a foam, or an error of the pictures; its std was "
+    "widened towards the bound. State poisson_ratio in recording.toml, or use --no-prior"
+)
 OUT_OF_PHASE = "out_of_phase"  # the reason against a press too fast for the offset of its clocks
 
 
@@ -94,10 +98,9 @@ def calibrate(
     if isinstance(chosen, FlatPunch):
         result = allow_for_edge(_with_routes(result, routes))
         if stated.gel.poisson_ratio is None and contradicts(bulge, bound):
-            result = _below_bound(result)
-    apart = apart_from_stated(result.youngs_modulus, stated.gel)
-    if apart:
-        result = replace(result, warnings=(*result.warnings, apart))
+            result = result.noted(UNUSUAL_NU, flags=[BELOW_BOUND])
+    if apart := apart_from_stated(result.youngs_modulus, stated.gel):
+        result = result.noted(apart)
     late = Counter(given.presses.label) - Counter(data.presses.label)
     rejected = (
         *((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted),
@@ -111,22 +114,9 @@ def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> Calibr
     routes = (*routes, *of_beta(result.beta))
     lines, warnings = in_words(routes)
     source = tightest(routes) if result.poisson_ratio.value is not None else result.poisson_ratio_source
-    return replace(
-        result,
-        routes=routes,
-        poisson_ratio_source=source,
-        warnings=(*result.warnings, *warnings),
-        assumptions=(*result.assumptions, *lines),
-    )
-
-
-def _below_bound(result: CalibrationResult) -> CalibrationResult:
-    """Return the result with a flag and a warning that nu lies below the range of elastomers."""
-    said = (
-        "Poisson's ratio lies below what solid elastomers have: a foam, or an error of the pictures; its std "
-        "was widened towards the bound. State poisson_ratio in recording.toml, or use --no-prior"
-    )
-    return replace(result, flags=(*result.flags, BELOW_BOUND), warnings=(*result.warnings, said))
+    lines = [*result.assumptions, *lines]
+    found = replace(result, routes=routes, poisson_ratio_source=source, assumptions=tuple(lines))
+    return found.noted(*warnings)
 
 
 def observe(sets: Sequence[Measured]) -> Observations:
@@ -159,13 +149,9 @@ def _of_one_depth(result: CalibrationResult) -> CalibrationResult:
         f"{why}; beta is held to {low:.2f} to {high:.2f}, what contact laws have for any friction (95 %), and c "
         "and E follow with what that leaves open"
     )
-    return replace(
-        result,
-        beta=replace(result.beta, value=None, std=None, why=why),
-        flags=(*result.flags, ONE_DEPTH),
-        assumptions=(*result.assumptions, said),
-        warnings=(*result.warnings, f"{why}; press to two depths at least, one twice the other"),
-    )
+    beta = replace(result.beta, value=None, std=None, why=why)
+    found = replace(result, beta=beta, assumptions=(*result.assumptions, said))
+    return found.noted(f"{why}; press to two depths at least, one twice the other", flags=[ONE_DEPTH])
 
 
 def _free(law: Law, data: Observations, *, single: bool, bound: Pair | None) -> Law:

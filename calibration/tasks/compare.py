@@ -97,7 +97,7 @@ def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = 
         said = f"depths scatter {deeper:.1f} times as much as was stated of them. Check std_mm of [depth]{or_else}"
     else:
         return result
-    return replace(result, flags=(*result.flags, flag), warnings=(*result.warnings, said))
+    return result.noted(said, flags=[flag])
 
 
 # Models against measurements: the error in and out of sample, and how well the presses repeat.

@@ -71,7 +71,7 @@ def _widened(result: CalibrationResult, factors: Sequence[float], warning: str) 
     if not factors or E.interval95 is None:
         return result
     wide = (E.interval95[0] * min(1.0, *factors), E.interval95[1] * max(1.0, *factors))
-    return replace(result, youngs_modulus=replace(E, interval95=wide), warnings=(*result.warnings, warning))
+    return replace(result, youngs_modulus=replace(E, interval95=wide)).noted(warning)
 
 
 def _over_candidates(after: CalibrationResult, force: Outcome, others: Sequence[float]) -> CalibrationResult:
@@ -148,16 +148,17 @@ def diagnose(
     """
     data = clear_of_touch(in_phase(usable(data)))
     catalogue = [*EFFECTS.values(), *effects]
-    held = partial(_diagnosed, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch)
-    fitted = partial(held, catalogue=catalogue)
-    found = whole = fitted(data)
+    diagnosed = partial(
+        _diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch
+    )
+    found = whole = diagnosed(data)
     aside, foreign = tuple[str, ...](), False
     while (
         not watch.over and (odd := found.presses.odd).presses and len(aside) + len(odd.presses) <= FEW * data.count
     ):
         aside, foreign = (*aside, *odd.presses), foreign or odd.foreign
         others = ~np.isin(np.array(data.presses.label), aside)
-        found = fitted(data.take(others))
+        found = diagnosed(data.take(others))
     return _beside(whole, found, aside, foreign=foreign) if aside and not found.presses.odd.presses else whole
 
 
@@ -299,8 +300,7 @@ def _determine(
 def concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
     """Return the material of the last fit, with warnings of curves not used and of a stated noise far off."""
     if fitted.data.reconstructed_mm is not None and not fitted.data.is_curves:
-        flags, warnings = (*result.flags, POINTS_ALONE), (*result.warnings, WHY_POINTS)
-        result = replace(result, flags=flags, warnings=warnings)
+        result = result.noted(WHY_POINTS, flags=[POINTS_ALONE])
     return with_stated_noise(result, fitted)
 
 
@@ -315,11 +315,8 @@ def _material(
     remarks = [NOT_TRUSTED] if force.unknown else [force.remainder.sentence] if force.remainder else []
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
     after = _over_bend(_over_candidates(alone, force, shares), force.searched)
-    after = replace(
-        after,
-        youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
-        warnings=(*after.warnings, *remarks),
-    )
+    reached = holding(after.youngs_modulus, averaged.interval95)
+    after = replace(after, youngs_modulus=reached).noted(*remarks)
     return (after if sight is None else _over_rise(after, sight)), unseen
 
 
