@@ -56,18 +56,15 @@ def find_trend(depth_mm: Floats, error: Floats) -> Trend:
 
     Least squares, t = slope / std with N - 2 degrees of freedom.
     """
-    from scipy.stats import t as student
+    from scipy.stats import linregress, t as student
 
     use = np.isfinite(error)
     x, y = depth_mm[use], error[use]
     if np.unique(x).size < 3:
         return Trend(why="fewer than three depths: a trend cannot be distinguished from scatter")
-    span = float(np.ptp(x))
-    x = (x - x.mean()) / span
-    slope = float(x @ y / (x @ x))
-    left = y - y.mean() - slope * x
-    dof = x.size - 2
-    std = max(float(np.sqrt(left @ left / dof)), SAME) / float(np.sqrt(x @ x))
+    x = (x - x.mean()) / float(np.ptp(x))
+    line, dof = linregress(x, y), x.size - 2
+    slope, std = float(line.slope), max(float(line.stderr), SAME / float(np.sqrt(x @ x)))
     reach = float(student.ppf(TAILS95[1], dof)) * std
     return Trend(slope, (slope - reach, slope + reach), float(2 * student.sf(abs(slope) / std, dof)))
 

@@ -37,7 +37,6 @@ from calibration.tasks.compare import (
     with_effect,
 )
 from calibration.workbench.opened import Opened
-from tactilevision.records.measured import Estimate, Pair
 from tactilevision.records.misfit import Strip
 
 REFITTED = 6  # cards fitted at once; the others are fitted when they are opened
@@ -193,24 +192,14 @@ class Verdict:
     nearest: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
-    """Input of a diagnosis: data, effects that are in the model from the start, files of private effects."""
-
-    data: Observations
-    known: tuple[str, ...]
-    own: tuple[str, ...]
-    bulge: Estimate | None
-    bound: Pair | None
-    seed: int
+Report = Callable[[str], None]
+Ask = Callable[[Report], Verdict]  # a diagnosis that reports its steps; picklable
 
 
 class Asked:
     """A running diagnosis; `report` gets its steps, `answer` a Verdict or why there is none."""
 
-    def __init__(
-        self, question: Question, *, report: Callable[[str], None], answer: Callable[[Verdict | str], None]
-    ) -> None:
+    def __init__(self, question: Ask, *, report: Report, answer: Callable[[Verdict | str], None]) -> None:
         context = multiprocessing.get_context("spawn")
         reader, writer = context.Pipe(duplex=False)
         self._process = context.Process(target=_answer, args=(writer, question), daemon=True)
@@ -225,9 +214,7 @@ class Asked:
         self._process.terminate()
         self._process.join()
 
-    def _hear(
-        self, reader: Connection, report: Callable[[str], None], answer: Callable[[Verdict | str], None]
-    ) -> None:
+    def _hear(self, reader: Connection, report: Report, answer: Callable[[Verdict | str], None]) -> None:
         last: Verdict | str = "the diagnosis was terminated"
         while True:
             try:
@@ -243,11 +230,11 @@ class Asked:
             answer(last)
 
 
-def _answer(writer: Connection, question: Question) -> None:
+def _answer(writer: Connection, question: Ask) -> None:
     """Run a diagnosis in the process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the page's process handles it, and stops this one
     try:
-        found: Verdict | str = diagnosed(question, lambda what: writer.send(("tell", what)))
+        found: Verdict | str = question(lambda what: writer.send(("tell", what)))
     except BrokenPipeError:
         return
     except (Exception, SystemExit) as fault:  # of a private effect, anything
@@ -255,34 +242,43 @@ def _answer(writer: Connection, question: Question) -> None:
     writer.send(("answer", found))
 
 
-def diagnosed(question: Question, report: Callable[[str], None]) -> Verdict:
-    """Return the verdict of `diagnose` in words."""
+def diagnosed(
+    report: Report,
+    *,
+    data: Observations,
+    known: Sequence[str],
+    own: Sequence[str],
+    seed: int,
+    **nu: Any,
+) -> Verdict:
+    """Return the verdict of `diagnose` in words.
+
+    `known`: effects that are in the model from the start; `own`: files of private effects; `nu`: `bulge` and
+    `bound` of `diagnose`.
+    """
     from calibration.effects import get_effect
     from calibration.effects.private import load_effect
     from calibration.report.diagnosis_report import allowed_for, reading_sentence, verdict_sentence
     from calibration.tasks.diagnose import diagnose
 
-    own = {effect.key: effect for effect in (load_effect(path) for path in question.own)}
-    known = [own[key] if key in own else get_effect(key) for key in question.known]
+    private = {effect.key: effect for effect in map(load_effect, own)}
 
     def progress(done: int, total: int, what: str = "") -> None:
         report(what)
 
     found = diagnose(
-        question.data,
-        np.random.default_rng(question.seed),
-        effects=[effect for key, effect in own.items() if key not in question.known],
-        known=known,
-        bulge=question.bulge,
-        bound=question.bound,
+        data,
+        np.random.default_rng(seed),
+        effects=[effect for key, effect in private.items() if key not in known],
+        known=[private[key] if key in private else get_effect(key) for key in known],
         watch=Watch(progress),
+        **nu,
     )
-    steps: list[Any] = [(a.action, a.minutes, a.separation_sigma) for a in found.measure_next]
     return Verdict(
         word=found.verdict,
         sentence=verdict_sentence(found),
         remarks=(*reading_sentence(found), *allowed_for(found)),
-        measure_next=tuple(steps),
+        measure_next=tuple((a.action, a.minutes, a.separation_sigma) for a in found.measure_next),
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
         odd=found.presses.odd.presses,

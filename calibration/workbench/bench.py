@@ -17,6 +17,7 @@ from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
@@ -30,8 +31,8 @@ from calibration.workbench.analysis import (
     Evidence,
     Fitted,
     Models,
-    Question,
     Verdict,
+    diagnosed,
     find_evidence,
     fit_likeliest,
     fitted_evidence,
@@ -496,8 +497,10 @@ class Bench:
                 self._show(verdict=verdict, asking="", troubled=why)
 
         opened, data = self.opened, shown.now.ready.stated
-        files = tuple(opened.files.values())
-        question = Question(data, tuple(keys), files, opened.bulge, opened.bound, shown.history.seed)
+        own, seed = tuple(opened.files.values()), shown.history.seed
+        question = partial(
+            diagnosed, data=data, known=keys, own=own, seed=seed, bulge=opened.bulge, bound=opened.bound
+        )
         self._show(asking="reading the measurements")
         with self._dropping.whole():
             self._asked = Asked(question, report=lambda what: self._show(asking=what), answer=hear)
