@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
-from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
-from calibration.diagnosis.model_averaging import UndetectedEffect
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.score_test import Scored
+from calibration.diagnosis.sensitivity import UndetectedEffect
 from calibration.diagnosis.unexplained import AlternativeExplanation, Remainder, Unexplained
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit

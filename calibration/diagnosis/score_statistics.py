@@ -12,7 +12,7 @@ from calibration.fit.outlying_presses import TAILS, log_student, press_dof
 from calibration.fit.repeats import drawn_noise
 from calibration.noise.model import Noise, Whitener
 from calibration.noise.reml import Product, Weighing, log_sizes, prior_cost
-from tactilevision.records.constants import NONZERO
+from tactilevision.records.constants import NONZERO, TINY
 from tactilevision.records.measured import Floats
 
 # p-values of a statistic from null samples, extrapolated beyond the largest.
@@ -188,7 +188,7 @@ class Cast:
         before = np.linalg.norm(seen, axis=0)
         share = left[: len(seen), kept].T @ seen
         self.sizes = np.sqrt(np.maximum(before**2 - np.sum(share**2, axis=0), 0.0))
-        self._visible = (self.sizes > SEEN * np.maximum(before, NONZERO)) & (self.sizes > 1e-9)
+        self._visible = (self.sizes > SEEN * np.maximum(before, NONZERO)) & (self.sizes > TINY)
         unit = np.where(self._visible, self.sizes, np.inf)
         self._directions = (directions - self._jacobian @ share) / unit
         self._beside = -(self._priors @ share) / unit

@@ -27,7 +27,7 @@ from calibration.inputs.denoised_depth import LOAD, branches, nominal_depth
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.stages import Effect, Parameter
 from calibration.noise.model import Scatter, Whitener
-from tactilevision.records.constants import KILO, Z95
+from tactilevision.records.constants import KILO, TINY, Z95
 from tactilevision.records.measured import Floats, Pair
 
 # Whether a significant residual matters: its effect on E, and on a force or a depth that is read.
@@ -356,7 +356,7 @@ def _binned(fitted: Fit) -> tuple[Floats, Floats, Floats]:
     rows = [row for row in rows if row.size >= 3 and depth[row].max() > 0]
     mean = np.array([residual[row].mean() for row in rows])
     error = np.array([residual[row].std(ddof=1) / np.sqrt(row.size) for row in rows])
-    return np.array([depth[row].mean() for row in rows]), mean, np.maximum(error, 1e-9)
+    return np.array([depth[row].mean() for row in rows]), mean, np.maximum(error, TINY)
 
 
 def _process(depth_mm: Floats, mean_N: Floats, error_N: Floats) -> tuple[float, float]:

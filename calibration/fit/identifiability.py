@@ -29,7 +29,7 @@ from calibration.model.composition import Model
 from calibration.model.stages import EDGE, STICKING
 from tactilevision.errors import ConvergenceError
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
-from tactilevision.records.constants import NU_MAX, NU_SILICONE, TAILS95, TINY, Z95
+from tactilevision.records.constants import NU_MAX, NU_SILICONE, ROUNDING, TAILS95, TINY, Z95
 from tactilevision.records.measured import Estimate, Floats, Pair
 
 NODES = 201  # nu at which E's interval is taken
@@ -192,7 +192,7 @@ class _Spread:
             return float(self.weights @ ndtr((value - self.modulus) / std)) - share
 
         low, high = self.modulus.min() - 12 * std.max(), self.modulus.max() + 12 * std.max()
-        return float(brentq(excess, low, high, xtol=1e-9 * high))
+        return float(brentq(excess, low, high, xtol=ROUNDING * high))
 
 
 def _others(fitted: Fit) -> tuple[Rival, ...]:

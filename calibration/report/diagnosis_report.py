@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.diagnosis import Added, Diagnosis, OddPresses
-from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
 from calibration.diagnosis.score_test import LEVEL, Failure, few_presses
 from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.effects import PLAIN, get_effect

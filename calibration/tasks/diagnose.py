@@ -15,8 +15,10 @@ from calibration.diagnosis.decision import (
     Outcome,
     against_instrument_errors,
     decide,
+    instead_of_beta,
     odd_presses,
     outcome,
+    would_have_to_be,
 )
 from calibration.diagnosis.diagnosis import (
     Added,
@@ -31,8 +33,6 @@ from calibration.diagnosis.diagnosis import (
 )
 from calibration.diagnosis.experiment_design import plan_next, press_again
 from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
-from calibration.diagnosis.inadmissible_beta import instead_of_beta, would_have_to_be
-from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
 from calibration.diagnosis.refit import (
     CANNOT_FIT,
     TOLD_APART,
@@ -43,7 +43,7 @@ from calibration.diagnosis.refit import (
     refit_with,
 )
 from calibration.diagnosis.score_test import LEVEL, effect_directions
-from calibration.diagnosis.sensitivity import hidden
+from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
 from calibration.effects import EFFECTS

@@ -33,12 +33,12 @@ from calibration.noise.model import STATED_DOF, Noise
 from calibration.result.material import allow_for_edge, determine_material
 from calibration.tasks.compare import base_model
 from tactilevision.errors import InputError
-from tactilevision.records.constants import KILO
+from tactilevision.records.constants import KILO, NU_NOMINAL
 from tactilevision.records.measured import Bools, Estimate, Floats, Pair
 from tactilevision.records.rig import Gel, Indenter
 
 USUAL_MODULUS_MPA: Pair = (0.2, 0.2)  # MPa: guess of E where none is given; soft silicone gels lie about it
-USUAL_NU: Pair = (0.48, 0.48)  # guess of Poisson's ratio where none is given
+USUAL_NU: Pair = (NU_NOMINAL, NU_NOMINAL)  # guess of Poisson's ratio where none is given
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses
 
-from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
+from calibration.diagnosis.sensitivity import UndetectedEffect, average_models
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import outlying_presses
