@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from calibration.inputs.observations import Measured
-    from calibration.tasks.forecast import Design, Forecast, Margin, PressNoise
-    from calibration.tasks.plan import Goal, Plan
+    from calibration.tasks.plan import Design, Forecast, Goal, Margin, Plan, PressNoise
     from tactilevision.cli.pictures import FigureFolder
     from tactilevision.pipeline import Calibrated, CertifiedRecording
     from tactilevision.records.measured import Pair
@@ -154,7 +153,7 @@ def _describe(certified: CertifiedRecording, folder: Path) -> None:
 
 
 def _write_history(outcomes: Sequence[Calibrated], law: str, figures: FigureFolder) -> None:
-    from calibration.tasks.history import history
+    from calibration.tasks.calibrate import history
     from tactilevision.cli import pictures
     from tactilevision.recording.write import write_table
 
@@ -246,7 +245,7 @@ def plan(
 
 
 def _blank(thickness_mm: float | None) -> Design:
-    from calibration.tasks.forecast import Design
+    from calibration.tasks.plan import Design
     from tactilevision.records.rig import Gel
 
     if thickness_mm is None:
@@ -259,7 +258,7 @@ def _blank(thickness_mm: float | None) -> Design:
 def _read(path: Path) -> Design:
     """Gel, punch faces, noise, and what its points say of E."""
     from calibration.inputs.observations import TYPICAL_FORCE_N, TYPICAL_ZERO_MM, Measured
-    from calibration.tasks.forecast import Design, PressNoise
+    from calibration.tasks.plan import Design, PressNoise
     from tactilevision.recording.read import read_recording
 
     recording = read_recording(path)

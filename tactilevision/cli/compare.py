@@ -27,7 +27,7 @@ from tactilevision.cli.analysis import (
 
 if TYPE_CHECKING:
     from calibration.model.stages import Effect
-    from calibration.report.comparison_report import Pictures
+    from calibration.report.report import Pictures
     from calibration.tasks.compare import Compared, Comparison
     from calibration.tasks.session import History, Step
     from tactilevision.cli.pictures import FigureFolder
@@ -46,8 +46,8 @@ def write_comparison(
     state: str = "",
 ) -> None:
     """comparison.json, the figures and report.html. `try_next`: what for, and how."""
-    from calibration.report.comparison_report import comparison_page
     from calibration.report.misfit import error_fall_of_comparison, error_fall_of_picture
+    from calibration.report.report import comparison_page
     from tactilevision.files.writing import write_json, write_text
 
     write_json(folder.path / "comparison.json", content_of(found))
@@ -85,8 +85,8 @@ def _of_picture(model: Compared, base: Compared) -> dict[str, object]:
 
 
 def _pictures(found: Comparison, falls: Sequence[ErrorFall], folder: FigureFolder) -> Pictures:
-    from calibration.report.comparison_report import Pictures
     from calibration.report.misfit import force_curves, model_names, residual_strips
+    from calibration.report.report import Pictures
     from tactilevision.cli import pictures as keep
 
     names = model_names([model.effects for model in found.models])
@@ -325,7 +325,7 @@ def compare_effects(
 
 def lines_of(found: Comparison) -> list[str]:
     """One line a model: its name, its error and the repeatability."""
-    from calibration.report.comparison_report import column
+    from calibration.report.report import column
 
     return [
         *(_model_line(column(model), model) for model in found.models),

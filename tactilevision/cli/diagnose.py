@@ -262,14 +262,16 @@ def relief_words(one: ResidualMap) -> str:
 
 def _drawn(card: Card, folder: FigureFolder) -> Drawn:
     """A candidate with what it would leave, over what is left without it and with it."""
+    from calibration.effects import PLAIN
     from calibration.report.diagnosis_report import Drawn
     from tactilevision.plots.diagnosis import draw_overlay
 
     if card.overlay is None:
         return Drawn(card, None)
-    name = _words(card.overlay.key)
-    words = f"Orange: what is left without it; black: what {name} explains of it; blue: what is left with {name}."
-    return Drawn(card, folder.keep(draw_overlay(card.overlay), f"candidates/{card.key}.png", caption=words))
+    name = "the instrument error" if card.key in PLAIN else _words(card.key)
+    words = f"Orange: residual without it; black: what {name} explains of it; blue: residual with {name}."
+    picture = draw_overlay(card.overlay, name)
+    return Drawn(card, folder.keep(picture, f"candidates/{card.key}.png", caption=words))
 
 
 def _words(key: str) -> str:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibration.result.result import CalibrationResult
-    from calibration.tasks.history import HistoryRow
+    from calibration.tasks.calibrate import HistoryRow
     from tactilevision.press.certificate import Certificate
     from tactilevision.recording.model import Recording
     from tactilevision.records.certified import CertifiedPoint
@@ -57,13 +57,16 @@ def _material(result: CalibrationResult, folder: FigureFolder) -> Picture:
     if not result.routes:
         plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
         return folder.keep(indentation.draw_material(*plain), "material.png", caption=words)
-    from calibration.result.uncertainty import joint_picture
+    from calibration.result.material import joint_region
 
-    seen = joint_picture(result)
-    routes = [(band.name, band.interval, band.used) for band in seen.bands]
+    curve, region = joint_region(result)
+    known = [(r.name, r.poisson_ratio, r.used) for r in result.routes if r.poisson_ratio.value is not None]
+    routes = [(name, nu.interval95, used) for name, nu, used in known if nu.interval95 is not None]
+    found = result.material
+    best = None if found is None else (found.poisson_ratio, found.youngs_modulus_MPa)
     words += " The region contains both at 95 %; where friction is unknown it includes a gel that sticks,"
     words += " where no edge is stated a rounded one."
-    drawn = indentation.draw_joint(seen.curve, seen.region, best=seen.best, routes=routes)
+    drawn = indentation.draw_joint(curve, region, best=best, routes=routes)
     return folder.keep(drawn, "material.png", caption=words)
 
 

@@ -17,6 +17,7 @@ from tactilevision.cli.analysis import (
     next_commands,
     write_history,
 )
+from tactilevision.records.constants import NU_SILICONE
 
 if TYPE_CHECKING:
     from calibration.tasks.session import History
@@ -81,7 +82,6 @@ def _history(recordings: Sequence[Path], state: Path | None, *, seed: int, prior
 
 def _opened(history: History, private: Sequence[Path] | None) -> Opened:
     """Return the recordings as `compare` uses them."""
-    from calibration.laws.flat_punch import elastomer_bound
     from calibration.workbench.opened import Opened, file_marks
     from tactilevision.pipeline import certify_recordings, observed, sharpest_poisson_ratio
 
@@ -94,7 +94,7 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
         measured=tuple(one.measured for one in taken),
         data=observed(taken),
         bulge=sharpest_poisson_ratio(taken),
-        bound=elastomer_bound(history.prior),
+        bound=NU_SILICONE if history.prior else None,
         private=tuple(own),
         files=files,
         frames=tuple(_frames(one) for one in taken),
