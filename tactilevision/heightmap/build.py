@@ -24,7 +24,7 @@ from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
-from tactilevision.photometric.method import as_referenced
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.network import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.reference import (
@@ -310,11 +310,10 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Byt
 
     Warns where the method was made in another light. Raises InputError where it was made for another view.
     """
-    calibrated = as_referenced(method)
-    if calibrated is None:
+    if not isinstance(method, CalibratedMethod):
         return Reconstructor(sensor, method)
     reference, noted = _reference(sensor, flats)
-    check_view(calibrated.reference.shape, reference.shape)
-    against = calibrated.with_reference(reference)
-    match, said = ReferenceMatch(against).with_light(light_of(calibrated.reference))
+    check_view(method.reference.shape, reference.shape)
+    against = method.with_reference(reference)
+    match, said = ReferenceMatch(against).with_light(light_of(method.reference))
     return Reconstructor(sensor, against, match=match).warned(*noted, *said)

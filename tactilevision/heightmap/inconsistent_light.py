@@ -35,13 +35,14 @@ from itertools import accumulate
 import cv2
 import numpy as np
 
-from tactilevision.heightmap.two_grid_poisson import integrate_small
+from tactilevision.heightmap.poisson import integrate_small
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.ball_samples import OUTSIDE, radii_from
-from tactilevision.photometric.colour_change import ChangeMaps, FrameChange, Planes
+from tactilevision.photometric.colour_change import ChangeMaps, FrameChange
 from tactilevision.photometric.cross_validation import LightLaw
-from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.photometric.drift import Planes
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.protocols import Picture
 from tactilevision.photometric.shading_law import SLOPE_POWERS, answers_at
 from tactilevision.records.measured import Bools, Bytes, Pair
@@ -79,7 +80,7 @@ class Inconsistency:
     area_mm2: float
 
     @property
-    def flagged(self) -> bool:
+    def doubtful(self) -> bool:
         """Return whether the map is doubtful."""
         return self.area_mm2 > MIN_AREA_MM2 and bool(np.abs(self.depth_mm).max() > MIN_DEPTH_MM)
 
@@ -87,7 +88,7 @@ class Inconsistency:
 class LightCheck:
     """Compares frames of one method with the light's law; quantities of the method alone are computed once."""
 
-    def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
+    def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
         tile = method.change.tracker.px
         self.method, self.px = method, tile * max(1, round(CELL_MM / (tile * max(mm_per_px))))
         height, width = (n // self.px for n in method.reference.shape)
@@ -204,7 +205,7 @@ class LightCheck:
         )
 
 
-def stands_out(depth_mm: Picture) -> bool:
+def rises_too_much(depth_mm: Picture) -> bool:
     """Return whether `depth_mm` (H, W) in mm, positive into the gel, rises more than gel around such depth can.
 
     Gel that contacts enclose, as within a ring, is displaced inwards; its rise is not limited.
@@ -225,7 +226,7 @@ def _length(values: Planes) -> Picture:
 
 
 def measured_light(
-    method: ReferencedMethod,
+    method: CalibratedMethod,
     pictures: Sequence[BallPicture],
     *,
     balls: Sequence[Ball | None],

@@ -17,10 +17,9 @@ from tactilevision.heightmap.ball_validation import scale_is_assumed, unfit
 from tactilevision.heightmap.scene_faults import exchanged, scene_faults
 from tactilevision.heightmap.zero_plane import ZeroPlane
 from tactilevision.photometric.ball_consistency import COVERED
-from tactilevision.photometric.drift import MEDIAN_LENGTH, Drift, DriftTracker, solid
-from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.photometric.drift import MEDIAN_LENGTH, Drift, DriftTracker, distance_px, solid
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.reference import Reference, light_of, other_light
-from tactilevision.photometric.windows import distance_px
 from tactilevision.records.maps import ASSUMED_SCALE, BALLS, LIGHT, MOVED, REFERENCE, UNFIT, Frame, HeightMap
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair
 from tactilevision.robust import mad_std, median
@@ -198,7 +197,7 @@ class ReferenceMatch:
     `contact_px`: where (x, y) frames show a contact in the reference itself.
     """
 
-    method: ReferencedMethod
+    method: CalibratedMethod
     usual: Mapping[str, float] | None = None
     other_light: bool = False
     shift_px: Pair | None = None
@@ -369,7 +368,7 @@ def check_reference(
 
 
 def contact_in_reference(
-    method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
+    method: CalibratedMethod, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
 ) -> Pair | None:
     """Return where (x, y in px) the reference of `method` shows a contact, from rectified `pictures` (H, W, 3) of
     its run.
@@ -395,7 +394,7 @@ def contact_in_reference(
     return None
 
 
-def pressed_beside(method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], *, picture: Bytes) -> bool:
+def pressed_beside(method: CalibratedMethod, height_map: Callable[[Bytes], HeightMap], *, picture: Bytes) -> bool:
     """Return whether rectified `picture` (H, W, 3) shows a contact outside that of the reference of `method`, 1 or
     0.
 
@@ -412,7 +411,7 @@ def pressed_beside(method: ReferencedMethod, height_map: Callable[[Bytes], Heigh
 
 
 def _in_blocks(
-    method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], picture: Bytes
+    method: CalibratedMethod, height_map: Callable[[Bytes], HeightMap], picture: Bytes
 ) -> tuple[Array, Array, Bools] | None:
     """Return depth and its deviation in mm, and the changed blocks (h, w), of a rectified picture (H, W, 3).
 

@@ -15,8 +15,9 @@ from tactilevision.errors import InputError
 from tactilevision.heightmap.reference_match import some_frames
 from tactilevision.photometric.ball_detection import first_guess
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.colour_change import ColourChange, Planes
-from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.drift import Planes
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.reference import Reference, make_reference
 from tactilevision.records.measured import Bools, Bytes, Floats
@@ -372,7 +373,7 @@ SCALE_STD = 0.6  # of the depth's scale then: nine real sensors .33 to 1.8 of th
 
 
 def calibrated_on_frames(
-    recording: Recording, reference: Reference, *, prior: ReferencedMethod | None
+    recording: Recording, reference: Reference, *, prior: CalibratedMethod | None
 ) -> CalibratedMethod | None:
     """Return a method from contacts in a recording's frames, or None where they are too few to determine the
     light.

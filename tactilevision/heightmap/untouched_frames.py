@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.ball_validation import held_out_depth, seen_gain_std
 from tactilevision.heightmap.deviation import contributions_mm
-from tactilevision.heightmap.deviation_terms import leakage_share, untouched_std_mm
 from tactilevision.heightmap.inconsistent_light import measured_light
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import (
@@ -24,16 +24,18 @@ from tactilevision.heightmap.reference_match import (
     some_frames,
 )
 from tactilevision.heightmap.scene_faults import able_to_renew
+from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture
-from tactilevision.photometric.ball_samples import far_from
+from tactilevision.photometric.ball_samples import far_from, radii_from
 from tactilevision.photometric.calibrate import Calibration
-from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
+from tactilevision.photometric.cross_validation import jackknife_std
+from tactilevision.photometric.method import CalibratedMethod, TiledEvaluator, tile_px_for
 from tactilevision.photometric.reference import BackgroundSums, Reference, make_reference
 from tactilevision.records.maps import Frame
-from tactilevision.records.measured import Bytes, Pair
+from tactilevision.records.measured import Bytes, Floats, Pair
 from tactilevision.records.rig import Sensor
+from tactilevision.robust import MAD_TO_STD
 from tactilevision.sensors.rectification import rectify
 
 if TYPE_CHECKING:
@@ -119,6 +121,9 @@ def press_starts(recording: Recording) -> list[Frame]:
 # A calibration made to fit the free gel of its sensor, its errors measured on its own ball pictures.
 
 MAX_WAVES = 8  # pictures with balls that are looked at, at most
+BLOCK_PX = 16  # px: grid of the depth of untouched gel, finer than its waves
+RIM = 1.15  # contact radii: beyond it the gel is free
+MAX_BALLS = 8  # balls; more do not improve the share of leakage
 
 
 def tuned(
@@ -197,6 +202,50 @@ def untouched_rms_mm(
             if away.any():
                 found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
     return float(np.median(found)) if found else 0.0
+
+
+def leakage_share(
+    maps: Sequence[Callable[[Bytes], npt.NDArray[Any]]],
+    pictures: Sequence[BallPicture],
+    *,
+    balls: Sequence[Ball | None],
+    gain: npt.NDArray[Any],
+    mm_per_px: Pair,
+) -> float:
+    """Return the share k of a calibration; 1 where no ball determines it.
+
+    `maps` give the depth (H, W) mm of a rectified picture, the first by the calibration, the others each without
+    a group of balls; `gain` (h, w) is the resulting relative change of the depth scale.
+    """
+    beside_sum, nearby_sum = 0.0, 0.0
+    kept = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
+    for rgb, ball in kept[:: max(1, -(-len(kept) // MAX_BALLS))]:
+        depth, *others = (make(rgb) for make in maps)
+        variance = np.square(jackknife_std([other - depth for other in others]))
+        scale = np.square(cv2.resize(np.asarray(gain, np.float32), depth.shape[::-1]) * depth)
+        reach = [USUAL_THICKNESS_MM / step for step in mm_per_px]
+        nearby = cv2.GaussianBlur(scale, (0, 0), reach[0], sigmaY=reach[1])
+        radii = radii_from(ball, depth.shape, mm_per_px=mm_per_px)
+        away_mm = (radii - 1.0) * ball.contact_radius_px * mm_per_px[0]
+        beside = (radii > RIM) & (away_mm < USUAL_THICKNESS_MM)
+        beside_sum += float(variance[beside].mean())
+        nearby_sum += float(nearby[beside].mean())
+    return beside_sum / nearby_sum if nearby_sum else 1.0
+
+
+def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
+    """Return the standard deviation (h, w) mm of N >= 2 depths (H, W) mm of the free gel, in blocks of BLOCK_PX.
+
+    The median over the frames, robust against touched ones; N/(N - 1) of the variance, as the mean of the same
+    frames'
+    slopes was subtracted; smoothed over neighbouring blocks.
+    """
+    height, width = depths[0].shape
+    block_std = MAD_TO_STD * np.median(np.abs(np.stack(depths)), axis=0)
+    size = (max(2, width // BLOCK_PX), max(2, height // BLOCK_PX))
+    blocks = cv2.resize(np.asarray(block_std, np.float32), size, interpolation=cv2.INTER_AREA)
+    smooth = cv2.GaussianBlur(blocks, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(smooth * np.sqrt(len(depths) / (len(depths) - 1)), np.float64)
 
 
 # Where the frame that was taken for untouched gel shows a contact, the median of the frames may stand for it.

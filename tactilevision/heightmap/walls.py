@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges, solved, window_of
-from tactilevision.photometric.colour_change import Planes
-from tactilevision.photometric.windows import Window
+from tactilevision.photometric.colour_change import Window
+from tactilevision.photometric.drift import Planes
 from tactilevision.records.certified import USUAL_MM, TaughtWalls
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Floats, Pair

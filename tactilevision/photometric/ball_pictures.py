@@ -21,8 +21,9 @@ from tactilevision.photometric.ball_samples import (
     with_noise,
     with_same_colours,
 )
-from tactilevision.photometric.colour_change import ColourChange, Planes
+from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.cross_validation import groups_of, held_out, patch_error
+from tactilevision.photometric.drift import Planes
 from tactilevision.photometric.markers import marked
 from tactilevision.photometric.methods.inverse_shading import LAW_RIDGE, SHARES, InverseShading
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, answers_at, colours_by, fit_light

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
-from tactilevision.photometric.colour_change import Planes
+from tactilevision.photometric.drift import Planes
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Floats, Pair
 

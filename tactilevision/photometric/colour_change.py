@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,11 +12,55 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.drift import SOFTENING_GREY, Drift, DriftTracker, Response, undo_drift
+from tactilevision.photometric.drift import (
+    SOFTENING_GREY,
+    Drift,
+    DriftTracker,
+    Planes,
+    Response,
+    means,
+    undo_drift,
+)
 from tactilevision.photometric.markers import fill_marks, marked
 from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
-from tactilevision.photometric.windows import Window, common, inside, means, window_of
 from tactilevision.records.measured import Bools, Bytes, Floats
+
+# Windows of a picture.
+
+Window = tuple[slice, slice]  # rows and columns
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """`values` (h, w) in the `window` of a picture that is 0 elsewhere."""
+
+    window: Window
+    values: npt.NDArray[np.float32]
+
+
+def window_of(where: Bools) -> Window | None:
+    """Return the rows and columns that contain a mask (h, w), None for an empty one."""
+    left, top, width, height = cv2.boundingRect(where.view(np.uint8))
+    return (slice(top, top + height), slice(left, left + width)) if width else None
+
+
+def common(one: Window, other: Window) -> Window | None:
+    """Return the intersection of two windows; None for an empty one."""
+    rows, columns = (slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one, other, strict=True))
+    return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
+
+
+def inside(window: Window, of: Window) -> Window:
+    """Return a window of the picture relative to another that contains it."""
+    rows, columns = (slice(a.start - b.start, a.stop - b.start) for a, b in zip(window, of, strict=True))
+    return rows, columns
+
+
+def outside(window: Window, of: Window) -> Window:
+    """Return a window relative to another as one of the picture."""
+    rows, columns = (slice(a.start + b.start, a.stop + b.start) for a, b in zip(window, of, strict=True))
+    return rows, columns
+
 
 # Colours that are overexposed in a frame or in the reference, in the window that holds all of them.
 
@@ -95,7 +139,6 @@ def _overexposed_window(rgb: Bytes) -> Window | None:
 SHADOW_PX = 4  # step of the search for shadows
 STRIP_PX = 25000  # pixels processed at once, so that intermediate arrays stay in the cache
 
-Planes = npt.NDArray[np.float32]
 Light = tuple[Planes, Planes]  # down and across: the factor of grey at a place is their product
 
 
@@ -129,12 +172,17 @@ class ChangeMaps:
         return down, across
 
     def changes(
-        self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, light: Light, *, out: Planes
+        self,
+        greys: Sequence[npt.NDArray[Any]] | Planes,
+        window: Window,
+        light: Light,
+        *,
+        out: Planes | None = None,
     ) -> Planes:
-        """Changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w) in this light, into `out` alike."""
+        """Return changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w) in this light."""
         rows, columns = window
         down, across = light
-        np.matmul(down[:, rows], across[..., columns], out=out)
+        out = np.matmul(down[:, rows], across[..., columns], out=out)
         for grey, plane in zip(greys, out, strict=True):
             cv2.multiply(grey, plane, dst=plane, dtype=cv2.CV_32F)
         out += np.float32(SOFTENING_GREY)
@@ -147,34 +195,32 @@ class ChangeMaps:
 class FrameChange:
     """One rectified frame (H, W, 3) compared with the untouched gel of `reference`.
 
-    `drift` of its light, and the factors of its grey; the colours `missing` from it, None where it tells all;
-    `valid` (H, W) where it tells all.
+    `drift` of its light; the colours `missing` from it, None where all are known; `valid` (H, W) where all are.
     """
 
     reference: ColourChange
     rgb: Bytes
     drift: Drift
-    light: Light
     missing: MissingColours | None
     valid: Bools
 
-    def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
-        """The changes (3, h, w), strip by strip of a window; where marks have to be filled, parts of `changes`."""
-        for window in strips(whole):
-            if self.reference.reference.marks is not None:
-                yield window, self.changes[:, *window]
-                continue
-            size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
-            out: Planes = np.empty((3, *size), np.float32)
-            yield window, self.reference.maps.changes(self.greys(window), window, self.light, out=out)
+    @cached_property
+    def light(self) -> Light:
+        """The factors of grey by the drift of the light."""
+        return self.reference.maps.light(self.drift.gains)
+
+    def strip(self, window: Window) -> Planes:
+        """Return the changes (3, h, w) of a window, one of `strips`; with marks, a part of `changes`."""
+        if self.reference.reference.marks is not None:
+            return self.changes[:, *window]
+        return self.reference.maps.changes(self.greys(window), window, self.light)
 
     @cached_property
     def changes(self) -> Planes:
         """The changes (3, H, W), marks filled from around."""
         whole: Planes = np.empty_like(self.reference.maps.mean)
         for window in strips((slice(0, self.rgb.shape[0]), slice(0, self.rgb.shape[1]))):
-            out = whole[:, window[0]]
-            self.reference.maps.changes(self.greys(window), window, self.light, out=out)
+            self.reference.maps.changes(self.greys(window), window, self.light, out=whole[:, window[0]])
         if self.reference.reference.marks is not None:
             fill_marks(whole, marked(self.rgb, self.reference.reference.marks))
         return whole
@@ -226,15 +272,15 @@ class ColourChange:
         return changes, frame.drift, valid
 
     def take(self, rgb: Bytes) -> FrameChange:
-        """Return a frame beside the untouched gel. Raises InputError for one that cannot be of this sensor."""
+        """Compare a frame with the untouched gel. Raises InputError for one that cannot be of this sensor."""
         self._check(rgb)
-        drift, missing, valid = self.tracker.measure(rgb), self.find_missing(rgb), self.reference.usable
+        missing, valid = self.find_missing(rgb), self.reference.usable
         if self._in_shadow(rgb, missing):
             valid = valid & (_brightest(rgb) > self.darkest)
         if missing is not None:
             valid = valid.copy()
             valid[missing.window] &= missing.count == 0
-        return FrameChange(self, rgb, drift, self.maps.light(drift.gains), missing, valid)
+        return FrameChange(self, rgb, self.tracker.measure(rgb), missing, valid)
 
     def _in_shadow(self, rgb: Bytes, missing: MissingColours | None) -> bool:
         """Whether shadows are to be looked for in all of a frame: few of its pixels tell, unless it is bright."""
@@ -282,9 +328,8 @@ def _brightest(rgb: Bytes) -> Bytes:
     return np.asarray(cv2.max(cv2.max(red, green), blue))
 
 
-def strips(window: Window) -> Iterator[Window]:
-    """Yield the window in strips of whole rows, of STRIP_PX at most (but one row at least)."""
+def strips(window: Window) -> list[Window]:
+    """Return the window in strips of whole rows, of STRIP_PX at most (but one row at least)."""
     rows, columns = window
     step = max(1, STRIP_PX // (columns.stop - columns.start))
-    for top in range(rows.start, rows.stop, step):
-        yield slice(top, min(top + step, rows.stop)), columns
+    return [(slice(top, min(top + step, rows.stop)), columns) for top in range(rows.start, rows.stop, step)]

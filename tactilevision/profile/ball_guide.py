@@ -24,7 +24,8 @@ from tactilevision.photometric.ball_samples import ball_samples
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls, direction_error_deg
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
-from tactilevision.photometric.colour_change import ColourChange, Planes
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.drift import Planes
 from tactilevision.photometric.reference import make_reference
 from tactilevision.recording import layout
 from tactilevision.recording.ball_folder import TABLE, is_gs_sdk_folder, place_of_balls, read_catalogue

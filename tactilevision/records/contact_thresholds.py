@@ -65,14 +65,6 @@ class ContactThresholds:
 CONTACT = ContactThresholds()
 
 
-def colour_limit(scale: float) -> float:
-    """Return the square of a block's normalised colour residual beyond which it is touched.
-
-    `scale`: their usual square.
-    """
-    return CONTACT.colour_sigma**2 * scale
-
-
 def slope_limit(median_slope: float) -> float:
     """Return the slope of a block (mm/mm) beyond which it is touched, from the median over all blocks."""
     return CONTACT.slope_medians * median_slope + CONTACT.slope_floor

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from each import each
 
-from tactilevision.heightmap.poisson import integrate
-from tactilevision.heightmap.two_grid_poisson import TwoGridPoisson, _solved
-from tactilevision.photometric.colour_change import Planes
-from tactilevision.photometric.windows import Window
+from tactilevision.heightmap.poisson import TwoGridPoisson, _solved, integrate
+from tactilevision.photometric.colour_change import Window
+from tactilevision.photometric.drift import Planes
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Floats
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.photometric.colour_change import ColourChange, MissingColoursFinder
+from tactilevision.photometric.colour_change import ColourChange, MissingColoursFinder, common, inside, outside
 from tactilevision.photometric.reference import SATURATED, Reference
-from tactilevision.photometric.windows import common, inside, outside
 from tactilevision.records.measured import Bytes
 
 SHAPE = (50, 66)

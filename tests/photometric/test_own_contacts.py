@@ -24,7 +24,8 @@ from tactilevision.heightmap.self_calibration import (
 from tactilevision.photometric.ball_pictures import BallPicture, locate
 from tactilevision.photometric.ball_samples import ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
-from tactilevision.photometric.colour_change import ColourChange, Planes
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.drift import Planes
 from tactilevision.photometric.methods.network import find_model
 from tactilevision.photometric.reference import make_reference
 from tactilevision.photometric.storage import load_network

@@ -45,7 +45,7 @@ from lamp_room import (
 )
 
 from tactilevision.heightmap.ball_validation import held_out_depth
-from tactilevision.heightmap.deviation_terms import hidden_step_mm
+from tactilevision.heightmap.deviation import hidden_step_mm
 
 REAL = Path(__file__).parents[3] / "shared" / "real"
 

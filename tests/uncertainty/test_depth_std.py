@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from shared_scenes import sample_reconstructor
 
 from tactilevision.heightmap.deviation import DepthError
-from tactilevision.heightmap.deviation_terms import BLOCK_PX, untouched_std_mm
+from tactilevision.heightmap.untouched_frames import BLOCK_PX, untouched_std_mm
 from tactilevision.recording.pictures import read_frame
 from tactilevision.recording.read import read_recording
 

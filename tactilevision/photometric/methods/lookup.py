@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import Samples
-from tactilevision.photometric.protocols import StripEvaluator
-from tactilevision.photometric.windows import Window
+from tactilevision.photometric.colour_change import Window
+from tactilevision.photometric.protocols import Evaluator
 from tactilevision.records.measured import Floats
 
 CELLS = 48  # entries along each colour
@@ -95,7 +95,7 @@ def fit_lookup(contact: Samples, untouched_samples: Samples, *, ridge: float) ->
     return Lookup(table.reshape(CELLS, CELLS, CELLS, 2).astype(np.float32), lowest, highest)
 
 
-class LookupEvaluator(StripEvaluator):
+class LookupEvaluator(Evaluator):
     """The table over a whole picture, both slopes of an entry as the parts of one complex number."""
 
     def __init__(self, lookup: Lookup, shape: tuple[int, int]) -> None:

@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import replacing
+from tactilevision.photometric.colour_change import Window
 from tactilevision.photometric.methods.polynomial import REACH
-from tactilevision.photometric.protocols import StripEvaluator
-from tactilevision.photometric.windows import Window
+from tactilevision.photometric.protocols import Evaluator
 from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
@@ -204,7 +204,7 @@ class Network:
         return {"steepest": np.array(self.steepest)}
 
 
-class NetworkEvaluator(StripEvaluator):
+class NetworkEvaluator(Evaluator):
     """The network over a whole picture, strip by strip."""
 
     def __init__(self, network: Network, shape: tuple[int, int]) -> None:

@@ -27,8 +27,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import KEPT, TYPICAL, Samples
-from tactilevision.photometric.protocols import StripEvaluator
-from tactilevision.photometric.windows import Window
+from tactilevision.photometric.colour_change import Window
+from tactilevision.photometric.protocols import Evaluator
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Floats
 
@@ -168,7 +168,7 @@ def _less_noise(power: Floats, noise: Floats) -> Floats:
     return np.asarray(power - (turned * np.clip(parts, 0.0, MAX_NOISE_SHARE)) @ turned.T)
 
 
-class PolynomialEvaluator(StripEvaluator):
+class PolynomialEvaluator(Evaluator):
     """The polynomial over a whole picture, row by row: in a row it is a polynomial of X alone.
 
     slope(X) = sum_i X^i sum_k c_ik(Y) phi_k(u), so that one small matrix product per row does most of the work.
