@@ -22,7 +22,7 @@ from tactilevision.heightmap.deviation import DepthError
 from tactilevision.records.contact_thresholds import CONTACT, depth_limit_mm, wide_depth_limit_mm
 from tactilevision.records.maps import BEYOND_BALLS, BORDER, HeightMap
 from tactilevision.records.measured import Bools, Pair
-from tactilevision.robust import frame_mad_std, median
+from tactilevision.robust import mad_std, median
 
 STEEPEST = 0.9  # of the greatest mean slope, at the edge; tests/contact/test_region.py
 LEVELS = 20  # of depth, between the shallowest and the deepest of a region
@@ -269,4 +269,4 @@ def map_noise_mm(height: HeightMap) -> float:
     if not depth.size:
         return 0.0
     shallow = depth[depth <= median(depth)]
-    return frame_mad_std(shallow)
+    return mad_std(shallow)

@@ -1,4 +1,4 @@
-"""Fit circles robustly, and find circular edges in a slope map."""
+"""Find circular edges in a slope map."""
 
 from __future__ import annotations
 
@@ -11,159 +11,14 @@ import numpy.typing as npt
 
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair
-from tactilevision.robust import frame_mad_std, geman_mcclure_weight, mad_std, median, tukey_weight
-
-# The circle through places some of which are not its own: quickly for every frame, or as well as can be.
-#
-# `quick_circle` is the weighted algebraic fit, two rounds of it, linear in its unknowns; it is good to a part of a
-# pixel where the places lie about all of the circle. `fit_circle` is the geometric one, with its deviation:
-#
-#     minimise  sum_i w_i rho( |p_i - c| - R )        rho: Tukey's biweight, its scale from the residuals
-#
-# RANSAC (Fischler & Bolles, Comm. ACM 24 (1981) 381) finds the circle that most points agree on, whatever the
-# others do; the weighted geometric (orthogonal distance) fit then refines it. Units: mm.
-
-TRIALS = 200  # circles through three points: with half of all points wild none is good once in 4e11, 1/(7/8)^200
-STIFFENING = 1e-9 * np.eye(3)  # added to normal equations that one direction may leave open
-
-
-@dataclass(frozen=True, slots=True)
-class Circle:
-    """Centre (x, y) and radius, standard deviation of either, rms distance of the kept points, share kept."""
-
-    centre_mm: Pair
-    radius_mm: float
-    centre_std_mm: float
-    radius_std_mm: float
-    residual_mm: float
-    kept: float
-
-
-def fit_circle(
-    points_mm: Floats, *, start: tuple[Pair, float], scale_mm: float, independent: float
-) -> Circle | None:
-    """Return the robust circle through points (N, 2) from a start (centre, radius).
-
-    `scale_mm` is what a point may be off at best (a fraction of a pixel); `independent` the number of points
-    that err independently, since neighbours on an edge err together. None where fewer than half of
-    the points agree on a circle.
-    """
-    if len(points_mm) < 8:
-        return None
-    begin = _consensus(points_mm, start, scale_mm)
-    centre, radius, weights = _refine(points_mm, begin, scale_mm)
-    inside = weights > 0
-    if inside.mean() < 0.5:
-        return None
-    jacobian, residual = _linearised(points_mm, centre, radius)
-    rms = float(np.sqrt(np.average(residual**2, weights=weights)))
-    information = (jacobian * weights[:, None]).T @ jacobian * min(independent / len(points_mm), 1.0)
-    variance = _inverse_diagonal(information) * max(rms, 0.1 * scale_mm) ** 2
-    return Circle(
-        (float(centre[0]), float(centre[1])),
-        radius,
-        float(np.sqrt(variance[:2].max())),
-        float(np.sqrt(variance[2])),
-        rms,
-        float(inside.mean()),
-    )
-
-
-def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tuple[Floats, float]:
-    """Return the circle through three points that most others lie on; or the start, if none is better.
-
-    Three points p, p + b, p + c lie on the circle round p + u, 2 [b; c] u = [b b; c c].
-    """
-    tolerance, start_radius = 3 * scale_mm, start[1]
-    rng = np.random.default_rng(len(points))  # a draw that repeats: the same points give the same circle
-    first, b, c = points[rng.integers(0, len(points), (3, TRIALS))]
-    b, c = b - first, c - first
-    twice = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
-    well_spread = np.abs(twice) > 1e-9 * start_radius**2
-    first, b, c, twice = first[well_spread], b[well_spread], c[well_spread], twice[well_spread, None]
-    square_b, square_c = (np.sum(side**2, axis=1) for side in (b, c))
-    to_centre = (
-        np.stack([c[:, 1] * square_b - b[:, 1] * square_c, b[:, 0] * square_c - c[:, 0] * square_b], axis=1)
-        / twice
-    )
-    radii = np.hypot(*to_centre.T)
-    likely = (0.3 * start_radius < radii) & (radii < 3 * start_radius)
-    centres = np.concatenate([np.asarray(start[0], np.float64)[None], (first + to_centre)[likely]])
-    radii = np.concatenate([[start_radius], radii[likely]])
-    distance = np.hypot(*(points.T[:, None] - centres.T[..., None]))
-    best = int(np.argmax(np.count_nonzero(np.abs(distance - radii[:, None]) < tolerance, axis=1)))
-    return centres[best], float(radii[best])
-
-
-def _refine(points: Floats, start: tuple[Floats, float], scale_mm: float) -> tuple[Floats, float, Floats]:
-    centre, radius = np.array(start[0], dtype=np.float64), start[1]
-    weights = np.ones(len(points))
-    for _ in range(20):
-        jacobian, residual = _linearised(points, centre, radius)
-        weights = _tukey(residual, scale_mm)
-        step, *_ = np.linalg.lstsq(jacobian * weights[:, None] ** 0.5, -residual * weights**0.5, rcond=None)
-        centre, radius = centre + step[:2], radius + float(step[2])
-        if np.abs(step).max() < 1e-6 * radius:
-            break
-    return centre, radius, weights
-
-
-def _linearised(points: Floats, centre: Floats, radius: float) -> tuple[Floats, Floats]:
-    offset = points - centre
-    distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)
-    return np.c_[-offset / distance[:, None], -np.ones(len(points))], distance - radius
-
-
-def _inverse_diagonal(information: Floats) -> Floats:
-    """Return it for a matrix (k, k) >= 0; a short arc gives very large values, never below 0."""
-    values, vectors = np.linalg.eigh(information)
-    return np.asarray(vectors**2 @ (1 / np.maximum(values, np.finfo(float).eps * values[-1])))
-
-
-def _tukey(residual: Floats, scale_mm: float) -> Floats:
-    spread = max(mad_std(residual, centre=0.0), 0.5 * scale_mm)
-    return tukey_weight(residual, spread)
-
-
-def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float, float]:
-    """Return centre x, y and radius, in mm or px as the places (n,) are, robust to outliers.
-
-    minimise  sum w (x^2 + y^2 - a x - b y - c)^2      `weight` (n,) w, then times that of Geman & McClure
-
-    Source: Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8.
-    """
-    terms, squares = np.stack([x, y, np.ones_like(x)]), x * x + y * y
-    keep = weight
-    for _ in range(2):
-        a, b, c = weighted_solution(terms, squares, weights=keep)
-        radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
-        off = np.sqrt((x - 0.5 * a) ** 2 + (y - 0.5 * b) ** 2) - radius
-        keep = weight * geman_mcclure_weight(off, 2.0 * residual_std(off))
-    return 0.5 * float(a), 0.5 * float(b), radius
-
-
-def weighted_solution(terms: Floats, values: Floats, *, weights: Floats) -> Floats:
-    """Return the weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
-    weighted = terms * weights
-    normal = weighted @ terms.T + STIFFENING
-    return solved(normal, weighted @ values)
-
-
-def solved(normal: Floats, right: Floats) -> Floats:
-    """Return the solution (k,) of normal equations (k, k) x = right (k,), in their unit.
-
-    They must be positive definite.
-    """
-    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
-
-
-def residual_std(off: Floats) -> float:
-    """Return the robust deviation of residuals (n,) about 0, in their unit; never 0."""
-    return frame_mad_std(off, centre=0.0) + 1e-9
-
+from tactilevision.robust import MAD_TO_STD
 
 # Round rims in a slope map: circles along which the surface drops steeply, with a sharp flank on the inside.
+#
+# The first circle of a rim is the weighted algebraic fit, two rounds of it, linear in its unknowns; it is good to
+# a part of a pixel where the places lie about all of the circle.
 
+STIFFENING = 1e-9 * np.eye(3)  # added to normal equations that one direction may leave open
 MIN_STEEP = 12  # pixels; fewer are noise
 MAX_SAMPLES = 200  # pixels that determine the first circle of a rim
 MIN_RADIUS_PX = 6.0  # px: a smaller circle has no distinct flank
@@ -230,6 +85,47 @@ def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> l
         if edge is not None:
             edges.append(edge)
     return edges
+
+
+def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float, float]:
+    """Return centre x, y and radius, in mm or px as the places (n,) are, robust to outliers.
+
+    minimise  sum w (x^2 + y^2 - a x - b y - c)^2      `weight` (n,) w, then times that of Geman & McClure
+
+    Source: Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8.
+    """
+    terms, squares = np.stack([x, y, np.ones_like(x)]), x * x + y * y
+    keep = weight
+    for last in (False, True):
+        a, b, c = weighted_solution(terms, squares, weights=keep)
+        radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
+        if not last:
+            off = np.sqrt((x - 0.5 * a) ** 2 + (y - 0.5 * b) ** 2) - radius
+            keep = weight * geman_mcclure_weight(off, 2.0 * residual_std(off))
+    return 0.5 * float(a), 0.5 * float(b), radius
+
+
+def weighted_solution(terms: Floats, values: Floats, *, weights: Floats) -> Floats:
+    """Return the weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
+    weighted = terms * weights
+    normal = weighted @ terms.T + STIFFENING
+    return np.asarray(cv2.solve(normal, (weighted @ values)[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
+
+
+def residual_std(off: Floats) -> float:
+    """Return the robust deviation of residuals (n,) about 0, in their unit; never 0."""
+    ordered = np.sort(np.abs(off))
+    middle = 0.5 * (ordered[(len(off) - 1) // 2] + ordered[len(off) // 2])
+    return MAD_TO_STD * float(middle) + 1e-9
+
+
+def geman_mcclure_weight(residual: Floats, width: float) -> Floats:
+    """Return the weight 1 / (1 + (r / width)^2)^2 (n,) of residuals r (n,), in the unit of `width`.
+
+    Source: Geman & McClure, Bull. Int. Statist. Inst. 52 (1987) 5: it falls to a quarter at `width`.
+    """
+    weight = 1.0 / (1.0 + np.square(residual * (1.0 / width)))
+    return np.asarray(weight * weight)
 
 
 def _fit_edge(
@@ -329,19 +225,6 @@ def _waves(sectors: int) -> Floats:
     return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
 
 
-def window_of(
-    shape: tuple[int, ...], centre_mm: Pair, *, mm_per_px: Pair, outer_mm: float
-) -> tuple[tuple[slice, slice], Floats, Floats]:
-    """Return rows and columns within `outer_mm` of a centre, and places x (1, w), y (h, 1) from it in mm."""
-    (x0, x1), (y0, y1) = (
-        (max(0, int((c - outer_mm) / step)), max(0, min(n, int((c + outer_mm) / step) + 2)))
-        for c, step, n in zip(centre_mm, mm_per_px, shape[::-1], strict=True)
-    )
-    x = (np.arange(x0, x1) * mm_per_px[0] - centre_mm[0])[None, :]
-    y = (np.arange(y0, y1) * mm_per_px[1] - centre_mm[1])[:, None]
-    return (slice(y0, y1), slice(x0, x1)), np.asarray(x, np.float64), np.asarray(y, np.float64)
-
-
 def _quantiles(values: Floats, *shares: float) -> Floats:
     """Return the quantiles (shares, J) of the known values in each column of (K, J), or NaN."""
     last = np.maximum(np.count_nonzero(np.isfinite(values), axis=0) - 1, 0)
@@ -370,7 +253,7 @@ def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, flo
     Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
     """
     terms, places = _waves(len(places))[:, good], places[good]
-    off = places - median(places)
+    off = places - np.median(places)
     solution, scale = np.zeros(3), residual_std(off)
     for _ in range(ROUNDS):
         before, solution = (

@@ -11,9 +11,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.heightmap.circular_edges import window_of
 from tactilevision.heightmap.poisson import integrate
-from tactilevision.heightmap.walls import PunchEdge
+from tactilevision.heightmap.walls import PunchEdge, window_of
 from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM, ZeroPlane, plane_terms
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import FrameChange, Patch
@@ -135,6 +134,7 @@ class DepthError:
             "depth scale": scale,
             "leakage": leaked_variance(scale, self.leakage, every=self.every, mm_per_px=self.mm_per_px),
             "missing colour": self._lost(few, surface.lost_share),
+            "slope noise": None,  # within the next term
             "untouched gel": self.free_mm2,
             "zero plane": zero_variance(surface.zero, few.shape),
             "illumination": self._light(surface, few.shape),

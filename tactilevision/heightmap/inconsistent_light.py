@@ -46,7 +46,6 @@ from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.protocols import Picture
 from tactilevision.photometric.shading_law import SLOPE_POWERS, answers_at
 from tactilevision.records.measured import Bools, Bytes, Pair
-from tactilevision.robust import median
 
 CELL_MM = 0.4  # mm, approximate side of a cell: finer ones take longer and show no more
 REACH_MM = 0.76  # mm, deviation of the mean over neighbours: suppresses noise of single cells
@@ -92,7 +91,7 @@ class LightCheck:
         tile = method.change.tracker.px
         self.method, self.px = method, tile * max(1, round(CELL_MM / (tile * max(mm_per_px))))
         height, width = (n // self.px for n in method.reference.shape)
-        self.size = width, height
+        self.size, self.whole = (width, height), (slice(0, height), slice(0, width))
         self.cell_mm = self.px * mm_per_px[0], self.px * mm_per_px[1]
         across, down = (2 * round(REACH_MM / mm) + 1 for mm in self.cell_mm)
         self.near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, down))
@@ -122,35 +121,35 @@ class LightCheck:
 
     def __call__(self, frame: FrameChange) -> Inconsistency:
         """Return the inconsistent cells of a frame."""
-        change, slopes = self.read(frame)
+        change, slopes, known = self.read(frame)
         score, share = self._curl(slopes) if self.light is None else self._colours(change, slopes, self.light)
-        score *= self.usable
+        score *= known
         if self.steep:
             score[cv2.dilate(_length(slopes), self.near) > self.steep] = 0.0
-        if (missing := frame.missing) is not None:
-            score[missing.tiles(self.px, self.size) > 0] = 0.0
         share *= np.clip((score - RAMP) / (1.0 - RAMP), 0.0, 1.0)
         depth = np.zeros_like(score)
         if share.any():
             np.minimum(share, 1.0, out=share)
             depth = integrate_small(slopes * share, self.cell_mm)
-            depth -= median(depth.ravel())
+            depth -= np.median(depth)
         inconsistent = score > 1.0
         return Inconsistency(inconsistent, depth, float(inconsistent.sum() * self.cell_mm[0] * self.cell_mm[1]))
 
-    def read(self, frame: FrameChange) -> tuple[Planes, Planes]:
-        """Return changes (3, h, w) of the cells of a frame, and the slopes (2, h, w) read from them."""
+    def read(self, frame: FrameChange) -> tuple[Planes, Planes, Bools]:
+        """Return changes (3, h, w) of the cells of a frame, their slopes (2, h, w), and which (h, w) count."""
+        known = self.usable
+        if frame.missing is not None:
+            known = known & (frame.missing.tiles(self.px, self.size) == 0)
         if self.method.reference.marks is None:
-            window = slice(0, self.size[1]), slice(0, self.size[0])
             px, light = self.method.change.tracker.px, self.maps.light(frame.drift.gains)
-            greys = self._cells(frame.means(px), px)
-            change = self.maps.changes(greys, window, light, out=np.empty_like(self.maps.mean))
+            change = self.maps.changes(self._cells(frame.means(px), px), self.whole, light)
         else:  # marks are filled in the whole picture
             change = self._cells(frame.changes)
-        slopes: Planes = np.stack(self.evaluate(change))
+        slopes: Planes = np.empty((2, *change.shape[1:]), np.float32)
+        self.evaluate.strip(change, self.whole, slopes)
         slopes *= self.kept_share
         slopes -= self.bias
-        return change, slopes
+        return change, slopes, known
 
     def deviations(self, change: Planes, slopes: Planes) -> Picture:
         """Return t (h, w) of changes (3, h, w) and slopes (2, h, w) of cells."""
@@ -247,7 +246,7 @@ def measured_light(
     shown += [(rgb, None) for rgb in free]
     cells, off, radii = [], [], []
     for rgb, ball in shown:
-        cells.append(check.read(method.read(rgb).frame))
+        cells.append(check.read(method.read(rgb).frame)[:2])
         off.append(check.residual(*cells[-1]))
         apart = (
             np.full(method.reference.shape, np.inf)

@@ -21,7 +21,7 @@ from tactilevision.heightmap.deviation import DepthError, Surface, shades
 from tactilevision.heightmap.inconsistent_light import Inconsistency, LightCheck, rises_too_much
 from tactilevision.heightmap.poisson import TwoGridPoisson, integrate
 from tactilevision.heightmap.reference_match import ReferenceMatch, check_reference
-from tactilevision.heightmap.walls import PunchEdge, WallLaw, find_punch_edges, restore, restore_windows
+from tactilevision.heightmap.walls import PunchEdge, WallLaw, restore_windows
 from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.photometric.calibrate import Calibration
 from tactilevision.photometric.method import CalibratedMethod, TiledEvaluator
@@ -188,7 +188,7 @@ class Reconstructor:
 
     def read(self, frame: Frame | Bytes) -> Reading:
         """Return the height map of a raw frame and what it rests on. Raises as height_map does."""
-        frame = as_frame(frame)
+        frame = frame if isinstance(frame, Frame) else Frame(frame)
         return self.read_rectified(self.rectified(frame), time_s=frame.time_s, name=frame.name)
 
     def read_rectified(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> Reading:
@@ -210,7 +210,7 @@ class Reconstructor:
 
     def rectified(self, frame: Frame | Bytes) -> Bytes:
         """Return the rectified picture of a raw frame. Raises InputError for one of another size."""
-        frame = as_frame(frame)
+        frame = frame if isinstance(frame, Frame) else Frame(frame)
         size, known = (frame.rgb.shape[1], frame.rgb.shape[0]), self.frame_size_px
         if known is not None and size != known:
             raise InputError(
@@ -232,13 +232,15 @@ class Reconstructor:
             reading = self.referenced.read(rgb)
             slopes, frame, steepest, lost = reading.slopes, reading.frame, reading.steepest, reading.lost_share
             untouched = reading.frame.drift.untouched
-        law, scale = WallLaw(self.readable, self.taught), self.sensor.mm_per_px
-        walls = find_punch_edges(slopes, scale, law=law) if law.limit <= steepest < np.inf else []
-        restore(slopes, walls, mm_per_px=scale)
-        depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), scale)
+        law, scale, shape = WallLaw(self.readable, self.taught), self.sensor.mm_per_px, slopes.dz_dx.shape
+        valid = np.ones(shape, np.bool_) if slopes.valid is None else slopes.valid
+        planes, walls = (slopes.dz_dx, slopes.dz_dy), list[PunchEdge]()
+        if law.limit <= steepest < np.inf:
+            whole = slice(0, shape[0]), slice(0, shape[1])
+            walls = restore_windows([planes], [whole], valid=valid, mm_per_px=scale, law=law)
+        depth = integrate(SlopeMap(*planes), scale)
         zero = self._zero_plane(depth, untouched, scale)
         level(depth, zero)
-        valid = np.ones(depth.shape, np.bool_) if slopes.valid is None else slopes.valid
         return Surface(depth, valid, zero, walls, frame, steepest, lost, lambda: slopes)
 
     def _on_two_grids(self, rgb: Bytes, tiled: TiledEvaluator, grids: TwoGridPoisson) -> Surface:
@@ -270,7 +272,7 @@ class Reconstructor:
     def _flags(self, surface: Surface, inconsistency: Inconsistency | None) -> tuple[str, ...]:
         """Return the flags of the map as a whole."""
         depth, gel = surface.depth_mm, self.sensor.gel
-        flags = self.match.flags(surface.drift, surface.zero) if self.match else ()
+        flags = self.match.flags(surface.frame, surface.zero) if self.match else ()
         found = {
             INCONSISTENT: (inconsistency is not None and inconsistency.doubtful) or rises_too_much(depth),
             DEEPER: gel is not None and depth.max() > gel.thickness_mm,

@@ -17,6 +17,7 @@ from tactilevision.heightmap.ball_validation import scale_is_assumed, unfit
 from tactilevision.heightmap.scene_faults import exchanged, scene_faults
 from tactilevision.heightmap.zero_plane import ZeroPlane
 from tactilevision.photometric.ball_consistency import COVERED
+from tactilevision.photometric.colour_change import FrameChange
 from tactilevision.photometric.drift import MEDIAN_LENGTH, Drift, DriftTracker, distance_px, solid
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.reference import Reference, light_of, other_light
@@ -271,12 +272,12 @@ class ReferenceMatch:
         other = self.other_light or any(fault.spoils for fault in found)
         return replace(self, other_light=other), tuple(fault.sentence for fault in found)
 
-    def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
-        """Return the flags of a frame with this `drift` and zero plane (records/maps.py)."""
-        misfit = drift.misfit if drift is not None else 0.0
+    def flags(self, frame: FrameChange | None, zero: ZeroPlane) -> tuple[str, ...]:
+        """Return the flags of a `frame`, None without a reference, with its zero plane (records/maps.py)."""
+        misfit = frame.drift.misfit if frame else 0.0
         unlike = self.other_light or self._is_unlike(misfit, zero.std_mm)
-        if drift is not None and unlike and not self.other_light:
-            unlike = self._is_unlike(misfit_beside(drift, self.method.change.tracker), zero.std_mm)
+        if frame and unlike and not self.other_light:
+            unlike = self._is_unlike(misfit_beside(frame.drift, self.method.change.tracker), zero.std_mm)
         return (*self.lasting, LIGHT) if unlike else self.lasting
 
     def _is_unlike(self, misfit: float, std_mm: float) -> bool:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges, solved, window_of
+from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges
 from tactilevision.photometric.colour_change import Window
-from tactilevision.photometric.drift import Planes
 from tactilevision.records.certified import USUAL_MM, TaughtWalls
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Floats, Pair
@@ -155,6 +156,11 @@ def wall_light(lean: float) -> WallLight:
     sine = 2.0 / np.pi * (np.cos(t) * np.sin(away) / lean + np.sin(t) * part)
     seen = np.maximum.accumulate(sine / cosine) + 1e-9 * np.arange(u.size)
     return WallLight(u, sine, cosine, np.gradient(sine, u), np.gradient(cosine, u), seen, np.gradient(seen, u))
+
+
+def solved(normal: Floats, right: Floats) -> Floats:
+    """Return the solution (k,) of positive definite normal equations (k, k) x = right (k,), in their unit."""
+    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
 
 
 class Law:
@@ -313,11 +319,26 @@ MIN_FACE = 50  # pixels of a face; with fewer it counts as unknown
 
 def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, law: WallLaw) -> list[PunchEdge]:
     """Return the walls around flat faces in `slopes` (H, W), mm/mm."""
-    edges = [
-        fit_edge(circle, law, px=min(mm_per_px))
-        for circle in find_circular_edges(slopes, mm_per_px, limit=law.limit)
-    ]
-    return [edge if law.taught is None else edge.taught_by(law.taught) for edge in edges if edge is not None]
+    return fit_edges(find_circular_edges(slopes, mm_per_px, limit=law.limit), law, px=min(mm_per_px))
+
+
+def fit_edges(circles: Sequence[CircularEdge], law: WallLaw, *, px: float) -> list[PunchEdge]:
+    """Return the walls at `circles` that the law fits, for pixels of `px` mm."""
+    edges = [edge for circle in circles if (edge := fit_edge(circle, law, px=px)) is not None]
+    return edges if law.taught is None else [edge.taught_by(law.taught) for edge in edges]
+
+
+def window_of(
+    shape: tuple[int, ...], centre_mm: Pair, *, mm_per_px: Pair, outer_mm: float
+) -> tuple[tuple[slice, slice], Floats, Floats]:
+    """Return rows and columns within `outer_mm` of a centre, and places x (1, w), y (h, 1) from it in mm."""
+    (x0, x1), (y0, y1) = (
+        (max(0, int((c - outer_mm) / step)), max(0, min(n, int((c + outer_mm) / step) + 2)))
+        for c, step, n in zip(centre_mm, mm_per_px, shape[::-1], strict=True)
+    )
+    x = (np.arange(x0, x1) * mm_per_px[0] - centre_mm[0])[None, :]
+    y = (np.arange(y0, y1) * mm_per_px[1] - centre_mm[1])[:, None]
+    return (slice(y0, y1), slice(x0, x1)), np.asarray(x, np.float64), np.asarray(y, np.float64)
 
 
 def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> None:
@@ -361,7 +382,7 @@ def _interpolated(lines: tuple[Floats, Floats], at: Floats) -> tuple[Floats, Flo
 
 
 def restore_windows(
-    fine: Sequence[Planes],
+    fine: Sequence[Iterable[npt.NDArray[np.floating[Any]]]],
     windows: Sequence[Window],
     *,
     valid: Bools,
@@ -369,10 +390,11 @@ def restore_windows(
     law: WallLaw,
 ) -> list[PunchEdge]:
     """Return the walls, restored in place in slopes (2, rows, columns), mm/mm, for each window of a picture."""
+    maps = [SlopeMap(p, q, valid[window]) for window, (p, q) in zip(windows, fine, strict=True)]
+    circles = [find_circular_edges(slopes, mm_per_px, limit=law.limit) for slopes in maps]
     edges = []
-    for window, (p, q) in zip(windows, fine, strict=True):
-        slopes = SlopeMap(p, q, valid[window])
-        restored = find_punch_edges(slopes, mm_per_px, law=law)
+    for window, slopes, found in zip(windows, maps, circles, strict=True):
+        restored = fit_edges(found, law, px=min(mm_per_px))
         restore(slopes, restored, mm_per_px=mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
         edges += [

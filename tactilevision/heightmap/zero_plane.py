@@ -28,7 +28,7 @@ from tactilevision.photometric.drift import distance_px
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Floats, Pair
-from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse, mad_std
+from tactilevision.robust import MAD_TO_STD
 
 Depth = npt.NDArray[np.floating[Any]]
 DECAY_PER_THICKNESS = 0.9  # of the thickness: decay length of the rise: punches .75, balls 1
@@ -187,7 +187,7 @@ def _dented(depth: Floats, gel: Bools, flat: Bools, plane: Floats) -> bool:
         return False
     normal = (plane * flat) @ plane.T
     off = depth - np.linalg.solve(normal * STIFFENING[:3, :3], plane @ (flat * depth)) @ plane
-    return bool(off[~gel].max() > DENTED * mad_std(off[flat], centre=0.0))
+    return bool(off[~gel].max() > DENTED * (MAD_TO_STD * np.median(np.abs(off[flat]))))
 
 
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
@@ -234,7 +234,9 @@ def _reweighted_fit(
             break
         if rises:
             prior_weight = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * MIN_RISE)) ** 2
-        geman_mcclure_inverse(square, (3.0 * scale) ** 2)
+        square *= 1.0 / (3.0 * scale) ** 2
+        square += 1.0
+        square *= square  # 1 over the weight of Geman & McClure
         weighted = terms / square
     inverse = cv2.invert(normal)[1]
     return solution, scale * np.sqrt(correlated * inverse.diagonal()), np.asarray(inverse @ weighted)
