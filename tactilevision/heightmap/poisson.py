@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -54,10 +54,6 @@ class TransformSolver:
             self.inside = (slice(None, shape[0]), slice(None, shape[1]))
             beyond = slice(shape[self.axis], None)
             self.beyond = (beyond, slice(None)) if self.axis == 0 else (slice(None), beyond)
-
-    def divergence(self, dz_dx: Array, dz_dy: Array) -> Array:
-        """Divergence (H, W) of slopes averaged onto the edges, (H, W) each."""
-        return edge_divergence(dz_dx, dz_dy, half=self.half)
 
     def solve(self, right: Array) -> Array:
         """Return the depth (H, W) of mean 0 whose 5-point Laplacian is `right`, which sums to 0."""
@@ -145,57 +141,6 @@ def _growing(count: int, across: int, ratio: float) -> Floats:
     return np.concatenate([np.full((1, count), 1.0 / count), 2.0 * half * share])
 
 
-# Slopes to depth where the picture's border is known to lie flat: all of it at depth 0.
-#
-#     z = 0 on the outermost pixels,   L z = div (p, q) within        L, div: those of `poisson.py`
-#
-# solved exactly by one pair of sine transforms. A border that is known takes no error of slope along: of waves and
-# tilts that wrong slopes make, what a free border lets float is gone. It erases a true tilt as well, and bends a
-# contact that the border cuts; so the heights that the slopes themselves give the border are looked at first.
-
-MAX_BORDER_RISE = 0.05  # of the depth that comes out: what the border may rise or fall by
-
-
-def integrate_dirichlet(slopes: SlopeMap, mm_per_px: Pair) -> Array:
-    """Return the depth (H, W) in mm, float64, 0 on the outermost pixels.
-
-    Raises InputError where the slopes are not finite and valid throughout, or go up and down along the border by
-    more than MAX_BORDER_RISE of the depth within: a contact, or a tilt, is cut by it.
-    """
-    p, q = np.asarray(slopes.dz_dx, np.float64), np.asarray(slopes.dz_dy, np.float64)
-    known = np.isfinite(p) & np.isfinite(q) & (True if slopes.valid is None else slopes.valid)
-    if min(p.shape) < 3 or not known.all():
-        raise InputError(
-            "a flat border needs slopes everywhere, on 3 by 3 pixels at least",
-            where="integrate",
-            value=p.shape,
-            remedy="Leave the border free.",
-        )
-    right = edge_divergence(p, q, half=np.array([0.5 / step for step in mm_per_px]))[1:-1, 1:-1]
-    bend = [
-        (2.0 - 2.0 * np.cos(np.pi * np.arange(1, count + 1) / (count + 1))) / step**2
-        for count, step in zip(right.shape, mm_per_px[::-1], strict=True)
-    ]
-    modes = fft.dstn(right, type=1) / -(bend[0][:, None] + bend[1][None, :])
-    depth = np.pad(fft.idstn(modes, type=1), 1)
-    rises, deep = _rises_mm(p, q, mm_per_px), float(np.abs(depth).max())
-    if rises > MAX_BORDER_RISE * deep:
-        raise InputError(
-            "the border is not flat",
-            where="integrate",
-            value=f"{rises:.3f} mm up and down it",
-            remedy="Leave the border free.",
-        )
-    return np.asarray(depth)
-
-
-def _rises_mm(p: Array, q: Array, mm_per_px: Pair) -> float:
-    """Return the greatest difference of height along a side of the border, by its own slopes."""
-    sides = [(p[0], mm_per_px[0]), (p[-1], mm_per_px[0]), (q[:, 0], mm_per_px[1]), (q[:, -1], mm_per_px[1])]
-    heights = [np.cumsum(0.5 * (side[1:] + side[:-1])) * step for side, step in sides]
-    return max(float(np.ptp(height)) for height in heights)
-
-
 # Slopes to depth: the least-squares surface of a field of slopes, with its borders free.
 #
 # Unknown: the depth z at the pixels. The slopes p = dz/dx, q = dz/dy are known at the pixels too, so each is
@@ -211,43 +156,30 @@ def _rises_mm(p: Array, q: Array, mm_per_px: Pair) -> float:
 FLOOR = 1e-4  # weight of an edge that is not known: it only keeps an island's level from floating
 
 
-def integrate(
-    slopes: SlopeMap,
-    mm_per_px: Pair,
-    *,
-    weights: Array | None = None,
-    tolerance: float = 1e-6,
-    border: Literal["free", "flat"] = "free",
-) -> Array:
+def integrate(slopes: SlopeMap, mm_per_px: Pair) -> Array:
     """Return depth (H, W) in mm of `slopes`, its mean 0; in float32 for float32 slopes, else float64.
 
-    `weights` (H, W) in [0, 1] says how far each pixel's slopes are to be trusted (0: not at all; the surface is
-    then carried over from the other pixels); None trusts all alike, which is one pair of cosine transforms.
-    Pixels outside `slopes.valid`, or not finite, count as weight 0. `tolerance` is the relative residual
-    at which the weighted solution stops. `border="flat"`: the outermost pixels are known to lie at depth 0, and
-    slopes everywhere.
-    Raises InputError on shapes that do not match, ConvergenceError where the weighted solution does not settle.
+    The surface is carried over pixels outside `slopes.valid`, or not finite. Raises InputError on shapes that do
+    not match, ConvergenceError where the solution with such pixels does not settle.
     """
     dz_dx, dz_dy = _checked(slopes)
-    if border == "flat":
-        return integrate_dirichlet(slopes, mm_per_px)
-    known = None if slopes.valid is None and weights is None else _known(slopes)
-    if known is None and weights is None:
+    if slopes.valid is None or _known(slopes).all():
         solver = transform_solver(dz_dx.shape, mm_per_px, dz_dx.dtype.char)
         with np.errstate(invalid="ignore"):
-            depth = solver.solve(solver.divergence(dz_dx, dz_dy))
+            depth = solver.solve(edge_divergence(dz_dx, dz_dy, half=solver.half))
         if np.isfinite(depth[0, 0]):  # one slope that is not finite leaves no depth finite
             return depth
-        known = _known(slopes)
-    trust = np.ones(dz_dx.shape) if weights is None else np.clip(np.asarray(weights, dtype=np.float64), 0.0, 1.0)
-    if trust.shape != dz_dx.shape:
-        raise InputError("weights have the shape of the slopes", where="integrate", value=trust.shape)
-    if known is not None:
-        trust = np.where(known, trust, 0.0)
-        dz_dx, dz_dy = np.where(known, dz_dx, 0.0), np.where(known, dz_dy, 0.0)
-    return weighted(dz_dx, dz_dy, weights=trust, mm_per_px=mm_per_px, tolerance=tolerance).astype(
-        slopes.dz_dx.dtype
+    known = _known(slopes)
+    along_x, along_y = known[:, 1:] & known[:, :-1], known[1:] & known[:-1]
+    p, q = np.where(known, dz_dx, 0.0), np.where(known, dz_dy, 0.0)
+    depth = solve_edges(
+        np.where(along_x, 0.5 * (p[:, 1:] + p[:, :-1]), 0.0),  # unknown: stretched like a membrane
+        np.where(along_y, 0.5 * (q[1:] + q[:-1]), 0.0),
+        w_x=np.where(along_x, 1.0, FLOOR),
+        w_y=np.where(along_y, 1.0, FLOOR),
+        mm_per_px=mm_per_px,
     )
+    return depth.astype(slopes.dz_dx.dtype)
 
 
 def divergence(x_edges: Array, y_edges: Array, mm_per_px: Pair) -> Array:
@@ -269,36 +201,6 @@ def gradient(depth: Array, mm_per_px: Pair) -> tuple[Array, Array]:
     return np.diff(depth, axis=1) / mm_per_px[0], np.diff(depth, axis=0) / mm_per_px[1]
 
 
-def weighted(
-    dz_dx: Array,
-    dz_dy: Array,
-    *,
-    weights: Array,
-    mm_per_px: Pair,
-    tolerance: float = 1e-6,
-    max_iterations: int = 500,
-) -> Array:
-    """Return the weighted least-squares surface (H, W), mean 0, by preconditioned conjugate gradients.
-
-    An edge's weight is the smaller of its two pixels', at least FLOOR. Preconditioned by the unweighted
-    solution the spectrum lies in [FLOOR, 1], gathered at both ends, so that tens of iterations do.
-    """
-    weights = np.asarray(weights, dtype=np.float64)
-    w_x, w_y = np.minimum(weights[:, 1:], weights[:, :-1]), np.minimum(weights[1:], weights[:-1])
-    target_x = np.where(w_x > 0, 0.5 * (dz_dx[:, 1:] + dz_dx[:, :-1]), 0.0)  # unknown: stretched like a membrane
-    target_y = np.where(w_y > 0, 0.5 * (dz_dy[1:] + dz_dy[:-1]), 0.0)
-    w_x, w_y = np.maximum(w_x, FLOOR), np.maximum(w_y, FLOOR)
-    return solve_edges(
-        target_x,
-        target_y,
-        w_x=w_x,
-        w_y=w_y,
-        mm_per_px=mm_per_px,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-    )
-
-
 def solve_edges(
     target_x: Array,
     target_y: Array,
@@ -308,9 +210,12 @@ def solve_edges(
     mm_per_px: Pair,
     tolerance: float = 1e-6,
     max_iterations: int = 500,
-    start: Array | None = None,
 ) -> Array:
-    """Return depth with differences nearest to the targets (H, W-1), (H-1, W), weighted by edge."""
+    """Return depth, mean 0, with differences nearest to the targets (H, W-1), (H-1, W), weighted by edge.
+
+    By conjugate gradients, preconditioned by the unweighted solution: the spectrum lies in [FLOOR, 1], gathered at
+    both ends, so that tens of iterations do. `tolerance`: relative residual at which they stop.
+    """
     solver = transform_solver((target_x.shape[0], target_y.shape[1]), mm_per_px, "d")
 
     def stiffness(depth: Array) -> Array:
@@ -318,8 +223,7 @@ def solve_edges(
         return -divergence(w_x * g_x, w_y * g_y, mm_per_px)
 
     right = -divergence(w_x * target_x, w_y * target_y, mm_per_px)
-    depth: Array = np.zeros_like(right) if start is None else np.array(start, dtype=np.float64)
-    residual = right - stiffness(depth) if start is not None else right.copy()
+    depth, residual = np.zeros_like(right), right.copy()
     step = solver.solve(-residual)
     goal = tolerance**2 * abs(float(np.vdot(right, solver.solve(-right))))
     energy, direction = float(np.vdot(residual, step)), step
@@ -339,10 +243,9 @@ def solve_edges(
     )
 
 
-def _known(slopes: SlopeMap) -> npt.NDArray[np.bool_] | None:
+def _known(slopes: SlopeMap) -> Bools:
     finite = np.isfinite(slopes.dz_dx) & np.isfinite(slopes.dz_dy)
-    known = finite if slopes.valid is None else finite & slopes.valid
-    return None if known.all() else known
+    return np.asarray(finite if slopes.valid is None else finite & slopes.valid)
 
 
 def _checked(slopes: SlopeMap) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.cross_validation import groups_of, held_out, patch_error
 from tactilevision.photometric.drift import Planes
 from tactilevision.photometric.markers import marked
-from tactilevision.photometric.methods.inverse_shading import LAW_RIDGE, SHARES, InverseShading
+from tactilevision.photometric.methods.polynomial import LAW_RIDGE, SHARES, InverseShading
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, answers_at, colours_by, fit_light
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair
 

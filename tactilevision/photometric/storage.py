@@ -21,7 +21,7 @@ from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.lookup import CELLS, Lookup
 from tactilevision.photometric.methods.network import OPSET, Network, open_bytes, run_network
-from tactilevision.photometric.methods.polynomial import CUBIC, POWERS, PRODUCTS, Polynomial
+from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.methods.two_colours import COLOURS, TwoColourLaws, two_colour_laws
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference, SlopeBackground, light_of
@@ -138,7 +138,7 @@ def unpack_method(card: MethodCard, numbers: bytes, network: bytes | None, *, wh
             where=where,
             remedy="Copy both files together, or calibrate again.",
         )
-    arrays = _with_fourth_order(unpack_arrays(numbers, where=where))
+    arrays = unpack_arrays(numbers, where=where)
     try:
         return _method(card, arrays, network, where)
     except InputError:
@@ -149,17 +149,6 @@ def unpack_method(card: MethodCard, numbers: bytes, network: bytes | None, *, wh
             where=where,
             remedy="Copy it again, or calibrate again.",
         ) from fault
-
-
-def _with_fourth_order(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of a method, with polynomials of third order padded by zeros."""
-    widened = dict(arrays)
-    for name in ("law_coefficients", "two_colours_coefficients"):
-        array = arrays.get(name)
-        if array is not None and array.ndim > 2 and array.shape[-2] == CUBIC:
-            more = [(0, 0)] * (array.ndim - 2) + [(0, len(PRODUCTS) - CUBIC), (0, 0)]
-            widened[name] = np.pad(array, more)
-    return widened
 
 
 def _method(

@@ -13,9 +13,9 @@ from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture
 from scipy.special import j0, j1
 from shared_scenes import shared
 
+from tactilevision.heightmap.build import tuned
 from tactilevision.heightmap.inconsistent_light import MIN_AREA_MM2, RISE_MM, LightCheck, rises_too_much
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.mechanics.layer import layer_compliance
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls

@@ -11,8 +11,8 @@ from each import each
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
 from shared_scenes import shared
 
+from tactilevision.heightmap.build import subtract_background
 from tactilevision.heightmap.poisson import integrate
-from tactilevision.heightmap.untouched_frames import subtract_background
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.card import MethodCard

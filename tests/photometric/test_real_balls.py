@@ -21,15 +21,14 @@ from benchmarks.own_contacts import KINDS
 from benchmarks.ready_cards import SENSORS, by_network
 from benchmarks.real_frames import real_balls
 from tactilevision.batch.folder import measure
+from tactilevision.heightmap.build import tuned
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.photometric.ball_pictures import BallPicture, collect_balls
 from tactilevision.photometric.ball_samples import ball_samples, radii_from
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.colour_change import ColourChange
-from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.network import find_model
-from tactilevision.photometric.methods.polynomial import fit_polynomial
+from tactilevision.photometric.methods.polynomial import AutoMethod, fit_polynomial
 from tactilevision.photometric.reference import Reference, make_reference
 from tactilevision.photometric.storage import load_network
 from tactilevision.records.maps import Frame

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from each import each
 
-from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.build import build_reconstructor, tuned
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.catalogue import PHOTOMETRIC

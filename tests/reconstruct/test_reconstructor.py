@@ -16,9 +16,8 @@ from shared_scenes import SAMPLE, sample_reconstructor
 
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import InputError
-from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.build import build_reconstructor, subtract_background, tare, untouched_rms_mm
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import subtract_background, tare, untouched_rms_mm
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.catalogue import PHOTOMETRIC

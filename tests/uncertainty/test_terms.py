@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from tactilevision.heightmap.build import untouched_std_mm
 from tactilevision.heightmap.deviation import (
     contributions_mm,
     free_variance,
@@ -24,7 +25,6 @@ from tactilevision.heightmap.deviation import (
     zero_variance,
 )
 from tactilevision.heightmap.reconstructor import Reading, Reconstructor
-from tactilevision.heightmap.untouched_frames import untouched_std_mm
 from tactilevision.heightmap.walls import PunchEdge
 from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane
 from tactilevision.records.maps import SlopeMap
