@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import Footprint, HeightMap
 from tactilevision.records.measured import Bools, Floats, Pair
 from tactilevision.records.rig import Indenter
@@ -212,7 +213,7 @@ def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tu
     first, b, c = points[rng.integers(0, len(points), (3, TRIALS))]
     b, c = b - first, c - first
     twice = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
-    well_spread = np.abs(twice) > 1e-9 * start_radius**2
+    well_spread = np.abs(twice) > ROUNDING * start_radius**2
     first, b, c, twice = first[well_spread], b[well_spread], c[well_spread], twice[well_spread, None]
     square_b, square_c = (np.sum(side**2, axis=1) for side in (b, c))
     to_centre = (
@@ -243,7 +244,7 @@ def _refine(points: Floats, start: tuple[Floats, float], scale_mm: float) -> tup
 
 def _linearised(points: Floats, centre: Floats, radius: float) -> tuple[Floats, Floats]:
     offset = points - centre
-    distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)
+    distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), TINY)
     return np.c_[-offset / distance[:, None], -np.ones(len(points))], distance - radius
 
 

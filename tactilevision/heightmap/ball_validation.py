@@ -196,7 +196,7 @@ def _held_out_laws(
 # where no ball is give 78 degrees and no depth, nearly white light 24 degrees, white light 60.
 
 # degrees: real sensors 2 to 6, ready networks 6 to 10 on simulated lights, failures 19 to 55
-MAX_DIRECTION_DEG = 17.0
+MAX_DIRECTION_DEG = 17
 MAX_SHARE_AT_CONTACT = 0.25  # of the balls at a contact in the reference, from which the law is learnt inverted
 MIN_RATIO = 0.6  # of the depth: real sensors .91 to .98; failures .4
 MAX_RATIO = 1.6  # of the depth: as large an error the other way
@@ -267,7 +267,7 @@ MAX_PICTURES = 24  # maximum number read, evenly spaced; more balls find a singl
 MIN_ALIKE = 0.7  # cosine between slopes read and stated, the median over balls
 MAX_GAIN = 1.5  # 2.5 deviations of eight real sensors' scales, which scatter by 16 %
 MIN_GAIN = 0.6  # the least of real sensors is .68
-MIN_GREY = 40.0  # mean of the pictures: at 45 it reads .9 of what it does at 110, at 16 .68, and points alike
+MIN_GREY = 40  # mean of the pictures: at 45 it reads .9 of what it does at 110, at 16 .68, and points alike
 MIN_ALIKE_LIGHT = 0.92  # cosine from which the light is a usual one: too little counts, and a single ball
 MIN_OTHERS = 5  # other balls required to judge a single one
 MIN_ALIKE_ONE = 0.88  # cosine of a ball that is judged: a wrong radius leaves directions as they are

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair
 from tactilevision.robust import MAD_TO_STD
@@ -18,10 +19,10 @@ from tactilevision.robust import MAD_TO_STD
 # The first circle of a rim is the weighted algebraic fit, two rounds of it, linear in its unknowns; it is good to
 # a part of a pixel where the places lie about all of the circle.
 
-STIFFENING = 1e-9 * np.eye(3)  # added to normal equations that one direction may leave open
+STIFFENING = ROUNDING * np.eye(3)  # added to normal equations that one direction may leave open
 MIN_STEEP = 12  # pixels; fewer are noise
 MAX_SAMPLES = 200  # pixels that determine the first circle of a rim
-MIN_RADIUS_PX = 6.0  # px: a smaller circle has no distinct flank
+MIN_RADIUS_PX = 6  # px: a smaller circle has no distinct flank
 MIN_ROUND = 1 / 3  # of the rim in the picture
 OFF_ROUND_PX = 1.0  # spread of the flank about a circle
 MAX_BLUR = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
@@ -29,10 +30,10 @@ BIN_PX = 0.5  # px: step of the profile across the edge
 ACROSS = 4  # directions to a sector
 CONVERGENCE_TOL = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
 ROUNDS = 4  # of reweighting, at most
-INNER_PX = 12.0  # px that the profile reaches inside the edge: past the foot of a blurred flank
+INNER_PX = 12  # px that the profile reaches inside the edge: past the foot of a blurred flank
 OUTER_SHARE = 0.4  # of the radius that the profile reaches outside: the gel's own fall dies out there
 MAX_OUTER_SHARE = 0.8  # the same where steep slopes reach far: a layer's surface keeps to the law so far
-NEAR_PX = 4.0  # about the edge alone, this far outside
+NEAR_PX = 4  # about the edge alone, this far outside
 MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
 HALF = 0.6977  # sigma before the edge, where a blurred 1/sqrt(s) has half of its peak; by quadrature
 QUARTER = 1.2452  # sigma before the edge, where it has a quarter of its peak; by quadrature
@@ -116,7 +117,7 @@ def residual_std(off: Floats) -> float:
     """Return the robust deviation of residuals (n,) about 0, in their unit; never 0."""
     ordered = np.sort(np.abs(off))
     middle = 0.5 * (ordered[(len(off) - 1) // 2] + ordered[len(off) // 2])
-    return MAD_TO_STD * float(middle) + 1e-9
+    return MAD_TO_STD * float(middle) + TINY
 
 
 def geman_mcclure_weight(residual: Floats, width: float) -> Floats:

@@ -304,7 +304,7 @@ def leaked_variance(scale_mm2: Picture, share: float, *, every: int, mm_per_px: 
 # error of many spreads, as under leakage.
 # Vanishes where all colours are valid, and where the depth is 0. Assumes errors proportional to the slope.
 
-BLUR = 4.0  # deviations at which OpenCV truncates a blur
+BLUR = 4  # deviations at which OpenCV truncates a blur
 REACH_MM = 1.0  # mm, correlation length of integrated slope errors: half of a usual contact
 
 

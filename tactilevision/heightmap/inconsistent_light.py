@@ -45,6 +45,7 @@ from tactilevision.photometric.drift import Planes
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.protocols import Picture
 from tactilevision.photometric.shading_law import SLOPE_POWERS, answers_at
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Bytes, Pair
 
 CELL_MM = 0.4  # mm, approximate side of a cell: finer ones take longer and show no more
@@ -60,8 +61,7 @@ CURL_SHARE = 0.1  # of the slopes themselves, the same
 STEEP_SHARE = 0.6  # of the steepest slope calibrated: next to steeper ones, blur mixes colours of many slopes
 RAMP = 0.4  # of the limit, from which on a slope counts in part as unexplained
 GREY = 0.3  # grey levels: error of local means by rounding and compression
-TINY = np.float32(1e-9)  # avoids division by zero
-MIN_AREA_MM2 = 3.0  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
+MIN_AREA_MM2 = 3  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
 RISE_SHARE = 0.25  # of the depth; tests/photometric/test_inconsistent_light.py
 RISE_MM = 0.1  # mm in addition: 235 pictures of samples and a path tracer have .05 in addition to .3 of the depth
 MIN_DEPTH_MM = 0.05  # mm of depth that inconsistent places contribute: less makes no map doubtful
@@ -190,7 +190,7 @@ class LightCheck:
         down, across = np.gradient(depth, self.cell_mm[1], self.cell_mm[0])
         off = _length(np.stack([self._mean(slopes[0] - across), self._mean(slopes[1] - down)]))
         size = self._size(slopes)
-        return off / (np.float32(CURL) + np.float32(CURL_SHARE) * size), off / (size + TINY)
+        return off / (CURL + CURL_SHARE * size), off / (size + TINY)
 
     def _mean(self, plane: Picture) -> Picture:
         reach = REACH_MM / self.cell_mm[0], REACH_MM / self.cell_mm[1]

@@ -21,6 +21,7 @@ from tactilevision.photometric.colour_change import FrameChange
 from tactilevision.photometric.drift import MEDIAN_LENGTH, Drift, DriftTracker, distance_px, solid
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.reference import Reference, light_of, other_light
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import ASSUMED_SCALE, BALLS, LIGHT, MOVED, REFERENCE, UNFIT, Frame, HeightMap
 from tactilevision.records.measured import Bools, Bytes, Floats, Pair
 from tactilevision.robust import mad_std, median
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 
 LENGTHS = (0.25, 0.5, 1.0)  # of the contact's radius: decay lengths of the slopes outside it
 ROUNDS = 3  # of reweighting; ten change the misfit by at most .06 of it
-WIDTH = 3.0  # deviations beyond which a block has less weight
+WIDTH = 3  # deviations beyond which a block has less weight
 
 
 def misfit_beside(drift: Drift, tracker: DriftTracker) -> float:
@@ -68,7 +69,7 @@ def _away(contact: Bools) -> Floats:
     """Return slopes (lengths, 2, blocks) directed away from a `contact` (h, w), 1 at its rim."""
     distance = distance_px(~contact).astype(np.float64)
     down, across = np.gradient(cv2.GaussianBlur(distance, (0, 0), 1.0))
-    direction = np.stack([across, down]) / np.maximum(np.hypot(across, down), 1e-9)
+    direction = np.stack([across, down]) / np.maximum(np.hypot(across, down), TINY)
     lengths = np.array(LENGTHS) * np.sqrt(np.count_nonzero(contact) / np.pi)
     fall = np.exp(-distance / lengths[:, None, None])
     return np.asarray((direction * fall[:, None]).reshape(len(lengths), 2, -1))
@@ -80,7 +81,7 @@ def _without(left: Floats, patterns: Floats, beside: Bools) -> Floats:
     for _ in range(ROUNDS):
         weighted = patterns * weights
         normal = np.einsum("ncb,mcb->nm", weighted, patterns)
-        normal[np.diag_indices_from(normal)] *= 1.0 + 1e-9  # similar patterns make the matrix singular
+        normal[np.diag_indices_from(normal)] *= 1.0 + ROUNDING  # similar patterns make the matrix singular
         shares = np.linalg.solve(normal, np.einsum("ncb,cb->n", weighted, left))
         squares = np.sum((left - np.tensordot(shares, patterns, axes=1) * beside) ** 2, axis=0)
         scale = max(1.0, float(median(squares[beside])) / MEDIAN_LENGTH**2)
@@ -100,13 +101,13 @@ def _without(left: Floats, patterns: Floats, beside: Bools) -> Floats:
 # without grain gives no result.
 
 FINE_PX = 0.8  # px: sigma of the finer blur; detail is its difference from the coarser
-COARSE_PX = 3.0  # px: sigma of the coarser blur
-EVEN_PX = 15.0  # px: sigma of the blur that gives the detail's local strength
-DARK_GREY = 30.0  # sum of three channels, below which noise dominates the detail
-MAX_DETAIL = 3.0  # of the detail's strength: limits the weight of one scratch
+COARSE_PX = 3  # px: sigma of the coarser blur
+EVEN_PX = 15  # px: sigma of the blur that gives the detail's local strength
+DARK_GREY = 30  # sum of three channels, below which noise dominates the detail
+MAX_DETAIL = 3  # of the detail's strength: limits the weight of one scratch
 REACH_PX = 16  # px: the largest shift searched
 # deviations of the correlation at which its peak is significant; unmoved real frames have 15 and more
-SHIFT_SIGMA = 12.0
+SHIFT_SIGMA = 12
 MIN_PEAK_RATIO = 1.5  # times the correlation at zero shift
 MIN_PX = 1.5  # px: gel that is pressed sideways moves by as much
 ALIKE_PX = 1.5  # px from the median shift, within which shifts agree
@@ -179,9 +180,9 @@ def _grain(picture: npt.NDArray[Any]) -> Single:
 # the product of both may be MAX_PRODUCT times the usual. The gel's grain shows shifts from 1.5 px
 # (`heightmap/reference_match.py`); this slower check runs only once.
 
-MAX_MISFIT = 3.0  # times the baseline's misfit
+MAX_MISFIT = 3  # times the baseline's misfit
 # times the baseline's product of both: a large contact increases the zero plane's deviation, but fits
-MAX_PRODUCT = 15.0
+MAX_PRODUCT = 15
 MIN_MISFIT = 0.8  # least usual misfit: the noise of one reading
 MIN_STD_MM = 0.001  # mm: least usual deviation of the zero plane: the noise of one reading
 # as for real pictures against a reference of a single JPEG
@@ -340,10 +341,10 @@ MIN_FRAMES = 3  # readable frames; fewer are inconclusive
 CONTACT_FRAMES = 9  # maximum number of frames read, evenly spaced
 MIN_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
 # times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
-CONTACT_SIGMA = 6.0
+CONTACT_SIGMA = 6
 MIN_MM = 0.03  # mm: the least height that counts, whatever the deviations
 MIN_DENT_SHARE = 0.5  # of the deepest dent next to the hill: gel outside a contact rises by at most a fifth
-PRESSED_SIGMA = 3.0  # deviations of depth for a dent in a candidate reference, which is then rejected
+PRESSED_SIGMA = 3  # deviations of depth for a dent in a candidate reference, which is then rejected
 # of the hill: 49 of 54 free medians have a dent of .39 of it at most, 46 of 47 pressed ones .42 and more
 MAX_RISE_SHARE = 0.4
 BORDER = 2  # excluded blocks along the border of the picture

@@ -39,7 +39,7 @@ from tactilevision.sensors import may_have_marks
 
 BLOCKS = (16, 12)  # across and down: too coarse for markers and noise
 FINE_BLOCKS = (48, 36)  # across and down, for small marks
-DARK_GREY = 4.0  # added to grey levels, so that black has a logarithm
+DARK_GREY = 4  # added to grey levels, so that black has a logarithm
 MIN_CHANGE = 0.08  # ln of grey: lamps that drift, and contacts, change less
 BETTER = 0.5  # share of the change that remains after the correct exchange
 FAILED = 0.75  # share that a channel keeps over that of the others: seven real sets keep .976, single frames .934
@@ -54,9 +54,9 @@ ALIKE = 0.25  # of the exposure's change: the most by which channels and places 
 MIN_FRAMES = 3  # frames from which changes between them are determined
 MIN_DARK = 2  # frames with a lamp out: one alone may be a contact that covers it
 MARK = 0.2  # ln of grey of a mark: dust and grain stay below it
-MARK_SIGMA = 8.0  # deviations of all blocks at which a mark is significant
+MARK_SIGMA = 8  # deviations of all blocks at which a mark is significant
 MARK_BLOCKS = 4  # fine blocks that a mark covers: one may be a dead pixel or a hair
-MARK_WIDTH = 8.0  # fine blocks, sigma: wider changes are the light's
+MARK_WIDTH = 8  # fine blocks, sigma: wider changes are the light's
 MARK_EDGE = 2  # excluded fine blocks along the border
 
 

@@ -20,6 +20,7 @@ from tactilevision.photometric.drift import Planes
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.reference import Reference, make_reference
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.measured import Bools, Bytes, Floats
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ SUPPORT = 2.5  # widths beyond which a Gaussian is negligible
 REACH = 2.5  # contact radii: half-width of a window
 MAX_PIXELS = 6000  # of a window; more do not reduce the noise of the moments
 MAX_INVALID = 0.01  # of a test function's weight where the colours are invalid
-MIN_RADIUS_PX = 6.0  # px; a smaller contact is mostly blur
+MIN_RADIUS_PX = 6  # px; a smaller contact is mostly blur
 MIN_EQUATIONS = 6  # equations; a contact at the border leaves fewer
 SAMPLES = 300  # sampled pixels of a contact for its slopes
 # highest power of place for one colour and for products of two; 2 and 1 are .1 to .9 degrees worse on D, F and G
@@ -151,7 +152,7 @@ def _tests(
 # as round, and rotates the law slightly.
 
 # degrees, median: most real balls have 2 to 8 by a first law; 15 reads rendered dents of three ellipses .6 worse
-MAX_MISS_DEG = 7.0
+MAX_MISS_DEG = 7
 MIN_SLOPE_SHARE = 0.3  # of the median slope: gentler ones have no clear direction
 NEAREST = 0.1  # contact radii from the axis: nearer, directions are noise
 NEAREST_JUDGED = 0.25  # contact radii from the axis where roundness is judged
@@ -168,7 +169,7 @@ def round_equations(contact: Contact, law: Floats) -> Floats | None:
     slopes = contact.samples @ law.T
     away = contact.outward - _axis(slopes, contact.outward)
     far = np.hypot(*away.T)
-    unit = away / np.maximum(far, 1e-9)[:, None]
+    unit = away / np.maximum(far, TINY)[:, None]
     steep = np.hypot(*slopes.T)
     judged = (far > NEAREST_JUDGED) & (steep > MIN_SLOPE_SHARE * np.median(steep))
     miss = np.angle(-(slopes[judged] @ [1, 1j]) * np.conj(unit[judged] @ [1, 1j]))
@@ -186,7 +187,7 @@ def _axis(slopes: Floats, place: Floats) -> Floats:
     weights = np.ones(len(moment))
     for _ in range(ROUNDNESS_ITERATIONS):
         normal = (across * weights[:, None]).T @ across
-        normal[np.diag_indices(2)] += 1e-9 * np.trace(normal) + 1e-30
+        normal[np.diag_indices(2)] += ROUNDING * np.trace(normal) + 1e-30
         axis = np.linalg.solve(normal, (across * weights[:, None]).T @ moment)
         off = np.abs(across @ axis - moment)
         weights = 1.0 / (1.0 + (off / (OUTLYING * (1.4826 * np.median(off) + 1e-300))) ** 2)
@@ -209,16 +210,16 @@ def _axis(slopes: Floats, place: Floats) -> Floats:
 MIN_CONTACTS = 4  # contacts; fewer give a warning
 MIN_VARYING = 3  # contacts for a law that varies over the picture; two turned one real sensor by 58 degrees
 MIN_SLOPE_SPREAD = 0.2  # least over most power of slope by direction: 19 to 86 degrees off have .13 at most
-ANCHOR = 10.0  # weight of the anchor over contacts; 3 to 20 tried on nine real sensors, all within a degree
+ANCHOR = 10  # weight of the anchor over contacts; 3 to 20 tried on nine real sensors, all within a degree
 PRIOR = 0.3  # weight of the prior in the constant law; of 1 to .01 tried on four real sensors, all within a degree
-ROUND = 30.0  # weight of axes of round contacts; 100 within .5 degrees on three real sensors (median)
+ROUND = 30  # weight of axes of round contacts; 100 within .5 degrees on three real sensors (median)
 ROUND_ITERATIONS = 3  # of recomputing axes
 RIDGE = 1e-4  # of a term's own power
 MAX_ITERATIONS = 3  # of reweighting equations; they converge in two
 USUAL_CHANGE = 2.2  # colour change over slope, of three colours together; real sensors .8 to 3.5
-MIN_GAP = 4.0  # second least curl over the least: below it contacts do not determine the law; real ones 14 to 60
+MIN_GAP = 4  # second least curl over the least: below it contacts do not determine the law; real ones 14 to 60
 STEEPEST = 99.5  # percentile of slopes read in the contacts that bounds later ones
-CONTRADICTION_DEG = 45.0  # median angle; right networks 5 to 12, swapped colours or a mirrored picture 59 and more
+CONTRADICTION_DEG = 45  # median angle; right networks 5 to 12, swapped colours or a mirrored picture 59 and more
 SPREADING = (0.7548776662, 0.5698402910)  # steps of a sequence that fills a square evenly (Roberts' R2)
 LINEAR = np.array([len(PRODUCTS[k]) == 1 and sum(POWERS[m]) == 0 for k, m in TERMS])  # terms of a constant law
 

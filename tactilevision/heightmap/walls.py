@@ -15,6 +15,7 @@ import numpy.typing as npt
 from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges
 from tactilevision.photometric.colour_change import Window
 from tactilevision.records.certified import USUAL_MM, TaughtWalls
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Floats, Pair
 
@@ -127,7 +128,7 @@ DAMPING = 1e-3  # of the normal equations' diagonal: minimum damping
 EACH = np.arange(6)  # indices of the unknowns on a diagonal
 # squares of deviations by which a last step would still lessen what is left: a seventh of one deviation
 CONVERGENCE_TOL = 0.02
-STEEPEST = 8.0  # largest tabulated slope: steeper walls differ by less than a hundredth
+STEEPEST = 8  # largest tabulated slope: steeper walls differ by less than a hundredth
 MIN_RATE = 0.02  # of h: steeper walls are indistinguishable
 TABLED = 801  # slopes in the table: a finer one changes no depth by .1 um
 
@@ -150,11 +151,11 @@ def wall_light(lean: float) -> WallLight:
     """Return the light around a wall for lamps of this `lean` (1/tan of elevation), tabulated over slope (n,)."""
     u = np.linspace(0.0, STEEPEST, TABLED)
     t = np.arctan(u)
-    away = np.arccos(np.minimum(1.0, 1.0 / np.maximum(lean * u, 1e-9)))
+    away = np.arccos(np.minimum(1.0, 1.0 / np.maximum(lean * u, TINY)))
     cosine = (np.cos(t) * (np.pi - away) + lean * np.sin(t) * np.sin(away)) / np.pi
     part = 0.5 * (np.pi - away) - 0.25 * np.sin(2.0 * away)
     sine = 2.0 / np.pi * (np.cos(t) * np.sin(away) / lean + np.sin(t) * part)
-    seen = np.maximum.accumulate(sine / cosine) + 1e-9 * np.arange(u.size)
+    seen = np.maximum.accumulate(sine / cosine) + ROUNDING * np.arange(u.size)
     return WallLight(u, sine, cosine, np.gradient(sine, u), np.gradient(cosine, u), seen, np.gradient(seen, u))
 
 
@@ -301,7 +302,7 @@ def _blur(rows: Floats, sigma: float) -> Floats:
 # Only round rims with a sharp inner flank are corrected: the slopes of balls, cones and ridges grow gently.
 # Assumes a flat face, at least a third of whose rim is in the picture.
 
-FOOT_PX = 6.0  # px inside the edge from which slopes are read
+FOOT_PX = 6  # px inside the edge from which slopes are read
 FAR = (
     0.4  # of the radius outside the edge, to which slopes are read; farther where a wall hides more than its half
 )
@@ -453,7 +454,7 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
 
 PLACE_STD = 0.03  # of the depth: faces of one sensor about their law, six of the path tracer; benchmarks.rendered
 PRIOR_STD = (0.2, 0.4)  # of share and growth, about the uncorrected law: those six sensors
-MAX_CHI2 = 9.0  # of the two parameters by that prior: beyond it, walls do not explain the error
+MAX_CHI2 = 9  # of the two parameters by that prior: beyond it, walls do not explain the error
 MIN_COUNT = 3  # faces with a wall; fewer determine nothing
 ALIKE_MM = 0.05  # mm: depths of one group within this of its shallowest count as one
 

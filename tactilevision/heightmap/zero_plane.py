@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.drift import distance_px
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Floats, Pair
@@ -33,18 +34,18 @@ from tactilevision.robust import MAD_TO_STD
 Depth = npt.NDArray[np.floating[Any]]
 DECAY_PER_THICKNESS = 0.9  # of the thickness: decay length of the rise: punches .75, balls 1
 DECAY_STD = 0.17  # relative, from contact to contact
-USUAL_THICKNESS_MM = 3.0  # mm, of gel whose thickness is not stated
+USUAL_THICKNESS_MM = 3  # mm, of gel whose thickness is not stated
 THICKNESS_STD = 0.3  # relative deviation of such a thickness
 FIRST_WEIGHT = 1e3  # relative to all blocks: the first round keeps L
 MIN_RISE = 1e-3  # of the blocks' scatter: no rise at all
-CORRELATED = 50.0  # blocks, a tenth of the picture: correlation of integrated slope errors
+CORRELATED = 50  # blocks, a tenth of the picture: correlation of integrated slope errors
 BLOCKS = 600  # over the picture, about: small against contacts, large against noise
 MIN_BLOCKS = 12  # untouched blocks; fewer do not determine a tilt
 MAX_DROP = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
-DENTED = 5.0  # of the untouched blocks' scatter, beyond which the deepest of the others is a dent; as for a region
+DENTED = 5  # of the untouched blocks' scatter, beyond which the deepest of the others is a dent; as for a region
 MAX_ITERATIONS = 4  # rounds of reweighting, limited by the time per frame
 CONVERGENCE_TOL = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
-STIFFENING = 1.0 + 1e-9 * np.eye(5)  # factor on normal equations: similar terms make them singular
+STIFFENING = 1.0 + ROUNDING * np.eye(5)  # factor on normal equations: similar terms make them singular
 SAMPLED = 8  # sampled places along each side of a block
 
 
