@@ -13,13 +13,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from tactilevision.records.measured import Array, Floats
 
 MAD_TO_STD = 1.4826  # standard deviation over median absolute deviation of normal numbers; Huber (1981), 5.1
 TUKEY_WIDTH = 4.685  # deviations beyond which the biweight is 0: 95 % efficient on normal numbers; Huber, 7.9
 
-Array = npt.NDArray[np.floating[Any]]
-Floats = npt.NDArray[np.float64]
+Floats = Floats
 
 
 def median(values: Array) -> Any:

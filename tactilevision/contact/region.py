@@ -12,8 +12,6 @@ one; for a ball wider than twice the gel's thickness, whose rim rises above unto
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +19,7 @@ import numpy.typing as npt
 from tactilevision.heightmap.deviation import DepthError
 from tactilevision.records.contact_thresholds import CONTACT, depth_limit_mm, wide_depth_limit_mm
 from tactilevision.records.maps import BEYOND_BALLS, BORDER, HeightMap
-from tactilevision.records.measured import Bools, Pair
+from tactilevision.records.measured import Array, Bools, Pair
 from tactilevision.robust import mad_std, median
 
 STEEPEST = 0.9  # of the greatest mean slope, at the edge; tests/contact/test_region.py
@@ -31,7 +29,6 @@ REACH_PX = 6  # px: radius of the blur and the slope's stencil
 STD_STEP_PX = 4  # px: step of the pixels from which the median deviation of a map is taken
 MIN_SLOPE_PX = 3  # least number of pixels for a slope
 
-Array = npt.NDArray[np.floating[Any]]
 Window = tuple[slice, ...]
 WHOLE: Window = (slice(None), slice(None))
 

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.poisson import integrate
@@ -23,7 +22,7 @@ from tactilevision.photometric.methods.network import find_model
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.storage import load_network
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.records.measured import Array, Bytes, Floats, Pair
 from tactilevision.records.rig import Sensor
 from tactilevision.robust import mad_std
 
@@ -169,7 +168,7 @@ def seen_gain_std(
     return mad_std(np.array(ratios), centre=1.0)
 
 
-def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, *, mm_per_px: Pair) -> Pair:
+def dent_mm(depth: Array, ball: Ball, *, mm_per_px: Pair) -> Pair:
     """Return the depth of the contact's centre relative to its rim: in `depth` (H, W), and of the ball, mm."""
     y, x = np.indices(depth.shape, dtype=np.float64)
     r = np.hypot((x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1])

@@ -51,7 +51,7 @@ from tactilevision.photometric.reference import (
 )
 from tactilevision.photometric.storage import load_method, load_network
 from tactilevision.records.maps import Frame
-from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.records.measured import Array, Bytes, Floats, Pair
 from tactilevision.records.rig import Sensor
 from tactilevision.robust import MAD_TO_STD
 from tactilevision.sensors import may_have_marks
@@ -250,7 +250,7 @@ def leakage_share(
     return beside_sum / nearby_sum if nearby_sum else 1.0
 
 
-def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
+def untouched_std_mm(depths: Sequence[Array]) -> Floats:
     """Return the standard deviation (h, w) mm of N >= 2 depths (H, W) mm of the free gel, in blocks of BLOCK_PX.
 
     The median over the frames, robust against touched ones; N/(N - 1) of the variance, as the mean of the same

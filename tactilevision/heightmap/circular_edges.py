@@ -7,11 +7,10 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Bytes, Floats, Pair
+from tactilevision.records.measured import Array, Bools, Bytes, Floats, Pair, Picture
 from tactilevision.robust import MAD_TO_STD
 
 # Round rims in a slope map: circles along which the surface drops steeply, with a sharp flank on the inside.
@@ -37,8 +36,6 @@ NEAR_PX = 4  # about the edge alone, this far outside
 MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
 HALF = 0.6977  # sigma before the edge, where a blurred 1/sqrt(s) has half of its peak; by quadrature
 QUARTER = 1.2452  # sigma before the edge, where it has a quarter of its peak; by quadrature
-
-Picture = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +200,7 @@ def _profiles(
     return places, np.asarray(means, np.float64) / ACROSS
 
 
-def _sampled(plane: npt.NDArray[np.floating], x: Picture, y: Picture) -> Picture:
+def _sampled(plane: Array, x: Picture, y: Picture) -> Picture:
     plane = np.asarray(plane, np.float32)
     return np.asarray(cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan))
 
@@ -248,7 +245,7 @@ def _flanks(places: Floats, profiles: Floats, part: Floats | float) -> Floats:
     return np.asarray(places[before] + share * (places[1] - places[0]))
 
 
-def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, float, float]:
+def _harmonics(places: Floats, good: Bools) -> tuple[Floats, float, float]:
     """Return mean, cos and sin part of `good` places over sectors; the usual spread and rms residual.
 
     Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.

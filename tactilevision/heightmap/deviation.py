@@ -9,7 +9,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.heightmap.walls import PunchEdge, window_of
@@ -19,12 +18,8 @@ from tactilevision.photometric.colour_change import FrameChange, Patch
 from tactilevision.photometric.drift import SOFTENING_GREY, Drift, shares
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records.maps import HeightMap, SlopeMap
-from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
 from tactilevision.records.rig import SHADOW_ZONE
-
-Picture = npt.NDArray[np.float32]
-Array = npt.NDArray[np.floating[Any]]
-
 
 # The uncertainty of a depth, pixel by pixel: `HeightMap.std_mm`.
 #
@@ -379,7 +374,7 @@ def free_variance(noise_mm2: Picture, waves_mm: float, *, untouched_std: Floats)
 # all lie in one plane. The covariance of offset and tilt is neglected: it is zero for evenly distributed blocks.
 
 
-def zero_variance(zero: ZeroPlane, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
+def zero_variance(zero: ZeroPlane, shape: tuple[int, ...]) -> Picture:
     """Return the variance (H, W) mm² by the plane `zero` over a picture of this `shape`."""
     sides = zip(zero.tilt_std_mm, shape[::-1], strict=True)
     x, y = ((std * np.linspace(-1, 1, count)) ** 2 for std, count in sides)
@@ -426,7 +421,7 @@ class DriftError:
 
         self.depths = depths.reshape(-1, len(tracker.basis))  # of all coefficients, channel by channel
 
-    def variance(self, covariance: Floats, zero: ZeroPlane) -> npt.NDArray[np.float32]:
+    def variance(self, covariance: Floats, zero: ZeroPlane) -> Picture:
         """Return the variance (rows, columns) mm² of depth on the blocks, by a drift's `covariance` (18, 18)."""
         depths = self.depths
         if zero.takes is not None:

@@ -41,12 +41,10 @@ from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.ball_samples import OUTSIDE, radii_from
 from tactilevision.photometric.colour_change import ChangeMaps, FrameChange
 from tactilevision.photometric.cross_validation import LightLaw
-from tactilevision.photometric.drift import Planes
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.protocols import Picture
 from tactilevision.photometric.shading_law import SLOPE_POWERS, answers_at
 from tactilevision.records.constants import TINY
-from tactilevision.records.measured import Bools, Bytes, Pair
+from tactilevision.records.measured import Bools, Bytes, Pair, Picture
 
 CELL_MM = 0.4  # mm, approximate side of a cell: finer ones take longer and show no more
 REACH_MM = 0.76  # mm, deviation of the mean over neighbours: suppresses noise of single cells
@@ -115,7 +113,7 @@ class LightCheck:
         if light is not None:
             place = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(np.float64)
             answers = answers_at(light.terms, place).reshape(height, width, -1, 3)
-            self.answers: Planes = np.ascontiguousarray(answers.transpose(2, 3, 0, 1), np.float32)
+            self.answers: Picture = np.ascontiguousarray(answers.transpose(2, 3, 0, 1), np.float32)
             noise = np.stack([cv2.resize(plane, self.size) for plane in light.noise])
             self.noise_square = self._noise_square(noise)
 
@@ -135,7 +133,7 @@ class LightCheck:
         inconsistent = score > 1.0
         return Inconsistency(inconsistent, depth, float(inconsistent.sum() * self.cell_mm[0] * self.cell_mm[1]))
 
-    def read(self, frame: FrameChange) -> tuple[Planes, Planes, Bools]:
+    def read(self, frame: FrameChange) -> tuple[Picture, Picture, Bools]:
         """Return changes (3, h, w) of the cells of a frame, their slopes (2, h, w), and which (h, w) count."""
         known = self.usable
         if frame.missing is not None:
@@ -145,46 +143,46 @@ class LightCheck:
             change = self.maps.changes(self._cells(frame.means(px), px), self.whole, light)
         else:  # marks are filled in the whole picture
             change = self._cells(frame.changes)
-        slopes: Planes = np.empty((2, *change.shape[1:]), np.float32)
+        slopes: Picture = np.empty((2, *change.shape[1:]), np.float32)
         self.evaluate.strip(change, self.whole, slopes)
         slopes *= self.kept_share
         slopes -= self.bias
         return change, slopes, known
 
-    def deviations(self, change: Planes, slopes: Planes) -> Picture:
+    def deviations(self, change: Picture, slopes: Picture) -> Picture:
         """Return t (h, w) of changes (3, h, w) and slopes (2, h, w) of cells."""
         assert self.light is not None
         return self._deviations(self.residual(change, slopes), self._size(change), self.light.share)
 
-    def _colours(self, change: Planes, slopes: Planes, light: LightLaw) -> tuple[Picture, Picture]:
+    def _colours(self, change: Picture, slopes: Picture, light: LightLaw) -> tuple[Picture, Picture]:
         """Return t over its limit, and the unexplained share of the change of colour, (h, w) each."""
         off, size = self.residual(change, slopes), self._size(change)
         return self._deviations(off, size, light.share) / np.float32(light.limit), _length(off) / (size + TINY)
 
-    def _deviations(self, off: Planes, size: Picture, share: float) -> Picture:
+    def _deviations(self, off: Picture, size: Picture, share: float) -> Picture:
         usual = np.float32(share) * size
         return np.asarray(np.sqrt((off * off / (self.noise_square + usual * usual)).sum(axis=0)))
 
-    def _noise_square(self, noise: Planes) -> Planes:
+    def _noise_square(self, noise: Picture) -> Picture:
         """Return the variance (3, h, w) of changes of cells, for `noise` (3, h, w) of untouched gel."""
         return np.asarray(np.square(2.0 * noise) + np.square(GREY * self.maps.scale))
 
-    def _size(self, values: Planes) -> Picture:
+    def _size(self, values: Picture) -> Picture:
         """Return the mean length (h, w) of values (n, h, w) over REACH_MM."""
         return self._mean(_length(values))
 
-    def residual(self, change: Planes, slopes: Planes) -> Planes:
+    def residual(self, change: Picture, slopes: Picture) -> Picture:
         """Return the light law's residual of changes (3, h, w) at slopes (2, h, w), means over REACH_MM."""
         p, q = (
             np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
         )
-        light: Planes = np.ones_like(change)
+        light: Picture = np.ones_like(change)
         for (i, j), answer in zip(SLOPE_POWERS, self.answers, strict=True):
             light += answer * (p[i] * q[j])
         light /= np.sqrt(1.0 + p[2] + q[2])
         return np.stack([self._mean(plane) for plane in change + 1.0 - light])
 
-    def _curl(self, slopes: Planes) -> tuple[Picture, Picture]:
+    def _curl(self, slopes: Picture) -> tuple[Picture, Picture]:
         """Return the curl part of slopes (2, h, w) over its limit, and over the slopes, (h, w) each."""
         depth = integrate_small(slopes, self.cell_mm)
         down, across = np.gradient(depth, self.cell_mm[1], self.cell_mm[0])
@@ -196,7 +194,7 @@ class LightCheck:
         reach = REACH_MM / self.cell_mm[0], REACH_MM / self.cell_mm[1]
         return np.asarray(cv2.GaussianBlur(plane, (0, 0), reach[0], sigmaY=reach[1]))
 
-    def _cells(self, planes: Planes | Bytes, px: int = 1) -> Planes:
+    def _cells(self, planes: Picture | Bytes, px: int = 1) -> Picture:
         """Return means (n, h, w) over the cells of planes (n, H // px, W // px) of `px`-pixel means."""
         columns, rows = (n * (self.px // px) for n in self.size)
         return np.stack(
@@ -220,7 +218,7 @@ def rises_too_much(depth_mm: Picture) -> bool:
     return bool((depth_mm[beside > 0] < -limit).any())
 
 
-def _length(values: Planes) -> Picture:
+def _length(values: Picture) -> Picture:
     return np.asarray(np.sqrt(np.square(values).sum(axis=0)), np.float32)
 
 
@@ -266,7 +264,7 @@ def measured_light(
     return dataclasses.replace(method.light_law, noise=noise, limit=limit)
 
 
-def _usual_length(off: Planes, known: Bools) -> Planes:
+def _usual_length(off: Picture, known: Bools) -> Picture:
     """Return the root of the median square (3, h, w) over pictures (n, 3, h, w) where `known` (n, 1, h, w)."""
     hidden = np.ma.masked_where(np.broadcast_to(~known, off.shape), np.square(off))
     square = np.ma.median(hidden, axis=0)  # type: ignore[no-untyped-call]

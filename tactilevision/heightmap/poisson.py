@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,9 +12,8 @@ from scipy import fft
 
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.photometric.colour_change import Window
-from tactilevision.photometric.drift import Planes
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
 
 # The unweighted normal equations of `poisson.py`, solved by one pair of cosine transforms.
 #
@@ -30,8 +28,6 @@ from tactilevision.records.measured import Bools, Floats, Pair
 # which solves the same equations with nothing on the right, and whose flow is that sum's. So the result is that of
 # the picture alone, to rounding error, at any size.
 
-Array = npt.NDArray[np.floating[Any]]
-Picture = npt.NDArray[np.float32]
 MAX_FACTOR = 11  # the greatest prime factor that the transform has code of its own for
 
 
@@ -340,7 +336,7 @@ class TwoGridPoisson:
         self.half = np.array([0.5 / step for step in mm_per_px], np.float32)
         self.bend = np.array([[0, along_y, 0], [along_x, -2 * (along_x + along_y), along_x], [0, along_y, 0]])
 
-    def coarse(self, slopes: Planes, windows: Sequence[Window], *, fine: Sequence[Planes]) -> Picture:
+    def coarse(self, slopes: Picture, windows: Sequence[Window], *, fine: Sequence[Picture]) -> Picture:
         """Return depth (h, w), mean 0, of slopes (2, h, w) and of fine ones (2, rows, columns) for each window."""
         slopes = slopes.copy()
         for (rows, columns), inside in zip(windows, fine, strict=True):
@@ -353,7 +349,7 @@ class TwoGridPoisson:
         return integrate_small(slopes, self.coarse_mm)
 
     def whole(
-        self, coarse: Picture, windows: Sequence[Window], *, fine: Sequence[Planes], tilt: Pair = (0.0, 0.0)
+        self, coarse: Picture, windows: Sequence[Window], *, fine: Sequence[Picture], tilt: Pair = (0.0, 0.0)
     ) -> Picture:
         """Return depth (H, W) from a coarse one, reduced by a plane of slope `tilt`, and the windows' slopes."""
         depth: Picture = np.empty(self.shape, np.float32)
@@ -365,7 +361,7 @@ class TwoGridPoisson:
             self._refine(depth, window, slopes, tilt)
         return depth
 
-    def _refine(self, depth: Picture, window: Window, slopes: Planes, tilt: Pair) -> None:
+    def _refine(self, depth: Picture, window: Window, slopes: Picture, tilt: Pair) -> None:
         """Write the surface of a window's slopes, minus those of a plane, into `depth`, in place."""
         p, q = (plane - np.float32(lean) for plane, lean in zip(slopes, tilt, strict=True))
         ends = [(along.start == 0, along.stop == count) for along, count in zip(window, self.shape, strict=True)]
@@ -379,7 +375,7 @@ class TwoGridPoisson:
         z[rows, columns] += _solved(residual[rows, columns], self.mm_per_px, (ends[0], ends[1]))
 
 
-def integrate_small(slopes: Planes, step_mm: Pair) -> Picture:
+def integrate_small(slopes: Picture, step_mm: Pair) -> Picture:
     """Return depth (h, w) in mm, mean 0, of slopes (2, h, w) on a grid of steps (x, y) in mm: as
     `poisson.integrate`.
 

@@ -38,11 +38,10 @@ from tactilevision.records.maps import (
     add,
     as_frame,
 )
-from tactilevision.records.measured import Bools, Bytes, Pair
+from tactilevision.records.measured import Bools, Bytes, Pair, Picture
 from tactilevision.records.rig import Sensor
 from tactilevision.sensors.rectification import rectify
 
-Depth = npt.NDArray[np.floating[Any]]
 # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
 READABLE = 0.8
 MIN_CHECKED_MM = 0.08  # mm: flatter maps are not checked for inconsistent light
@@ -79,7 +78,7 @@ class Reading:
         drift = self.surface.drift
         return (0.0 if drift is None else drift.misfit), self.zero.std_mm
 
-    def terms_mm(self) -> dict[str, npt.NDArray[np.float32]]:
+    def terms_mm(self) -> dict[str, Picture]:
         """Return the deviation (h, w) mm by term (heightmap/deviation.py), on a grid of every nth pixel.
 
         n = `error.every`; empty for a method that states no deviation.

@@ -23,7 +23,7 @@ from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.reference import Reference, light_of, other_light
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import ASSUMED_SCALE, BALLS, LIGHT, MOVED, REFERENCE, UNFIT, Frame, HeightMap
-from tactilevision.records.measured import Bools, Bytes, Floats, Pair
+from tactilevision.records.measured import Array, Bools, Bytes, Floats, Pair, Picture
 from tactilevision.robust import mad_std, median
 from tactilevision.sensors.rectification import rectify
 
@@ -113,8 +113,6 @@ MIN_PX = 1.5  # px: gel that is pressed sideways moves by as much
 ALIKE_PX = 1.5  # px from the median shift, within which shifts agree
 SHIFT_FRAMES = 8  # maximum number of frames examined, evenly spaced
 
-Single = npt.NDArray[np.float32]
-
 
 def image_shift(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair | None:
     """Return the shift (right, down) in px of most `pictures` (H, W, 3) relative to the `reference` (H, W, 3).
@@ -161,7 +159,7 @@ def _spectrum(picture: npt.NDArray[Any]) -> npt.NDArray[np.complex128]:
     return np.asarray(np.fft.rfft2(grain * np.outer(*window)))
 
 
-def _grain(picture: npt.NDArray[Any]) -> Single:
+def _grain(picture: npt.NDArray[Any]) -> Picture:
     """Return the detail (H, W) of a picture, normalised to uniform strength."""
     bright = np.log(picture.sum(axis=2, dtype=np.float32) + np.float32(DARK_GREY))
     fine = cv2.GaussianBlur(bright, (0, 0), FINE_PX) - cv2.GaussianBlur(bright, (0, 0), COARSE_PX)
@@ -335,7 +333,6 @@ def rectified_frames(recording: Recording, indices: Iterable[int]) -> list[Frame
 # colour change no drift explains in most of them. The picture's border, where light and gel change first, is
 # excluded.
 
-Array = npt.NDArray[np.floating[Any]]
 
 MIN_FRAMES = 3  # readable frames; fewer are inconclusive
 CONTACT_FRAMES = 9  # maximum number of frames read, evenly spaced

@@ -18,7 +18,7 @@ from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.reference import COLOURS, make_reference
 from tactilevision.photometric.storage import load_network
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Bytes, Floats, Pair
+from tactilevision.records.measured import Array, Bools, Bytes, Floats, Pair, Picture
 from tactilevision.records.rig import Sensor
 from tactilevision.robust import mad_std
 from tactilevision.sensors import may_have_marks
@@ -70,7 +70,7 @@ class SceneFault:
 
 
 def scene_faults(
-    reference: npt.NDArray[np.floating], pictures: Sequence[Bytes], *, names: Sequence[str] = ()
+    reference: Array, pictures: Sequence[Bytes], *, names: Sequence[str] = ()
 ) -> tuple[SceneFault, ...]:
     """Return the changes in rectified `pictures` (H, W, 3) since the `reference` (H, W, 3), both in grey levels.
 
@@ -96,7 +96,7 @@ def scene_faults(
     return (*found, *(SceneFault(said, spoils=False) for said in others if said))
 
 
-def check_order(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> None:
+def check_order(reference: Array, pictures: Sequence[Bytes]) -> None:
     """Raise InputError where ball `pictures` and the `reference`, all (H, W, 3) in grey levels, have sides or
     colours exchanged.
     """
@@ -109,7 +109,7 @@ def check_order(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) 
         )
 
 
-def able_to_renew(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> list[Bytes]:
+def able_to_renew(reference: Array, pictures: Sequence[Bytes]) -> list[Bytes]:
     """Return the rectified `pictures` (H, W, 3), in grey, that may renew the `reference` (H, W, 3): without false
     depths.
 
@@ -120,7 +120,7 @@ def able_to_renew(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]
     return sound or [rgb for rgb, found in zip(pictures, faults, strict=True) if any(one.dims for one in found)]
 
 
-def _changes(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> tuple[Floats, Floats]:
+def _changes(reference: Array, pictures: Sequence[Bytes]) -> tuple[Floats, Floats]:
     """Return ln of grey of the `reference` in BLOCKS, and each picture's difference from it."""
     before = _blocks(reference, BLOCKS)
     return before, np.stack([_blocks(rgb, BLOCKS) for rgb in pictures]) - before
@@ -242,7 +242,7 @@ def _detail(change: Floats) -> Floats:
     return np.asarray(change - cv2.GaussianBlur(change, (0, 0), MARK_WIDTH))
 
 
-def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes], names: Sequence[str]) -> str:
+def _mark(reference: Array, pictures: Sequence[Bytes], names: Sequence[str]) -> str:
     """Return a mark that all frames and channels show at one place from some frame on, and the reference does not.
 
     A contact makes some channels brighter and others darker; a mark changes all equally.
@@ -340,7 +340,7 @@ def blocks_grey(rgb: Bytes) -> float:
     return max(0.0, _across(picture), _across(picture.transpose(1, 0, 2)))
 
 
-def _across(picture: npt.NDArray[np.float32]) -> float:
+def _across(picture: Picture) -> float:
     steps = np.abs(np.diff(picture, axis=1)).mean(axis=(0, 2))
     border = np.arange(1, len(steps) + 1) % BLOCK == 0
     return float(np.median(steps[border]) - np.median(steps[~border])) if border.any() else 0.0

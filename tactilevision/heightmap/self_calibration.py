@@ -16,12 +16,11 @@ from tactilevision.heightmap.reference_match import some_frames
 from tactilevision.photometric.ball_detection import first_guess
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import ColourChange
-from tactilevision.photometric.drift import Planes
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.reference import Reference, make_reference
 from tactilevision.records.constants import ROUNDING, TINY
-from tactilevision.records.measured import Bools, Bytes, Floats
+from tactilevision.records.measured import Bools, Bytes, Floats, Picture
 
 if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
@@ -71,7 +70,7 @@ class Contact:
     outward: Floats
 
 
-def contact_of(change: Planes, valid: Bools, rng: np.random.Generator) -> Contact | None:
+def contact_of(change: Picture, valid: Bools, rng: np.random.Generator) -> Contact | None:
     """Return the contact of a frame by its relative change (3, H, W), where `valid`, a mask (H, W); or None."""
     try:
         x, y, radius = first_guess(np.ascontiguousarray(change.transpose(1, 2, 0)), valid)
@@ -99,7 +98,7 @@ def design(change: Floats, place: Floats) -> Floats:
 
 
 def _window(
-    change: Planes, valid: Bools, x: float, y: float, radius: float
+    change: Picture, valid: Bools, x: float, y: float, radius: float
 ) -> tuple[tuple[Floats, Floats], Floats, Floats, Bools]:
     """Return places from the centre in radii, changes (N, 3), picture places (N, 2), and validity."""
     height, width = valid.shape

@@ -6,18 +6,16 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges
 from tactilevision.photometric.colour_change import Window
 from tactilevision.records.certified import USUAL_MM, TaughtWalls
 from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.measured import Array, Bools, Floats, Pair
 
 # The wall around one flat face: its position, the surface's fall along it, and the part of the step that it hides.
 #
@@ -383,7 +381,7 @@ def _interpolated(lines: tuple[Floats, Floats], at: Floats) -> tuple[Floats, Flo
 
 
 def restore_windows(
-    fine: Sequence[Iterable[npt.NDArray[np.floating[Any]]]],
+    fine: Sequence[Iterable[Array]],
     windows: Sequence[Window],
     *,
     valid: Bools,

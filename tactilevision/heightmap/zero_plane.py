@@ -18,20 +18,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.photometric.drift import distance_px
 from tactilevision.records.constants import ROUNDING
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
 from tactilevision.robust import MAD_TO_STD
 
-Depth = npt.NDArray[np.floating[Any]]
 DECAY_PER_THICKNESS = 0.9  # of the thickness: decay length of the rise: punches .75, balls 1
 DECAY_STD = 0.17  # relative, from contact to contact
 USUAL_THICKNESS_MM = 3  # mm, of gel whose thickness is not stated
@@ -61,12 +58,12 @@ class ZeroPlane:
     tilt_mm: Pair
     std_mm: float
     share: float
-    takes: npt.NDArray[np.float32] | None = None
+    takes: Picture | None = None
     tilt_std_mm: Pair = (0.0, 0.0)
 
 
 def find_zero_plane(
-    depth: Depth,
+    depth: Array,
     untouched: Bools,
     *,
     mm_per_px: Pair,
@@ -104,7 +101,7 @@ def find_zero_plane(
     return ZeroPlane(offset, (tilt[0], tilt[1]), std_mm, count / len(flat), takes, (tilt_std[0], tilt_std[1]))
 
 
-def level(depth: Depth, zero: ZeroPlane) -> None:
+def level(depth: Array, zero: ZeroPlane) -> None:
     """Subtract the plane from `depth` (H, W), in mm, in place."""
     y, x = (_places(count, depth.dtype.char) for count in depth.shape)
     depth -= x * depth.dtype.type(zero.tilt_mm[0]) + depth.dtype.type(zero.offset_mm)
@@ -112,7 +109,7 @@ def level(depth: Depth, zero: ZeroPlane) -> None:
 
 
 @lru_cache(maxsize=16)
-def _places(count: int, dtype: str) -> Depth:
+def _places(count: int, dtype: str) -> Array:
     return np.linspace(-1, 1, count).astype(dtype)
 
 
@@ -135,7 +132,7 @@ def flat_blocks(slopes: SlopeMap) -> Bools:
     return np.asarray(steep < slope_limit(np.median(steep)))
 
 
-def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
+def _means(picture: Array, blocks: tuple[int, ...]) -> Floats:
     """Return means (rows * columns,) of a smooth picture over its blocks, from evenly spread places."""
     size = (blocks[1], blocks[0])
     few = (size[0] * SAMPLED, size[1] * SAMPLED)  # whole pixels per block are averaged many times faster

@@ -23,11 +23,10 @@ from tactilevision.photometric.ball_samples import (
 )
 from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.cross_validation import groups_of, held_out, patch_error
-from tactilevision.photometric.drift import Planes
 from tactilevision.photometric.markers import marked
 from tactilevision.photometric.methods.polynomial import LAW_RIDGE, SHARES, InverseShading
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, answers_at, colours_by, fit_light
-from tactilevision.records.measured import Bools, Bytes, Floats, Pair
+from tactilevision.records.measured import Bools, Bytes, Floats, Pair, Picture
 
 # Refinement of circles by the shading law of the other balls.
 #
@@ -53,7 +52,7 @@ MAX_STEPS = 15  # of the fit
 
 
 def refined_circle(
-    change: Planes, valid: Bools, ball: Ball, *, light: Floats, mm_per_px: Pair, radius_px: Pair
+    change: Picture, valid: Bools, ball: Ball, *, light: Floats, mm_per_px: Pair, radius_px: Pair
 ) -> Ball:
     """Return the `ball` with centre and contact radius fitted by the shading law `light`.
 
@@ -140,7 +139,7 @@ class FoundBalls:
         return sum(ball is not None for ball in self.balls)
 
 
-Finder = Callable[[int, Planes, Bools], Ball | None]  # of the number of a picture, its changes and their validity
+Finder = Callable[[int, Picture, Bools], Ball | None]  # of the number of a picture, its changes and their validity
 
 
 def collect_balls(
@@ -238,7 +237,7 @@ def _by_light(seen: FoundBalls, alone: Sequence[Ball | None], shares: Pair, mm_p
         for number in group
     }
 
-    def find(number: int, changes: Planes, valid: Bools) -> Ball | None:
+    def find(number: int, changes: Picture, valid: Bools) -> Ball | None:
         ball, first = seen.balls[number], alone[number]
         if ball is None or first is None or number not in lights:
             return ball
@@ -284,7 +283,7 @@ def check_count(usable: int, of: int, faults: Sequence[tuple[str, InputError]]) 
     )
 
 
-def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:
+def locate(change: Picture, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:
     """Return the ball of one picture by its relative `change` of colour (3, H, W) in the mask `valid` (H, W)."""
     image = np.ascontiguousarray(change.transpose(1, 2, 0))
     return find_ball(

@@ -16,14 +16,13 @@ from tactilevision.photometric.drift import (
     SOFTENING_GREY,
     Drift,
     DriftTracker,
-    Planes,
     Response,
     means,
     undo_drift,
 )
 from tactilevision.photometric.markers import fill_marks, marked
 from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
-from tactilevision.records.measured import Bools, Bytes, Floats
+from tactilevision.records.measured import Bools, Bytes, Floats, Picture
 
 # Windows of a picture.
 
@@ -35,7 +34,7 @@ class Patch:
     """`values` (h, w) in the `window` of a picture that is 0 elsewhere."""
 
     window: Window
-    values: npt.NDArray[np.float32]
+    values: Picture
 
 
 def window_of(where: Bools) -> Window | None:
@@ -139,16 +138,16 @@ def _overexposed_window(rgb: Bytes) -> Window | None:
 SHADOW_PX = 4  # step of the search for shadows
 STRIP_PX = 25000  # pixels processed at once, so that intermediate arrays stay in the cache
 
-Light = tuple[Planes, Planes]  # down and across: the factor of grey at a place is their product
+Light = tuple[Picture, Picture]  # down and across: the factor of grey at a place is their product
 
 
 class ChangeMaps:
     """Colour changes against an untouched picture `mean` (3, h, w), at places x (w,), y (h,)."""
 
-    def __init__(self, mean: Planes, x: Planes, y: Planes, *, dark: int | None) -> None:
+    def __init__(self, mean: Picture, x: Picture, y: Picture, *, dark: int | None) -> None:
         """`dark`: number of the colour that counts as unchanged, or None."""
         self.mean, self.x, self.y, self.dark = mean, x, y, dark
-        self.scale: Planes = np.empty_like(mean)
+        self.scale: Picture = np.empty_like(mean)
         self.update_scale()
 
     def update_scale(self) -> None:
@@ -173,12 +172,12 @@ class ChangeMaps:
 
     def changes(
         self,
-        greys: Sequence[npt.NDArray[Any]] | Planes,
+        greys: Sequence[npt.NDArray[Any]] | Picture,
         window: Window,
         light: Light,
         *,
-        out: Planes | None = None,
-    ) -> Planes:
+        out: Picture | None = None,
+    ) -> Picture:
         """Return changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w) in this light."""
         rows, columns = window
         down, across = light
@@ -209,16 +208,16 @@ class FrameChange:
         """The factors of grey by the drift of the light."""
         return self.reference.maps.light(self.drift.gains)
 
-    def strip(self, window: Window) -> Planes:
+    def strip(self, window: Window) -> Picture:
         """Return the changes (3, h, w) of a window, one of `strips`; with marks, a part of `changes`."""
         if self.reference.reference.marks is not None:
             return self.changes[:, *window]
         return self.reference.maps.changes(self.greys(window), window, self.light)
 
     @cached_property
-    def changes(self) -> Planes:
+    def changes(self) -> Picture:
         """The changes (3, H, W), marks filled from around."""
-        whole: Planes = np.empty_like(self.reference.maps.mean)
+        whole: Picture = np.empty_like(self.reference.maps.mean)
         for window in strips((slice(0, self.rgb.shape[0]), slice(0, self.rgb.shape[1]))):
             self.reference.maps.changes(self.greys(window), window, self.light, out=whole[:, window[0]])
         if self.reference.reference.marks is not None:
@@ -230,7 +229,7 @@ class FrameChange:
         greys, undo = cv2.split(self.rgb[window]), self.drift.undo
         return greys if undo is None else list(undo_drift(greys, undo, power=self.reference.tracker.power))
 
-    def means(self, px: int) -> Planes:
+    def means(self, px: int) -> Picture:
         """Channels (3, H // px, W // px) in means of `px` by `px` pixels.
 
         Light is mixed in them as in pixels: what that misses goes with the noise squared, by the little mixed.
@@ -247,21 +246,21 @@ class ColourChange:
     def __init__(self, reference: Reference, response: Response | None = None) -> None:
         self.reference = reference
         self.tracker = DriftTracker(reference, response or Response())
-        mean: Planes = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
+        mean: Picture = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
         if reference.marks is not None:
             fill_marks(mean, reference.marks.mask)
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self.maps = ChangeMaps(mean, x, y, dark=reference.dark_colour)
-        self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
+        self.noise: Picture = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
         self.darkest = int(darkest_grey(reference.noise_grey))  # of whole numbers
         self.find_missing = MissingColoursFinder(reference).find
 
-    def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
+    def measure(self, rgb: Bytes) -> tuple[Picture, Drift, Bools]:
         """Changes (3, H, W), drift, and validity (H, W) of a frame."""
         frame = self.take(rgb)
         return frame.changes, frame.drift, frame.valid
 
-    def measure_known(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
+    def measure_known(self, rgb: Bytes) -> tuple[Picture, Drift, Bools]:
         """As `measure`, changes that are not known NaN, and valid (H, W) where two colours are known."""
         frame = self.take(rgb)
         changes, valid = frame.changes, frame.valid
@@ -299,12 +298,12 @@ class ColourChange:
         self.maps.update_scale()
 
     @property
-    def level(self) -> Planes:
+    def level(self) -> Picture:
         """The untouched picture (3, H, W), marks filled, that changes refer to."""
         return self.maps.mean
 
     @property
-    def scale(self) -> Planes:
+    def scale(self) -> Picture:
         """Change (3, H, W) per grey level; 0 for a colour that counts as unchanged."""
         scale = self.maps.scale
         if self.maps.dark is not None:

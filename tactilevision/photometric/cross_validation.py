@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import KEPT, Samples
-from tactilevision.photometric.protocols import ColourLaw, Picture
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, colours_of, fit_light
-from tactilevision.records.measured import Floats
+from tactilevision.records.measured import Array, Floats, Picture
 from tactilevision.robust import mad_std
 
 # Extrapolation: error of the depth scale beyond the outermost balls.
@@ -86,7 +86,7 @@ CONTACT = 1.0  # places over which a contact extends
 STEEP = (0.25, 0.5)  # of the steepest slope under the balls; most of a contact is that gentle
 
 
-def jackknife_std(others: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
+def jackknife_std(others: Sequence[Array]) -> Floats:
     """Return the standard deviation (any shape, any unit) from K changes without one group each."""
     return np.asarray(np.sqrt((len(others) - 1) / len(others) * np.sum(np.square(others), axis=0)), np.float64)
 

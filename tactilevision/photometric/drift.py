@@ -15,10 +15,8 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.reference import Reference
 from tactilevision.records.constants import TINY
 from tactilevision.records.contact_thresholds import CONTACT
-from tactilevision.records.measured import Bools, Bytes, Floats
+from tactilevision.records.measured import Bools, Bytes, Floats, Picture
 from tactilevision.robust import MAD_TO_STD
-
-Planes = npt.NDArray[np.float32]
 
 # Means over several pixels.
 
@@ -34,7 +32,7 @@ def tile_px_of(reference: Reference) -> int:
     return min(MAX_TILE_PX, max(MIN_TILE_PX, round(min(reference.shape) / TILES)))
 
 
-def means(picture: npt.NDArray[np.generic], px: int, *, out: Planes | None = None) -> Planes:
+def means(picture: npt.NDArray[np.generic], px: int, *, out: Picture | None = None) -> Picture:
     """Return means (n, H // px, W // px) over `px` by `px` pixels of a picture (H, W, n).
 
     Exact for integers; of 8 bits with `px` up to 16.
@@ -55,7 +53,7 @@ def means(picture: npt.NDArray[np.generic], px: int, *, out: Planes | None = Non
 
 
 @lru_cache(maxsize=64)
-def shares(count: int, blocks: int) -> Planes:
+def shares(count: int, blocks: int) -> Picture:
     """Return the shares (blocks, count) of `count` places on a line in the mean of each block."""
     return np.asarray(cv2.resize(np.eye(count, dtype=np.float32), (count, blocks), interpolation=cv2.INTER_AREA))
 
@@ -64,7 +62,7 @@ def shares(count: int, blocks: int) -> Planes:
 # alignment. Squared distances in pixels are integers, so they are rounded before numpy's square root.
 
 
-def distance_px(inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+def distance_px(inside: Bools) -> Picture:
     """Return the distance (H, W) in px of each place inside the mask (H, W) to the nearest one outside; 0 outside.
 
     float32, for masks of less than 2896 px across (squares to 2^24).
@@ -297,7 +295,7 @@ class Drift:
     covariance: Floats | None = None
     misfit: float = 0.0
     left: Floats | None = None
-    means: Planes | None = None
+    means: Picture | None = None
 
 
 class DriftTracker:
@@ -455,7 +453,7 @@ class DriftTracker:
             change / noise, weights, terms=self._terms / noise, slopes=slopes, gain=gain, power=self.power
         )
 
-    def _blocks(self, planes: Planes) -> Floats:
+    def _blocks(self, planes: Picture) -> Floats:
         """Return the means (3, h * w) of planes over the blocks."""
         blocks = (self.down @ planes).reshape(-1, planes.shape[2]) @ self.across
         return blocks.astype(np.float64).reshape(3, -1)
@@ -522,7 +520,7 @@ def solid(touched: Bools) -> Bools:
     return np.asarray(cv2.dilate(whole, SOLID, anchor=(0, 0)) > 0)
 
 
-def undo_drift(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, *, power: int) -> Planes:
+def undo_drift(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, *, power: int) -> Picture:
     """Return grey levels (3, h, w) with the affine map `undo` (3, 4) applied to their light."""
     light = np.asarray(greys, np.float32).reshape(3, -1)
     mix, stray = np.split(undo.astype(np.float32), [3], axis=1)

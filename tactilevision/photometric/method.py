@@ -13,11 +13,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import (
@@ -34,7 +32,7 @@ from tactilevision.photometric.colour_change import (
     window_of,
 )
 from tactilevision.photometric.cross_validation import LightLaw
-from tactilevision.photometric.drift import Planes, means, response_from_card, tile_px_of
+from tactilevision.photometric.drift import means, response_from_card, tile_px_of
 from tactilevision.photometric.markers import fill
 from tactilevision.photometric.methods.polynomial import PolynomialEvaluator
 from tactilevision.photometric.methods.two_colours import COLOURS, UNKNOWN, TwoColourLaws
@@ -50,7 +48,7 @@ from tactilevision.photometric.reference import (
 )
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Bytes, Floats
+from tactilevision.records.measured import Array, Bools, Bytes, Floats, Picture
 from tactilevision.robust import median
 
 DETECTION_SIGMA = 4  # deviations of a pixel's noise; less refines noise, more misses gentle contacts
@@ -61,9 +59,6 @@ MAX_WINDOW_SHARE = 0.5  # of the picture in windows; above, all of it is evaluat
 MIN_SIDE_PX = 64  # shorter side of the picture below which nothing is saved
 
 PAIR, ROUND = np.ones((2, 2), np.uint8), np.ones((3, 3), np.uint8)
-
-Picture = npt.NDArray[np.float32]
-Array = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +109,7 @@ class CalibratedMethod:
         dark = self.evaluate.noise(self.change.scale * darkness(self.change.level))
         self.kept_share: Picture = np.asarray(1.0 / (1.0 + damping(background, dark) ** 2), np.float32)
         self.noise_bias = noise_bias(self.evaluate, self.change.noise)
-        self.bias: Planes = np.stack(
+        self.bias: Picture = np.stack(
             [(q + r) * self.kept_share for q, r in zip(background[:2], self.noise_bias, strict=True)]
         )
         self.noise: Picture = background[2] * self.kept_share
@@ -157,13 +152,13 @@ class CalibratedMethod:
         px = self.card.tile_px or 1
         return TiledEvaluator(self, px) if 1 < px <= tile_px_for(self) else None
 
-    def read_window(self, frame: FrameChange, window: Window) -> tuple[Planes, float]:
+    def read_window(self, frame: FrameChange, window: Window) -> tuple[Picture, float]:
         """Return the slopes (2, h, w) of a window of a frame, and the greatest |slope|.
 
         Where fewer than two colours are known, they are filled from around.
         """
         rows, columns = window
-        slopes: Planes = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
+        slopes: Picture = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
         steepest, reader, missing = 0.0, self.two_colour_reader, frame.missing
         both = common(window, missing.window) if reader and missing else None
         for part in strips(window):
@@ -228,7 +223,7 @@ class CalibratedMethod:
 class TwoColourReader:
     """Reader of slopes where a colour is missing (methods/two_colours.py), for pictures (H, W) of one size."""
 
-    def __init__(self, laws: TwoColourLaws, noise: Planes) -> None:
+    def __init__(self, laws: TwoColourLaws, noise: Picture) -> None:
         """`noise` (3, H, W) is the relative deviation of the changes."""
         self.laws = laws
         self.evaluators: list[PolynomialEvaluator] = [law.evaluator(noise.shape[1:]) for law in laws.laws]
@@ -248,7 +243,7 @@ class TwoColourReader:
             if self.laws.errors[colour] < UNKNOWN:
                 valid[of.window] |= of.missing[colour] & of.partly & self.clear[colour][of.window]
 
-    def read_into(self, slopes: Planes, change: Planes, window: Window, of: MissingColours) -> None:
+    def read_into(self, slopes: Picture, change: Picture, window: Window, of: MissingColours) -> None:
         """Set `slopes` (2, h, w) of a window from changes (3, h, w) where one colour is missing, else 0."""
         if (both := common(window, of.window)) is None:
             return
@@ -284,9 +279,9 @@ class TiledSlopes:
     `windows` of the whole picture; the rest as in `SlopeReading`.
     """
 
-    coarse: Planes
+    coarse: Picture
     windows: list[Window]
-    fine: list[Planes]
+    fine: list[Picture]
     valid: Bools
     frame: FrameChange
     steepest: float
@@ -344,7 +339,7 @@ class TiledEvaluator:
         frame = self.method.change.take(rgb)
         missing = frame.missing.tiles(self.px, self.size) if frame.missing and self.method.two_colours else None
         greys, light = frame.means(self.px), self.maps.light(frame.drift.gains)
-        slopes: Planes = np.empty((2, *self.kept_share.shape), np.float32)
+        slopes: Picture = np.empty((2, *self.kept_share.shape), np.float32)
         for window in strips((slice(0, self.size[1]), slice(0, self.size[0]))):
             part = slopes[:, window[0]]
             self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, light), window, part)
@@ -364,7 +359,7 @@ class TiledEvaluator:
     def full_map(self, tiles: TiledSlopes) -> SlopeMap:
         """Return the slopes of `tiles` pixel by pixel."""
         down, across = (side.stop for side in self.even)
-        slopes: Planes = np.empty((2, *self.shape), np.float32)
+        slopes: Picture = np.empty((2, *self.shape), np.float32)
         for plane, mean in zip(slopes, tiles.coarse, strict=True):
             cv2.resize(mean, (across, down), dst=plane[:down, :across], interpolation=cv2.INTER_LINEAR)
         slopes[:, down:] = slopes[:, down - 1, None]
@@ -373,7 +368,7 @@ class TiledEvaluator:
             slopes[:, *window] = fine
         return SlopeMap(slopes[0], slopes[1], tiles.valid)
 
-    def windows(self, slopes: Planes, *, missing: Bytes | None = None) -> list[Window]:
+    def windows(self, slopes: Picture, *, missing: Bytes | None = None) -> list[Window]:
         """Return windows of the picture around steep or scattered `slopes` (2, h, w), with a margin of a block.
 
         Means where `missing` (h, w) is not 0 are included. Single steep means are noise.
@@ -400,12 +395,12 @@ class TiledEvaluator:
         area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in boxes)
         return boxes if area < MAX_WINDOW_SHARE * height * width else [(slice(0, height), slice(0, width))]
 
-    def _over(self, planes: Planes) -> Planes:
+    def _over(self, planes: Picture) -> Picture:
         """Return means (n, h, w) of planes (n, H, W)."""
         return means(planes.transpose(1, 2, 0), self.px)
 
 
-def _scatter(slopes: Planes) -> Picture:
+def _scatter(slopes: Picture) -> Picture:
     """Return the variance (h, w) of slopes (2, h, w) over 3 by 3 of them, the sum of both."""
     p, q = slopes
     total = cv2.blur(cv2.add(cv2.multiply(p, p), cv2.multiply(q, q)), (3, 3))

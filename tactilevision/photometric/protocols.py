@@ -6,14 +6,10 @@ from abc import ABC, abstractmethod
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.photometric.colour_change import Window, strips
-from tactilevision.photometric.drift import Planes
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bytes, Floats
-
-Picture = npt.NDArray[np.float32]
+from tactilevision.records.measured import Bytes, Floats, Picture
 
 
 class PhotometricMethod(Protocol):
@@ -28,14 +24,14 @@ class Evaluator(ABC):
     """A colour law prepared for one picture size; the intermediate arrays of a strip stay in the cache."""
 
     @abstractmethod
-    def strip(self, change: Planes, window: Window, out: Planes) -> None:
+    def strip(self, change: Picture, window: Window, out: Picture) -> None:
         """Write slopes (2, h, w) of the changes (3, h, w) of a window, one of `strips`, to `out`."""
 
     @abstractmethod
-    def noise(self, noise: Planes) -> Picture:
+    def noise(self, noise: Picture) -> Picture:
         """Return the standard deviation (H, W) of a slope on untouched gel from that of the changes (3, H, W)."""
 
-    def __call__(self, change: Planes) -> tuple[Picture, Picture]:
+    def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Return slopes (H, W) and (H, W) of changes (3, H, W)."""
         out = np.empty((2, *change.shape[1:]), np.float32)
         for window in strips((slice(0, change.shape[1]), slice(0, change.shape[2]))):

@@ -17,14 +17,10 @@ At each multiple false contacts are rarer than one in a run, for the number of p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from tactilevision.records.measured import Floats
-
-Array = npt.NDArray[np.floating[Any]]
+from tactilevision.records.measured import Array, Floats
 
 
 @dataclass(frozen=True, slots=True)

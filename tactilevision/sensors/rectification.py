@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import replacing
-from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.records.measured import Bytes, Floats, Pair, Picture
 from tactilevision.records.rig import Sensor
 
 # rectified[y, x] = raw[map_y[y, x], map_x[y, x]]       bilinear; maps float32 (height, width)
 
-Map = npt.NDArray[np.float32]
+Map = Picture
 Maps = tuple[Map, Map]
 KEPT = 8  # cached maps in fixed point, the oldest dropped first
 

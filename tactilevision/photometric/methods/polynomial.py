@@ -24,14 +24,13 @@ from functools import lru_cache, reduce
 from itertools import combinations_with_replacement
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import KEPT, TYPICAL, Samples
 from tactilevision.photometric.colour_change import Window
 from tactilevision.photometric.protocols import ColourLaw, Evaluator
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, colours_of, fit_light
 from tactilevision.records.constants import TINY
-from tactilevision.records.measured import Floats
+from tactilevision.records.measured import Floats, Picture
 
 PRODUCTS = tuple(pick for n in (1, 2, 3, 4) for pick in combinations_with_replacement(range(3), n))
 RAISED = tuple(  # a colour, the products of one order from it on, their products with it
@@ -52,8 +51,6 @@ AVERAGED = 450  # pixels of a contact of 12 px in radius, the smallest whose dep
 MAX_NOISE_SHARE = 0.5  # of a combination's power that is subtracted as noise
 REACH = 1.5  # of the steepest slope of the samples; beyond, a polynomial diverges
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # relative to the power of the terms; held-out balls choose
-
-Picture = npt.NDArray[np.float32]
 
 
 def _terms() -> list[tuple[int, int]]:
