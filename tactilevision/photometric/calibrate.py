@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -56,7 +55,7 @@ from tactilevision.photometric.methods.two_colours import TwoColourLaws, fit_two
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import BackgroundSums, Reference, SlopeBackground
 from tactilevision.photometric.shading_law import response_of
-from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.records.measured import Floats, Pair
 
 MAX_SLOPE_NOISE = 0.03  # slope of a pixel's noise, worst direction: real .001 to .006, a tenth as coloured .047
 MAX_EVEN_NOISE = (
@@ -64,15 +63,6 @@ MAX_EVEN_NOISE = (
 )
 MAX_NOISE_RATIO = 4  # worst over best direction: real 1.8 to 2.7, a tenth as coloured 4.6
 MAX_GAP_DEG = 200  # degrees between the sides of colours: five real sensors leave 131 to 184, two lamps 250
-
-
-@runtime_checkable
-class PictureFitter(Protocol):
-    """A fitter that uses the ball pictures themselves as well as samples of them."""
-
-    def prepared(
-        self, change: ColourChange, pictures: Sequence[Bytes], balls: Sequence[Ball | None], mm_per_px: Pair
-    ) -> Fitter: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +101,8 @@ def calibrate_from_balls(
     balls, every = list(seen.balls), seen.every
     warnings = [*seen.warnings, *label_warnings([(p.centre_px, p.contact_radius_px) for p in pictures], balls)]
     pressed, resting = with_same_colours(*every, min_balls=MIN_BALLS)
-    if isinstance(fit, PictureFitter):
-        fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
+    if (prepared := getattr(fit, "prepared", None)) is not None:
+        fit = prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     best = _best_fit(fit, pressed, resting)
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light, cover = slope_observability(pressed), 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1

@@ -90,32 +90,6 @@ class MissingColours:
         return tiles
 
 
-class MissingColoursFinder:
-    """Find missing colours of frames against one reference."""
-
-    def __init__(self, reference: Reference) -> None:
-        self.overexposed, self.lit_by_two = reference.overexposed, reference.lit_by_two
-        over = self.overexposed
-        self.window = None if over is None else window_of(np.asarray(over.any(axis=0)))
-
-    def find(self, rgb: Bytes) -> MissingColours | None:
-        """Return the colours missing in a frame (H, W, 3) or its reference; None for none."""
-        windows = [window for window in (_overexposed_window(rgb), self.window) if window is not None]
-        if not windows:
-            return None
-        rows, columns = (
-            slice(min(one.start for one in along), max(one.stop for one in along))
-            for along in zip(*windows, strict=True)
-        )
-        missing = np.ascontiguousarray((rgb[rows, columns] >= SATURATED).transpose(2, 0, 1))
-        if self.overexposed is not None:
-            missing |= self.overexposed[:, rows, columns]
-        red, green, blue = missing.view(np.uint8)
-        count = red + green + blue
-        partly = self.lit_by_two[rows, columns] & (count == 1)
-        return MissingColours((rows, columns), missing, count, partly, count > partly)
-
-
 def _overexposed_window(rgb: Bytes) -> Window | None:
     if rgb.max() < SATURATED:
         return None
@@ -253,7 +227,10 @@ class ColourChange:
         self.maps = ChangeMaps(mean, x, y, dark=reference.dark_colour)
         self.noise: Picture = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
         self.darkest = int(darkest_grey(reference.noise_grey))  # of whole numbers
-        self.find_missing = MissingColoursFinder(reference).find
+        self.overexposed, self.lit_by_two = reference.overexposed, reference.lit_by_two
+        self._overexposed_window = (
+            None if self.overexposed is None else window_of(np.asarray(self.overexposed.any(axis=0)))
+        )
 
     def measure(self, rgb: Bytes) -> tuple[Picture, Drift, Bools]:
         """Changes (3, H, W), drift, and validity (H, W) of a frame."""
@@ -280,6 +257,23 @@ class ColourChange:
             valid = valid.copy()
             valid[missing.window] &= missing.count == 0
         return FrameChange(self, rgb, self.tracker.measure(rgb), missing, valid)
+
+    def find_missing(self, rgb: Bytes) -> MissingColours | None:
+        """Return the colours missing in a frame (H, W, 3) or its reference; None for none."""
+        windows = [window for window in (_overexposed_window(rgb), self._overexposed_window) if window is not None]
+        if not windows:
+            return None
+        rows, columns = (
+            slice(min(one.start for one in along), max(one.stop for one in along))
+            for along in zip(*windows, strict=True)
+        )
+        missing = np.ascontiguousarray((rgb[rows, columns] >= SATURATED).transpose(2, 0, 1))
+        if self.overexposed is not None:
+            missing |= self.overexposed[:, rows, columns]
+        red, green, blue = missing.view(np.uint8)
+        count = red + green + blue
+        partly = self.lit_by_two[rows, columns] & (count == 1)
+        return MissingColours((rows, columns), missing, count, partly, count > partly)
 
     def _in_shadow(self, rgb: Bytes, missing: MissingColours | None) -> bool:
         """Whether shadows are to be looked for in all of a frame: few of its pixels tell, unless it is bright."""

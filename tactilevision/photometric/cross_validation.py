@@ -148,7 +148,8 @@ BELOW_ONE = 0.999999  # keeps the greatest value in the last patch
 class Fitter(Protocol):
     """Fits a colour law to samples of balls and of untouched gel; `ridge` sets its smoothness.
 
-    It may list `ridges` to choose from, or `ways`: pairs of a fitter and a ridge.
+    It may list `ridges` to choose from, or `ways`: pairs of a fitter and a ridge. A method `prepared` returns the
+    fitter for certain ball pictures, given their colour change, the pictures, their balls and the scale.
     """
 
     def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> ColourLaw: ...

@@ -10,16 +10,6 @@ from typing import Any
 
 from tactilevision.errors import InputError
 from tactilevision.records.rig import Sensor
-from tactilevision.sensors.rectification import (
-    find_grid,
-    maps_from_corners,
-    maps_from_grid,
-    maps_from_lookup,
-    rectify,
-    save_rectification,
-    sensor_from_corners,
-    sensor_from_grid,
-)
 
 _GELSLIM3 = Sensor("gelslim3", width_px=427, height_px=320, mm_per_px=(0.0634, 0.0634))
 _CATALOGUE = (
@@ -40,31 +30,14 @@ _CATALOGUE = (
     # right, green from the upper left, blue from below. Source: Lambeta et al., IEEE RA-L 5 (2020).
     Sensor("digit", width_px=240, height_px=320, mm_per_px=(0.0640, 0.0600)),
     # GelSight Wedge: mirror and camera in a wedge; the gel is a trapezoid in the raw picture until it is warped.
-    # About 11 px per mm after the warp (`rectification.maps_from_corners`); 320 by 240 px is the size taken there.
-    # Source: Wang, She, Romero, Adelson, "GelSight Wedge", ICRA 2021.
+    # About 11 px per mm after the warp (`sensor_from_corners`); 320 by 240 px is the size taken there. Source:
+    # Wang, She, Romero, Adelson, "GelSight Wedge", ICRA 2021.
     Sensor("gelsight_wedge", width_px=320, height_px=240, mm_per_px=(0.0909, 0.0909)),
 )
 SENSORS: dict[str, Sensor] = {sensor.kind: sensor for sensor in _CATALOGUE}
 
 MIN_SCALE = 1e-4  # mm per pixel: a tenth of a micrometre, below the resolution of light
 MAX_SCALE = 100.0  # mm per pixel: a gel in one pixel
-
-__all__ = [
-    "MAX_SCALE",
-    "MIN_SCALE",
-    "SENSORS",
-    "check_scale",
-    "find_grid",
-    "get_sensor",
-    "maps_from_corners",
-    "maps_from_grid",
-    "maps_from_lookup",
-    "may_have_marks",
-    "rectify",
-    "save_rectification",
-    "sensor_from_corners",
-    "sensor_from_grid",
-]
 
 
 def get_sensor(kind: str, **overrides: Any) -> Sensor:

@@ -27,7 +27,7 @@ from tactilevision.recording.read import read_recording
 from tactilevision.records.maps import BEYOND_BALLS, Frame, SlopeMap
 from tactilevision.records.measured import Bytes
 from tactilevision.sensors import get_sensor
-from tactilevision.sensors.rectification import maps_from_lookup, rectify
+from tactilevision.sensors.rectification import rectify
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import (
@@ -254,7 +254,7 @@ def test_real_gelslim_balls_held_out() -> None:
     # The ball's radius is not recorded with these frames: 3.8 mm, as the code they came with has it, is assumed.
     folder = REAL / "gelslim3_mcubelab"
     with np.load(folder / "abe_corr.npz", allow_pickle=False) as table:
-        maps = maps_from_lookup(table["x"], table["y"])
+        maps = tuple(table[axis].astype(np.float32) for axis in ("y", "x"))
     sensor = get_sensor("gelslim3", rectification=maps)
     reference = make_reference([rectify(sensor, read(folder / "markerless" / "ref.jpg"))])
     shots = [
