@@ -12,7 +12,7 @@ import numpy as np
 from tactilevision.errors import InputError
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
-from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
 from tactilevision.photometric.ball_samples import INSIDE, radii_from
 from tactilevision.photometric.calibrate import Calibration
 from tactilevision.photometric.card import MethodCard
@@ -158,9 +158,8 @@ def seen_gain_std(
     Of dents, which determine depth: in slopes the contact's rim dominates, where a slightly too wide circle
     includes slopes that no ball has.
     """
-    kept = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
     ratios = []
-    for rgb, ball in kept[:: max(1, -(-len(kept) // MAX_BALLS))]:
+    for rgb, ball in pressed_balls(pictures, balls, most=MAX_BALLS):
         slopes = method.slopes(rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
         found, true = dent_mm(depth, ball, mm_per_px=mm_per_px)

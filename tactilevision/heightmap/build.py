@@ -31,7 +31,7 @@ from tactilevision.heightmap.scene_faults import FRAMES_FOR_ORDER, able_to_renew
 from tactilevision.heightmap.self_calibration import MIN_CONTACTS, calibrated_on_frames, scale_warning
 from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM
 from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
 from tactilevision.photometric.ball_samples import far_from, radii_from
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
@@ -187,10 +187,9 @@ def depth_terms_mm(
 ) -> dict[str, float]:
     """Return each term's deviation of depth under a ball: rms in mm, the median over ball pictures."""
     found = []
-    for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
-        if ball is not None:
-            seen = reader.read_rectified(picture.rgb)
-            found.append(contributions_mm(seen.height, seen.terms_mm()))
+    for rgb, _ in pressed_balls(pictures[:MAX_WAVES], balls[:MAX_WAVES]):
+        seen = reader.read_rectified(rgb)
+        found.append(contributions_mm(seen.height, seen.terms_mm()))
     return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
 
 
@@ -212,12 +211,11 @@ def untouched_rms_mm(
 ) -> float:
     """Return the deviation of untouched gel from flat: median over ball pictures, outside the ball, mm."""
     found = []
-    for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
-        if ball is not None:
-            height = reconstructor.rectified_map(picture.rgb)
-            away = far_from(ball, height.depth_mm.shape, mm_per_px=reconstructor.sensor.mm_per_px) & height.valid
-            if away.any():
-                found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
+    for rgb, ball in pressed_balls(pictures[:MAX_WAVES], balls[:MAX_WAVES]):
+        height = reconstructor.rectified_map(rgb)
+        away = far_from(ball, height.depth_mm.shape, mm_per_px=reconstructor.sensor.mm_per_px) & height.valid
+        if away.any():
+            found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
     return float(np.median(found)) if found else 0.0
 
 
@@ -235,8 +233,7 @@ def leakage_share(
     a group of balls; `gain` (h, w) is the resulting relative change of the depth scale.
     """
     beside_sum, nearby_sum = 0.0, 0.0
-    kept = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
-    for rgb, ball in kept[:: max(1, -(-len(kept) // MAX_BALLS))]:
+    for rgb, ball in pressed_balls(pictures, balls, most=MAX_BALLS):
         depth, *others = (make(rgb) for make in maps)
         variance = np.square(jackknife_std([other - depth for other in others]))
         scale = np.square(cv2.resize(np.asarray(gain, np.float32), depth.shape[::-1]) * depth)

@@ -37,7 +37,7 @@ import numpy as np
 
 from tactilevision.heightmap.poisson import integrate_small
 from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
 from tactilevision.photometric.ball_samples import OUTSIDE, radii_from
 from tactilevision.photometric.colour_change import ChangeMaps, FrameChange
 from tactilevision.photometric.cross_validation import LightLaw
@@ -238,10 +238,7 @@ def measured_light(
     if method.light_law is None:
         return None
     check = LightCheck(method, mm_per_px)
-    shown: list[tuple[Bytes, Ball | None]] = [
-        (picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None
-    ]
-    shown += [(rgb, None) for rgb in free]
+    shown: list[tuple[Bytes, Ball | None]] = [*pressed_balls(pictures, balls), *((rgb, None) for rgb in free)]
     cells, off, radii = [], [], []
     for rgb, ball in shown:
         cells.append(check.read(method.read(rgb).frame)[:2])

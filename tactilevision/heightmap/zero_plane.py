@@ -22,7 +22,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from tactilevision.photometric.drift import distance_px
+from tactilevision.photometric.drift import blocks_of, distance_px
 from tactilevision.records.constants import ROUNDING
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.records.maps import SlopeMap
@@ -36,7 +36,6 @@ THICKNESS_STD = 0.3  # relative deviation of such a thickness
 FIRST_WEIGHT = 1e3  # relative to all blocks: the first round keeps L
 MIN_RISE = 1e-3  # of the blocks' scatter: no rise at all
 CORRELATED = 50  # blocks, a tenth of the picture: correlation of integrated slope errors
-BLOCKS = 600  # over the picture, about: small against contacts, large against noise
 MIN_BLOCKS = 12  # untouched blocks; fewer do not determine a tilt
 MAX_DROP = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
 DENTED = 5  # of the untouched blocks' scatter, beyond which the deepest of the others is a dent; as for a region
@@ -121,9 +120,7 @@ def slope_of(zero: ZeroPlane, shape: tuple[int, ...], *, mm_per_px: Pair) -> Pai
 
 def flat_blocks(slopes: SlopeMap) -> Bools:
     """Return the blocks (h, w) of the picture whose mean slope (mm/mm) is not significant."""
-    height, width = slopes.dz_dx.shape
-    block = max(4, int(np.sqrt(height * width / BLOCKS)))
-    size = (max(2, width // block), max(2, height // block))
+    size, _ = blocks_of(slopes.dz_dx.shape)
     p, q = (
         cv2.resize(np.asarray(s, np.float32), size, interpolation=cv2.INTER_AREA)
         for s in (slopes.dz_dx, slopes.dz_dy)

@@ -126,6 +126,14 @@ class BallPicture:
     name: str = ""
 
 
+def pressed_balls(
+    pictures: Sequence[BallPicture], balls: Sequence[Ball | None], *, most: int | None = None
+) -> list[tuple[Bytes, Ball]]:
+    """Return the pictures (H, W, 3) in which a ball was found, with that ball; at most `most`, evenly chosen."""
+    found = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
+    return found if most is None else found[:: max(1, -(-len(found) // most))]
+
+
 @dataclass(frozen=True, slots=True)
 class FoundBalls:
     """The balls of all pictures, None where one was excluded, and samples under them and of untouched gel."""

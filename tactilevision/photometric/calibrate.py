@@ -24,6 +24,7 @@ from tactilevision.photometric.ball_pictures import (
     BallPicture,
     check_count,
     collect_balls,
+    pressed_balls,
     refine_balls,
 )
 from tactilevision.photometric.ball_samples import (
@@ -233,10 +234,9 @@ def _measure_background(
     """Return bias and noise of the law on the untouched part of the ball pictures."""
     evaluate = law.evaluator(change.reference.shape)
     sums = BackgroundSums(change.reference.shape)
-    for picture, ball in zip(pictures, balls, strict=True):
-        if ball is not None:
-            changes, _, valid = change.measure(picture.rgb)
-            sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
+    for rgb, ball in pressed_balls(pictures, balls):
+        changes, _, valid = change.measure(rgb)
+        sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
     return sums.result(evaluate.noise(change.noise))
 
 

@@ -304,8 +304,7 @@ class DriftTracker:
     def __init__(self, reference: Reference, response: Response) -> None:
         height, width = reference.shape
         self.power, self.dark = response.power, reference.dark_colour
-        block = max(4, int(np.sqrt(height * width / BLOCKS)))
-        self.size = (max(2, width // block), max(2, height // block))
+        self.size, block = blocks_of(reference.shape)
         self.px = tile_px_of(reference)
         share = cv2.resize(reference.usable.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
         self.usable = (share > 0.5).ravel()
@@ -528,6 +527,13 @@ def undo_drift(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Float
     if power == 2:
         cv2.sqrt(np.maximum(linear, 0.0, out=linear), dst=linear)
     return linear.reshape(3, *greys[0].shape)
+
+
+def blocks_of(shape: tuple[int, ...]) -> tuple[tuple[int, int], int]:
+    """Return the number of blocks (across, down) of a picture of `shape` (H, W), and their side in px."""
+    height, width = shape
+    block = max(4, int(np.sqrt(height * width / BLOCKS)))
+    return (max(2, width // block), max(2, height // block)), block
 
 
 def _centres(blocks: int, pixels: int) -> Floats:
