@@ -234,7 +234,7 @@ def _refine(points: Floats, start: tuple[Floats, float], scale_mm: float) -> tup
     weights = np.ones(len(points))
     for _ in range(20):
         jacobian, residual = _linearised(points, centre, radius)
-        weights = _tukey(residual, scale_mm)
+        weights = tukey_weight(residual, max(mad_std(residual, centre=0.0), 0.5 * scale_mm))
         step, *_ = np.linalg.lstsq(jacobian * weights[:, None] ** 0.5, -residual * weights**0.5, rcond=None)
         centre, radius = centre + step[:2], radius + float(step[2])
         if np.abs(step).max() < 1e-6 * radius:
@@ -252,11 +252,6 @@ def _inverse_diagonal(information: Floats) -> Floats:
     """Return it for a matrix (k, k) >= 0; a short arc gives very large values, never below 0."""
     values, vectors = np.linalg.eigh(information)
     return np.asarray(vectors**2 @ (1 / np.maximum(values, np.finfo(float).eps * values[-1])))
-
-
-def _tukey(residual: Floats, scale_mm: float) -> Floats:
-    spread = max(mad_std(residual, centre=0.0), 0.5 * scale_mm)
-    return tukey_weight(residual, spread)
 
 
 # Footprint of the indenter: a disc-minus-ring filter finds the face, the steepest ring round it gives edge points,

@@ -138,7 +138,7 @@ def _fit_edge(
     x, y, radius = circle
     if not MIN_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
         return None
-    places, values = _profiles(slopes, mm_per_px, circle, _bounds(radius, px, radius + NEAR_PX * px))
+    places, values = _profiles(slopes, mm_per_px, circle, radius + NEAR_PX * px)
     flank = _flanks(places, values, 0.5)
     good = np.isfinite(flank)
     if np.count_nonzero(good) < MIN_ROUND * len(good):
@@ -164,27 +164,24 @@ def _profile(
     slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], outer: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return places (J,) across a rim up to `outer`; the median slope, that of all but a fifth, and its std."""
-    places, values = _profiles(slopes, mm_per_px, circle, _bounds(circle[2], min(mm_per_px), outer))
+    places, values = _profiles(slopes, mm_per_px, circle, outer)
     low, middle, high, highest = _quantiles(values, 0.25, 0.5, 0.75, 0.8)
     count = np.maximum(np.count_nonzero(np.isfinite(values), axis=0), 1)
     return places, middle, highest, MEDIAN_STD * (high - low) / np.sqrt(count)
 
 
-def _bounds(radius: float, px: float, outer: float) -> Pair:
-    return max(0.4 * radius, radius - INNER_PX * px), outer
-
-
 def _profiles(
-    slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], bounds_mm: Pair
+    slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], outer: float
 ) -> tuple[Floats, Floats]:
-    """Return distances (J,) from a circle's centre, and slopes (K, J) towards it in K sectors.
+    """Return distances (J,) up to `outer` from a circle's centre, and slopes (K, J) towards it in K sectors.
 
     A circle is (x, y, radius); slopes are NaN where unseen.
     """
     px = min(mm_per_px)
     sectors = int(min(max(0.8 * circle[2] / px, 8), 32))
     across, down = _directions(sectors * ACROSS)
-    places = np.arange(bounds_mm[0] + 0.5 * BIN_PX * px, bounds_mm[1], BIN_PX * px)
+    inner = max(0.4 * circle[2], circle[2] - INNER_PX * px)
+    places = np.arange(inner + 0.5 * BIN_PX * px, outer, BIN_PX * px)
     r = places.astype(np.float32)
     x, y = across * (r / np.float32(mm_per_px[0])), down * (r / np.float32(mm_per_px[1]))
     x += np.float32(circle[0] / mm_per_px[0])

@@ -275,7 +275,8 @@ def integrate_half_squares(
     `share` (2h, 2w), from 0 to 1, of each half square's pixels that are readable; squares and edges with less than
     `least` of theirs are not known, the surface is carried over them. `mm_per_px` (x, y) of half squares.
     """
-    known = _along_both(share) > 4 * least
+    rows = share[::2] + share[1::2]
+    known = rows[:, ::2] + rows[:, 1::2] > 4 * least
     weights, targets = [], []
     for slope, turned in ((dz_dx, False), (dz_dy, True)):
         part, total = (_between(a.T if turned else a) for a in (share, share * slope))
@@ -288,12 +289,6 @@ def integrate_half_squares(
     scale = (2 * mm_per_px[0], 2 * mm_per_px[1])
     depth = solve_edges(*targets, w_x=weights[0], w_y=weights[1], mm_per_px=scale)
     return np.asarray(depth, np.float64), known
-
-
-def _along_both(values: Floats) -> Floats:
-    """Return sums (h, w) over the four half squares of each square, of values (2h, 2w)."""
-    rows = values[::2] + values[1::2]
-    return np.asarray(rows[:, ::2] + rows[:, 1::2])
 
 
 def _between(values: Floats) -> Floats:

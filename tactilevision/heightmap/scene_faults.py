@@ -238,17 +238,14 @@ def _exposure(change: Floats) -> str:
     )
 
 
-def _detail(change: Floats) -> Floats:
-    return np.asarray(change - cv2.GaussianBlur(change, (0, 0), MARK_WIDTH))
-
-
 def _mark(reference: Array, pictures: Sequence[Bytes], names: Sequence[str]) -> str:
     """Return a mark that all frames and channels show at one place from some frame on, and the reference does not.
 
     A contact makes some channels brighter and others darker; a mark changes all equally.
     """
     before = _blocks(reference, FINE_BLOCKS)
-    detail = np.stack([_detail(_blocks(rgb, FINE_BLOCKS) - before) for rgb in pictures])
+    changes = [_blocks(rgb, FINE_BLOCKS) - before for rgb in pictures]
+    detail = np.stack([change - cv2.GaussianBlur(change, (0, 0), MARK_WIDTH) for change in changes])
     limit = max(MARK, MARK_SIGMA * mad_std(np.median(detail, axis=(0, 3))))
     darker, brighter = ((sign * detail).min(axis=3) for sign in (-1, 1))  # in all channels, by at least
     for first in range(len(pictures) - MIN_FRAMES + 1):

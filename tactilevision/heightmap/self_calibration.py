@@ -79,7 +79,8 @@ def contact_of(change: Picture, valid: Bools, rng: np.random.Generator) -> Conta
     if radius < MIN_RADIUS_PX:
         return None
     (across, down), u, place, known = _window(change, valid, x, y, radius)
-    tests = np.array(list(_tests(across, down, known, edges=_edges(valid.shape, x, y, radius))))
+    edges = x / radius, (valid.shape[1] - 1 - x) / radius, y / radius, (valid.shape[0] - 1 - y) / radius
+    tests = np.array(list(_tests(across, down, known, edges=edges)))
     inside = np.flatnonzero((np.hypot(across, down) < 1.0) & known)
     if len(tests) < MIN_EQUATIONS or len(inside) < SAMPLES:
         return None
@@ -113,15 +114,13 @@ def _window(
     return ((column - x) / radius, (row - y) / radius), u, place, known
 
 
-def _edges(shape: tuple[int, ...], x: float, y: float, radius: float) -> tuple[float, float, float, float]:
-    """Return distances from the contact's centre to the left, right, top and bottom, in radii, above 0."""
-    return x / radius, (shape[1] - 1 - x) / radius, y / radius, (shape[0] - 1 - y) / radius
-
-
 def _tests(
     across: Floats, down: Floats, known: Bools, *, edges: tuple[float, float, float, float]
 ) -> Iterator[Floats]:
-    """Return the gradients (2, N) of the test functions, each normalised to length 1."""
+    """Return the gradients (2, N) of the test functions, each normalised to length 1.
+
+    `edges`: distances from the contact's centre to the left, right, top and bottom, in radii.
+    """
     left, right, top, bottom = edges
     for width in WIDTHS:
         turns = np.arange(SPOKES) * 2.0 * np.pi / SPOKES
@@ -238,7 +237,8 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
         return None
     if _slope_spread(seen.change @ constant.T) < MIN_SLOPE_SPREAD:
         return None
-    elsewhere = _all_over(len(seen.change))
+    steps = np.arange(len(seen.change))[:, None] * np.array(SPREADING)  # over all of the picture, evenly
+    elsewhere = 2.0 * (steps % 1.0) - 1.0
     change, place = np.concatenate([seen.change, seen.change]), np.concatenate([seen.place, elsewhere])
     anchor = change @ constant.T
     if prior is not None:
@@ -277,11 +277,6 @@ def _joined(contacts: Sequence[Contact]) -> Contact:
     """Return all contacts merged into one."""
     names = (one.name for one in fields(Contact))
     return Contact(**{name: np.concatenate([getattr(one, name) for one in contacts]) for name in names})
-
-
-def _all_over(count: int) -> Floats:
-    """Return places (count, 2) that fill the picture evenly, from -1 to 1."""
-    return np.asarray(2.0 * (np.arange(count)[:, None] * np.array(SPREADING) % 1.0) - 1.0, np.float64)
 
 
 def _solve(

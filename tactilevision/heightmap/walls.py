@@ -316,11 +316,6 @@ MIN_READ = 8  # readable bins outside the edge; with fewer it is not fitted
 MIN_FACE = 50  # pixels of a face; with fewer it counts as unknown
 
 
-def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, law: WallLaw) -> list[PunchEdge]:
-    """Return the walls around flat faces in `slopes` (H, W), mm/mm."""
-    return fit_edges(find_circular_edges(slopes, mm_per_px, limit=law.limit), law, px=min(mm_per_px))
-
-
 def fit_edges(circles: Sequence[CircularEdge], law: WallLaw, *, px: float) -> list[PunchEdge]:
     """Return the walls at `circles` that the law fits, for pixels of `px` mm."""
     edges = [edge for circle in circles if (edge := fit_edge(circle, law, px=px)) is not None]

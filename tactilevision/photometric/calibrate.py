@@ -109,7 +109,12 @@ def calibrate_from_balls(
     light, cover = slope_observability(pressed), 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px, at_contact = pressed_reference(change, [picture.rgb for picture in pictures], alone.balls)
     odd = _odd_warnings(best, balls, pictures, pressed, resting)
-    warnings += reference_warnings(contact_px) or [*_light_warnings(pressed, cover, light), *odd]
+    warnings += reference_warnings(contact_px) or [
+        *scale_warnings(pressed.change, pressed.slopes),
+        *coverage_warnings(cover),
+        *_observability_warnings(light),
+        *odd,
+    ]
     card = replace(
         _card(best, pressed, light),
         balls=seen.count,
@@ -238,12 +243,6 @@ def _measure_background(
         changes, _, valid = change.measure(rgb)
         sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
     return sums.result(evaluate.noise(change.noise))
-
-
-def _light_warnings(pressed: Samples, cover: Floats, light: Observability) -> list[str]:
-    """Return warnings of the stated scale, the share of the picture that balls `cover` (2,), and the light."""
-    colours = scale_warnings(pressed.change, pressed.slopes)
-    return [*colours, *coverage_warnings(cover), *_observability_warnings(light)]
 
 
 def _observability_warnings(light: Observability) -> list[str]:

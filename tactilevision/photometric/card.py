@@ -30,17 +30,9 @@ def _float(value: Any) -> float:
     return found
 
 
-def _int(value: Any) -> int:
-    return int(_float(value))
-
-
 def _pair(value: Any) -> Pair:
     x, y = map(_float, value)
     return x, y
-
-
-def _numbers(value: Any) -> dict[str, float]:
-    return {str(name): _float(one) for name, one in value.items()}
 
 
 def _floats(value: Any) -> tuple[float, ...]:
@@ -59,12 +51,12 @@ def _ratios(value: Any, most: float = MAX_RATIO) -> Rows:
 
 _READERS: dict[str, Callable[[Any], Any]] = {
     "str": str,
-    "int": _int,
+    "int": lambda value: int(_float(value)),
     "float": _float,
     "Pair": _pair,
     "Rows": list,
     "tuple[float, ...]": _floats,
-    "dict[str, float]": _numbers,
+    "dict[str, float]": lambda value: {str(name): _float(one) for name, one in value.items()},
     "dict[str, Any]": dict,
     "Mapping[str, Any]": dict,
     "place_gain_std": _ratios,
