@@ -14,7 +14,7 @@ from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
     from tactilevision.heightmap.reconstructor import Reconstructor
-    from tactilevision.photometric.method import ReferencedMethod
+    from tactilevision.photometric.method import CalibratedMethod
     from tactilevision.press.certified_faces import Certified, DepthScale
     from tactilevision.profile.model import Profile
     from tactilevision.recording.model import Recording
@@ -129,8 +129,8 @@ def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], 
 
 
 def _with_walls(
-    source: Recording, made: Reconstructor, method: ReferencedMethod, certified: tuple[Certified, ...]
-) -> ReferencedMethod:
+    source: Recording, made: Reconstructor, method: CalibratedMethod, certified: tuple[Certified, ...]
+) -> CalibratedMethod:
     """The method with what certified faces teach of walls, ."""
     from tactilevision.press.certified_faces import read_faces, teach_walls, with_walls
 
@@ -141,7 +141,7 @@ def _with_walls(
     return with_walls(method, made.taught)
 
 
-def _save(method: ReferencedMethod, out: Path, *, network: bool) -> None:
+def _save(method: CalibratedMethod, out: Path, *, network: bool) -> None:
     """Write the method's file, and its card and figure next to it."""
     from tactilevision.photometric.storage import save_method
 
