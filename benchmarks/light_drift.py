@@ -24,8 +24,8 @@ import cv2
 import numpy as np
 
 from benchmarks.light_kinds import KINDS, drawn_gel, drifted, uneven
+from tactilevision.heightmap.build import tuned
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.catalogue import PHOTOMETRIC

@@ -31,9 +31,8 @@ from benchmarks.real_frames import MINI, OBJECTS, REAL, ROOT, SETS, objects_of, 
 from benchmarks.vision import milliseconds
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.heightmap.ball_validation import dent_mm
-from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.build import build_reconstructor, tuned
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.ball_samples import INSIDE, far_from

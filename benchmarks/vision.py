@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from tactilevision.heightmap.build import tuned
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.catalogue import PHOTOMETRIC

@@ -19,7 +19,7 @@ from calibration.tasks.session import History
 from calibration.workbench.analysis import Models
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Frames, Opened
-from calibration.workbench.views import curve_view, state_view
+from calibration.workbench.server import curve_view, state_view
 from tactilevision.files.writing import as_json
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.recording.read import read_recording
@@ -40,15 +40,13 @@ def main() -> None:
     models = Models(sample)
     timed("plain law fitted: the first waterfall", lambda: models.fitted((), ()))
     for key in (MISSING, QUICK):
-        timed(f"{key} added, not fitted beforehand: the error falls", lambda key=key: models.fitted((), (key,)))
-    timed("and what it says of the gel", lambda: models.with_gel((), (MISSING,)))
+        timed(f"{key} added: the error falls", lambda key=key: models.fitted((), (key,)))
+    timed("and what it says of the gel", lambda: models.completed((), (MISSING,)))
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(
             sample, History(("sample",)), export=no_export, keep=lambda _: None, out=Path(folder), asks=False
         )
-        timed(
-            "opened, with what stands out and two effects fitted beforehand", lambda: bench.work(until_idle=True)
-        )
+        timed("opened, with what stands out", lambda: bench.work(until_idle=True))
         for action in ("add", "undo", "redo"):
             timed(f"{action}, once it was fitted", lambda action=action: act(bench, action))
         timed("state and curves made for the page, each time", lambda: views(bench), PATIENT)

@@ -9,10 +9,8 @@ from .model.stages import (
     Stage as Stage,
     State as State,
 )
-from .tasks.calibrate import calibrate as calibrate, observe as observe
+from .tasks.calibrate import calibrate as calibrate, history as history, observe as observe
 from .tasks.compare import compare as compare
 from .tasks.diagnose import diagnose as diagnose
-from .tasks.forecast import Design as Design, PressNoise as PressNoise
-from .tasks.history import history as history
-from .tasks.plan import Goal as Goal, plan as plan
+from .tasks.plan import Design as Design, Goal as Goal, PressNoise as PressNoise, plan as plan
 from .tasks.validate import validate as validate

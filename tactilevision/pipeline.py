@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress, Watch
 from tactilevision.errors import InputError, NothingCertified, TactilevisionError
+from tactilevision.records.constants import NU_SILICONE
 
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
@@ -219,18 +220,15 @@ def diagnose_recording(
     """
     import numpy as np
 
-    from calibration.laws.flat_punch import elastomer_bound
     from calibration.tasks.diagnose import diagnose
     from tactilevision.cluster.pool import step_pool
 
     heard = listener or Collected()
-    certified = _all_certified(recordings, cluster, heard)
-    data = observed(certified)
-    nu, bound = sharpest_poisson_ratio(certified), elastomer_bound(prior)
+    certified, data, known_of_nu = _to_compare(recordings, heard, cluster=cluster, prior=prior)
     with step_pool(workers, cluster) as each, heard.progress_bar("diagnosing:") as progress:
         watch = Watch(progress, deadline, each)
         rng = np.random.default_rng(seed)
-        found = diagnose(data, rng, effects=effects, known=known, bulge=nu, bound=bound, watch=watch)
+        found = diagnose(data, rng, effects=effects, known=known, watch=watch, **known_of_nu)
     heard.warn(found.material.after.warnings)
     before, after = (with_warnings_of(one, certified) for one in (found.material.before, found.material.after))
     return replace(found, material=replace(found.material, before=before, after=after))
@@ -252,22 +250,27 @@ def compare_recordings(
     """
     import numpy as np
 
-    from calibration.laws.flat_punch import elastomer_bound
     from calibration.tasks.compare import compare
 
     heard = listener or Collected()
-    certified = _all_certified(recordings, None, heard)
-    data = observed(certified, left_out)
+    _, data, known_of_nu = _to_compare(recordings, heard, left_out=left_out, prior=prior)
     with heard.progress_bar("fitting") as progress:
-        return compare(
-            data,
-            effects,
-            rng=np.random.default_rng(seed),
-            bulge=sharpest_poisson_ratio(certified),
-            bound=elastomer_bound(prior),
-            progress=progress,
-            deadline=deadline,
-        )
+        rng = np.random.default_rng(seed)
+        return compare(data, effects, rng=rng, progress=progress, deadline=deadline, **known_of_nu)
+
+
+def _to_compare(
+    recordings: Source | CertifiedRecording | Sequence[Source | CertifiedRecording],
+    listener: Listener,
+    *,
+    prior: bool,
+    cluster: str | None = None,
+    left_out: Sequence[str] = (),
+) -> tuple[list[CertifiedRecording], Observations, dict[str, Any]]:
+    """Return the recordings certified, their measurements, and what is known of nu: by the rise and its range."""
+    certified = _all_certified(recordings, cluster, listener)
+    nu = {"bulge": sharpest_poisson_ratio(certified), "bound": NU_SILICONE if prior else None}
+    return certified, observed(certified, left_out), nu
 
 
 def validate_recording(
@@ -314,6 +317,8 @@ def certify_recordings(
     picture's scale, which a diagnosis looks for anyway. On a cluster each recording is a task of its own, whose
     reconstructor stays there.
     """
+    from tactilevision.recording.model import require
+
     heard, opened = listener or Collected(), oldest_first(recordings)
     if cluster is not None:
         act = partial(_certify_there, poisson_ratio=poisson_ratio, scale_doubt=scale_doubt)
@@ -321,7 +326,8 @@ def certify_recordings(
         return [replace(one, recording=recording) for one, recording in zip(found, opened, strict=True)]
     for recording in opened:
         heard.warn(recording.warnings)
-        _require(recording)
+        if not (recording.curves or recording.points):
+            require(recording, "frames", step="certifying depths")
     return [_certify(one, heard, poisson_ratio=poisson_ratio, scale_doubt=scale_doubt) for one in opened]
 
 
@@ -350,19 +356,13 @@ def _all_certified(
     return [*done, *certify_recordings(rest, scale_doubt=scale_doubt, cluster=cluster, listener=listener)]
 
 
-def _require(recording: Recording) -> None:
-    from tactilevision.recording.model import require
-
-    if not (recording.curves or recording.points):
-        require(recording, "frames", step="certifying depths")
-
-
 def _certify(
     recording: Recording, listener: Listener, *, poisson_ratio: bool, scale_doubt: bool
 ) -> CertifiedRecording:
     """Return the recording with its certificate, where it has frames; `listener` hears its warnings at once."""
     from tactilevision.heightmap.build import build_reconstructor
     from tactilevision.press.certification import certify, require_all
+    from tactilevision.press.poisson_from_rise import with_nu
 
     if not recording.frame_names:
         return CertifiedRecording(recording)
@@ -372,27 +372,16 @@ def _certify(
     listener.warn(reconstructor.warnings)
     with listener.progress_bar("certifying presses") as progress:
         certificate = certify(recording, reconstructor, progress=progress)
-    certificate = certificate if scale_doubt else certificate.without_scale_doubt()
+    certificate, nu = certificate if scale_doubt else certificate.without_scale_doubt(), None
     listener.warn(certificate.warnings)
+    if poisson_ratio:  # depths are corrected by it where nothing better is stated
+        with listener.progress_bar("reading the gel outside the contact"):
+            more, nu = with_nu(recording, reconstructor, certificate=certificate)
+        more = more if scale_doubt else more.without_scale_doubt()
+        listener.warn(more.warnings[len(certificate.warnings) :])
+        certificate = more
     certificate = replace(certificate, warnings=(*reconstructor.warnings, *certificate.warnings))
-    one = CertifiedRecording(recording, certificate, reconstructor)
-    return with_poisson_ratio(one, listener, scale_doubt=scale_doubt) if poisson_ratio else one
-
-
-def with_poisson_ratio(
-    certified: CertifiedRecording, listener: Listener, *, scale_doubt: bool = True
-) -> CertifiedRecording:
-    """Return it with nu from the rise, and with depths corrected by that where nothing better is stated."""
-    from tactilevision.press.poisson_from_rise import with_nu
-
-    before = certified.certificate
-    if before is None or certified.reconstructor is None:
-        return certified
-    with listener.progress_bar("reading the gel outside the contact"):
-        certificate, nu = with_nu(certified.recording, certified.reconstructor, certificate=before)
-    certificate = certificate if scale_doubt else certificate.without_scale_doubt()
-    listener.warn(certificate.warnings[len(before.warnings) :])
-    return replace(certified, certificate=certificate, poisson_ratio=nu)
+    return CertifiedRecording(recording, certificate, reconstructor, nu)
 
 
 # From certified recordings to what a fit takes, and to its result.
@@ -405,12 +394,11 @@ def calibrate_certified(
 
     Raises InputError where the measurements were wrong as they came, before any press was looked at.
     """
-    from calibration.laws.flat_punch import elastomer_bound
     from calibration.result.result import unfixed_as_json
     from calibration.tasks.calibrate import calibrate
 
     clock, points = certified.clock_offset, certified.points
-    bound, nu = elastomer_bound(prior), certified.poisson_ratio if law == DEFAULT_LAW else None
+    bound, nu = NU_SILICONE if prior else None, certified.poisson_ratio if law == DEFAULT_LAW else None
     try:
         result = calibrate(certified.measured, law=law, clock_offset=clock, bulge=nu, bound=bound)
     except (NothingCertified, InputError) as fault:

@@ -16,7 +16,6 @@ from calibration.diagnosis.vision_depth_check import face_error_mm
 from calibration.effects import PLAIN, get_effect, written
 from calibration.effects.private import load_effect
 from calibration.model.stages import Effect
-from calibration.report.comparison_report import comparison_page
 from calibration.report.diagnosis_report import diagnosis_page
 from calibration.report.figures import (
     FigureFolder,
@@ -27,9 +26,9 @@ from calibration.report.figures import (
     of_presses,
 )
 from calibration.report.misfit import error_fall_of_comparison, error_fall_of_picture, error_fall_of_sight
-from calibration.report.report import calibration_page
+from calibration.report.report import calibration_page, comparison_page
+from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import Compared, Comparison
-from calibration.tasks.history import HistoryRow, history
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
 from calibration.tasks.validate import Validation, as_json
 from tactilevision.errors import InputError

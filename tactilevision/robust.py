@@ -13,13 +13,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from tactilevision.records.measured import Array, Floats
 
 MAD_TO_STD = 1.4826  # standard deviation over median absolute deviation of normal numbers; Huber (1981), 5.1
 TUKEY_WIDTH = 4.685  # deviations beyond which the biweight is 0: 95 % efficient on normal numbers; Huber, 7.9
 
-Array = npt.NDArray[np.floating[Any]]
-Floats = npt.NDArray[np.float64]
+Floats = Floats
 
 
 def median(values: Array) -> Any:
@@ -41,12 +41,6 @@ def mad_std(values: Array, *, centre: float | None = None) -> float:
     return MAD_TO_STD * float(np.median(np.abs(off)))
 
 
-def frame_mad_std(values: Array, *, centre: float | None = None) -> float:
-    """Return `mad_std` of values (n,) in any unit by the quick `median`, for every frame."""
-    off = values if centre == 0.0 else values - (median(values) if centre is None else centre)
-    return MAD_TO_STD * float(median(np.abs(off)))
-
-
 def second_difference_std(readings: Array) -> float:
     """Estimate the noise of one of equally spaced `readings` (n,), in their unit, from their second differences.
 
@@ -61,19 +55,3 @@ def tukey_weight(residual: Floats, std: float) -> Floats:
     """Return Tukey's biweight (n,) of residuals (n,) in the unit of `std`; 0 from TUKEY_WIDTH deviations on."""
     relative = residual / (TUKEY_WIDTH * std)
     return np.where(np.abs(relative) < 1, (1 - relative**2) ** 2, 0.0)
-
-
-def geman_mcclure_weight(residual: Floats, width: float) -> Floats:
-    """Return the weight 1 / (1 + (r / width)^2)^2 (n,) of residuals r (n,), in the unit of `width`.
-
-    Source: Geman & McClure, Bull. Int. Statist. Inst. 52 (1987) 5: it falls to a quarter at `width`.
-    """
-    weight = 1.0 / (1.0 + np.square(residual * (1.0 / width)))
-    return np.asarray(weight * weight)
-
-
-def geman_mcclure_inverse(squares: Floats, width_square: float) -> None:
-    """Replace squared residuals r^2 (...) by (1 + r^2 / width^2)^2 in place, in the unit of `width_square`."""
-    squares *= 1.0 / width_square
-    squares += 1.0
-    squares *= squares

@@ -16,7 +16,6 @@ from filelock import FileLock
 from tactilevision.cli import main
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.storage import save_method
 from tactilevision.recording.read import read_recording
 
@@ -73,6 +72,6 @@ def rendered_reconstructor() -> Reconstructor:
 @shared
 def sample_method() -> Path:
     """That light as `calibrate` keeps it: for commands whose own fitting of it is not what is tested."""
-    method = as_referenced(sample_reconstructor().method)
+    method = sample_reconstructor().referenced
     assert method is not None
     return save_method(method, scenes() / "sample_method.npz")

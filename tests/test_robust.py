@@ -8,9 +8,6 @@ from each import each
 
 from tactilevision.robust import (
     TUKEY_WIDTH,
-    frame_mad_std,
-    geman_mcclure_inverse,
-    geman_mcclure_weight,
     mad_std,
     median,
     second_difference_std,
@@ -29,7 +26,6 @@ def test_the_deviation_of_normal_numbers_comes_back_though_some_are_wild(seed: i
     values = 3.0 + 0.2 * np.random.default_rng(seed).standard_normal(20000)
     assert mad_std(values) == pytest.approx(0.2, rel=0.03)
     assert mad_std(values, centre=3.0) == pytest.approx(0.2, rel=0.03)
-    assert frame_mad_std(values) == mad_std(values)
     assert mad_std(np.concatenate([values, np.full(1000, 1e6)])) == pytest.approx(0.2, rel=0.1)
 
 
@@ -40,10 +36,5 @@ def test_noise_on_a_ramp_with_corners_is_that_of_one_reading(seed: int) -> None:
     assert second_difference_std(ramp + noise) == pytest.approx(0.05, rel=0.04)
 
 
-def test_weights_fall_with_the_residual() -> None:
-    residual = np.array([0.0, 1.0, 2.0, 1e6])
-    np.testing.assert_allclose(geman_mcclure_weight(residual, 2.0), [1.0, 0.64, 0.25, 0.0], atol=1e-12)
-    squares = residual[:3] ** 2
-    geman_mcclure_inverse(squares, 4.0)
-    np.testing.assert_allclose(1.0 / squares, geman_mcclure_weight(residual[:3], 2.0))
+def test_tukeys_weight_falls_to_nothing() -> None:
     assert tukey_weight(np.array([0.0, TUKEY_WIDTH]), 1.0).tolist() == [1.0, 0.0]

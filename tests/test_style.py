@@ -134,7 +134,3 @@ def test_public_array_functions_name_shape_and_unit() -> None:
             if not (_SHAPE.search(told) and _UNIT.search(told)):
                 missing.append(f"{where(path, node)} {node.name}")
     assert missing == []
-
-
-def test_no_code_asks_for_the_calibrated_method_by_its_class() -> None:
-    assert [str(p) for p in SOURCES if re.search(r"isinstance\([^)]*CalibratedMethod", p.read_text())] == []

@@ -11,6 +11,7 @@ from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates, repeat_groups
 from calibration.model.stages import Stage
+from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats
 
 # Step functions of all recorded covariates, as directions of the force, and the allowance for an effect's form.
@@ -44,7 +45,7 @@ def form_errors(steady: Fit) -> Floats:
     found = [np.zeros((steady.data.size, 0))]
     for effect in (e for e in model.effects if e.stage not in (Stage.DEPTH, Stage.INSTRUMENT)):
         without = force_without(model, steady.values, steady.data, key=effect.key)
-        own = {*HOW_A_PRESS_GOES, *getattr(effect, "seen_in", ())}
+        own = {*HOW_A_PRESS_GOES, *effect.seen_in}
         added = FORM * (steady.force_N - without)[:, None]
         found += [added * _hot(c, OTHER_BINS) for c in seen if c.name in own]
     return _independent(np.hstack(found))
@@ -74,7 +75,7 @@ def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
     found = {}
     for effect in fitted.model.effects:
         name = f"{effect.key}.{effect.parameters[0].name}" if effect.parameters else ""
-        for covariate in (c for c in seen if c.name in getattr(effect, "same_over", ())):
+        for covariate in (c for c in seen if c.name in effect.same_over):
             change = fitted.jacobian[:, fitted.index(name)]
             found[f"{effect.key} by {covariate.name}"] = _hot(covariate, OTHER_BINS) * change[:, None]
     return found
@@ -89,7 +90,7 @@ def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
 
 LEVEL = 0.05  # p below which a trend or a jump is significant
 TREND_SHUFFLES = 9999  # of the presses: p to 1e-4
-MOST_VALUES = 4e6  # values shuffled at once: fewer shuffles of more than 400 presses
+MOST_VALUES = 4_000_000  # values shuffled at once: fewer shuffles of more than 400 presses
 NO_QUANTITY = ("load/unload", "indenter", "azimuth", "azimuth beside the face")  # names, and directions around
 
 
@@ -142,7 +143,7 @@ def change_point(fitted: Fit, rng: np.random.Generator) -> str | None:
     if data.count < MIN_COUNT:
         return None
     weight = np.bincount(data.press, fitted.about.force_N**2)
-    mean = np.bincount(data.press, fitted.residual_N * fitted.about.force_N) / np.maximum(weight, 1e-300)
+    mean = np.bincount(data.press, fitted.residual_N * fitted.about.force_N) / np.maximum(weight, NONZERO)
     groups = repeat_groups(data)
     rest = mean - (np.bincount(groups, mean) / np.bincount(groups))[groups]
     if not np.std(rest) > 0:

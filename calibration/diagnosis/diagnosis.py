@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
-from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
-from calibration.diagnosis.model_averaging import UndetectedEffect
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.score_test import Scored
+from calibration.diagnosis.sensitivity import UndetectedEffect
 from calibration.diagnosis.unexplained import AlternativeExplanation, Remainder, Unexplained
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit
@@ -59,8 +59,8 @@ class Errors:
 
     def as_json(self) -> dict[str, Any]:
         """Return the entries `rms_error_N` and `held_out_N`."""
-        names = ("before", "after", "held_out_before", "held_out_after", "floor")
-        return {"rms_error_N": {name: getattr(self, name) for name in names}, "held_out_N": list(self.held_out_N)}
+        content = asdict(self)
+        return {"held_out_N": list(content.pop("held_out_N")), "rms_error_N": content}
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,13 +163,13 @@ class UnexplainedMisfit:
         """Return its entries."""
         other = self.alternative_explanation
         return {
-            "left": None if self.left is None else self.left.as_json(),
+            "left": None if self.left is None else asdict(self.left),
             "left_over": None if self.left_over is None else self.left_over.as_json(),
             "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
             "nearest_plain_error": None if self.plain is None else self.plain.effect.key,
             "otherwise": None if other is None else other.as_json(),
             "change_point": self.change_point,
-            "would_have_to_be": [w.as_json() for w in self.would_have_to_be],
+            "would_have_to_be": [asdict(one) for one in self.would_have_to_be],
         }
 
 

@@ -39,7 +39,7 @@ from calibration.inputs.deadline import UNWATCHED, Each, Watch
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory import beta_outside_theory
 from calibration.model.composition import Model
-from calibration.model.stages import Effect, EffectBase
+from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
 from tactilevision.records.measured import Floats
 
@@ -104,12 +104,24 @@ class Searched:
     @property
     def to_be_treated(self) -> bool:
         """Whether the last effect has a treatment."""
-        return bool(self.steps) and has_treatment(self.steps[-1])
+        return bool(self.steps) and bool(self.steps[-1].best.effect.treatment)
 
     @property
     def explained(self) -> float:
-        """The share of the misfit at the start that the steps explain."""
-        return explained_share(self.start, self.current, left=self.last)
+        """The share of the misfit at the start that the steps explain.
+
+        That is what they took off chi^2, over this and the excess of the most significant covariate; whitened by
+        the last model's noise, the cost of priors included.
+        """
+        current = self.current
+        whitener = Whitener(current.data, current.noise, current.about)
+        before, after = (
+            float(np.sum(whitener.apply(one.residual_N) ** 2) + one.chi2 - np.sum(one.white**2))
+            for one in (self.start, current)
+        )
+        still = max((c.statistic - c.usual for c in self.last.covariates[:1]), default=0.0)
+        taken = max(before - after, 0.0)
+        return taken / (taken + max(still, 0.0)) if taken > 0 else 0.0
 
 
 def forward_selection(
@@ -149,18 +161,13 @@ def forward_selection(
             break
         steps.append(step)
         current = step.fitted
-        if has_treatment(step):  # the rest is tested once the measurements are treated
+        if step.best.effect.treatment:  # the rest is tested once the measurements are treated
             break
     last = rounds[-1].score_test
     if looked_at is not current:
         last = score_test(current, (), rng=rng, of_rig=of_rig, each=watch.each)
     other = {key: share for key, share in bend_or.items() if key not in current.model.keys}
     return Searched(base, start, tuple(rounds), tuple(steps), last, other, watch.over)
-
-
-def has_treatment(step: Step) -> bool:
-    """Return whether the effect of a step has a treatment of the measurements."""
-    return bool(getattr(step.best.effect, "treatment", ""))
 
 
 def _roomier(turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ...]]:
@@ -211,7 +218,7 @@ def _room(current: Fit) -> Iterator[tuple[Model, Floats]]:
         added = len(model.parameters(current.data)) - current.values.size
         yield model, np.insert(current.values, [places["law"].stop] * added, 0.0)[None]
     for effect in effects:
-        if isinstance(effect, EffectBase) and (more := effect.richer()) is not None:
+        if (more := effect.richer()) is not None:
             own = places[effect.key]
             yield (
                 current.model.without(effect.key) + more,
@@ -270,7 +277,7 @@ def _look(
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
     chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
-    chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
+    chosen += [k for k in scored if by_key[k].threshold and k not in chosen]
     candidates = []
     about = _quieter(current, seen.effects[0], by_key, level) if seen.effects else current
     refits = watch.each(partial(refit_with, about), [by_key[key] for key in chosen])
@@ -327,19 +334,3 @@ def _confirmed(turn: Round, level: float, each: Each) -> Step | None:
         except CANNOT_FIT:
             continue  # the next best may still stand
     return None
-
-
-def explained_share(base: Fit, current: Fit, *, left: ScoreTest) -> float:
-    """Return the share of a misfit that the added effects explain: what they took off chi^2, over this and the
-    excess of the most significant covariate; whitened by the last model's noise, the cost of priors included.
-    """
-    before, after = (_under(current, one) for one in (base, current))
-    still = max((c.statistic - c.usual for c in left.covariates[:1]), default=0.0)
-    taken = max(before - after, 0.0)
-    return taken / (taken + max(still, 0.0)) if taken > 0 else 0.0
-
-
-def _under(current: Fit, one: Fit) -> float:
-    """Return chi^2 of a fit under another fit's noise, the cost of its priors unchanged."""
-    whitener = Whitener(current.data, current.noise, current.about)
-    return float(np.sum(whitener.apply(one.residual_N) ** 2) + one.chi2 - np.sum(one.white**2))

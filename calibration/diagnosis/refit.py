@@ -13,10 +13,11 @@ from calibration.fit.least_squares import QUICK, Fit, Minimum, Problem, fit, min
 from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
-from calibration.model.stages import NOT_READ, Effect, EffectBase, Parameter
+from calibration.model.stages import NOT_READ, Effect, Parameter
 from calibration.noise.model import Whitener
 from calibration.noise.reml import Weighing
 from tactilevision.errors import ConvergenceError
+from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Bools, Floats
 
 # Candidates refitted in full, held out and compared, all under one error model.
@@ -73,7 +74,7 @@ def _smallest_as_good(problem: Problem, values: Floats, effect: Effect) -> Float
     at = problem.model.slices(problem.data)[effect.key].start
     first, now = problem.parameters[at], values
     at_end = abs(values[at] - first.default) >= (1 - 1e-4) * max(abs(b - first.default) for b in first.bounds)
-    if not (at_end or getattr(effect, "threshold", False)):
+    if not (at_end or effect.threshold):
         return values
     most = float(np.sum(problem.residual(values[problem.free]) ** 2)) + (FLAT if at_end else SAME)
     for _ in range(HALVINGS):
@@ -100,14 +101,14 @@ def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floa
         return rows
     white = problem.whitener.apply
     jacobian = white(base.jacobian[:, base.free])
-    q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
+    q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), NONZERO))
     z = white(problem.data.normal_N - base.force_N)
     z = z - q @ (q.T @ z)
     gains = []
     for row in rows:
         d = white(problem.model.predict(row, problem.data) - base.force_N)
         d = d - q @ (q.T @ d)
-        gains.append(float(d @ z) ** 2 / max(float(d @ d), 1e-300) * np.sign(float(d @ z)))
+        gains.append(float(d @ z) ** 2 / max(float(d @ d), NONZERO) * np.sign(float(d @ z)))
     return rows[np.argsort(gains)[::-1][:most]]
 
 
@@ -116,14 +117,9 @@ def separation(base: Fit, one: Candidate, other: Effect) -> float:
 
     The prior of the other's own size is not used: it is a judgement, not a measurement.
     """
-    mimic = refit_with(base, freed(other), target_N=one.force_N, most=2)
+    mimic = refit_with(base, other.freed(), target_N=one.force_N, most=2)
     prior = _prior_cost(base, one)
     return float(np.sqrt(max(mimic.chi2 - prior, 0.0)))
-
-
-def freed(effect: Effect) -> Effect:
-    """Return the effect without the prior of its size."""
-    return effect.freed() if isinstance(effect, EffectBase) else effect
 
 
 def _prior_cost(base: Fit, one: Candidate) -> float:
@@ -242,7 +238,7 @@ def adopt(base: Fit, candidate: Candidate) -> Fit:
     from all its starts, and the likelihood of each with its own noise decides.
     """
     places = [candidate.values]
-    if getattr(candidate.effect, "threshold", False):
+    if candidate.effect.threshold:
         own = candidate.model.slices(base.data)[candidate.effect.key]
         places += [_with(candidate.values, own, start) for start in candidate.effect.starts(base.data)]
     fits = []
@@ -273,7 +269,7 @@ def _by_own_slopes(fitted: Fit) -> Fit:
 
     About a threshold, where slopes jump, chi^2 under the linearisation before may be less by hundreds.
     """
-    if not any(getattr(effect, "threshold", False) for effect in fitted.model.effects):
+    if not any(effect.threshold for effect in fitted.model.effects):
         return fitted
     whitener = Whitener(fitted.data, fitted.noise, fitted.about)
     problem = Problem(fitted.model, fitted.data, fitted.parameters, whitener)
@@ -293,8 +289,8 @@ def _with(values: Floats, own: slice, start: Floats) -> Floats:
 
 # Which candidate stands, and which cannot be distinguished from it (point 3 of `decision.decide`).
 
-AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
-TOLD_APART = 3.0  # std between two candidates: nearer ones stay in the set
+AS_GOOD = 6  # in chi^2 + 2 q: candidates this near the best stay in the set
+TOLD_APART = 3  # std between two candidates: nearer ones stay in the set
 NEAR = 0.1  # share of the best one's gain: a rival this near is compared by likelihood
 
 
@@ -373,7 +369,7 @@ def skill(current: Fit, fitted: Fit, effect: Effect) -> float:
     folds, begin = press_folds(current.data), fitted.model.slices(current.data)[effect.key].start
     table = effect.parameters
     form = [begin + k for k, p in enumerate(table) if p.unit != table[0].unit]
-    read = not getattr(effect, "asks_readings", False)
+    read = not effect.asks_readings
     held = partial(hold_out, about=fitted, folds=folds, read=read)
     before = held(current.model, start=current.values)
     after = held(fitted.model, start=fitted.values, kept=form)
@@ -393,14 +389,14 @@ def equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tu
     for other in candidates:
         if other.effect.key == best.effect.key or not inside(other):
             continue
-        if other.cost - best.cost < AS_GOOD or _apart(current, best, other.effect) < TOLD_APART:
+        if other.cost - best.cost < AS_GOOD or apart(current, best, other.effect) < TOLD_APART:
             kept.append(other)
     return tuple(kept)
 
 
-def _apart(current: Fit, best: Candidate, other: Effect) -> float:
-    """Return the separation in std; inf where the other cannot be fitted to the best."""
+def apart(base: Fit, one: Candidate, other: Effect) -> float:
+    """Return the separation in std; inf where the other cannot be fitted to the candidate."""
     try:
-        return separation(current, best, other)
+        return separation(base, one, other)
     except CANNOT_FIT:
         return float("inf")

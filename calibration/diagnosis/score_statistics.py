@@ -12,6 +12,7 @@ from calibration.fit.outlying_presses import TAILS, log_student, press_dof
 from calibration.fit.repeats import drawn_noise
 from calibration.noise.model import Noise, Whitener
 from calibration.noise.reml import Product, Weighing, log_sizes, prior_cost
+from tactilevision.records.constants import NONZERO, TINY
 from tactilevision.records.measured import Floats
 
 # p-values of a statistic from null samples, extrapolated beyond the largest.
@@ -21,7 +22,6 @@ from tactilevision.records.measured import Floats
 # too slow: p is never more than the share of all, the measured one included, that lie as far out.
 # Sources: Pickands, Ann. Stat. 3 (1975) 119, shape 0; Barnard, J. R. Stat. Soc. B 25 (1963) 294.
 
-LEAST = 1e-300  # least p: its logarithm is finite
 TAIL = 0.1  # share of the samples from which p is extrapolated
 
 
@@ -60,10 +60,10 @@ class Tail:
         known = mean > 0
         scale = np.where(known, np.maximum((square - mean**2) / (2 * np.where(known, mean, 1.0)), 1e-12), 1.0)
         dof = np.maximum(mean / scale, 0.1)
-        share = np.maximum(chdtrc(dof, self._from / scale), LEAST)
+        share = np.maximum(chdtrc(dof, self._from / scale), NONZERO)
         exponential = np.exp(-(statistic - self._from) / np.maximum(excess, 1e-12))
         p = TAIL * np.maximum(exponential, chdtrc(dof, statistic / scale) / share)
-        return np.asarray(np.maximum(p, LEAST))
+        return np.asarray(np.maximum(p, NONZERO))
 
 
 # Bootstrap samples of a fit's error model, with the tails of its samples and presses.
@@ -103,7 +103,7 @@ def student(rng: np.random.Generator, dof: float, shape: tuple[int, ...]) -> Flo
 def sample_dof(fitted: Fit) -> float:
     """Return the likeliest degrees of freedom of whitened residuals, normal unless t improves the criterion."""
     white = Whitener(fitted.data, fitted.noise, fitted.about).apply(fitted.residual_N)
-    white = white / max(float(np.std(white)), 1e-300)
+    white = white / max(float(np.std(white)), NONZERO)
 
     def likelihood(dof: float) -> float:
         size = float(np.sqrt((dof - 2) / dof))
@@ -181,14 +181,14 @@ class Cast:
         apply = Whitener(self.fitted.data, self.fitted.noise, self.fitted.about).apply
         white = np.vstack([apply(jacobian / scale), priors / scale])
         left, length, right = np.linalg.svd(white, full_matrices=False)
-        kept = length > 1e-10 * max(float(length.max(initial=0.0)), 1e-300)
+        kept = length > 1e-10 * max(float(length.max(initial=0.0)), NONZERO)
         back = right[kept].T / length[kept] / scale[:, None]
         self._jacobian, self._priors = jacobian @ back, priors @ back
         seen = apply(directions)
         before = np.linalg.norm(seen, axis=0)
         share = left[: len(seen), kept].T @ seen
         self.sizes = np.sqrt(np.maximum(before**2 - np.sum(share**2, axis=0), 0.0))
-        self._visible = (self.sizes > SEEN * np.maximum(before, 1e-300)) & (self.sizes > 1e-9)
+        self._visible = (self.sizes > SEEN * np.maximum(before, NONZERO)) & (self.sizes > TINY)
         unit = np.where(self._visible, self.sizes, np.inf)
         self._directions = (directions - self._jacobian @ share) / unit
         self._beside = -(self._priors @ share) / unit

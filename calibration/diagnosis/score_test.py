@@ -20,7 +20,7 @@ import numpy as np
 
 from calibration.diagnosis.covariates import covariate_steps, form_errors
 from calibration.diagnosis.score_statistics import Cast, Tail
-from calibration.diagnosis.sensitivity import as_it_holds, smallest_visible
+from calibration.diagnosis.sensitivity import added_force, smallest_visible
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit
@@ -30,7 +30,7 @@ from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from calibration.noise.model import Noise, Scatter
-from tactilevision.errors import InputError
+from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats
 
 DRAWS = 399  # samples of the bootstrap: p to .0025, finer by the tail's fit
@@ -38,7 +38,7 @@ FIRST_DRAWS = 99  # after which it ends where all is decided
 MANY_DRAWS = 1999  # where p lies near a level: with heavy tails p of 399 varied 300 times, of these 3
 NEAR_LEVELS = (1e-5, 0.2)  # p between which more samples may decide otherwise
 PORTION = 300  # samples made at once
-PORTION_VALUES = 4.5e6  # forces made at once, 36 MB
+PORTION_VALUES = 4_500_000  # forces made at once, 36 MB
 BATCH = 50  # samples of one step, which any process may do: .2 s for 1600 forces
 FAR_FROM = 4  # times the level: p of 99 samples above it means p above the level but for 1 in 1e7
 LEVEL = 0.05  # family-wise error rate
@@ -229,7 +229,7 @@ class _Looks:
 
 def _either_way(table: Floats) -> Floats:
     """Return directions (N, s) without those parallel to another."""
-    unit = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    unit = table / np.maximum(np.linalg.norm(table, axis=0), NONZERO)
     alike = np.triu(np.abs(unit.T @ unit) > ONE_WAY, k=1).any(axis=0)
     return np.asarray(table[:, ~alike])
 
@@ -238,39 +238,20 @@ def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str,
     """Return the change of the force (N, s) for each start of each testable effect, and why others are not."""
     tables: dict[str, Floats] = {}
     missing: dict[str, str] = {}
-    data, base = fitted.data, fitted.force_N
+    data = fitted.data
     for effect in effects:
         if effect.key in fitted.model.keys:
             continue
         try:
             why = effect.missing(data)
             if not why:
-                tables[effect.key] = _directions(fitted, effect, base)
+                changes = [added_force(fitted, effect, start, data) for start in effect.starts(data)]
+                tables[effect.key] = np.column_stack(changes)
         except (Exception, SystemExit) as fault:  # of a private effect, anything; the rest of the analysis goes on
             why = Failure(f"it failed: {type(fault).__name__}: {fault}")
         if why:
             missing[effect.key] = why
     return tables, missing
-
-
-def _directions(fitted: Fit, effect: Effect, base: Floats) -> Floats:
-    model = fitted.model + effect
-    place = model.slices(fitted.data)[effect.key]
-    off = len(model.parameters(fitted.data)) - len(effect.parameters)
-    values = np.insert(fitted.values, place.start, np.zeros(place.stop - place.start))
-    assert values.size == off + len(effect.parameters)
-    columns = []
-    for start in effect.starts(fitted.data):
-        values[place] = start
-        force = np.asarray(model.predict(values, fitted.data))
-        if force.shape != base.shape:
-            raise InputError("an effect returns one force a sample", where=effect.key, value=force.shape)
-        if np.iscomplexobj(force):
-            raise InputError("an effect returns real forces", where=effect.key, value=start.tolist())
-        if not np.isfinite(force).all():
-            raise InputError("an effect returns finite forces", where=effect.key, value=start.tolist())
-        columns.append(as_it_holds(fitted, model, values, force - base))
-    return np.column_stack(columns)
 
 
 def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], share: float) -> tuple[Scored, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import product
 from typing import Any
@@ -27,7 +27,7 @@ from calibration.inputs.denoised_depth import LOAD, branches, nominal_depth
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.stages import Effect, Parameter
 from calibration.noise.model import Scatter, Whitener
-from tactilevision.records.constants import Z95
+from tactilevision.records.constants import KILO, TINY, Z95
 from tactilevision.records.measured import Floats, Pair
 
 # Whether a significant residual matters: its effect on E, and on a force or a depth that is read.
@@ -51,49 +51,41 @@ WANDER_BINS = 6  # steps of what presses' zeros wander with
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """A significant residual over the covariate `key`: its rms in N and in mm of depth, and over a reading's std.
+    """A significant residual over a covariate: its rms in N and in mm of depth, and over a reading's std.
 
-    `E_off` is the relative error of E that it may bring, `over_E` this over E's std.
+    `E_off` is the relative error of E that it may bring, `over_std_of_E` this over E's std.
     """
 
-    key: str
+    covariate: str
     rms_N: float
     rms_mm: float
-    over_reading: float
+    over_std_of_a_reading: float
     E_off: float
-    over_E: float
+    over_std_of_E: float
 
     @property
     def matters(self) -> bool:
         """Whether E, force or depth may be off by more than their intervals."""
-        return max(self.over_reading, self.over_E) > MATTERS
+        return max(self.over_std_of_a_reading, self.over_std_of_E) > MATTERS
 
     @property
     def sentence(self) -> str:
         """A warning in words."""
-        size, off = 1e3 * self.rms_mm, 100 * abs(self.E_off)
-        plain = next((error.words for error in INSTRUMENT_ERRORS if error.key == self.key), "")
-        on = f"as of {plain}" if plain else f"over {self.key}"
+        size, off = KILO * self.rms_mm, 100 * abs(self.E_off)
+        plain = next((error.words for error in INSTRUMENT_ERRORS if error.key == self.covariate), "")
+        on = f"as of {plain}" if plain else f"over {self.covariate}"
         return f"the residual amounts to {size:.2g} µm of depth ({on}); E moves by {off:.1g} %"
 
     def as_json(self) -> dict[str, Any]:
         """Its entry `left_over` in diagnosis.json."""
-        return {
-            "covariate": self.key,
-            "rms_N": self.rms_N,
-            "rms_mm": self.rms_mm,
-            "over_std_of_a_reading": self.over_reading,
-            "E_off": self.E_off,
-            "over_std_of_E": self.over_E,
-            "matters": self.matters,
-        }
+        return asdict(self) | {"matters": self.matters}
 
 
 def remainder(fitted: Fit, left: ScoreTest, *, level: float) -> Remainder | None:
     """Return the largest residual, over E's or a reading's std, that is significant at this level; else None."""
     keys = [s.key for s in (*left.covariates, *left.others) if s.p_adjusted <= level and s.key != STANDS_OUT]
     found = _all(at_denoised_depth(fitted), keys, _std_of_E(fitted)) if keys else []
-    return max(found, key=lambda one: max(one.over_reading, one.over_E), default=None)
+    return max(found, key=lambda one: max(one.over_std_of_a_reading, one.over_std_of_E), default=None)
 
 
 def _all(fitted: Fit, keys: Sequence[str], std_E: float) -> list[Remainder]:
@@ -256,12 +248,11 @@ def alternative_explanation(
     if _penalised_chi2(best, begin) >= min((one.cost for one in _fitted(begin, named)), default=np.inf) - AS_GOOD:
         return None
     assert isinstance(best.effect, InstrumentError)
-    sizes = tuple(zip(best.effect.parameters, best.own_values.tolist(), strict=True))
     return AlternativeExplanation(
         best.effect.key,
         best.effect.words,
         best.effect.covariate,
-        sizes,
+        tuple(zip(best.effect.parameters, best.own_values.tolist(), strict=True)),
         tuple(effect.key for effect in named),
         paid - _penalised_chi2(best, begin),
         float(best.values[0]),
@@ -325,13 +316,9 @@ class Unexplained:
     `length_mm` is NaN where nothing varies; `covariates` are those it depends on, the most significant first.
     """
 
-    size_N: float
+    rms_N: float
     length_mm: float
     covariates: tuple[str, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Its entry `left` in diagnosis.json."""
-        return {"rms_N": self.size_N, "length_mm": self.length_mm, "covariates": list(self.covariates)}
 
 
 def unexplained(searched: Searched, plain: AlternativeExplanation | None) -> Unexplained:
@@ -342,10 +329,10 @@ def unexplained(searched: Searched, plain: AlternativeExplanation | None) -> Une
     return replace(found, covariates=tuple(dict.fromkeys((plain.covariate, *found.covariates))))
 
 
-def describe(fitted: Fit, scored: tuple[Scored, ...], *, level: float = 0.05) -> Unexplained:
+def describe(fitted: Fit, scored: tuple[Scored, ...]) -> Unexplained:
     """Return the description of a fit's residual."""
     size, length = _process(*_binned(fitted))
-    return Unexplained(size, length, tuple(s.key for s in scored if s.p_adjusted < level))
+    return Unexplained(size, length, tuple(s.key for s in scored if s.p_adjusted < LEVEL))
 
 
 def nearest(searched: Searched) -> tuple[str, float] | None:
@@ -369,7 +356,7 @@ def _binned(fitted: Fit) -> tuple[Floats, Floats, Floats]:
     rows = [row for row in rows if row.size >= 3 and depth[row].max() > 0]
     mean = np.array([residual[row].mean() for row in rows])
     error = np.array([residual[row].std(ddof=1) / np.sqrt(row.size) for row in rows])
-    return np.array([depth[row].mean() for row in rows]), mean, np.maximum(error, 1e-9)
+    return np.array([depth[row].mean() for row in rows]), mean, np.maximum(error, TINY)
 
 
 def _process(depth_mm: Floats, mean_N: Floats, error_N: Floats) -> tuple[float, float]:

@@ -20,7 +20,6 @@ from calibration.fit.repeats import refit_with_pure_noise
 from calibration.inputs.observations import Observations
 from calibration.laws.reconstructed_depth import ReconstructedDepth, beside_face, with_slopes
 from calibration.model.composition import Model
-from calibration.model.stages import EffectBase
 from calibration.noise.model import Whitener
 from tactilevision.records.measured import Floats
 
@@ -29,7 +28,7 @@ MIN_COUNT = 4  # samples of a comparison
 
 def in_picture(data: Observations | None = None) -> tuple[InPicture, ...]:
     """Return the effects that the picture's depth can show; those of slopes where these data have them."""
-    shown = (effect.in_picture(data) for effect in EFFECTS.values() if isinstance(effect, EffectBase))
+    shown = (effect.in_picture(data) for effect in EFFECTS.values())
     return tuple(effect for effect in shown if isinstance(effect, InPicture))
 
 

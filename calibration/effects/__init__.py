@@ -1,6 +1,6 @@
 """Physical and instrument effects, one a file. EFFECTS is a catalogue in the order in which effects act.
 
-Any object with the Effect protocol works as well; private effects act last.
+Private effects, of other classes derived from EffectBase, act last.
 """
 
 from __future__ import annotations

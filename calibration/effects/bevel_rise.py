@@ -16,10 +16,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.effects.in_picture import InPicture
+from calibration.effects.in_picture import InPicture, Pictured
 from calibration.inputs.observations import Observations
 from calibration.laws.theory import nominal_nu
-from calibration.model.stages import EffectBase, ManualCheck, Parameter, Prior, Stage, State
+from calibration.model.stages import ManualCheck, Parameter, Prior, Stage, State
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records.measured import Floats
 
@@ -28,7 +28,7 @@ TYPICAL_RISE = 0.1  # rise over depth at a bevel whose distance is not stated
 
 
 @dataclass(frozen=True, slots=True)
-class BevelRise(EffectBase):
+class BevelRise(Pictured):
     """One multiple of the computed rise."""
 
     key = "bevel_rise"
@@ -83,7 +83,7 @@ class BevelRise(EffectBase):
         return _RiseInPicture(self)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _RiseInPicture(InPicture):
     """The rise in the picture: at least 0, or of the stated std where the certificate subtracted it."""
 

@@ -3,71 +3,44 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from calibration.model.stages import Effect, EffectBase, ManualCheck, Parameter, Stage, State
+from calibration.model.stages import EffectBase, Parameter, Stage, State
 from tactilevision.records.measured import Floats
 
 if TYPE_CHECKING:
     from calibration.inputs.observations import Observations
 
 
-class Seen(Effect, Protocol):
+class Pictured(EffectBase):
     """An effect that also changes the reconstructed depth."""
-
-    @property
-    def order(self) -> float:
-        """Place among the effects of a stage."""
-
-    @property
-    def check(self) -> ManualCheck | None:
-        """Direct check by a person."""
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
+        raise NotImplementedError(f"{type(self).__name__} does not change the reconstructed depth")
 
 
-@dataclass(frozen=True, slots=True)
-class InPicture:
+@dataclass(frozen=True)
+class InPicture(EffectBase):
     """The effect `inner` in the reconstructed depth; `of_certificate`: it is the certified depth that is off.
 
     Key, order, check, treatment and parameters are those of the inner effect.
     """
 
-    inner: Seen
+    inner: Pictured
     of_certificate: ClassVar[bool] = False
     stage: ClassVar[Stage] = Stage.DEPTH
 
-    @property
-    def key(self) -> str:
-        """Name in the catalogue."""
-        return self.inner.key
-
-    @property
-    def order(self) -> float:
-        """Place among the effects of a stage."""
-        return self.inner.order
-
-    @property
-    def check(self) -> ManualCheck | None:
-        """Direct check by a person."""
-        return self.inner.check
-
-    @property
-    def treatment(self) -> str:
-        """How frames are read again once the effect is added."""
-        return str(getattr(self.inner, "treatment", ""))
+    def __post_init__(self) -> None:
+        for name in ("key", "order", "check", "treatment"):
+            object.__setattr__(self, name, getattr(self.inner, name))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Fitted parameters."""
         return self.inner.parameters
-
-    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
-        """Return the parameters with what is known of them on these data."""
-        return self.parameters
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the reconstructed depth."""
@@ -77,16 +50,12 @@ class InPicture:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
         return self.inner.seen(depth_mm, values, data)
 
-    def missing(self, data: Observations) -> str:
-        """Return why these depths cannot show the effect; empty where they can."""
-        return ""
-
     def starts(self, data: Observations) -> Floats:
         """Return values (S, q) to begin a fit from."""
         return self.inner.starts(data)
 
 
-class OfPicture(EffectBase):
+class OfPicture(Pictured):
     """An effect of the picture alone: it changes neither a force nor a certified depth."""
 
     def missing(self, data: Observations) -> str:
@@ -102,7 +71,7 @@ class OfPicture(EffectBase):
         return state
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class BesideFaces(InPicture):
     """An effect that shows only in the slopes of the gel outside the contact."""
 

@@ -41,10 +41,6 @@ class InstrumentError(EffectBase):
     words: ClassVar[str]
     covariate: ClassVar[str]
 
-    def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Return the state with the error."""
-        raise NotImplementedError(f"{type(self).__name__} does nothing")
-
 
 class _InPress(InstrumentError):
     """A force error over time within a press: size and time constant; `begin` is the size of the starts."""

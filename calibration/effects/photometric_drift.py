@@ -13,16 +13,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.effects.in_picture import InPicture
+from calibration.effects.in_picture import InPicture, Pictured
 from calibration.effects.photometric_gain import NOT_VISION
 from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
+from calibration.model.stages import ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 
 @dataclass(frozen=True, slots=True)
-class PhotometricDrift(EffectBase):
+class PhotometricDrift(Pictured):
     """One drift over all of the data."""
 
     key = "photometric_drift"
@@ -55,7 +55,7 @@ class PhotometricDrift(EffectBase):
         return _DriftInPicture(self)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _DriftInPicture(InPicture):
     """The drift compared with certified depths."""
 

@@ -13,16 +13,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.effects.in_picture import InPicture
+from calibration.effects.in_picture import InPicture, Pictured
 from calibration.inputs.observations import Observations
-from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
+from calibration.model.stages import ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 NOT_VISION = "the depth does not come from the picture"
 
 
 @dataclass(frozen=True, slots=True)
-class PhotometricGain(EffectBase):
+class PhotometricGain(Pictured):
     """One factor on the depth."""
 
     key = "photometric_gain"

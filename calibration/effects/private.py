@@ -125,8 +125,6 @@ def checked(kind: type[EffectBase], where: Path) -> Effect:
             value=effect.key,
             remedy="Choose another name, in quotes.",
         )
-    if not isinstance(effect, Effect):
-        raise InputError("the effect does not have every part of the protocol", where=where, value=kind.__name__)
     return effect
 
 

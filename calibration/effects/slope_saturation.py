@@ -17,18 +17,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from calibration.effects.in_picture import InPicture
+from calibration.effects.in_picture import InPicture, Pictured
 from calibration.effects.photometric_gain import NOT_VISION
 from calibration.inputs.observations import Observations
 from calibration.laws.reconstructed_depth import WALLS_PER_MM, WALLS_PER_MM_STD, read_share, wall_share
-from calibration.model.stages import EffectBase, ManualCheck, Parameter, Prior, Stage, State
+from calibration.model.stages import ManualCheck, Parameter, Prior, Stage, State
 from tactilevision.records.measured import Floats
 
 WALL_PRIOR = Prior(WALLS_PER_MM, WALLS_PER_MM_STD, "what pixels and blur leave of a wall")
 
 
 @dataclass(frozen=True, slots=True)
-class SlopeSaturation(EffectBase):
+class SlopeSaturation(Pictured):
     """One ceiling, as its inverse."""
 
     key = "slope_saturation"
@@ -92,7 +92,7 @@ class SlopeCeiling(SlopeSaturation):
         return np.asarray(depth_mm * np.where(np.isnan(slopes.slope), walls, read_share(k * slopes.slope)))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _SaturationInPicture(InPicture):
     """Behind a punch's walls only slopes next to the face show more than the height map's own std."""
 

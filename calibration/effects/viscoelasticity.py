@@ -19,6 +19,7 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
+from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats
 
 TAU_S = (0.05, 100)  # s, from a few samples to a long hold: what a press can show
@@ -113,7 +114,7 @@ def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:
 def _step(data: Observations, tau_s: float) -> tuple[Floats, Floats]:
     """Return exp(-dt/tau) and tau/dt (1 - exp(-dt/tau)), (N,) each; the decay is 0 from press to press."""
     ratio = np.maximum(np.diff(data.time_s, prepend=data.time_s[0]), 0) / tau_s
-    gain = np.where(ratio > 1e-8, -np.expm1(-ratio) / np.maximum(ratio, 1e-300), 1.0)
+    gain = np.where(ratio > 1e-8, -np.expm1(-ratio) / np.maximum(ratio, NONZERO), 1.0)
     decay = np.exp(-ratio)
     decay[data.first] = 0
     return decay, gain

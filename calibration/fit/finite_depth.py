@@ -125,7 +125,7 @@ def finite_depth(fitted: Fit, nu: Estimate, *, radius_mm: float) -> FiniteDepth 
     """
     law, data = fitted.model.law, fitted.data
     plain = isinstance(law, FlatPunch) and law.sticking == 0 and not law.one_depth and not law.bent
-    own = {getattr(effect, "condition", "") for effect in fitted.model.effects}
+    own = {effect.condition for effect in fitted.model.effects}
     if not plain or data.lubricated or own & {EDGE, STICKING} or np.unique(data.presses.radius_mm).size > 1:
         return None
     if beta_outside_theory(fitted.estimate("beta"), nu, a_over_h=radius_mm / data.gel.thickness_mm):

@@ -14,9 +14,9 @@ a share t of it costs t^2 D, so 95 % intervals extend a share 1.96/sqrt(D) of th
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -29,12 +29,13 @@ from calibration.model.composition import Model
 from calibration.model.stages import EDGE, STICKING
 from tactilevision.errors import ConvergenceError
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
-from tactilevision.records.constants import NU_MAX, NU_SILICONE, TINY, Z95
+from tactilevision.records.constants import NU_MAX, NU_SILICONE, ROUNDING, TAILS95, TINY, Z95
 from tactilevision.records.measured import Estimate, Floats, Pair
 
 NODES = 201  # nu at which E's interval is taken
 UNFIXED = 0.6  # of silicones' range: several radii determine nu where its interval is shorter
-_STUCK: deque[tuple[Fit, Fit]] = deque(maxlen=4)
+KEPT = 4  # fits whose rivals are cached
+STEP = 1e-4  # of a parameter's scale, for derivatives
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,55 +46,39 @@ class Rival:
     share: float
 
 
-_RIVALS: deque[tuple[Fit, tuple[Rival, ...]]] = deque(maxlen=4)
-
-
+@lru_cache(maxsize=KEPT)
 def rivals(fitted: Fit) -> tuple[Rival, ...]:
     """Return fits with a sticking gel, rounded edges, and both; none where nu is fixed.
 
-    Cached for the last few fits. Raises ConvergenceError where one cannot be fitted.
+    Raises ConvergenceError where one cannot be fitted.
     """
-    for known, found in _RIVALS:
-        if known is fitted:
-            return found
-    others = tuple(_rivals(fitted))
-    _RIVALS.append((fitted, others))
-    return others
-
-
-def _rivals(fitted: Fit) -> Iterator[Rival]:
     law, data = fitted.model.law, fitted.data
     fixed = fitted.parameters[fitted.index("poisson_ratio")].fixed
     if fixed or np.unique(data.presses.radius_mm).size == 1 or not isinstance(law, FlatPunch):
-        return
+        return ()
     known = _fits(fitted, EDGE) or all(i.edge_radius_mm is not None for i in data.indenters)
     sticking = stuck(fitted)
     laws = [law] if sticking is None else [law, replace(law, sticking=1.0)]
     fits = [] if known else [_again(fitted, one, with_usual_edges(data)) for one in laws]
     fits += [] if sticking is None else [sticking]
-    for one in fits:
-        yield Rival(one, min(Z95 / max(one.chi2 - fitted.chi2, TINY) ** 0.5, 1.0))
+    return tuple(Rival(one, min(Z95 / max(one.chi2 - fitted.chi2, TINY) ** 0.5, 1.0)) for one in fits)
 
 
+@lru_cache(maxsize=KEPT)
 def stuck(fitted: Fit) -> Fit | None:
     """Return the fit with a sticking gel; None where it already sticks or slides, or its friction is fitted.
 
-    Cached for the last few fits. Raises ConvergenceError where it cannot be fitted.
+    Raises ConvergenceError where it cannot be fitted.
     """
     law = fitted.model.law
     slides = fitted.data.lubricated or _fits(fitted, STICKING)
     if slides or not isinstance(law, FlatPunch) or law.sticking == 1:
         return None
-    for known, found in _STUCK:
-        if known is fitted:
-            return found
-    found = _again(fitted, replace(law, sticking=1.0), fitted.data)
-    _STUCK.append((fitted, found))
-    return found
+    return _again(fitted, replace(law, sticking=1.0), fitted.data)
 
 
 def _fits(fitted: Fit, condition: str) -> bool:
-    return any(getattr(effect, "condition", "") == condition for effect in fitted.model.effects)
+    return any(effect.condition == condition for effect in fitted.model.effects)
 
 
 def _again(fitted: Fit, law: FlatPunch, data: Observations) -> Fit:
@@ -111,13 +96,11 @@ def with_usual_edges(data: Observations) -> Observations:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """The material as far as it is determined. `source` of nu; `covariance` of (E, nu, c, beta)."""
+    """E and nu as far as they are determined. `source` of nu; `covariance` of (E, nu, c, beta)."""
 
     youngs_modulus: Estimate
     poisson_ratio: Estimate
     reduced_modulus: Estimate
-    c: Estimate
-    beta: Estimate
     source: str
     covariance: Floats
     modulus_of_nu: tuple[Pair, ...]
@@ -125,36 +108,33 @@ class Identified:
 
 
 def identify(fitted: Fit) -> Identified:
-    """Return the material from a fit of the FlatPunch law with any effects."""
+    """Return E and nu from a fit of the FlatPunch law with any effects."""
     radius = main_radius(fitted)
     assumptions: list[str] = []
     others = _others(fitted)
     nu, source = _poisson(fitted, others, assumptions)
-    c = stiffness_of(fitted, radius)
     spread = _spread(fitted, nu, radius)
     deep = finite_depth(fitted, nu, radius_mm=radius)
-    if deep is not None:
-        assumptions.append(deep.words(NU_MAX if nu.value is None else nu.value))
+    assumptions += [] if deep is None else [deep.words(NU_MAX if nu.value is None else nu.value)]
     surplus = sticking_range(fitted, nu, radius=radius, assumptions=[] if deep else assumptions)
-    others = () if nu.value is None else tuple(other for other in others if other.fitted is not None)
-    modulus, reduced = (_modulus(one, nu, 0.0 if others else surplus, "MPa") for one in (spread, spread.reduced()))
+    fits = (
+        [] if nu.value is None else [(other.fitted, other.share) for other in others if other.fitted is not None]
+    )
+    modulus, reduced = (_modulus(one, nu, 0.0 if fits else surplus, "MPa") for one in (spread, spread.reduced()))
     if deep is not None:
         modulus, reduced = (
             _of_elements(one, nu, deep, small_strain=small)
             for one, small in ((spread, modulus), (spread.reduced(), reduced))
         )
-    for other in others:
-        assert other.fitted is not None
-        own = other.fitted.estimate("poisson_ratio")
-        spread = _spread(other.fitted, own, radius)
-        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, share=other.share)
-        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, share=other.share)
+    for other, share in fits:
+        own = other.estimate("poisson_ratio")
+        spread = _spread(other, own, radius)
+        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, share=share)
+        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, share=share)
     return Identified(
         youngs_modulus=modulus,
         poisson_ratio=nu,
         reduced_modulus=reduced,
-        c=c,
-        beta=bend_of(fitted, radius),
         source=source,
         covariance=_covariance(fitted, radius, deep),
         modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius=radius, deep=deep),
@@ -212,7 +192,7 @@ class _Spread:
             return float(self.weights @ ndtr((value - self.modulus) / std)) - share
 
         low, high = self.modulus.min() - 12 * std.max(), self.modulus.max() + 12 * std.max()
-        return float(brentq(excess, low, high, xtol=1e-9 * high))
+        return float(brentq(excess, low, high, xtol=ROUNDING * high))
 
 
 def _others(fitted: Fit) -> tuple[Rival, ...]:
@@ -276,11 +256,10 @@ def holding(one: Estimate, other: Pair | None, *, share: float = 1.0) -> Estimat
 
 def sticking_range(fitted: Fit, nu: Estimate, *, radius: float, assumptions: list[str]) -> float:
     """Return the share by which E may be lower because the gel sticks; 0 for lubricated presses."""
-    if fitted.data.lubricated:
-        assumptions.append("the presses were lubricated: no friction")
-        return 0.0
-    if isinstance(fitted.model.law, FlatPunch) and fitted.model.law.sticking == 1:
-        assumptions.append("the gel sticks to the indenter's face")
+    sticks = isinstance(fitted.model.law, FlatPunch) and fitted.model.law.sticking == 1
+    if fitted.data.lubricated or sticks:
+        wet = "the presses were lubricated: no friction"
+        assumptions.append(wet if fitted.data.lubricated else "the gel sticks to the indenter's face")
         return 0.0
     surplus = sticking_surplus(NU_MAX if nu.value is None else nu.value, radius / fitted.data.gel.thickness_mm)
     assumptions.append(
@@ -302,7 +281,7 @@ def _line(fitted: Fit, values: Floats, radius: float) -> Pair:
 
 def stiffness_of(fitted: Fit, radius: float) -> Estimate:
     """Return c of one radius, N/mm: the intercept of the line through P/w, not below 0."""
-    found = _derived(fitted, lambda v: _line(fitted, v, radius)[0], "N/mm")
+    found = derived(fitted, lambda v: _line(fitted, v, radius)[0], "N/mm")
     low, high = found.interval95 or (0.0, 0.0)
     return replace(found, interval95=(max(low, 0.0), high))
 
@@ -311,26 +290,31 @@ def bend_of(fitted: Fit, radius: float) -> Estimate:
     """Return beta of one radius: the slope of that line over its intercept."""
     if not stated_edge_mm(fitted, radius):
         return fitted.estimate(beta_name(fitted, radius))
-    return _derived(fitted, lambda v: _line(fitted, v, radius)[1], "1")
+    return derived(fitted, lambda v: _line(fitted, v, radius)[1], "1")
 
 
-def _derived(fitted: Fit, function: Callable[[Floats], float], unit: str) -> Estimate:
-    """Return a function of the parameters with its std by the delta method."""
-    gradient = _gradient(fitted, function)
-    value, std = function(fitted.values), float(np.sqrt(gradient @ fitted.covariance @ gradient))
-    reach = fitted.reach(gradient) * std
+def derived(
+    fitted: Fit, function: Callable[[Floats], float], unit: str, *, step: float = STEP, why: str = ""
+) -> Estimate:
+    """Return a function of the parameters (p,), in its unit, with its std by the delta method.
+
+    None with the reason `why` where it is not finite.
+    """
+    value, slope = function(fitted.values), gradient(fitted, function, step=step)
+    if not np.isfinite(value):
+        return Estimate(None, None, None, unit, why)
+    std = float(np.sqrt(slope @ fitted.covariance @ slope))
+    reach = fitted.reach(slope) * std
     return Estimate(value, std, (value - reach, value + reach), unit)
 
 
-def _gradient(fitted: Fit, function: Callable[[Floats], float]) -> Floats:
-    gradient = np.zeros(fitted.values.size)
+def gradient(fitted: Fit, function: Callable[[Floats], float], *, step: float = STEP) -> Floats:
+    """Return the derivatives (p,) of a function of the parameters, per their units, by central differences."""
+    slope = np.zeros(fitted.values.size)
     for k in np.flatnonzero(fitted.free):
-        step = 1e-4 * fitted.parameters[k].scale
-        high, low = fitted.values.copy(), fitted.values.copy()
-        high[k] += step
-        low[k] -= step
-        gradient[k] = (function(high) - function(low)) / (2 * step)
-    return gradient
+        side = step * fitted.parameters[k].scale * np.eye(slope.size)[k]
+        slope[k] = (function(fitted.values + side) - function(fitted.values - side)) / (2 * side[k])
+    return np.nan_to_num(slope)
 
 
 def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
@@ -376,7 +360,7 @@ def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estima
         why = "another parameter takes its place in these data; the interval is the range of gels"
         return Estimate(None, None, GEL_MODULUS_MPA, unit, why)
     mean = float(np.interp(nu.value, spread.nodes, spread.modulus))
-    low, high = spread.quantile(0.025), spread.quantile(0.975)
+    low, high = map(spread.quantile, TAILS95)
     std = float(np.sqrt(np.var(spread.modulus) + np.mean((spread.modulus * spread.relative_std) ** 2)))
     return Estimate(mean, std, (low / (1 + surplus), high), unit)
 
@@ -403,8 +387,8 @@ def _covariance(fitted: Fit, radius: float, deep: FiniteDepth | None) -> Floats:
     """Return the covariance (4, 4) of E, nu, c, beta by the delta method; an open nu is fixed."""
     size = fitted.values.size
     rows = np.zeros((4, size))
-    rows[0] = _gradient(fitted, lambda v: _law_modulus(fitted, v, deep))
+    rows[0] = gradient(fitted, lambda v: _law_modulus(fitted, v, deep))
     rows[1, fitted.index("poisson_ratio")] = 1
-    rows[2] = _gradient(fitted, lambda v: _line(fitted, v, radius)[0])
-    rows[3] = _gradient(fitted, lambda v: _line(fitted, v, radius)[1])
+    rows[2] = gradient(fitted, lambda v: _line(fitted, v, radius)[0])
+    rows[3] = gradient(fitted, lambda v: _line(fitted, v, radius)[1])
     return np.asarray(rows @ fitted.covariance @ rows.T)

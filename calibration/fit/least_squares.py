@@ -4,12 +4,12 @@
 
 The noise is estimated from the residuals of the first fit, and the fit repeated with it. Intervals use Student's t
 with the degrees of freedom of the noise. The covariance is the curvature at the minimum, linear in the data's
-error; `profile_interval` does not make that assumption. The minimiser is certified on the NIST StRD problems.
+error. The minimiser is certified on the NIST StRD problems.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -22,8 +22,8 @@ from calibration.model.stages import Parameter
 from calibration.noise.model import Linear, Noise, Whitener, base_noise
 from calibration.noise.reml import UNKNOWN_SHARE, estimate_noise
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.records.constants import MICRO, TINY
-from tactilevision.records.measured import Bools, Estimate, Floats, Pair
+from tactilevision.records.constants import MICRO, TAILS95, TINY
+from tactilevision.records.measured import Bools, Estimate, Floats
 
 Residual = Callable[[Floats], Floats]
 NORMAL95 = 1.959963985  # two-sided 95 % quantile of the normal distribution
@@ -60,6 +60,13 @@ class Box:
     low: Floats
     high: Floats
     scale: Floats
+
+
+def box_of(parameters: Sequence[Parameter]) -> Box:
+    """Return the bounds and scales of the parameters that are not fixed."""
+    free = [p for p in parameters if not p.fixed]
+    low, high = (np.array([p.bounds[side] for p in free]) for side in (0, 1))
+    return Box(low, high, np.array([p.scale for p in free]))
 
 
 def minimise(
@@ -205,13 +212,6 @@ class Fit:
         """Root mean square of measured less model."""
         return float(np.sqrt(np.mean(self.residual_N**2)))
 
-    @property
-    def r_squared(self) -> float:
-        """1 - residual over total sum of squares of the force."""
-        force = self.data.normal_N
-        total = float(np.sum((force - force.mean()) ** 2))
-        return 1 - float(self.residual_N @ self.residual_N) / total if total > 0 else float("nan")
-
     def index(self, name: str) -> int:
         """Return the index of a parameter. Raises InputError for an unknown name."""
         names = [p.name for p in self.parameters]
@@ -251,11 +251,17 @@ class Fit:
         return Estimate(value, within, (float(low), float(high)), parameter.unit)
 
 
+def r_squared(measured: Floats, modelled: Floats) -> float:
+    """Return 1 less the residual over the total sum of squares of values (n,) in any unit; NaN for a constant."""
+    total = float(np.sum((measured - measured.mean()) ** 2))
+    return 1 - float(np.sum((measured - modelled) ** 2)) / total if total > 0 else float("nan")
+
+
 def quantile95(dof: float) -> float:
     """Return Student's two-sided 95 % quantile, for one degree of freedom at least."""
     from scipy.special import stdtrit
 
-    return float(stdtrit(max(dof, 1.0), 0.975)) if np.isfinite(dof) else NORMAL95
+    return float(stdtrit(max(dof, 1.0), TAILS95[1])) if np.isfinite(dof) else NORMAL95
 
 
 def fit(
@@ -325,9 +331,7 @@ class Problem:
     @property
     def box(self) -> Box:
         """Bounds and scales of the free parameters."""
-        table = [p for p in self.parameters if not p.fixed]
-        low, high = (np.array([p.bounds[k] for p in table]) for k in (0, 1))
-        return Box(low, high, np.array([p.scale for p in table]))
+        return box_of(self.parameters)
 
     def full(self, free_values: Floats) -> Floats:
         """Return all values from the free ones."""
@@ -422,41 +426,3 @@ def inverse_information(jacobian: Floats) -> Floats:
     s = np.maximum(s, TINY)
     back = right.T / s
     return np.asarray((back @ back.T) / np.outer(size, size))
-
-
-def profile_interval(fitted: Fit, name: str, *, rise: float | None = None) -> Pair:
-    """Return the interval in which chi^2, minimised over all others, rises by less than `rise`.
-
-    The default is the 95 % quantile squared.
-    """
-    k = fitted.index(name)
-    limit = fitted.chi2 + (quantile95(fitted.noise.dof) ** 2 if rise is None else rise)
-    whitener = Whitener(fitted.data, fitted.noise, fitted.about)
-    low, high = fitted.parameters[k].bounds
-
-    def excess(value: float) -> float:
-        held = replace(fitted.parameters[k], default=value, bounds=(value, value), prior=None)
-        table = (*fitted.parameters[:k], held, *fitted.parameters[k + 1 :])
-        problem = Problem(fitted.model, fitted.data, table, whitener)
-        prior = fitted.parameters[k].prior
-        extra = 0.0 if prior is None else ((value - prior.mean) / prior.std) ** 2
-        return problem.solve(fitted.values[None]).chi2 + extra - limit
-
-    step = max(fitted.std(name), 1e-3 * fitted.parameters[k].scale)
-    centre = float(fitted.values[k])
-    return _edge(excess, centre, low, -step), _edge(excess, centre, high, step)
-
-
-def _edge(excess: Callable[[float], float], centre: float, bound: float, step: float) -> float:
-    """Return where `excess` crosses 0 between centre and bound; the bound where it does not."""
-    from scipy.optimize import brentq
-
-    inner, outer = centre, centre
-    for _ in range(12):
-        outer = centre + step if abs(step) < abs(bound - centre) else bound
-        if excess(outer) > 0:
-            return float(brentq(excess, inner, outer, xtol=1e-4 * abs(outer - centre) + 1e-15, rtol=1e-6))
-        if outer == bound:
-            return float(bound)
-        inner, step = outer, 2 * step
-    return float(outer)

@@ -23,7 +23,7 @@ import numpy as np
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import TYPICAL_GAIN, TYPICAL_ZERO_MM, Ints
-from tactilevision.records.constants import MICRO
+from tactilevision.records.constants import MICRO, NONZERO
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.robust import MAD_TO_STD
 
@@ -115,7 +115,7 @@ class PressLooks:
             own = forces if force else zeros
             own = own - own.mean(axis=0)
             path = np.abs(np.cumsum(own[order], axis=0)).max(axis=0)
-            rows.append(path / np.maximum(own.std(axis=0), 1e-300))
+            rows.append(path / np.maximum(own.std(axis=0), NONZERO))
         return np.array(rows)
 
 
@@ -155,7 +155,7 @@ def _along_slope(fitted: Fit, values_N: Floats) -> Floats:
 
 
 def _stiff(fitted: Fit) -> Floats:
-    return np.maximum(_along_slope(fitted, fitted.about.slope_N_per_mm), 1e-300)
+    return np.maximum(_along_slope(fitted, fitted.about.slope_N_per_mm), NONZERO)
 
 
 def _about_similar(own: Floats, groups: Ints) -> Floats:

@@ -26,6 +26,7 @@ from calibration.noise.reml import (
     spread,
     stencil,
 )
+from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats
 
 ALIKE = 1e-3  # relative difference of columns that count as one, as of depths of one indenter
@@ -75,7 +76,7 @@ def beyond_stated(fitted: Fit) -> float | None:
 def _explained(steady: Fit) -> Floats:
     """Return an orthonormal basis (N, r) of what the law or a smooth curve of a group of repeats can explain."""
     columns = np.column_stack([steady.jacobian[:, steady.free], group_basis(steady.data)])
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), NONZERO)
     size, axes = np.linalg.eigh(columns.T @ columns)
     kept = size > ALIKE**2 * size[-1]
     return np.asarray(columns @ axes[:, kept] / np.sqrt(size[kept]))

@@ -8,6 +8,7 @@ interval accordingly. Absent where no std is stated.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,11 +35,7 @@ class Heights(EffectBase):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """dH of each indenter with a std."""
-        return tuple(
-            _small(f"{name}_mm", std, f"error of the machined height of {name}")
-            for name, std in self.stds
-            if std > 0
-        )
+        return _small((f"{name}_mm", std, f"error of the machined height of {name}") for name, std in self.stds)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth of each indenter's presses shifted, but not of indenters added later."""
@@ -60,18 +57,12 @@ class Certified(EffectBase):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The offset and the relative error, where they have a std."""
-        table = [_small("touch_mm", self.shared.touch_mm, "all touches early or late")] if self._late else []
-        if self.shared.rise > 0:
-            table.append(_small("rise", self.shared.rise, "all rises larger or smaller", unit="1"))
-        return tuple(table)
-
-    @property
-    def _late(self) -> bool:
-        return self.shared.touch_mm > 0
+        touch = ("touch_mm", self.shared.touch_mm, "all touches early or late")
+        return _small((touch, ("rise", self.shared.rise, "all rises larger or smaller")))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth stretched and shifted."""
-        offset = values[0] if self._late else 0.0
+        offset = values[0] if self.shared.touch_mm > 0 else 0.0
         stretch = values[-1] if self.shared.rise > 0 else 0.0
         return replace(state, depth_mm=(1 + stretch) * state.depth_mm + offset)
 
@@ -90,22 +81,16 @@ class Dimensions(EffectBase):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """dh, then da of each radius with a std."""
-        table = [_small("thickness_mm", self.thickness_std_mm, "error of the thickness")] if self._thick else []
-        for radius, std in self.radii:
-            if std > 0:
-                table.append(_small(f"radius[{radius:g}]_mm", std, "error of the indenter's radius"))
-        return tuple(table)
-
-    @property
-    def _thick(self) -> bool:
-        return self.thickness_std_mm > 0
+        thickness = ("thickness_mm", self.thickness_std_mm, "error of the thickness")
+        radii = ((f"radius[{radius:g}]_mm", std, "error of the indenter's radius") for radius, std in self.radii)
+        return _small((thickness, *radii))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with thickness and radius shifted."""
-        thickness = state.thickness_mm + (values[0] if self._thick else 0.0)
+        thickness = state.thickness_mm + (values[0] if self.thickness_std_mm > 0 else 0.0)
         known = [radius for radius, std in self.radii if std > 0]
         radius = state.radius_mm.copy()
-        for value, where in zip(values[int(self._thick) :], known, strict=True):
+        for value, where in zip(values[int(self.thickness_std_mm > 0) :], known, strict=True):
             radius[data.radius_mm == where] += value
         return replace(state, thickness_mm=thickness, radius_mm=radius)
 
@@ -126,5 +111,18 @@ def with_tolerances(model: Model, data: Observations) -> Model:
     return kept + dimensions if dimensions.parameters else kept
 
 
-def _small(name: str, std: float, meaning: str, *, unit: str = "mm") -> Parameter:
-    return Parameter(name, unit, 0.0, (-8 * std, 8 * std), meaning, std, Prior(0.0, std, "stated tolerance"))
+def _small(table: Iterable[tuple[str, float, str]]) -> tuple[Parameter, ...]:
+    """Return a parameter for each (name, std, meaning) with a std; one whose name has no unit is relative."""
+    return tuple(
+        Parameter(
+            name,
+            "mm" if name.endswith("_mm") else "1",
+            0.0,
+            (-8 * std, 8 * std),
+            meaning,
+            std,
+            Prior(0.0, std, "stated tolerance"),
+        )
+        for name, std, meaning in table
+        if std > 0
+    )

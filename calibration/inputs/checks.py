@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtr
@@ -58,7 +58,7 @@ def without_copies(data: Observations) -> Observations:
                 f"press {_named(data, k)} has the samples of press {_named(data, first[samples])}: excluded"
             )
         first.setdefault(samples, k)
-    return data if keep.all() else replace(data.take(keep), warnings=(*data.warnings, *said))
+    return data if keep.all() else data.take(keep).warned(*said)
 
 
 def _with_equal_points_named(data: Observations) -> Observations:
@@ -71,8 +71,9 @@ def _with_equal_points_named(data: Observations) -> Observations:
             said.append(f"{_named(data, k)} of {_named(data, earlier)}")
     if not said:
         return data
-    warning = f"presses with the same depth and force as another, copies unless by rounding: {some(said)}"
-    return replace(data, warnings=(*data.warnings, warning))
+    return data.warned(
+        f"presses with the same depth and force as another, copies unless by rounding: {some(said)}"
+    )
 
 
 def check_times(data: Observations) -> None:
@@ -124,15 +125,14 @@ def check(data: Observations, *, shape: str = "flat_cylinder", one_depth: bool =
     Clocks that differ are no fault, though they make a force fall with depth or occur in air. `one_depth`: a
     single depth is no fault, since the law takes its curvature from theory.
     """
-    first = partial(_first_fault, shape=shape, one_depth=one_depth)
-    if (fault := first(data)) is None:
-        return
-    if not any(view is not data and first(view) is None for view in (in_phase(data), with_one_clock(data))):
-        raise fault
 
+    def first(view: Observations) -> InputError | None:
+        return next(faults(view, shape=shape, one_depth=one_depth), None)
 
-def _first_fault(data: Observations, *, shape: str, one_depth: bool) -> InputError | None:
-    return next(faults(data, shape=shape, one_depth=one_depth), None)
+    if (fault := first(data)) is not None:
+        views = (view for view in (in_phase(data), with_one_clock(data)) if view is not data)
+        if not any(first(view) is None for view in views):
+            raise fault
 
 
 def faults(data: Observations, *, shape: str, one_depth: bool = False) -> Iterator[InputError]:
@@ -150,9 +150,7 @@ def of_shape(data: Observations, shape: str = "flat_cylinder") -> Observations:
     if fits.all() or not fits.any():
         return data
     others = sorted({data.indenters[k].name for k in data.presses.indenter[~fits]})
-    kept = data.take(fits)
-    warning = f"presses of {', '.join(others)} are excluded: this law is for a {shape}"
-    return replace(kept, warnings=(*kept.warnings, warning))
+    return data.take(fits).warned(f"presses of {', '.join(others)} are excluded: this law is for a {shape}")
 
 
 def _gel(data: Observations) -> Iterator[InputError]:
@@ -313,8 +311,7 @@ def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
     kept = of_several_depths(without_copies(of_shape(data, shape)))
     check(kept, shape=shape)
     check_times(kept)
-    phase = np.array(BRANCHES)[branches(kept)]
-    return replace(kept, phase=phase, warnings=(*kept.warnings, *lacks(kept)))
+    return replace(kept, phase=np.array(BRANCHES)[branches(kept)]).warned(*lacks(kept))
 
 
 def of_several_depths(data: Observations) -> Observations:
@@ -325,8 +322,7 @@ def of_several_depths(data: Observations) -> Observations:
         return data
     named = ", ".join(f"{r:g} mm" for r in single)
     warning = f"presses of radius {named} are excluded: one depth does not determine stiffness and curvature"
-    kept = data.take(~np.isin(data.presses.radius_mm, single))
-    return replace(kept, warnings=(*kept.warnings, warning))
+    return data.take(~np.isin(data.presses.radius_mm, single)).warned(warning)
 
 
 def clear_of_touch(

@@ -7,7 +7,8 @@ their zeros have one nominal depth. Sorting residuals by the depths as read woul
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,7 +28,7 @@ COURSE = 4  # highest degree of a ramp's depth over time
 NEARLY_ALL = 0.9  # share of a ramp's readings near its polynomial
 SAMPLES_A_DEGREE = 4  # that each degree needs
 AS_NEAR = 1.5  # largest rms over that of the highest degree, for a lower one to suffice
-_KEPT: deque[tuple[tuple[np.ndarray, ...], Floats, Floats]] = deque(maxlen=8)
+Made = TypeVar("Made")
 
 
 def branches(data: Observations) -> Ints:
@@ -170,17 +171,31 @@ def nominal_depth(data: Observations) -> Floats:
     return _depths(data)[1]
 
 
+def by_times(make: Callable[[Observations], Made]) -> Callable[[Observations], Made]:
+    """Cache what `make` returns for the last data sets of other depths, times or phases, whatever their forces.
+
+    Effects of history ask at every prediction.
+    """
+    kept: deque[tuple[tuple[np.ndarray, ...], Made]] = deque(maxlen=8)
+
+    def cached(data: Observations) -> Made:
+        key = (data.depth_mm, data.time_s, data.phase, data.press, data.presses.speed_mm_s)
+        for known, made in kept:
+            if all(a is b for a, b in zip(known, key, strict=True)):
+                return made
+        kept.append((key, make(data)))
+        return kept[-1][1]
+
+    return cached
+
+
+@by_times
 def _depths(data: Observations) -> tuple[Floats, Floats]:
-    """Return both, cached for the last few data sets: effects of history ask at every prediction."""
-    key = (data.depth_mm, data.time_s, data.phase, data.press, data.presses.speed_mm_s)
-    for known, steady, nominal in _KEPT:
-        if all(a is b for a, b in zip(known, key, strict=True)):
-            return steady, nominal
+    """Return both, read-only."""
     steady = _steady(data) if data.is_curves else data.depth_mm.copy()
     nominal = _nominal(data, steady)
     for table in (steady, nominal):
         table.setflags(write=False)
-    _KEPT.append((key, steady, nominal))
     return steady, nominal
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.inputs.denoised_depth import FREE, HOLD, LOAD, SAME_MM, UNLOAD, denoised_depth, ways
+from calibration.inputs.denoised_depth import FREE, HOLD, LOAD, SAME_MM, UNLOAD, by_times, denoised_depth, ways
 from calibration.inputs.observations import Ints, Observations
-from tactilevision.records.constants import KILO
+from tactilevision.records.constants import KILO, NONZERO
 from tactilevision.records.measured import Floats
 
 COMING_S = 1.0  # s, longer than any clock offset
@@ -31,9 +30,6 @@ class _Course:
     samples_s: Floats
 
 
-_KEPT: deque[tuple[tuple[np.ndarray, ...], _Course]] = deque(maxlen=8)
-
-
 def depth_at(data: Observations, later_s: float) -> Floats:
     """Return the depth (N,) at each sample's time plus `later_s`.
 
@@ -46,18 +42,9 @@ def depth_at(data: Observations, later_s: float) -> Floats:
     return np.asarray(np.interp(asked, course.time_s, course.depth_mm))
 
 
+@by_times
 def _course(data: Observations) -> _Course:
-    """Return the piecewise linear depth, cached for the last few data sets."""
-    key = (data.depth_mm, data.time_s, data.phase, data.press, data.presses.speed_mm_s)
-    for known, course in _KEPT:
-        if all(a is b for a, b in zip(known, key, strict=True)):
-            return course
-    course = _new_course(data)
-    _KEPT.append((key, course))
-    return course
-
-
-def _new_course(data: Observations) -> _Course:
+    """Return the piecewise linear depth."""
     branch, times, depths, samples, after = ways(data), list[Floats](), list[Floats](), list[Floats](), 0.0
     for one, speed in zip(data.spans, data.presses.speed_mm_s, strict=True):
         time, depth = with_corners(
@@ -170,7 +157,7 @@ def in_phase(data: Observations) -> Observations:
     if 0 < np.count_nonzero(out) < data.count / 2:
         names = ", ".join(np.array(data.presses.label)[out])
         data, said = data.take(~out), f"{said}: excluded are presses that load within twice that time ({names})"
-    return replace(data, warnings=(*data.warnings, f"{said}. Synchronise the clocks"))
+    return data.warned(f"{said}. Synchronise the clocks")
 
 
 def with_one_clock(data: Observations) -> Observations:
@@ -190,7 +177,7 @@ def offset_by_phase(data: Observations) -> float:
     steady = replace(data, depth_mm=denoised_depth(data))
     residual = np.array([_residual_of_cubic(steady, np.maximum(depth_at(steady, -o), 0.0)) for o in GRID_S])
     _, which = np.unique(data.radius_mm, return_inverse=True)
-    share = residual / np.maximum(np.bincount(which, data.normal_N**2), 1e-300)  # a wide punch has larger forces
+    share = residual / np.maximum(np.bincount(which, data.normal_N**2), NONZERO)  # a wide punch has larger forces
     now = GRID_S.size // 2
     decide = (np.bincount(which) >= MIN_SAMPLES) & (share[now] > np.maximum(MIN_GAIN * share.min(axis=0), MISSED))
     if not decide.any():

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,19 +18,21 @@ from calibration.inputs.observations import (
     Measured,
     Observations,
     Presses,
-    RecordingLike,
     Shared,
     as_sets,
 )
 from tactilevision.errors import InputError
 from tactilevision.records.certified import CertifiedPoint
-from tactilevision.records.measured import Floats
+from tactilevision.records.measured import Bools, Curve, Floats
 from tactilevision.records.rig import Gel, Indenter, Press
+
+if TYPE_CHECKING:
+    from tactilevision.recording.model import Recording
 
 NAN = float("nan")
 
 
-def own_depth_std(point: CertifiedPoint, indenter: Indenter, *, recording: RecordingLike) -> float:
+def own_depth_std(point: CertifiedPoint, indenter: Indenter, *, recording: Recording) -> float:
     """Return the depth's std without what other presses share: the machined height's and the rise's."""
     whole = point.depth_std_mm
     if not np.isfinite(whole):
@@ -72,7 +74,7 @@ def depth_source(sets: Sequence[Measured]) -> DepthSource:
     certified = [is_certified(p) for m in sets for p in m.points if p.accepted]
     if certified and all(certified) and not any(m.curves for m in sets):
         return "gauge"
-    return cast(DepthSource, sets[0].recording.depth_source or "vision")
+    return sets[0].recording.depth_source
 
 
 def is_certified(point: CertifiedPoint) -> bool:
@@ -89,21 +91,17 @@ def finite_or(value: float | None, instead: float = 0.0) -> float:
 class _Touch:
     """One press before it enters the flat arrays."""
 
-    label: str
     recording: int
     indenter: Indenter
     protocol: Press
-    time_s: Floats
-    depth_mm: Floats
-    force_N: Floats
-    phase: Any
-    temperature_C: Floats
-    depth_std_mm: Floats
-    force_std_N: Floats
-    reconstructed_mm: Floats
-    reconstructed_std_mm: Floats
+    arrays: Mapping[str, Any]  # of its samples, by their names in Observations
     dated_s: float  # begin by its date and time of day; NaN: unknown
     falls: tuple[EdgeDrop, ...] = ()
+
+    @property
+    def time_s(self) -> Floats:
+        """Times of the samples."""
+        return np.asarray(self.arrays["time_s"])
 
     @property
     def begin_s(self) -> float:
@@ -140,29 +138,22 @@ def observe_all(measured: Sequence[Measured] | Measured) -> Observations:
 def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
     recording = measured.recording
     protocol = {p.press: p for p in recording.presses}
-    shift = _days_since_epoch(recording.date) * DAY_S
-    for point in measured.points:
-        if not point.accepted:
-            continue
+    for point in (one for one in measured.points if one.accepted):
         indenter = _indenter(recording, point.indenter, point.press)
         row = _merge(protocol.get(point.press), point)
-        yield _Touch(
-            label=point.press,
-            recording=number,
-            indenter=indenter,
-            protocol=row,
-            time_s=np.array([point.time_s]) + shift,
-            depth_mm=np.array([_finite(point)]),
-            force_N=np.array([[finite_or(point.fx_N), finite_or(point.fy_N), point.fz_N]]),
-            phase=np.array(["load"]),
-            temperature_C=np.array([row.temperature_C]),
-            depth_std_mm=np.array([own_depth_std(point, indenter, recording=recording)]),
-            force_std_N=np.array([point.fz_std_N]),
-            reconstructed_mm=np.array([point.details.reconstructed_depth_mm]),
-            reconstructed_std_mm=np.array([point.details.reconstructed_std_mm]),
-            dated_s=_dated_s(row, recording),
-            falls=tuple(_falls(point, number)),
-        )
+        samples = {
+            "time_s": [point.time_s],
+            "depth_mm": [_finite(point)],
+            "force_N": [[finite_or(point.fx_N), finite_or(point.fy_N), point.fz_N]],
+            "phase": ["load"],
+            "temperature_C": [row.temperature_C],
+            "depth_std_mm": [own_depth_std(point, indenter, recording=recording)],
+            "force_std_N": [point.fz_std_N],
+            "reconstructed_mm": [point.details.reconstructed_depth_mm],
+            "reconstructed_std_mm": [point.details.reconstructed_std_mm],
+        }
+        arrays = {name: np.array(values) for name, values in samples.items()}
+        yield _touch(recording, number, row, indenter, arrays, tuple(_falls(point, number)))
 
 
 def _falls(point: CertifiedPoint, number: int) -> Iterator[EdgeDrop]:
@@ -178,46 +169,59 @@ def _falls(point: CertifiedPoint, number: int) -> Iterator[EdgeDrop]:
 def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
     recording = measured.recording
     protocol = {p.press: p for p in recording.presses}
-    shift = _days_since_epoch(recording.date) * DAY_S
     for curve in measured.curves:
         row = protocol.get(curve.press) or _only_indenter(recording, curve.press)
         use = np.isfinite(curve.time_s) & np.isfinite(curve.depth_mm) & np.isfinite(curve.force_N[:, 2])
         if not use.any():
             raise InputError("a curve has no sample with time, depth and force", where=f"press {curve.press}")
-        size = int(use.sum())
-        temperature = curve.extra.get("temperature_C")
-        seen = curve.extra.get("reconstructed_depth_mm")
-        yield _Touch(
-            label=curve.press,
-            recording=number,
-            protocol=row,
-            indenter=_indenter(recording, row.indenter, curve.press),
-            time_s=curve.time_s[use] + shift,
-            depth_mm=curve.depth_mm[use],
-            force_N=np.nan_to_num(curve.force_N[use]),
-            phase=curve.phase[use],
-            temperature_C=np.full(size, row.temperature_C)
-            if temperature is None
-            else np.asarray(temperature, dtype=float)[use],
-            depth_std_mm=np.full(size, finite_or(recording.depth_std_mm, NAN)),
-            force_std_N=np.full(size, _force_std(recording)),
-            reconstructed_mm=np.full(size, NAN) if seen is None else np.asarray(seen, dtype=float)[use],
-            reconstructed_std_mm=np.full(size, NAN),
-            dated_s=_dated_s(row, recording),
-        )
+
+        def recorded(name: str, otherwise: float, curve: Curve = curve, use: Bools = use) -> Floats:
+            found = curve.extra.get(name)
+            return np.full(int(use.sum()), otherwise) if found is None else np.asarray(found, dtype=float)[use]
+
+        arrays = {
+            "time_s": curve.time_s[use],
+            "depth_mm": curve.depth_mm[use],
+            "force_N": np.nan_to_num(curve.force_N[use]),
+            "phase": curve.phase[use],
+            "temperature_C": recorded("temperature_C", row.temperature_C),
+            "depth_std_mm": recorded("", finite_or(recording.depth_std_mm, NAN)),
+            "force_std_N": recorded("", NAN if recording.force_std_N is None else recording.force_std_N[2]),
+            "reconstructed_mm": recorded("reconstructed_depth_mm", NAN),
+            "reconstructed_std_mm": recorded("", NAN),
+        }
+        indenter = _indenter(recording, row.indenter, curve.press)
+        yield _touch(recording, number, row, indenter, arrays)
+
+
+def _touch(
+    recording: Recording,
+    number: int,
+    row: Press,
+    indenter: Indenter,
+    arrays: Mapping[str, Any],
+    falls: tuple[EdgeDrop, ...] = (),
+) -> _Touch:
+    """Return one press, its times since the epoch where the recording is dated."""
+    times = arrays["time_s"] + _days_since_epoch(recording.date) * DAY_S
+    date = row.date or recording.date
+    dated = _days_since_epoch(date) * DAY_S + finite_or(row.time_of_day_s) if date else NAN
+    return _Touch(number, indenter, row, {**arrays, "time_s": times}, dated, falls)
 
 
 def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations:
     if not touches:
         raise InputError("there is no press to fit", remedy="Hand in accepted points, or curves.")
     gel = _one_gel([m.recording for m in sets])
-    touches = sorted(touches, key=lambda t: (_sortable(t.begin_s), t.recording, _sortable(t.time_s[0])))
+    touches = sorted(
+        touches, key=lambda t: (finite_or(t.begin_s, math.inf), t.recording, finite_or(t.time_s[0], math.inf))
+    )
     origin = math.floor(touches[0].begin_s / DAY_S) * DAY_S if np.isfinite(touches[0].begin_s) else 0.0
     indenters = list(dict.fromkeys(t.indenter for t in touches))
     sizes = [t.time_s.size for t in touches]
 
     def joined(name: str) -> Any:
-        return np.concatenate([getattr(t, name) for t in touches])
+        return np.concatenate([t.arrays[name] for t in touches])
 
     seen, seen_std = joined("reconstructed_mm"), joined("reconstructed_std_mm")
     return Observations(
@@ -249,17 +253,13 @@ def _presses(touches: Sequence[_Touch], indenters: Sequence[Indenter], origin: f
     speed = column("speed_mm_s")
     speed = np.where(np.isfinite(speed), speed, [_speed(t) for t in touches])
     return Presses(
-        label=tuple(t.label for t in touches),
+        label=tuple(t.protocol.press for t in touches),
         recording=np.array([t.recording for t in touches]),
         indenter=np.array([indenters.index(t.indenter) for t in touches]),
         radius_mm=np.array([t.indenter.radius_mm for t in touches]),
-        x_mm=column("x_mm"),
-        y_mm=column("y_mm"),
         rest_s=rest,
         speed_mm_s=speed,
-        hold_s=column("hold_s"),
-        temperature_C=column("temperature_C"),
-        lubricated=column("lubricated"),
+        **{name: column(name) for name in ("x_mm", "y_mm", "hold_s", "temperature_C", "lubricated")},
         day=np.array([_day(t, origin) for t in touches]),
         order=np.arange(len(touches), dtype=float),
     )
@@ -267,8 +267,9 @@ def _presses(touches: Sequence[_Touch], indenters: Sequence[Indenter], origin: f
 
 def _speed(touch: _Touch) -> float:
     """Return the median speed of loading, mm/s; NaN for a single sample."""
-    loading = touch.phase == "load" if (touch.phase == "load").any() else touch.phase != "free"
-    time, depth = touch.time_s[loading], touch.depth_mm[loading]
+    phase = touch.arrays["phase"]
+    loading = phase == "load" if (phase == "load").any() else phase != "free"
+    time, depth = touch.time_s[loading], touch.arrays["depth_mm"][loading]
     steps = np.diff(time) > 0
     if not steps.any():
         return NAN
@@ -282,20 +283,8 @@ def _day(touch: _Touch, origin: float) -> float:
     return 0.0 if touch.recording == 0 else NAN
 
 
-def _dated_s(press: Press, recording: RecordingLike) -> float:
-    """Return the press's date and time of day, else its recording's date, in s; NaN where there is none."""
-    date = press.date or recording.date
-    return _days_since_epoch(date) * DAY_S + finite_or(press.time_of_day_s) if date else NAN
-
-
-def _sortable(time: float) -> float:
-    return time if np.isfinite(time) else math.inf
-
-
 def _days_since_epoch(date: object) -> float:
     """Return the days of a date, a datetime or an ISO text; 0 where there is none."""
-    if isinstance(date, datetime.datetime):
-        date = date.date()
     if isinstance(date, str) and date:
         try:
             date = datetime.date.fromisoformat(date[:10])
@@ -304,7 +293,7 @@ def _days_since_epoch(date: object) -> float:
     return float(date.toordinal()) if isinstance(date, datetime.date) else 0.0
 
 
-def _one_gel(recordings: Sequence[RecordingLike]) -> Gel:
+def _one_gel(recordings: Sequence[Recording]) -> Gel:
     gels = [r.sensor.gel for r in recordings]
     first = gels[0]
     if first is None:
@@ -324,7 +313,7 @@ def _one_gel(recordings: Sequence[RecordingLike]) -> Gel:
     return first
 
 
-def _indenter(recording: RecordingLike, name: str, press: str) -> Indenter:
+def _indenter(recording: Recording, name: str, press: str) -> Indenter:
     if name not in recording.indenters:
         raise InputError(
             "an indenter is named but not described",
@@ -335,7 +324,7 @@ def _indenter(recording: RecordingLike, name: str, press: str) -> Indenter:
     return recording.indenters[name]
 
 
-def _only_indenter(recording: RecordingLike, press: str) -> Press:
+def _only_indenter(recording: Recording, press: str) -> Press:
     if len(recording.indenters) != 1:
         raise InputError(
             "a curve's press is not listed, so its indenter is unknown",
@@ -351,10 +340,6 @@ def _merge(protocol: Press | None, point: CertifiedPoint) -> Press:
     stated = ("rest_s", "speed_mm_s", "x_mm", "y_mm", "temperature_C", "lubricated", "hold_s")
     own = {name: getattr(point, name) for name in stated}
     return replace(row, **{name: value for name, value in own.items() if np.isfinite(value)})
-
-
-def _force_std(recording: RecordingLike) -> float:
-    return NAN if recording.force_std_N is None else float(recording.force_std_N[2])
 
 
 def _finite(point: CertifiedPoint) -> float:

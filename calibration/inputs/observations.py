@@ -7,10 +7,10 @@ curves many. One Observations holds several recordings of one sensor, ordered in
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import accumulate
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,10 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Bools, Curve, Floats
-from tactilevision.records.rig import Gel, Indenter, Press, Sensor
+from tactilevision.records.rig import Gel, Indenter
+
+if TYPE_CHECKING:
+    from tactilevision.recording.model import Recording
 
 Ints = npt.NDArray[np.int64]
 DepthSource = Literal["vision", "stage", "gauge"]
@@ -27,27 +30,6 @@ OF_SAMPLES = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_
 TYPICAL_GAIN = 0.005  # relative force from press to press; centre of a weak prior
 TYPICAL_ZERO_MM = 0.004  # mm, std of a press's zero of depth; centre of a weak prior
 TYPICAL_FORCE_N = 0.005  # N, noise of one force reading where none is stated
-
-
-class RecordingLike(Protocol):
-    """The part of a recording that is used; `recording.model.Recording` has all."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def date(self) -> object: ...
-    @property
-    def sensor(self) -> Sensor: ...
-    @property
-    def force_std_N(self) -> tuple[float, float, float] | None: ...
-    @property
-    def depth_source(self) -> str | None: ...
-    @property
-    def depth_std_mm(self) -> float | None: ...
-    @property
-    def indenters(self) -> Mapping[str, Indenter]: ...
-    @property
-    def presses(self) -> tuple[Press, ...]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,6 +224,10 @@ class Observations:
         """Return the data with the depth shifted, for derivatives with respect to it."""
         return replace(self, depth_mm=self.depth_mm + depth_mm)
 
+    def warned(self, *warnings: str) -> Observations:
+        """Return the data with more warnings."""
+        return replace(self, warnings=(*self.warnings, *warnings))
+
     def with_force(self, normal_N: Floats) -> Observations:
         """Return the data with another normal force, for simulated measurements."""
         return replace(self, force_N=np.column_stack([self.force_N[:, :2], normal_N]))
@@ -261,7 +247,7 @@ class Observations:
 class Measured:
     """One recording with the points or the curves to use."""
 
-    recording: RecordingLike
+    recording: Recording
     points: tuple[CertifiedPoint, ...] = ()
     curves: tuple[Curve, ...] = ()
 

@@ -144,7 +144,7 @@ def betas(data: Observations) -> tuple[Parameter, ...]:
     """Return one beta a radius, named after it where there are several."""
     radii = np.unique(data.presses.radius_mm)
     names = ["beta"] if radii.size == 1 else [f"beta[{radius:g}]" for radius in radii]
-    return tuple(Parameter(n, "1", 0.85, (-3.0, 12.0), "curvature of P/w against w/h", 1.0) for n in names)
+    return tuple(Parameter(n, "1", 0.85, (-3, 12), "curvature of P/w against w/h", 1.0) for n in names)
 
 
 def betas_by_theory(data: Observations) -> tuple[Parameter, ...]:
@@ -187,11 +187,6 @@ def radius_number(data: Observations) -> np.ndarray[tuple[int], np.dtype[np.intp
     return np.unique(data.presses.radius_mm, return_inverse=True)[1][data.press]
 
 
-def elastomer_bound(used: bool) -> Pair | None:
-    """Return the range of nu to assume where none is stated; None where it is not wanted."""
-    return SILICONE_NU if used else None
-
-
 def poisson_parameter(gel: Gel, free: bool) -> Parameter:
     """Return nu with a prior where it is stated, else free in the tables' range, or fixed."""
     bounds = OPEN_NU if free else (NU_NOMINAL, NU_NOMINAL)
@@ -207,7 +202,9 @@ def poisson_parameter(gel: Gel, free: bool) -> Parameter:
 
 def modulus_parameter(start_MPa: float) -> Parameter:
     """Return Young's modulus with a start of the right size."""
-    return Parameter("youngs_modulus_MPa", "MPa", start_MPa, (1e-5, 1e4), "Young's modulus of the gel", start_MPa)
+    return Parameter(
+        "youngs_modulus_MPa", "MPa", start_MPa, (1e-5, 10000), "Young's modulus of the gel", start_MPa
+    )
 
 
 def starting_modulus(data: Observations) -> float:

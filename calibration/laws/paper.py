@@ -35,7 +35,7 @@ class Paper(Composable):
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
         """Return c of the smallest radius (others scale with a), then beta for each radius."""
         stiffness = starting_modulus(data) * 15
-        c = Parameter("c_N_per_mm", "N/mm", stiffness, (1e-5, 1e5), "P/w as the depth goes to 0", stiffness)
+        c = Parameter("c_N_per_mm", "N/mm", stiffness, (1e-5, 100_000), "P/w as the depth goes to 0", stiffness)
         return (c, *betas(data))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:

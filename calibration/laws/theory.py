@@ -32,14 +32,8 @@ NU = (0.3, 0.4, 0.45, 0.48, 0.495)  # nu of HIGHEST and LOWEST
 HIGHEST = (1.34, 1.23, 1.2, 1.13, 1.08)  # beta of a Hencky solid that sticks
 LOWEST = (0.56, 0.08, -0.24, -0.46, -0.57)  # beta of a neo-Hookean solid without friction
 WIDER = (0.5, 0.65, 0.83, 1.0, 1.1, 1.2)  # a/h of GROWTH; the figures hold between the ends
-GROWTH = (
-    0.66,
-    0.87,
-    1.0,
-    1.12,
-    1.3,
-    1.45,
-)  # largest beta over that at .833, of nu .45 to .49; extrapolated to 1.2
+# largest beta over that at .833, of nu .45 to .49; extrapolated to 1.2
+GROWTH = (0.66, 0.87, 1.0, 1.12, 1.3, 1.45)
 RUBBING = 0.1  # least beta of a punch with any friction
 STRAINS = 20  # depths at which the bend is fitted
 MIN_STRAIN = 1e-3  # range of w/h that determines a bend; half of it beyond the table is rounding

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -54,7 +53,7 @@ class Model:
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
         """Return all parameters in the order of `predict`: the law's, then each effect's as `key.name`."""
-        effects = [replace(p, name=f"{e.key}.{p.name}") for e in self.effects for p in _known(e, data)]
+        effects = [replace(p, name=f"{e.key}.{p.name}") for e in self.effects for p in e.parameters_on(data)]
         return (*self.law.parameters(data), *effects)
 
     def slices(self, data: Observations) -> dict[str, slice]:
@@ -82,7 +81,7 @@ class Model:
 
     def state(self, values: Floats, data: Observations) -> State:
         """Return the state after the last stage."""
-        if not any(getattr(e, "reads_force", False) for e in self.effects):
+        if not any(e.reads_force for e in self.effects):
             return self._pass(values, data)
         first = self._pass(values, data)
         second = self._pass(values, data.with_force(first.force_N))
@@ -139,11 +138,5 @@ def rest_state(data: Observations) -> State:
     )
 
 
-def _known(effect: Effect, data: Observations) -> tuple[Parameter, ...]:
-    """Return an effect's parameters with its priors; `parameters_on` is optional."""
-    stated = getattr(effect, "parameters_on", None)
-    return effect.parameters if stated is None else tuple(stated(data))
-
-
 def _place(effect: Effect) -> tuple[int, float, str]:
-    return int(effect.stage), getattr(effect, "order", inf), effect.key
+    return int(effect.stage), effect.order, effect.key

@@ -137,32 +137,6 @@ class Law(Protocol):
         """Return the state with `stiffness_N_per_mm` and `force_N`."""
 
 
-@runtime_checkable
-class Effect(Protocol):
-    """A physical or an instrument effect; EffectBase describes each part."""
-
-    @property
-    def key(self) -> str:
-        """Name in the catalogue."""
-
-    @property
-    def stage(self) -> Stage:
-        """Stage in which it acts."""
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Fitted parameters."""
-
-    def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Return the state with the effect of `values`, in the order of `parameters`."""
-
-    def missing(self, data: Observations) -> str:
-        """Return why these data cannot show the effect; empty where they can."""
-
-    def starts(self, data: Observations) -> Floats:
-        """Return values (S, q) at which a fit and the score test begin."""
-
-
 @dataclass(frozen=True, slots=True)
 class ManualCheck:
     """Direct check of an effect by a person: what to do, minutes, and its std of the first parameter.
@@ -274,6 +248,9 @@ class EffectBase:
     def in_picture(self, data: Observations | None = None) -> Effect | None:
         """Return the effect as it shows in the reconstructed depth; None where it does not."""
         return None
+
+
+Effect = EffectBase  # as annotations name it
 
 
 class AxesEffect(EffectBase):

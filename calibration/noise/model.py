@@ -18,7 +18,7 @@ import numpy as np
 
 from calibration.inputs.denoised_depth import LOAD, branches
 from calibration.inputs.observations import Ints, Observations
-from tactilevision.records.constants import KILO
+from tactilevision.records.constants import KILO, NONZERO
 from tactilevision.records.measured import Bools, Floats
 
 KEPT = 8  # data sets whose rectangles are cached: a fit asks for them at every step
@@ -279,7 +279,7 @@ class Scatter:
 
     def statistic(self, d: Floats, expected: float) -> float:
         """Return t^2 of `differences` d about their expected mean; 0 where loading scatters less."""
-        error = max(float(d.std(ddof=1)) / np.sqrt(d.size), 1e-300)
+        error = max(float(d.std(ddof=1)) / np.sqrt(d.size), NONZERO)
         return float(max((d.mean() - expected) / error, 0.0) ** 2)
 
 

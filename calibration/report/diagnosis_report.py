@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
-from calibration.diagnosis.diagnosis import Added, Diagnosis
-from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
-from calibration.diagnosis.score_test import Failure
+import numpy as np
+
+from calibration.diagnosis.decision import InadmissibleBeta
+from calibration.diagnosis.diagnosis import Added, Diagnosis, OddPresses
+from calibration.diagnosis.score_test import LEVEL, Failure, few_presses
+from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.effects import PLAIN, get_effect
-from calibration.model.stages import EffectBase
+from calibration.effects.instrument_errors import InstrumentError
+from calibration.laws.theory import stated_outside_gels
+from calibration.model.stages import Effect, Parameter
 from calibration.report import page, wording
 from calibration.report.drawing import Card
 from calibration.report.misfit import BASE
 from calibration.report.page import Picture
-from calibration.report.verdict import (
-    SHARES,
-    allowed_for,
-    in_words,
-    reading_sentence,
-    shown_size,
-    stopped_sentence,
-    verdict_sentence,
-)
+from calibration.report.wording import in_words
 from tactilevision.errors import InputError
 from tactilevision.records.constants import KILO
 
-MISFIT = 0.05  # smallest p of a covariate below which the page reports a misfit
 ANEW = (
     " Below, the depths are corrected by these sizes; `compare` excludes what a wall may shade instead, to "
     "another error."
@@ -37,17 +34,14 @@ OWN_IDEA = (
 )
 
 
-def next_sentence(found: Diagnosis) -> str:
-    """Return the sentence on what to measure next."""
+def next_sentence(found: Diagnosis) -> list[str]:
+    """Return the sentence on what to measure next; nothing where nothing helps."""
     if not found.measure_next:
-        return ""
+        return []
     best = found.measure_next[0]
-    gain = (
-        f", expected to separate the candidates by {best.separation_sigma:.0f} std"
-        if best.separation_sigma > 0
-        else ""
-    )
-    return f"Measure next: {best.action} ({best.minutes:.0f} minutes{gain})."
+    sigma = best.separation_sigma
+    gain = f", expected to separate the candidates by {sigma:.0f} std" if sigma > 0 else ""
+    return [f"Measure next: {best.action} ({best.minutes:.0f} minutes{gain})."]
 
 
 def summary(found: Diagnosis) -> list[str]:
@@ -69,14 +63,11 @@ def summary(found: Diagnosis) -> list[str]:
     else:
         lines.append(f"E: {wording.estimate(after)}")
     lines += allowed_for(found)
-    if found.limits.not_testable:
-        lines.append(
-            "not testable with these data: " + ", ".join(in_words(key) for key in found.limits.not_testable)
-        )
-    lines += [
-        f"  {in_words(key)}: {why}" for key, why in found.limits.not_testable.items() if isinstance(why, Failure)
-    ]
-    return [*lines, *([next_sentence(found)] if found.measure_next else [])]
+    untested = found.limits.not_testable
+    if untested:
+        lines.append("not testable with these data: " + ", ".join(map(in_words, untested)))
+    lines += [f"  {in_words(key)}: {why}" for key, why in untested.items() if isinstance(why, Failure)]
+    return [*lines, *next_sentence(found)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +136,7 @@ def _misfit(found: Diagnosis, shown: Evidence) -> list[str]:
     if found.effects and not any(effect.key in found.fits.fitted.model.keys for effect in found.effects):
         quiet = page.folded("The forces, which the model explains within their repeatability", *force)
         return [page.section("Where the reconstructed depth fails", *depth, quiet)]
-    fails = min((one.p_adjusted for one in found.search.covariates_before), default=1.0) < MISFIT
+    fails = min((one.p_adjusted for one in found.search.covariates_before), default=1.0) < LEVEL
     return [
         page.section("Where the model fails" if fails else "Measured and modelled force", *force),
         page.folded("The reconstructed depth compared with the certified one", *depth),
@@ -161,21 +152,27 @@ def _explains(found: Diagnosis) -> str:
 
 def _plain(drawn: Drawn) -> str:
     """Return the card of the instrument error nearest to what no effect explains."""
-    rows = [(_meaning(drawn.card.key, name), _with_unit(v, unit)) for name, v, unit in drawn.card.values]
-    effect = PLAIN[drawn.card.key]
-    words = getattr(effect, "words", in_words(effect.key))
-    said = page.paragraph(
+    words = getattr(PLAIN[drawn.card.key], "words", in_words(drawn.card.key))
+    said = (
         "No effect of the catalogue has this form. An instrument error comes nearest; only another measurement "
         "can show whether the rig has it."
     )
+    return _box(f"Instrument error: {words}", drawn, _sizes(drawn), page.paragraph(said))
+
+
+def _box(title: str, drawn: Drawn, rows: Sequence[tuple[str, str]], said: str = "") -> str:
     picture = "" if drawn.picture is None else page.figure(drawn.picture.data_uri, drawn.picture.caption)
-    return page.block(
-        "card", page.heading(f"Instrument error: {words}"), picture, said, page.table(("", ""), rows)
-    )
+    table = page.table(("", ""), [row for row in rows if row[1]])
+    return page.block("card", page.heading(title), picture, said, table)
 
 
-def _with_unit(value: float, unit: str) -> str:
-    return f"{wording.number(value)} {unit if unit != '1' else ''}".strip()
+def _sizes(drawn: Drawn) -> list[tuple[str, str]]:
+    """Return the fitted values of a card with their meanings."""
+    key = drawn.card.key
+    return [
+        (_meaning(key, name), f"{wording.number(value)} {unit if unit != '1' else ''}".strip())
+        for name, value, unit in drawn.card.values
+    ]
 
 
 def _head(found: Diagnosis) -> str:
@@ -187,7 +184,7 @@ def _head(found: Diagnosis) -> str:
     lines += [page.paragraph(text) for text in (*_material_moves(found), *allowed_for(found))]
     if found.verdict == "UNKNOWN":
         lines.append(page.paragraph(OWN_IDEA))
-    lines.append(page.paragraph(next_sentence(found)) if found.measure_next else "")
+    lines += [page.paragraph(text) for text in next_sentence(found)]
     return page.block("verdict " + ("clean" if found.verdict == "ADEQUATE" else "found"), *lines)
 
 
@@ -215,7 +212,7 @@ def _size(one: InadmissibleBeta) -> str:
 
 def _effect_sentence(added: Added) -> str:
     about = _about(added.key)
-    said = about.title if about is not None and about.title else in_words(added.key)
+    said = (about.title if about else "") or in_words(added.key)
     anew = ANEW if about is not None and about.treatment else ""
     return f"{in_words(added.key).capitalize()}: {said}; {_values(added)}.{anew}"
 
@@ -239,37 +236,25 @@ def _values(added: Added) -> str:
     return ", ".join(f"{_meaning(added.key, name)} {wording.estimate(value)}" for name, value in added.parameters)
 
 
-def _about(key: str) -> EffectBase | None:
-    try:
-        effect = get_effect(key)
-    except InputError:
-        return None
-    return effect if isinstance(effect, EffectBase) else None
+def _about(key: str) -> Effect | None:
+    with suppress(InputError):  # a private effect
+        return get_effect(key)
+    return None
 
 
 def _card(drawn: Drawn, found: Diagnosis) -> str:
-    key = drawn.card.key
-    about = _about(key)
-    rows = [(_meaning(key, name), _with_unit(value, unit)) for name, value, unit in drawn.card.values]
-    for added in found.effects:
-        if added.key == key:
-            rows = [(_meaning(key, name), wording.estimate(value)) for name, value in added.parameters]
-            rows += [
-                ("p-value", wording.p_value(added.p_adjusted)),
-                *_fall_of(found, key),
-            ]
+    key, about, rows = drawn.card.key, _about(drawn.card.key), _sizes(drawn)
+    for added in (one for one in found.effects if one.key == key):
+        rows = [(_meaning(key, name), wording.estimate(value)) for name, value in added.parameters]
+        rows += [("p-value", wording.p_value(added.p_adjusted)), *_fall_of(found, key)]
     if about is not None:
         rows += [
             ("seen against", ", ".join(dict.fromkeys(wording.covariate(name) for name in about.seen_in))),
-            ("confused with", ", ".join(in_words(k) for k in about.confused_with)),
+            ("confused with", ", ".join(map(in_words, about.confused_with))),
             ("distinguished by", "; ".join(about.separated_by)),
             ("source", about.source),
         ]
-    title = (
-        f"{in_words(key)}: {about.title}" if about is not None and about.title else f"{in_words(key)}: your own"
-    )
-    picture = "" if drawn.picture is None else page.figure(drawn.picture.data_uri, drawn.picture.caption)
-    return page.block("card", page.heading(title), picture, page.table(("", ""), [row for row in rows if row[1]]))
+    return _box(f"{in_words(key)}: {(about.title if about else '') or 'your own'}", drawn, rows)
 
 
 def _fall_of(found: Diagnosis, key: str) -> list[tuple[str, str]]:
@@ -288,13 +273,9 @@ def after_words(found: Diagnosis) -> str:
 
 
 def _material(found: Diagnosis) -> str:
-    rows = [
-        (
-            title,
-            *(wording.estimate(getattr(result, name)) for result in (found.material.before, found.material.after)),
-        )
-        for name, title in wording.MATERIAL.items()
-    ]
+    both = (found.material.before, found.material.after)
+    names = wording.MATERIAL.items()
+    rows = [(title, *(wording.estimate(getattr(one, name)) for one in both)) for name, title in names]
     return page.table(("", BASE, after_words(found)), rows)
 
 
@@ -307,17 +288,14 @@ def _outside(found: Diagnosis) -> str:
 
 
 def _next(found: Diagnosis) -> str:
-    parted = any(a.separation_sigma > 0 for a in found.measure_next)
+    steps = found.measure_next
     rows = [
-        (
-            a.action,
-            f"{a.minutes:.0f}",
-            *([f"{a.separation_sigma:.1f}" if a.separation_sigma > 0 else "–"] * parted),
-        )
-        for a in found.measure_next
+        (one.action, f"{one.minutes:.0f}", f"{one.separation_sigma:.1f}" if one.separation_sigma > 0 else "–")
+        for one in steps
     ]
-    head = ("do", "minutes", *(["separates the candidates by (std; 3 suffice)"] * parted))
-    return page.table(head, rows, numbers=(1, 2))
+    head = ("do", "minutes", "separates the candidates by (std; 3 suffice)")
+    columns = 3 if any(one.separation_sigma > 0 for one in steps) else 2
+    return page.table(head[:columns], [row[:columns] for row in rows], numbers=(1, 2))
 
 
 def _untestable(found: Diagnosis) -> str:
@@ -341,3 +319,227 @@ def _bias(share: float | None) -> str:
     if share is None:
         return "unknown"
     return f"{100 * abs(share):.1f} %" if share else "not at all"
+
+
+# The verdict in words: what is wrong with the rig or the gel, and what E's interval allows for.
+
+NEAR = 0.1  # least share of a misfit that a nearest effect explains
+WIDER = 0.1  # least relative widening of an interval that is reported
+SHARES = ("relative", "gain")  # parameters given in per cent
+
+
+def verdict_sentence(found: Diagnosis) -> str:
+    """Return the verdict in one sentence, and one more where E rests on an implausible nu."""
+    stated = stated_outside_gels(found.fits.base.data.gel)
+    return _verdict_sentence(found) + (f" {stated}." if stated else "")
+
+
+def _verdict_sentence(found: Diagnosis) -> str:
+    """Return the verdict; with presses set aside, also the one without them."""
+    if found.presses.set_aside:
+        return _without(found)
+    if found.stopped and not found.effects:
+        return _so_far(found)
+    named = " and ".join(in_words(effect.key) for effect in found.effects)
+    before, after = KILO * found.errors.held_out_before, KILO * found.errors.held_out_after
+    change = "falls" if after < before else "changes"
+    fall = f"; the error on held-out presses {change} from {before:.1f} to {after:.1f} mN"
+    if not any(effect.key in found.fits.fitted.model.keys for effect in found.effects):
+        fall = "; the forces themselves are explained within their repeatability"
+    match found.verdict:
+        case "ADEQUATE":
+            said = "The model explains these data within their repeatability: no effect is significant."
+            if "bend_within_theory" in found.flags:
+                said += " The curvature lies within the range of finite elements."
+            return said + few_sentence(found) + unseen_sentence(found)
+        case "IDENTIFIED":
+            return f"An effect is missing from the model, and it is {named}{fall if found.effects else ''}."
+        case "AMBIGUOUS":
+            return _ambiguous(found)
+        case _ if found.presses.odd:
+            return f"{_odd(found)}.{_instrument_error(found)} Look at these presses before E is used."
+        case _ if found.remainder.alternative_explanation is not None:
+            return f"An effect is missing from the model, but none of the catalogue: {_otherwise(found)}."
+        case _ if found.remainder.left is None and found.search.sight is not None:
+            with_it = f", {named} allowed for" if named else ""
+            return (
+                "The reconstructed depth has an error that no effect of the catalogue explains."
+                f"{_nearest(found)} The forces themselves are explained within their repeatability{with_it}."
+            )
+        case _:
+            known = f" beyond {named}" if named else ""
+            what = f"that no effect of the catalogue explains{_left(found)}"
+            return f"Something is missing from the model{known} {what}.{_nearest(found)}{_instrument_error(found)}"
+
+
+def _ambiguous(found: Diagnosis) -> str:
+    """Return what the data cannot distinguish: effects, or explanations of an implausible beta."""
+    several = ", ".join(in_words(key) for key in found.candidates)
+    cannot = "these data cannot distinguish the explanations"
+    beta = wording.estimate(found.material.before.beta)
+    if "beta_outside_theory" in found.flags and not found.effects:
+        return f"A line fits, but beta = {beta} lies outside the range of contact laws; {cannot}: {several}."
+    if "beta_at_bound" in found.flags and not found.effects:
+        return f"The slope is at its bound, beta = {beta}; {cannot}: {several}, or a wrong unit."
+    return f"An effect is missing from the model; these data cannot distinguish: {several}."
+
+
+def _without(found: Diagnosis) -> str:
+    """Return which presses are set aside, and the verdict without them."""
+    aside, odd = found.presses, found.presses.odd
+    rest = replace(found, verdict=aside.without, presses=OddPresses(replace(odd, presses=())))
+    many = "it" if len(aside.set_aside) == 1 else "them"
+    alone = _odd(replace(found, presses=replace(aside, odd=replace(odd, wanders=(), scattered=False))))
+    return f"{alone}: set aside for inspection. Without {many}: {aside.without}. {_verdict_sentence(rest)}"
+
+
+def _so_far(found: Diagnosis) -> str:
+    """Return the intermediate result of a search that was stopped before it named an effect."""
+    shown = [one.key for one in found.search.score_test if one.p_adjusted < LEVEL]
+    if not shown:
+        return "No effect is significant so far."
+    most = ", then ".join(in_words(key) for key in shown[:2])
+    seen = f"Something is missing from the model{_left(found)}"
+    return f"{seen}; so far the most significant is {most}, which is not confirmed."
+
+
+def stopped_sentence(found: Diagnosis) -> list[str]:
+    """Return a warning where the search was stopped by its time limit."""
+    if not found.stopped:
+        return []
+    return ["The search was stopped by its time limit: this is the best answer so far, and others may be better."]
+
+
+def reading_sentence(found: Diagnosis) -> list[str]:
+    """Return the errors of the reconstructed depth before and after a gain, apart from what steep walls hide."""
+    if (sight := found.search.sight) is None:
+        return []
+    read = {step.best.effect.key for step in sight.steps}
+    gain = next((dict(e.parameters).get("gain") for e in found.effects if e.key in read), None)
+    if gain is None or gain.value is None:
+        return []
+    before, after = (KILO * reading_error_mm(fitted) for fitted in (sight.base, sight.current))
+    fall = f"The error of the reconstructed depth on held-out presses changes from {before:.1f} to {after:.1f} µm."
+    hidden = " Punch faces read still less, since steep walls hide part of their depth; that is not a gain."
+    return [fall + hidden * (sight.base.data.slopes is not None)]
+
+
+def few_sentence(found: Diagnosis) -> str:
+    """Return a caution for few curves; empty for points, and where there are enough."""
+    data = found.fits.base.data
+    said = f" {data.count} presses hardly separate changes between presses (day, temperature, place) from scatter."
+    return said if few_presses(data) else ""
+
+
+def unseen_sentence(found: Diagnosis) -> str:
+    """Return the effects that would not be significant but change E by more than its interval; else empty."""
+    E = found.material.after.youngs_modulus
+    if E.value is None or E.interval95 is None:
+        return ""
+    reach = max(E.interval95[1] / E.value - 1, 1 - E.interval95[0] / E.value)
+    beyond = {key: abs(b) for key, b in found.limits.below_visibility.items() if abs(b) > reach}
+    if not beyond:
+        return ""
+    key = max(beyond, key=lambda k: beyond[k])
+    others = [in_words(k) for k in beyond if k != key]
+    also = f" (also {', '.join(others)})" if others else ""
+    size, off = shown_size(found, key), 100 * beyond[key]
+    return (
+        f" Yet {in_words(key)} of up to {size} would not be significant, and changes E by up to {off:.0f} %, more "
+        f"than its interval{also}."
+    )
+
+
+def allowed_for(found: Diagnosis) -> list[str]:
+    """Return a sentence on what E's interval includes besides the noise, where it is much wider."""
+    E, alone = found.material.after.youngs_modulus, found.material.alone_MPa
+    if E.interval95 is None or alone is None or not found.material.unseen:
+        return []
+    wider = (E.interval95[1] - E.interval95[0]) / (alone[1] - alone[0]) - 1 if alone[1] > alone[0] else 0.0
+    if wider < WIDER:
+        return []
+    most = found.material.unseen[0].chance * found.material.unseen[0].off ** 2
+    named = [in_words(u.key) for u in found.material.unseen[:3] if u.chance * u.off**2 > NEAR * most]
+    without = wording.estimate(replace(E, interval95=alone))
+    return [f"E's interval allows for undetected effects, above all {', '.join(named)}; without them: {without}."]
+
+
+def amount(first: Parameter, size: float) -> str:
+    """Return a size of a parameter in words."""
+    if first.name in SHARES:
+        return f"{100 * size:.0f} %"
+    return f"{size:.2g}" + ("" if first.unit == "1" else f" {first.unit}")
+
+
+def _odd(found: Diagnosis) -> str:
+    """Return what is unusual among the presses, in words."""
+    odd, parts = found.presses.odd, []
+    if odd.presses:
+        many = "press" if len(odd.presses) == 1 else "presses"
+        why = (
+            "cannot belong to the others (indenter, place, bubble?)"
+            if odd.foreign or not found.presses.set_aside
+            else "is an outlier, as in heavy-tailed noise"
+        )
+        parts.append(f"{many} {', '.join(odd.presses)} {why}")
+    if odd.wanders:
+        since = f", since press {found.remainder.change_point}" if found.remainder.change_point else ""
+        on = " and ".join(wording.covariate(name) for name, _ in odd.wanders[:2])
+        parts.append(f"the presses' zeros change with {on}{since}")
+    if odd.scattered:
+        noise = found.fits.fitted.noise
+        parts.append(f"repeated presses scatter by {100 * noise.gain:.1f} % and {KILO * noise.zero_mm:.0f} µm")
+    said = "; ".join(parts)
+    return said[0].upper() + said[1:]
+
+
+def _left(found: Diagnosis) -> str:
+    """Return the properties of the residual, in half a sentence."""
+    left = found.remainder.left
+    if left is None:
+        return ""
+    on = " and ".join(list(dict.fromkeys(wording.covariate(key) for key in left.covariates))[:2])
+    parts = [f"it depends on {on}"] if on else []
+    if left.rms_N > 0:
+        over = f" and varies over {left.length_mm:.2g} mm of depth" if np.isfinite(left.length_mm) else ""
+        parts.append(f"is about {KILO * left.rms_N:.0f} mN large{over}")
+    if found.remainder.change_point is not None:
+        parts.append(f"occurs since press {found.remainder.change_point}")
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+def _otherwise(found: Diagnosis) -> str:
+    """Return the instrument error that explains a misfit as well as effects together, or better."""
+    plain = found.remainder.alternative_explanation
+    assert plain is not None
+    sizes = ", ".join(f"{p.meaning} {amount(p, value)}" for p, value in plain.sizes)
+    keys = [in_words(key) for key in plain.instead_of]
+    if not keys:
+        return f"{plain.words} ({sizes}) comes nearest to it"
+    better = "better than" if plain.cheaper > 0 else "as well as"
+    together = " together" if len(keys) > 1 else ""
+    return f"{plain.words} ({sizes}) explains it {better} {' and '.join(keys)}{together}"
+
+
+def _nearest(found: Diagnosis) -> str:
+    """Return a sentence on the effect nearest to the misfit."""
+    if found.remainder.nearest is None or found.remainder.nearest[1] < NEAR:
+        return " No effect of the catalogue comes near it."
+    keys, share = found.remainder.nearest
+    named = " with ".join(in_words(key) for key in keys.split("+"))
+    return f" Nearest to it comes {named}, which explains {100 * share:.0f} % of it."
+
+
+def _instrument_error(found: Diagnosis) -> str:
+    """Return a sentence on the instrument error nearest to the misfit."""
+    if found.remainder.plain is None or not isinstance(found.remainder.plain.effect, InstrumentError):
+        return ""
+    effect, values = found.remainder.plain.effect, found.remainder.plain.own_values
+    first, size = effect.parameters[0], float(values[0])
+    return f" Of instrument errors the nearest is {effect.words} ({first.meaning} {amount(first, size)})."
+
+
+def shown_size(found: Diagnosis, key: str) -> str:
+    """Return the least significant size of an effect in words."""
+    size = found.limits.visible[key]
+    return amount(found.limits.sizes[key], size) if key in found.limits.sizes else f"{size:.2g}"

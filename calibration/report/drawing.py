@@ -12,31 +12,30 @@ import numpy.typing as npt
 
 from calibration.diagnosis.covariates import seen_covariates
 from calibration.diagnosis.diagnosis import Diagnosis
-from calibration.diagnosis.refit import CANNOT_FIT, TOLD_APART, Candidate, refit_with, separation
+from calibration.diagnosis.refit import CANNOT_FIT, TOLD_APART, Candidate, apart, refit_with
 from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.vision_depth_check import depth_ratio, read_alone, unseen_beside
 from calibration.effects import EFFECTS, get_effect
 from calibration.fit.depth_noise import at_denoised_depth
-from calibration.fit.least_squares import Box, Fit, differentiate
+from calibration.fit.least_squares import Fit, box_of, differentiate
 from calibration.fit.outlying_presses import own_zero_mm
 from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
 from calibration.inputs.conditions import Covariate, bins
 from calibration.laws.theory import nominal_nu
 from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
-from calibration.report import wording
-from calibration.report.misfit import BINS, levels, most_bins
+from calibration.report.misfit import BINS, strip_of
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.plots.calibration import FittedLine, PointCloud
-from tactilevision.plots.diagnosis import Offsets, Overlay, Sighting
+from tactilevision.plots.diagnosis import Offsets, Sighting
 from tactilevision.records.certified import CertifiedPoint
-from tactilevision.records.constants import KILO, TINY, Z95
+from tactilevision.records.constants import KILO, NONZERO, TINY
 from tactilevision.records.maps import HeightMap
-from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.misfit import Strip
 from tactilevision.records.rig import Gel
 
 STEPS = 60  # depths of a plotted curve
-PLAIN_ERROR = "the_plain_error"  # key of the instrument error in a figure
 HALF = 3  # half the width of the grid of a residual map, in radii of the punch
 MAP_STEPS = 61  # places across the grid: a tenth of a radius apart
 NEAR = (1.15, 1.7)  # ring outside the wall of the punch, in radii
@@ -80,29 +79,20 @@ def _line(fitted: Fit, radius_mm: float, name: str) -> FittedLine:
     row = int(rows[np.argmax(data.depth_mm[rows])])
     depths = np.linspace(0.05, 1.05, STEPS) * data.depth_mm[row]
 
-    places = fitted.model.slices(data)
+    places, free = fitted.model.slices(data), fitted.free
+    at_depth = [replace(data, depth_mm=np.full(data.size, depth)) for depth in depths]
 
-    def force(values: Floats) -> Floats:
-        values = values.copy()
+    def force(free_values: Floats) -> Floats:
+        values = fitted.values.copy()
+        values[free] = free_values
         for key in (HEIGHTS, CERTIFICATE):  # errors of the points, not of the law
             if key in places:
                 values[places[key]] = 0.0
-        at_depth = (replace(data, depth_mm=np.full(data.size, depth)) for depth in depths)
         return np.array([fitted.model.predict(values, one)[row] for one in at_depth])
 
-    jacobian = differentiate(force, fitted.values, box=_box(fitted))
-    std = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, fitted.covariance, jacobian))
-    return FittedLine(name, depths, force(fitted.values), std, data.gel.thickness_mm)
-
-
-def _box(fitted: Fit) -> Box:
-    low, high = (np.array([p.bounds[side] for p in fitted.parameters]) for side in (0, 1))
-    fixed = low == high  # what is held has no spread; a wide box lets the difference quotient pass over it
-    return Box(
-        np.where(fixed, -np.inf, low),
-        np.where(fixed, np.inf, high),
-        np.array([p.scale for p in fitted.parameters]),
-    )
+    jacobian = differentiate(force, fitted.values[free], box=box_of(fitted.parameters))
+    std = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, fitted.covariance[np.ix_(free, free)], jacobian))
+    return FittedLine(name, depths, force(fitted.values[free]), std, data.gel.thickness_mm)
 
 
 def own_offsets(found: Diagnosis) -> Offsets | None:
@@ -121,26 +111,18 @@ def own_offsets(found: Diagnosis) -> Offsets | None:
 
 def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] | None:
     """Return the separation (k, k), in std, of added and best-scoring effects; None for fewer than two."""
-    keys = dict.fromkeys(
-        [*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.search.score_test)]
-    )
-    fits = []
-    for key in [
-        key
-        for key in keys
-        if key in EFFECTS and key in found.limits.visible and key not in found.limits.not_testable
-    ]:
-        with suppress(*CANNOT_FIT):
-            fits.append(refit_with(found.fits.base, get_effect(key)))
-        if len(fits) == most:
-            break
-    fits = [one for one in fits if _shows(found.fits.base, one)]
+    base, limits = found.fits.base, found.limits
+    keys = [*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.search.score_test)]
+    testable = EFFECTS.keys() & limits.visible.keys() - limits.not_testable.keys()
+    fits = list[Candidate]()
+    for key in dict.fromkeys(keys):
+        if key in testable and len(fits) < most:
+            with suppress(*CANNOT_FIT):
+                fits.append(refit_with(base, get_effect(key)))
+    fits = [one for one in fits if _shows(base, one)]
     if len(fits) < 2:
         return None
-    table = [
-        [0.0 if one is other else _separation(found.fits.base, one, other.effect) for other in fits]
-        for one in fits
-    ]
+    table = [[0.0 if one is other else apart(base, one, other.effect) for other in fits] for one in fits]
     return [one.effect.key for one in fits], np.array(table)
 
 
@@ -148,24 +130,16 @@ def _shows(base: Fit, candidate: Candidate) -> bool:
     """Return whether the candidate's change of the force lies outside the base model's own directions."""
     whitener = Whitener(base.data, base.noise, base.about)
     change = whitener.apply(np.column_stack([base.jacobian[:, base.free], candidate.force_N - base.force_N]))
-    basis, _ = np.linalg.qr(change[:, :-1] / np.maximum(np.linalg.norm(change[:, :-1], axis=0), 1e-300))
+    basis, _ = np.linalg.qr(change[:, :-1] / np.maximum(np.linalg.norm(change[:, :-1], axis=0), NONZERO))
     residual = change[:, -1] - basis @ (basis.T @ change[:, -1])
     return bool(np.linalg.norm(residual) > TOLD_APART)
 
 
-def _separation(base: Fit, one: Candidate, other: Effect) -> float:
-    try:
-        return separation(base, one, other)
-    except CANNOT_FIT:
-        return float("inf")
-
-
 def sighting(found: Diagnosis) -> Sighting | None:
     """Return the reconstructed over the certified depth of samples, as read and corrected; None without both."""
-    if found.search.sight is None:
+    if (sight := found.search.sight) is None:
         return None
-    base, last = found.search.sight.base, found.search.sight.current
-    data = base.data
+    base, data = sight.base, sight.base.data
     against = [("certified depth (mm)", data.depth_mm)]
     if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
         against.append(("time (min)", (data.time_s - data.time_s.min()) / 60))
@@ -177,7 +151,7 @@ def sighting(found: Diagnosis) -> Sighting | None:
             ("azimuth about the face (°, 90 is down)", data.slopes.azimuth_deg),
         ]
     face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
-    corrected = data.normal_N / read_alone(last) if found.search.sight.steps else None
+    corrected = data.normal_N / read_alone(sight.current) if sight.steps else None
     return Sighting(depth_ratio(base), corrected, face, tuple(against))
 
 
@@ -192,7 +166,7 @@ class Card:
 
     key: str
     values: tuple[tuple[str, float, str], ...]
-    overlay: Overlay | None
+    overlay: Strip | None
 
 
 def card_keys(found: Diagnosis) -> list[str]:
@@ -220,8 +194,7 @@ def plain_card(found: Diagnosis) -> Card | None:
     """Return the card of the instrument error nearest to what no effect explains; None without one."""
     if found.remainder.plain is None:
         return None
-    card = _fitted_card(found.fits.fitted, found.remainder.plain)
-    return replace(card, overlay=None if card.overlay is None else replace(card.overlay, key=PLAIN_ERROR))
+    return _fitted_card(found.fits.fitted, found.remainder.plain)
 
 
 def _card(base: Fit, effect: Effect) -> Card:
@@ -237,33 +210,15 @@ def _fitted_card(base: Fit, fitted: Candidate) -> Card:
     return Card(fitted.effect.key, values, overlay(base, fitted))
 
 
-def overlay(base: Fit, candidate: Candidate) -> Overlay:
-    """Return residuals without and with the candidate over the covariate along which it changes most."""
+def overlay(base: Fit, candidate: Candidate) -> Strip:
+    """Return the residual without and with the candidate and the candidate's own change.
+
+    They are binned over the covariate along which it changes most.
+    """
     change = candidate.force_N - base.force_N
     std = np.maximum(base.about.base_N * base.noise.scale, TINY)
     best = max(seen_covariates(at_denoised_depth(base)), key=lambda one: _spread(one, change / std))
-    number = bins(best, most_bins(best.name))
-    rows = [row for k in range(int(number.max()) + 1) if (row := np.flatnonzero(number == k)).size]
-
-    def mean(values: Floats) -> Floats:
-        return np.array([values[row].mean() for row in rows])
-
-    def reach(values: Floats) -> Floats:
-        return np.array([Z95 * values[row].std() / np.sqrt(row.size) for row in rows])
-
-    after = base.residual_N - change
-    return Overlay(
-        words=wording.covariate(best.name),
-        unit=best.unit,
-        levels=levels(best.name, base.data),
-        key=candidate.effect.key,
-        values=mean(best.values),
-        before=mean(base.residual_N),
-        before_reach=reach(base.residual_N),
-        after=mean(after),
-        after_reach=reach(after),
-        predicted=mean(change),
-    )
+    return strip_of(best, base.data, np.array([base.residual_N, base.residual_N - change, change]))
 
 
 def _spread(covariate: Covariate, change: Floats) -> float:
@@ -315,36 +270,31 @@ def residual_map(surfaces: Sequence[Surface], gel: Gel) -> ResidualMap | None:
     mean = np.where(known.any(axis=0), np.nansum(maps, axis=0) / np.maximum(known.sum(axis=0), 1), np.nan)
     tests = (_azimuth(maps, x, y), _radius(maps, surfaces, x, y))
     found = [test for test in tests if test is not None]
-    both = tuple(Scored(s.key, s.statistic, s.p, min(1.0, len(found) * s.p)) for s in found)
+    both = tuple(replace(test, p_adjusted=min(1.0, len(found) * test.p)) for test in found)
     return ResidualMap(mean, axis, len(surfaces), both)
 
 
 def _residual(one: Surface, gel: Gel, x: Floats, y: Floats) -> Floats:
-    nu = nominal_nu(gel)
     r = np.hypot(x, y)
     table = np.linspace(1.02, HALF * 1.5, 80)
-    rise, _ = exact_profile(table, nu, a_over_h=one.radius_mm / gel.thickness_mm)
+    rise, _ = exact_profile(table, nominal_nu(gel), a_over_h=one.radius_mm / gel.thickness_mm)
     expected = one.depth_mm * np.where(r < 1, 1.0, -np.interp(r, table, rise))
-    measured = _sample(one.height_map, one.centre_mm, one.radius_mm * x, one.radius_mm * y)
-    wall = (r > 0.9) & (r < 1.1)  # a step has no depth
-    return np.where(wall | _towards(one.bevel, x, y), np.nan, measured - expected)
+    hidden = (r > 0.9) & (r < 1.1)  # a step has no depth
+    if one.bevel is not None:
+        turn = np.angle(np.exp(1j * (np.arctan2(y, x) - TOWARDS[one.bevel])))
+        hidden |= (np.abs(turn) < BEVEL_HALF_ANGLE) & (r > 1)
+    return np.where(hidden, np.nan, _sample(one, x, y) - expected)
 
 
-def _towards(bevel: str | None, x: Floats, y: Floats) -> Bools:
-    if bevel is None:
-        return np.zeros(x.shape, dtype=bool)
-    turn = np.angle(np.exp(1j * (np.arctan2(y, x) - TOWARDS[bevel])))
-    return np.asarray((np.abs(turn) < BEVEL_HALF_ANGLE) & (np.hypot(x, y) > 1))
+def _sample(one: Surface, x: Floats, y: Floats) -> Floats:
+    """Return the depth at places about the centre, in radii, at the nearest pixel; NaN where there is none."""
+    from scipy.ndimage import map_coordinates
 
-
-def _sample(seen: HeightMap, centre_mm: Pair, x_mm: Floats, y_mm: Floats) -> Floats:
-    """Return the depth at places about the centre, nearest pixel; NaN outside the picture or where not valid."""
-    rows, columns = seen.depth_mm.shape
-    column = np.rint((centre_mm[0] + x_mm) / seen.mm_per_px[0] + (columns - 1) / 2).astype(int)
-    row = np.rint((centre_mm[1] + y_mm) / seen.mm_per_px[1] + (rows - 1) / 2).astype(int)
-    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    row, column = np.where(inside, row, 0), np.where(inside, column, 0)
-    return np.where(inside & seen.valid[row, column], seen.depth_mm[row, column], np.nan)
+    seen, (rows, columns) = one.height_map, one.height_map.depth_mm.shape
+    column = (one.centre_mm[0] + one.radius_mm * x) / seen.mm_per_px[0] + (columns - 1) / 2
+    row = (one.centre_mm[1] + one.radius_mm * y) / seen.mm_per_px[1] + (rows - 1) / 2
+    depth = np.where(seen.valid, seen.depth_mm, np.nan).astype(float)
+    return np.asarray(map_coordinates(depth, np.rint([row, column]), order=0, cval=np.nan))
 
 
 def _azimuth(maps: Floats, x: Floats, y: Floats) -> Scored | None:

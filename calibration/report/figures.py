@@ -9,9 +9,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.effects import PLAIN
 from calibration.inputs.deadline import Progress
 from calibration.model.stages import Effect
-from calibration.report.comparison_report import Pictures
 from calibration.report.diagnosis_report import Drawn, Evidence, after_words
 from calibration.report.drawing import (
     Card,
@@ -34,10 +34,11 @@ from calibration.report.misfit import (
     residual_strips,
 )
 from calibration.report.page import Picture
+from calibration.report.report import Pictures
+from calibration.result.material import joint_region
 from calibration.result.result import CalibrationResult
-from calibration.result.uncertainty import joint_picture
+from calibration.tasks.calibrate import HistoryRow
 from calibration.tasks.compare import Comparison
-from calibration.tasks.history import HistoryRow
 from tactilevision.errors import RecordingError
 from tactilevision.files.writing import plain_name
 from tactilevision.plots import calibration as indentation, diagnosis as draw, misfit, style
@@ -81,11 +82,14 @@ def _material(result: CalibrationResult, folder: FigureFolder) -> Picture:
     if not result.routes:
         plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
         return folder.keep(indentation.draw_material(*plain), "material.png", caption=words)
-    seen = joint_picture(result)
-    routes = [(band.name, band.interval, band.used) for band in seen.bands]
+    curve, region = joint_region(result)
+    known = [(r.name, r.poisson_ratio, r.used) for r in result.routes if r.poisson_ratio.value is not None]
+    routes = [(name, nu.interval95, used) for name, nu, used in known if nu.interval95 is not None]
+    found = result.material
+    best = None if found is None else (found.poisson_ratio, found.youngs_modulus_MPa)
     words += " The region contains both at 95 %; where friction is unknown it includes a gel that sticks,"
     words += " where no edge is stated a rounded one."
-    drawn = indentation.draw_joint(seen.curve, seen.region, best=seen.best, routes=routes)
+    drawn = indentation.draw_joint(curve, region, best=best, routes=routes)
     return folder.keep(drawn, "material.png", caption=words)
 
 
@@ -335,6 +339,7 @@ def _drawn(card: Card, folder: FigureFolder) -> Drawn:
     """Return a candidate with the residual that it would leave, over the residuals without it and with it."""
     if card.overlay is None:
         return Drawn(card, None)
-    name = card.overlay.key.replace("_", " ")
-    words = f"Orange: the residual without it; black: what {name} explains of it; blue: the residual with {name}."
-    return Drawn(card, folder.keep(draw.draw_overlay(card.overlay), f"candidates/{card.key}.png", caption=words))
+    name = "the instrument error" if card.key in PLAIN else card.key.replace("_", " ")
+    words = f"Orange: residual without it; black: what {name} explains of it; blue: residual with {name}."
+    picture = draw.draw_overlay(card.overlay, name)
+    return Drawn(card, folder.keep(picture, f"candidates/{card.key}.png", caption=words))

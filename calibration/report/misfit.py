@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from calibration.inputs.observations import Observations
 from calibration.report import wording
 from calibration.tasks.compare import Compared, Comparison
 from tactilevision.errors import InputError
-from tactilevision.records.constants import Z95
+from tactilevision.records.constants import TAILS95, Z95
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.misfit import ErrorFall, ForceCurves, PressCurve, ResidualStrips, Strip
 
@@ -50,18 +51,6 @@ def force_curves(fits: Mapping[str, Fit]) -> ForceCurves:
             )
         )
     return ForceCurves(models, tuple(presses), data.is_curves)
-
-
-def force_of_effect(fitted: Fit, key: str) -> Floats:
-    """Return the change of the force (N,), N, by one effect of a fitted model, all else fixed.
-
-    Raises InputError where the model has no such effect.
-    """
-    places = fitted.model.slices(fitted.data)
-    if key not in fitted.model.keys:
-        raise InputError("the model has no such effect", where=fitted.model.name, value=key)
-    values = np.delete(fitted.values, places[key])
-    return np.asarray(fitted.force_N - fitted.model.without(key).predict(values, fitted.data))
 
 
 def same_samples(fits: Mapping[str, Fit]) -> tuple[str, ...]:
@@ -98,7 +87,7 @@ def residual_strips(
     strips = []
     for key in (one for one in _distinct(scored[0]) if one in seen):
         p_of, trend_of = (tuple(own.get(key, float("nan")) for own in table) for table in (p, trends))
-        strips.append(_strip(seen["w" if key in DEPTHS else key], data, residual, p=p_of, trend=trend_of))
+        strips.append(strip_of(seen["w" if key in DEPTHS else key], data, residual, p=p_of, trend=trend_of))
     reach = float(np.quantile(np.abs(residual), HELD))
     return ResidualStrips(models, tuple(strips[:most]), residual, data.radius_mm, reach)
 
@@ -110,9 +99,15 @@ def _distinct(scored: Sequence[Scored]) -> list[str]:
     return [key for key in keys if key == depth or key not in DEPTHS]
 
 
-def _strip(
-    covariate: Covariate, data: Observations, residual_N: Floats, *, p: tuple[float, ...], trend: tuple[float, ...]
+def strip_of(
+    covariate: Covariate,
+    data: Observations,
+    residual_N: Floats,
+    *,
+    p: tuple[float, ...] = (),
+    trend: tuple[float, ...] = (),
 ) -> Strip:
+    """Return residuals (m, N), N, in bins of a covariate."""
     number = bins(covariate, most_bins(covariate.name))
     rows = [np.flatnonzero(number == k) for k in range(int(number.max()) + 1)]
     count = np.array([row.size for row in rows])
@@ -161,21 +156,16 @@ def repeatability_band(fitted: Fit, repeatability: float) -> Pair | None:
     dof = fitted.data.count - np.unique(groups).size
     if dof < MIN_DOF or not math.isfinite(repeatability):
         return None
-    low, high = (repeatability * math.sqrt(dof / 2 / float(gammaincinv(dof / 2, p))) for p in (0.975, 0.025))
+    low, high = (repeatability * math.sqrt(dof / 2 / float(gammaincinv(dof / 2, p))) for p in reversed(TAILS95))
     return low, high
 
 
 def error_fall_of_comparison(found: Comparison) -> ErrorFall:
     """Return the error of the models in the order in which effects were added."""
-    held_out = all(math.isfinite(one.held_out_N) for one in found.models)
-    last = found.models[-1]
-    return ErrorFall(
-        model_names([one.effects for one in found.models]),
-        tuple(one.held_out_N if held_out else one.rms_N for one in found.models),
-        last.repeatability_N,
-        repeatability_band(last.fitted, last.repeatability_N),
-        held_out,
-    )
+    held_out = [one.held_out_N for one in found.models]
+    known = all(map(math.isfinite, held_out))
+    last, errors = found.models[-1], held_out if known else [one.rms_N for one in found.models]
+    return _fall([one.effects for one in found.models], errors, last.fitted, last.repeatability_N, known)
 
 
 def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
@@ -188,10 +178,11 @@ def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
 
 def error_fall_of_sight(found: Diagnosis) -> tuple[ErrorFall, ...]:
     """Return the error of the reconstructed depth, where effects on it were named."""
-    if found.search.sight is None or not any(e.key not in found.fits.fitted.model.keys for e in found.effects):
+    sight = found.search.sight
+    if sight is None or not any(e.key not in found.fits.fitted.model.keys for e in found.effects):
         return ()
-    fits = [found.search.sight.base, *(step.fitted for step in found.search.sight.steps)]
-    keys = [step.best.effect.key for step in found.search.sight.steps]
+    fits = [sight.base, *(step.fitted for step in sight.steps)]
+    keys = [step.best.effect.key for step in sight.steps]
     effects = [keys[: k + 1] for k in range(len(keys))]
     return _picture_fall(fits, effects, [reading_error_mm(one) for one in fits])
 
@@ -200,26 +191,27 @@ def _picture_fall(
     fits: Sequence[Fit], effects: Sequence[Sequence[str]], errors: Sequence[float]
 ) -> tuple[ErrorFall]:
     """Return the error of the reconstructed depth, and of the faces where it is of slopes next to them."""
-    floor = repeatability_rms(fits[-1])
-    names = (AS_READ, *model_names(effects))
+    fall = _fall(effects, errors, fits[-1], repeatability_rms(fits[-1]), True)
     faces = () if fits[0].data.slopes is None else tuple(face_error_mm(one) for one in fits)
-    return (ErrorFall(names, tuple(errors), floor, repeatability_band(fits[-1], floor), True, "mm", faces),)
+    return (replace(fall, models=(AS_READ, *fall.models), unit="mm", faces=faces),)
 
 
 def error_fall_of_diagnosis(found: Diagnosis) -> ErrorFall:
     """Return the error of the base model and with each effect of the force that was named."""
     keys = [effect.key for effect in found.effects if effect.key in found.fits.fitted.model.keys]
-    steps = [tuple(keys[:k]) for k in range(len(keys) + 1)][: max(len(found.errors.held_out_N), 1)]
-    held_out = bool(found.errors.held_out_N) and all(math.isfinite(one) for one in found.errors.held_out_N)
-    fitted = (found.errors.before, found.errors.after)[: len(steps)]
-    errors = found.errors.held_out_N if held_out else (fitted[0], *[math.nan] * (len(steps) - 2), *fitted[1:])
-    return ErrorFall(
-        model_names(steps),
-        tuple(errors),
-        found.errors.floor,
-        repeatability_band(found.fits.fitted, found.errors.floor),
-        held_out,
-    )
+    held_out, fitted = found.errors.held_out_N, (found.errors.before, found.errors.after)
+    steps = [tuple(keys[:k]) for k in range(len(keys) + 1)][: max(len(held_out), 1)]
+    known = bool(held_out) and all(map(math.isfinite, held_out))
+    inner = [math.nan] * (len(steps) - 2)
+    errors = held_out if known else (fitted[0], *inner, fitted[1])[: len(steps)]
+    return _fall(steps, errors, found.fits.fitted, found.errors.floor, known)
+
+
+def _fall(
+    effects: Sequence[Sequence[str]], errors: Sequence[float], last: Fit, repeatability: float, held_out: bool
+) -> ErrorFall:
+    band = repeatability_band(last, repeatability)
+    return ErrorFall(model_names(effects), tuple(errors), repeatability, band, held_out)
 
 
 def model_names(effects: Sequence[Sequence[str]]) -> tuple[str, ...]:

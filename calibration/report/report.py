@@ -1,18 +1,26 @@
-"""Report of a calibration: the material, its assumptions, excluded presses, and their pictures."""
+"""Pages of a calibration and of a comparison of models."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.diagnosis.covariates import LEVEL, press_trends
 from calibration.fit.identifiability import main_radius
 from calibration.report import page, wording
+from calibration.report.misfit import AS_READ, BASE
 from calibration.report.page import Picture
+from calibration.report.wording import in_words
 from calibration.result.result import CalibrationResult
+from calibration.tasks.compare import Compared, Comparison
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.constants import KILO
+from tactilevision.records.misfit import ErrorFall
+
+# The page of a calibration: the material, its assumptions, excluded presses, and their pictures.
 
 DEPTHS = (
     "As machined: distance of the bevel from the punch's face. Certified: that, less the rise of the gel at the "
@@ -23,6 +31,12 @@ SOURCES = {
     "beta": "beta by the published log law",
     "radii": "punches of several radii",
     "prior": "prior knowledge, not these data",
+}
+ALSO = {"reduced_modulus": "reduced modulus"}
+MEANINGS = {
+    "c": "force over depth P/w at first touch",
+    "beta": "growth of P/w with w/h: c (1 + β w/h)",
+    "reduced_modulus": "E/(1 − ν²)",
 }
 PRESS_COLUMNS = (
     "press",
@@ -80,7 +94,7 @@ def calibration_page(
         head = page.paragraph("The presses of this recording determine no material: " + why, kind="lead bad")
         details = page.section("Notes", page.listing(notes))
     else:
-        head, details = _lead(result) + _head(result), _details(result)
+        head, details = _head(result), _details(result)
     return page.page(
         title,
         head,
@@ -94,29 +108,18 @@ def calibration_page(
     )
 
 
-def _lead(result: CalibrationResult) -> str:
-    """Return the result in one sentence."""
-    E, nu = wording.estimate(result.youngs_modulus), wording.estimate(result.poisson_ratio)
+def _head(result: CalibrationResult) -> str:
+    """Return the result in one sentence and as a table."""
+    found = {name: wording.estimate(getattr(result, name)) for name in (*wording.MATERIAL, *ALSO)}
     kept = len(result.presses_accepted)
     presses = f"{kept} of {kept + len(result.presses_rejected)} presses"
-    return page.paragraph(f"Young's modulus E is {E}, Poisson's ratio ν {nu}, from {presses}.", kind="lead")
-
-
-def _head(result: CalibrationResult) -> str:
-    rows = [
-        (wording.MATERIAL["youngs_modulus"], wording.estimate(result.youngs_modulus), ""),
-        (
-            wording.MATERIAL["poisson_ratio"],
-            wording.estimate(result.poisson_ratio),
-            f"from {source_in_words(result)}",
-        ),
-        (wording.MATERIAL["c"], wording.estimate(result.c), "force over depth P/w at first touch"),
-        (wording.MATERIAL["beta"], wording.estimate(result.beta), "growth of P/w with w/h: c (1 + β w/h)"),
-        ("reduced modulus", wording.estimate(result.reduced_modulus), "E/(1 − ν²)"),
-        ("clock of the force sensor", wording.estimate(result.clock_offset), "less that of the camera"),
-        *_error_rows(result),
-    ]
-    return page.table(("", "value and 95 % interval", ""), rows)
+    said = f"Young's modulus E is {found['youngs_modulus']}, Poisson's ratio ν {found['poisson_ratio']}"
+    notes = MEANINGS | {"poisson_ratio": f"from {source_in_words(result)}"}
+    titles = wording.MATERIAL | ALSO
+    rows = [(titles[name], value, notes.get(name, "")) for name, value in found.items()]
+    rows.append(("clock of the force sensor", wording.estimate(result.clock_offset), "less that of the camera"))
+    table = page.table(("", "value and 95 % interval", ""), [*rows, *_error_rows(result)])
+    return page.paragraph(f"{said}, from {presses}.", kind="lead") + table
 
 
 def _error_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
@@ -132,28 +135,19 @@ def _error_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _routes(result: CalibrationResult) -> str:
-    """Return a table of nu by each route."""
-    rows = [
+def _details(result: CalibrationResult) -> str:
+    routes = [
         (SOURCES.get(r.name, r.name), wording.estimate(r.poisson_ratio), "used" if r.used else "not used")
         for r in result.routes
     ]
-    return page.table(("route to ν", "value and 95 % interval", ""), rows)
-
-
-def _details(result: CalibrationResult) -> str:
+    versions = ", ".join(f"{name} {number}" for name, number in result.as_json()["versions"].items())
+    computed = f"{versions}; punch radius {main_radius(result.fitted):g} mm"
     return (
-        page.section("Poisson's ratio by route", _routes(result))
+        page.section("Poisson's ratio by route", page.table(("route to ν", "value and 95 % interval", ""), routes))
         + page.section("Warnings", page.listing(result.warnings))
         + page.section("Assumptions", page.listing(result.assumptions))
-        + page.section("Computed with", page.paragraph(_versions(result), kind="soft"))
+        + page.section("Computed with", page.paragraph(computed, kind="soft"))
     )
-
-
-def _versions(result: CalibrationResult) -> str:
-    versions = result.as_json()["versions"]
-    radius = main_radius(result.fitted)
-    return ", ".join(f"{name} {number}" for name, number in versions.items()) + f"; punch radius {radius:g} mm"
 
 
 def _press_table(points: Sequence[CertifiedPoint]) -> str:
@@ -182,3 +176,127 @@ def _why(point: CertifiedPoint) -> str:
 def _with_std(value: float, std: float) -> str:
     text = wording.number(value, std)
     return f"{text} ± {wording.number(std, std)}" if np.isfinite(value) and np.isfinite(std) else text
+
+
+# The page of a comparison of models: how the error falls, the residuals, and the material.
+
+PATTERN = 0.01  # p below which the residual's dependence is reported
+NAMED = 2  # covariates of the residual that are named
+LAW = {"beta": "slope β"}  # parameters of the law in words
+OF_MATERIAL = ("youngs_modulus_MPa", "poisson_ratio")  # shown in the table of the material
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """Pictures of the error of each model, presses, residuals and the modulus; `every_press` is folded."""
+
+    fall: Sequence[Picture]
+    presses: Sequence[Picture]
+    strips: Sequence[Picture]
+    moduli: Sequence[Picture]
+    every_press: Sequence[Picture] = ()
+
+
+def comparison_page(
+    title: str,
+    found: Comparison,
+    falls: Sequence[ErrorFall],
+    *,
+    pictures: Pictures,
+    try_next: Sequence[tuple[str, str]] = (),
+    state: str = "",
+) -> str:
+    """Return the page. `try_next`: purpose and command; `state`: a sentence on what was undone."""
+    folded = page.folded(
+        f"Every press ({len(found.models[0].fitted.data.presses.label)})", *page.figures(pictures.every_press)
+    )
+    return page.page(
+        title,
+        _comparison_head(found, falls, state),
+        page.section("How the error falls", *page.figures(pictures.fall)),
+        page.section("Measured and modelled force", *page.figures(pictures.presses), folded),
+        page.section("Residual, and on what it depends", *page.figures(pictures.strips)),
+        page.section("Parameters", _parameters(found)),
+        page.section("Effect on the material", *page.figures(pictures.moduli), _material_rows(found)),
+        page.section(
+            "To try next", *(page.paragraph(f"{words}:") + page.command(text) for words, text in try_next)
+        ),
+    )
+
+
+def _comparison_head(found: Comparison, falls: Sequence[ErrorFall], state: str) -> str:
+    lines = [page.paragraph(text, kind="lead") for text in (fall_sentence(fall) for fall in falls) if text]
+    lines += [page.paragraph(state)] if state else []
+    lines += [page.paragraph(f"{in_words(key).capitalize()} is excluded: {why}.") for key, why in found.left_out]
+    explained = all(fall.reached for fall in falls)
+    pattern = pattern_sentence(found, explained=explained)
+    lines += [page.paragraph(pattern)] if pattern else []
+    return page.block("verdict clean" if explained and not pattern else "verdict", *lines)
+
+
+def pattern_sentence(found: Comparison, *, explained: bool) -> str:
+    """Return a sentence on what the last model's residual depends on; empty where on nothing significant."""
+    last = found.models[-1]
+    keys = [one.key for one in last.covariates if one.p_adjusted < PATTERN]
+    keys += [key for key, p in press_trends(last.fitted).items() if p < LEVEL]
+    on = list(dict.fromkeys(wording.covariate(key) for key in keys))[:NAMED]
+    begin = "The residual still" if explained else "The residual"
+    return f"{begin} depends on {' and '.join(on)}." if on else ""
+
+
+def fall_sentence(fall: ErrorFall) -> str:
+    """Return a sentence on the error of each model, compared with the repeatability."""
+    unit = "mN" if fall.unit == "N" else "µm"
+    first, last = KILO * fall.error[0], KILO * fall.error[-1]
+    what = "held-out presses" if fall.held_out else "fitted presses"
+    beside = " next to the faces" if fall.faces else ""
+    of = "the force" if fall.unit == "N" else f"the reconstructed depth{beside}"
+    added = " and ".join(name.removeprefix("+ ") for name in fall.models[1:])
+    if added:
+        change = "lowers" if last < first else "does not lower"
+        said = f"Adding {added} {change} the error of {of} on {what}: from {first:.1f} to {last:.1f} {unit}"
+    else:
+        said = f"Without effects the error of {of} on {what} is {first:.1f} {unit}"
+    if fall.band is not None:
+        low, high = (KILO * end for end in fall.band)
+        within = "within" if last <= high else "above"
+        said += f", {within} the presses' repeatability ({low:.1f} to {high:.1f} {unit})"
+    if not fall.faces:
+        return f"{said}."
+    errors = " → ".join(f"{KILO * one:.1f}" for one in dict.fromkeys((fall.faces[0], fall.faces[-1])))
+    return f"{said}. The error of the faces themselves is {errors} µm, part of it hidden by their walls."
+
+
+def _parameters(found: Comparison) -> str:
+    """Return a table with a row a parameter and a column a model."""
+    models = [*found.models, *found.pictured[1:]]
+    meanings = {p.name: p.meaning for model in models for p in model.fitted.parameters}
+    names = dict.fromkeys(name for model in models for name, _ in model.parameters if name not in OF_MATERIAL)
+    known = [{name: wording.estimate(value) for name, value in model.parameters} for model in models]
+    rows = [(parameter(name, meanings[name]), *(one.get(name, "") for one in known)) for name in names]
+    return page.table(("", *(column(model) for model in models)), rows)
+
+
+def column(model: Compared) -> str:
+    """Return a model's heading: the effect that it adds, and whether it is of the reconstructed depth."""
+    added = f"+ {in_words(model.effects[-1])}" if model.effects else ""
+    if model.material is None:
+        return f"{added or AS_READ} (the reconstructed depth)"
+    return added or BASE
+
+
+def parameter(name: str, meaning: str) -> str:
+    """Return a parameter in words: an effect's by its meaning, after the effect's name."""
+    if name.startswith("beta["):
+        return f"slope β, a = {name[5:-1]} mm"
+    effect = name.rpartition(".")[0]
+    return f"{in_words(effect)}: {meaning}" if effect else LAW.get(name, meaning)
+
+
+def _material_rows(found: Comparison) -> str:
+    rows = [
+        (column(model), *(wording.estimate(one) for one in (gel.youngs_modulus, gel.poisson_ratio, gel.c)))
+        for model in found.models
+        if (gel := model.material) is not None
+    ]
+    return page.table(("", "Young's modulus E", "Poisson's ratio ν", "stiffness c"), rows)

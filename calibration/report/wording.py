@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from tactilevision.records.constants import KILO
+from tactilevision.records.constants import KILO, NONZERO
 from tactilevision.records.measured import Estimate
 
 MATERIAL = {
@@ -39,6 +39,11 @@ COVARIATES = {
     "azimuth beside the face": "the direction about the face",
     "certified against reconstructed depth": "the reconstructed depth over the certified one",
 }
+
+
+def in_words(key: str) -> str:
+    """Return the name of an effect, or of what it is confused with, in words."""
+    return {"youngs_modulus": "Young's modulus", "beta": "the slope β"}.get(key) or key.replace("_", " ")
 
 
 def covariate(name: str) -> str:
@@ -87,4 +92,4 @@ def repeatability(std_N: float) -> str:
 
 def p_value(p: float) -> str:
     """Return a p-value to two digits; one that underflows is given as a bound."""
-    return "< 1e-300" if p < 1e-300 else f"{p:.2g}"
+    return "< 1e-300" if p < NONZERO else f"{p:.2g}"

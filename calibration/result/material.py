@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from calibration.fit.identifiability import bend_of, beta_name, identify, main_radius, stiffness_of
+from calibration.fit.finite_depth import finite_depth, stated_edge_mm, usual_softening
+from calibration.fit.identifiability import (
+    bend_of,
+    beta_name,
+    derived,
+    gradient,
+    identify,
+    main_radius,
+    modulus_of_nu,
+    poisson_range,
+    sticking_range,
+    stiffness_of,
+)
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.repeats import allow_for_indenters, repeatability_rms
 from calibration.fit.tolerances import TOLERANCES
@@ -26,11 +38,12 @@ from calibration.laws.theory import (
     stated_outside_gels,
 )
 from calibration.model.composition import Model
-from calibration.result.poisson_routes import CONTRARY, HIGHEST, contradictions, holding_each, of_fit
-from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.result.poisson_routes import CONTRARY, contradictions, holding_each, of_fit
+from calibration.result.result import CalibrationResult, common_assumptions
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
-from tactilevision.records.constants import NU_MAX
+from tactilevision.mechanics.tables.punch import EDGE_OVER_H
+from tactilevision.records.constants import NU_MAX, Z95
 from tactilevision.records.measured import Estimate, Floats, Pair
 from tactilevision.records.rig import Gel, Indenter
 
@@ -107,7 +120,7 @@ def _contrary(lines: list[Line], gel: Gel) -> Iterator[tuple[float, ...]]:
         if not inside or not c_a.value or not c_b.value or min(c_a.value, c_b.value) <= 0:
             continue
         low, high = (
-            b / a * float(np.divide(*fast_kappa(nu, ratios)[::-1])) for nu in (LEAST_POISSON_RATIO, HIGHEST)
+            b / a * float(np.divide(*fast_kappa(nu, ratios)[::-1])) for nu in (LEAST_POISSON_RATIO, NU_MAX)
         )
         found = c_b.value / c_a.value
         std = float(np.hypot((c_a.std or 0.0) / c_a.value, (c_b.std or 0.0) / c_b.value))
@@ -118,78 +131,53 @@ def _contrary(lines: list[Line], gel: Gel) -> Iterator[tuple[float, ...]]:
 
 # The published route from c and beta to nu and E, with the intervals of its formulas alone.
 
-Route = Callable[[float, float], float]
+STEP = 1e-5  # of a parameter's scale, for derivatives
 
 
 def published_route(fitted: Fit) -> CalibrationResult:
     """Return the material by the published formulas from a fit of the Paper law."""
     radius, data = main_radius(fitted), fitted.data
     ratio = radius / float(np.min(data.presses.radius_mm))  # c is the smallest radius's
-    routes: dict[str, tuple[Route, str]] = {
-        "c": (lambda c, b: ratio * c, "N/mm"),
-        "beta": (lambda c, b: b, "1"),
-        "nu": (lambda c, b: poisson_from_beta(b), "1"),
-        "E": (lambda c, b: modulus_from(ratio * c, b, radius_mm=radius), "MPa"),
-        "reduced": (
-            lambda c, b: modulus_from(ratio * c, b, radius_mm=radius) / (1 - poisson_from_beta(b) ** 2),
-            "MPa",
-        ),
-    }
-    gradients = {name: _gradient(fitted, route, radius) for name, (route, _) in routes.items()}
-    found = {name: _estimate(fitted, *routes[name], gradients[name], radius) for name in routes}
-    rows = np.array([gradients[name] for name in ("E", "nu", "c", "beta")])
-    c, beta = found["c"], found["beta"]
-    assert c.value is not None
-    outside = beta_outside_theory(
-        beta, replace(found["nu"], interval95=None), a_over_h=radius / data.gel.thickness_mm
+    at_c, at_beta = fitted.index("c_N_per_mm"), fitted.index(beta_name(fitted, radius))
+
+    def c(values: Floats) -> float:
+        return ratio * float(values[at_c])
+
+    def beta(values: Floats) -> float:
+        return float(values[at_beta])
+
+    def nu(values: Floats) -> float:
+        return poisson_from_beta(beta(values))
+
+    def modulus(values: Floats) -> float:
+        return modulus_from(c(values), beta(values), radius_mm=radius)
+
+    def reduced(values: Floats) -> float:
+        return modulus(values) / (1 - nu(values) ** 2)
+
+    why = "the published law gives no nu in [0, 0.5) for this beta"
+    of_c, of_beta, of_nu, of_modulus, of_reduced = (
+        derived(fitted, function, unit, step=STEP, why=why)
+        for function, unit in ((c, "N/mm"), (beta, "1"), (nu, "1"), (modulus, "MPa"), (reduced, "MPa"))
+    )
+    rows = np.array([gradient(fitted, function, step=STEP) for function in (modulus, nu, c, beta)])
+    h_mm = data.gel.thickness_mm
+    outside = beta_outside_theory(of_beta, replace(of_nu, interval95=None), a_over_h=radius / h_mm)
+    assumptions = (
+        "a reproduction of the published route, not a measurement of nu",
+        "nu = 0.0813 ln(beta) + 0.4464, a line through five points (R^2 = 0.98)",
+        f"kappa is taken at a/h = {A_OVER_H:g}; this gel has {radius / h_mm:.3f}",
+        "the intervals hold the scatter of the measurements alone, not the errors of the route",
     )
     return CalibrationResult(
-        youngs_modulus=found["E"], poisson_ratio=found["nu"], poisson_ratio_source="beta", c=c, beta=beta,
-        reduced_modulus=found["reduced"],
-        youngs_modulus_of_nu=tuple((nu, modulus_at(c.value, nu, radius_mm=radius)) for nu in NU_TABLE),
-        covariance=np.asarray(rows @ fitted.covariance @ rows.T), law="paper", r_squared=r_squared(fitted),
-        rms_error_N=fitted.rms_error_N, noise_floor_N=repeatability_rms(fitted), clock_offset=NO_CLOCK,
-        fitted=fitted, presses_accepted=data.presses.label,
-        assumptions=(*_assumptions(fitted, radius), *common_assumptions(fitted)),
+        youngs_modulus=of_modulus, poisson_ratio=of_nu, poisson_ratio_source="beta", c=of_c, beta=of_beta,
+        reduced_modulus=of_reduced,
+        youngs_modulus_of_nu=tuple((n, modulus_at(c(fitted.values), n, radius_mm=radius)) for n in NU_TABLE),
+        covariance=np.asarray(rows @ fitted.covariance @ rows.T), fitted=fitted,
+        assumptions=(*assumptions, *common_assumptions(fitted)),
         warnings=(*fitted.warnings, *data.warnings, *([outside] if outside else [])),
         flags=("beta_outside_theory",) if outside else (),
     )  # fmt: skip
-
-
-def _assumptions(fitted: Fit, radius: float) -> list[str]:
-    true_ratio = radius / fitted.data.gel.thickness_mm
-    return [
-        "a reproduction of the published route, not a measurement of nu",
-        "nu = 0.0813 ln(beta) + 0.4464, a line through five points (R^2 = 0.98)",
-        f"kappa is taken at a/h = {A_OVER_H:g}; this gel has {true_ratio:.3f}",
-        "the intervals hold the scatter of the measurements alone, not the errors of the route",
-    ]
-
-
-def _estimate(fitted: Fit, route: Route, unit: str, gradient: Floats, radius: float) -> Estimate:
-    value = route(*_c_and_beta(fitted, fitted.values, radius))
-    if not np.isfinite(value):
-        return Estimate(None, None, None, unit, "the published law gives no nu in [0, 0.5) for this beta")
-    std = float(np.sqrt(gradient @ fitted.covariance @ gradient))
-    reach = fitted.reach(gradient) * std
-    return Estimate(value, std, (value - reach, value + reach), unit)
-
-
-def _gradient(fitted: Fit, route: Route, radius: float) -> Floats:
-    gradient = np.zeros(fitted.values.size)
-    for name in ("c_N_per_mm", beta_name(fitted, radius)):
-        k = fitted.index(name)
-        step = 1e-5 * fitted.parameters[k].scale
-        sides = [fitted.values.copy() for _ in range(2)]
-        sides[0][k] += step
-        sides[1][k] -= step
-        high, low = (route(*_c_and_beta(fitted, values, radius)) for values in sides)
-        gradient[k] = (high - low) / (2 * step)
-    return np.nan_to_num(gradient)
-
-
-def _c_and_beta(fitted: Fit, values: Floats, radius: float) -> tuple[float, float]:
-    return float(values[fitted.index("c_N_per_mm")]), float(values[fitted.index(beta_name(fitted, radius))])
 
 
 # Bias of E of a ball or a cone where the gel sticks to it.
@@ -262,9 +250,7 @@ def of_round(fitted: Fit) -> CalibrationResult:
         youngs_modulus=modulus, poisson_ratio=nu, poisson_ratio_source="prior",
         c=Estimate(None, None, None, "N/mm", NO_C), beta=fitted.estimate("beta"),
         reduced_modulus=_reduced(fitted, modulus), youngs_modulus_of_nu=curve, covariance=_covariance(fitted),
-        law=fitted.model.law.key, r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N,
-        noise_floor_N=repeatability_rms(fitted), clock_offset=NO_CLOCK, fitted=fitted,
-        presses_accepted=fitted.data.presses.label, assumptions=tuple(lines),
+        fitted=fitted, assumptions=tuple(lines),
         warnings=(*fitted.warnings, *fitted.data.warnings),
     )  # fmt: skip
 
@@ -329,8 +315,7 @@ AT_BOUND = "beta_at_bound"  # the flag of a slope at the end of its range
 def material_by_routes(fitted: Fit) -> CalibrationResult:
     """Return the material of a fit, its interval over all routes to nu where these contradict each other."""
     routes = of_fit(fitted)
-    found = determine_material(holding_each(fitted, routes))
-    return replace(found, warnings=(*found.warnings, *contradictions(routes)))
+    return determine_material(holding_each(fitted, routes)).noted(*contradictions(routes))
 
 
 def determine_material(fitted: Fit) -> CalibrationResult:
@@ -339,6 +324,7 @@ def determine_material(fitted: Fit) -> CalibrationResult:
         found = of_round(fitted)
     else:
         found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
+    found = replace(found, noise_floor_N=repeatability_rms(fitted))
     checks = (
         (FLAG, outside_gels(found.youngs_modulus)),
         (NU_FLAG, stated_outside_gels(fitted.data.gel)),
@@ -346,8 +332,7 @@ def determine_material(fitted: Fit) -> CalibrationResult:
         (RADII_FLAG, radii_apart(fitted)),
     )
     for flag, said in checks:
-        if said:
-            found = replace(found, warnings=(*found.warnings, said), flags=(*found.flags, flag))
+        found = found.noted(said, flags=[flag]) if said else found
     return found
 
 
@@ -377,10 +362,92 @@ def _of_default(fitted: Fit) -> CalibrationResult:
     return CalibrationResult(
         youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
         c=c, beta=bend, reduced_modulus=known.reduced_modulus,
-        youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, law=fitted.model.law.key,
-        r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N, noise_floor_N=repeatability_rms(fitted),
-        clock_offset=NO_CLOCK, fitted=fitted, presses_accepted=fitted.data.presses.label,
+        youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, fitted=fitted,
         by_radius=lines, assumptions=(*common_assumptions(fitted), *known.assumptions),
         warnings=(*fitted.warnings, *fitted.data.warnings, *filter(None, (outside, deep))),
         flags=("beta_outside_theory",) if outside else (),
     )  # fmt: skip
+
+
+# The joint region of E and nu.
+#
+# At the fitted stiffness c, E(nu) = c (1 - nu^2)/(2 a kappa). The 95 % region follows it:
+#
+#     nu = nu_0 + k s_nu t,    E = E(nu) (1 +- k s_E sqrt(1 - t^2)),    -1 <= t <= 1,    k^2 = 5.99 (two unknowns)
+#
+# s_nu the std of nu, s_E the relative one of E at known nu. It reaches down to a gel that sticks to the face,
+# where friction is unknown, and up to a rounded edge, where none is stated. Where nothing determines nu the region
+# is the band about the curve over silicones' range.
+
+TWO_UNKNOWNS = 2.4477  # sqrt of the 95 % point of chi square with 2 degrees of freedom
+USUAL_NU = 0.3  # the curve begins here unless nu is below
+STEPS = 61  # values of nu along the region's edge
+
+
+def joint_region(result: CalibrationResult) -> tuple[Floats, Floats]:
+    """Return the curve (n, 2) of E(nu) in MPa at the fitted c, and the outline (k, 2) of the region in (nu, E)."""
+    fitted, ratio, radius = result.fitted, result.poisson_ratio, main_radius(result.fitted)
+    nu, modulus, deep = ratio.value, result.youngs_modulus.value, finite_depth(fitted, ratio, radius_mm=radius)
+    at = nu or SILICONE_NU[1]
+
+    def curve(places: Floats) -> Floats:
+        return np.array(modulus_of_nu(fitted, np.minimum(places, NU_MAX), radius=radius, deep=deep))
+
+    variance, cross, of_nu = result.covariance[0, 0], result.covariance[0, 1], result.covariance[1, 1]
+    rest = variance - (cross**2 / of_nu if of_nu > 0 else 0.0)
+    relative = np.sqrt(max(rest, 0.0)) / float(fitted.values[fitted.index("youngs_modulus_MPa")])
+    if nu is None or modulus is None:
+        across = np.linspace(*poisson_range(fitted), STEPS)
+        centre, half = curve(across)[:, 1], np.full(STEPS, Z95 * relative)
+    else:
+        t = np.sin(np.linspace(-np.pi / 2, np.pi / 2, STEPS))  # close where the outline turns
+        across = nu + TWO_UNKNOWNS * (ratio.std or 0.0) * t
+        keep = (across > 0) & (across < 0.5)
+        t, across = t[keep], across[keep]
+        centre = modulus * curve(across)[:, 1] / curve(np.array([nu]))[0, 1]
+        half = TWO_UNKNOWNS * relative * np.sqrt(1 - t**2)
+    surplus = sticking_range(fitted, ratio, radius=radius, assumptions=[])
+    surplus = surplus if deep is None else max(surplus, deep.room(at)[0])
+    upper = centre * (1 + half) * (1 + usual_softening(fitted, radius, poisson_ratio=at))
+    lower = centre * (1 - half) / (1 + surplus)
+    region = np.concatenate([np.column_stack([across, upper]), np.column_stack([across, lower])[::-1]])
+    begin = max((ratio.interval95 or SILICONE_NU)[0] - 0.05, USUAL_NU if at > USUAL_NU else 0.0)
+    return curve(np.linspace(begin, NU_MAX, STEPS)), region
+
+
+# Allowance of E for a rounded edge where none is stated:
+#
+#     E -> E (1 + s),    r = h/60
+#
+# s is what a rounding r takes off the line through P/w; r, .05 mm on 3 mm of gel, is that of usual
+# turned edges. A rounded punch taken for sharp makes the gel look softer. E keeps its value; its 95 % interval
+# reaches up by s, combined with the rest as the root of the sum of squares. Where E is the elements' at finite
+# depth it is that of the usual edge already, and s stands for one twice as round.
+
+
+def allow_for_edge(result: CalibrationResult) -> CalibrationResult:
+    """Return the result with E's upper end raised and an assumption; unchanged where the edge is stated."""
+    fitted, nu, radius = result.fitted, result.poisson_ratio, main_radius(result.fitted)
+    if stated_edge_mm(fitted, radius) is not None:
+        return result
+    share = usual_softening(fitted, radius, poisson_ratio=SILICONE_NU[1] if nu.value is None else nu.value)
+    edge, more = fitted.data.gel.thickness_mm * EDGE_OVER_H, f"{100 * share:.1f} %"
+    if finite_depth(fitted, nu, radius_mm=radius) is None:
+        said = f"E may be higher by up to {more} where the punch's edge is rounded by {edge:.2g} mm"
+    else:
+        said = f"E is that of one rounded by {edge:.2g} mm; rounded twice as much, it would be some {more} higher"
+    said = f"no edge radius is stated: {said}; E's interval allows for that"
+    return replace(
+        result,
+        youngs_modulus=_reaching(result.youngs_modulus, share),
+        reduced_modulus=_reaching(result.reduced_modulus, share),
+        assumptions=(*result.assumptions, said),
+    )
+
+
+def _reaching(modulus: Estimate, share: float) -> Estimate:
+    if modulus.interval95 is None:
+        return modulus
+    low, high = modulus.interval95
+    value = high if modulus.value is None else modulus.value
+    return replace(modulus, interval95=(low, value + float(np.hypot(high - value, share * value))))

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -28,11 +29,10 @@ from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, STATED_NU_STD, Fla
 from calibration.laws.paper import poisson_from_beta
 from calibration.model.composition import Model
 from tactilevision.errors import ConvergenceError
-from tactilevision.records.constants import NU_MAX, Z95
+from tactilevision.records.constants import NU_MAX, TAILS95, Z95
 from tactilevision.records.measured import Estimate, Pair
 from tactilevision.records.rig import Gel
 
-HIGHEST = NU_MAX
 AT_BOUND = 1e-4  # of nu: nearer to its bound a fit lies at it
 REACH = 1.95  # std: slightly less than half of a 95 % interval
 CONTRARY = 3  # std between two routes that contradict each other
@@ -124,7 +124,7 @@ def within(nu: Estimate | None, bound: Pair | None) -> Estimate | None:
         std = max(nu.std, (bound[0] - nu.value) / 2)
         return replace(nu, std=std, interval95=(nu.value - Z95 * std, nu.value + Z95 * std))
     cut = truncnorm(beyond, np.inf, loc=nu.value, scale=nu.std)
-    low, high = cut.ppf((0.025, 0.975))
+    low, high = cut.ppf(TAILS95)
     return replace(nu, value=float(cut.mean()), std=float(cut.std()), interval95=(float(low), float(high)))
 
 
@@ -158,15 +158,16 @@ def informed(data: Observations, bulge: Estimate | None, *, bound: Pair | None =
     std = float(np.sum(stds**-2.0) ** -0.5) * max(apart(routes), 1.0)
     if apart(routes) > CONTRARY:
         std = max(std, _reach(mean, routes))
-    gel = replace(data.gel, poisson_ratio=min(mean, HIGHEST), poisson_ratio_std=std)
+    gel = replace(data.gel, poisson_ratio=min(mean, NU_MAX), poisson_ratio_std=std)
     return replace(data, gel=gel)
 
 
 def apart(routes: Sequence[Route]) -> float:
     """Return the largest distance, in std, between two of the routes that are used; 0 for fewer than two."""
-    known = [r.poisson_ratio for r in routes if r.used and r.poisson_ratio.value is not None]
-    pairs = [(a, b) for k, a in enumerate(known) for b in known[k + 1 :]]
-    return max((_sigmas(a, b) for a, b in pairs), default=0.0)
+    known = [(r.poisson_ratio.value, r.poisson_ratio.std or 0.0) for r in routes if r.used]
+    pairs = combinations([(value, std) for value, std in known if value is not None], 2)
+    gaps = ((abs(a - b), float(np.hypot(s, t))) for (a, s), (b, t) in pairs)
+    return max((gap / spread for gap, spread in gaps if spread > 0), default=0.0)
 
 
 def tightest(routes: Sequence[Route]) -> str:
@@ -215,12 +216,12 @@ def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
     lines = ["Poisson's ratio by route: " + "; ".join(said)] if said else []
     if used > 1:
         lines.append(f"the routes to Poisson's ratio that were used lie {between:.1f} standard deviations apart")
-    silent = [
-        f"{words[r.name]} does not determine it: {r.poisson_ratio.why}"
-        for r in routes
-        if r.poisson_ratio.value is None and r.name != "prior"
-    ]
-    silent += [f"Poisson's ratio is held to {r.poisson_ratio.why}" for r in routes if r.used and _is_bound(r)]
+    silent = []
+    for r in (one for one in routes if one.poisson_ratio.value is None):
+        if r.name != "prior":
+            silent.append(f"{words[r.name]} does not determine it: {r.poisson_ratio.why}")
+        elif r.used:
+            silent.append(f"Poisson's ratio is held to {r.poisson_ratio.why}")
     return [*lines, *silent], contradictions(routes)
 
 
@@ -235,17 +236,6 @@ def contradictions(routes: Sequence[Route]) -> list[str]:
         + ("it is taken as stated" if exact else "its interval is widened to reach to each")
         + ". Check the stated one, the thickness and the radii"
     ]
-
-
-def _is_bound(route: Route) -> bool:
-    return route.name == "prior" and route.poisson_ratio.value is None
-
-
-def _sigmas(one: Estimate, other: Estimate) -> float:
-    assert one.value is not None
-    assert other.value is not None
-    spread = float(np.hypot(one.std or 0.0, other.std or 0.0))
-    return abs(one.value - other.value) / spread if spread > 0 else 0.0
 
 
 def _estimate(value: float, std: float) -> Estimate:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
 from typing import Any
 
 import numpy as np
 
-from calibration.fit.least_squares import Fit
+from calibration.fit.least_squares import Fit, r_squared
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result.poisson_routes import Route, apart
 from tactilevision.records.certified import CertifiedPoint
@@ -42,13 +42,9 @@ class CalibrationResult:
     reduced_modulus: Estimate
     youngs_modulus_of_nu: tuple[Pair, ...]
     covariance: Floats
-    law: str
-    r_squared: float
-    rms_error_N: float
-    noise_floor_N: float
-    clock_offset: Estimate
     fitted: Fit
-    presses_accepted: tuple[str, ...]
+    noise_floor_N: float = float("nan")
+    clock_offset: Estimate = NO_CLOCK
     presses_rejected: tuple[Pair | tuple[str, str], ...] = ()
     by_radius: tuple[tuple[float, Estimate, Estimate], ...] = ()
     assumptions: tuple[str, ...] = ()
@@ -56,6 +52,32 @@ class CalibrationResult:
     flags: tuple[str, ...] = ()
     routes: tuple[Route, ...] = ()
     held_out_N: float = float("nan")
+
+    def noted(self, *warnings: str, flags: Sequence[str] = ()) -> CalibrationResult:
+        """Return the result with more warnings and flags."""
+        return replace(self, warnings=(*self.warnings, *warnings), flags=(*self.flags, *flags))
+
+    @property
+    def law(self) -> str:
+        """Key of the contact law."""
+        return self.fitted.model.law.key
+
+    @property
+    def rms_error_N(self) -> float:
+        """Rms error on the fitted presses."""
+        return self.fitted.rms_error_N
+
+    @property
+    def presses_accepted(self) -> tuple[str, ...]:
+        """Labels of the fitted presses."""
+        return self.fitted.data.presses.label
+
+    @property
+    def r_squared(self) -> float:
+        """R^2 of P/w against w/h for points, as published, and of the force for curves."""
+        data = self.fitted.data
+        unit = 1.0 if data.is_curves else data.depth_mm
+        return r_squared(data.normal_N / unit, self.fitted.force_N / unit)
 
     @property
     def material(self) -> Material | None:
@@ -134,19 +156,10 @@ def common_assumptions(fitted: Fit) -> list[str]:
     return lines
 
 
-def r_squared(fitted: Fit) -> float:
-    """Return R^2 of P/w against w/h for points, as published, and of the force for curves."""
-    data = fitted.data
-    if data.is_curves:
-        return fitted.r_squared
-    per_depth, model = data.normal_N / data.depth_mm, fitted.force_N / data.depth_mm
-    total = float(np.sum((per_depth - per_depth.mean()) ** 2))
-    return 1 - float(np.sum((per_depth - model) ** 2)) / total if total > 0 else float("nan")
-
-
 # calibration.json where the presses determine no material: the same keys, null with the reason.
 
 Rejected = tuple[tuple[str, str], ...]
+FIGURES_OF_FIT = ("r_squared", "rms_error_N", "held_out_N", "noise_floor_N")
 
 
 def unfixed_as_json(
@@ -177,20 +190,12 @@ def unfixed_as_json(
         "c_N_per_mm": _open("N/mm", why),
         "beta": _open("1", why),
         "reduced_modulus_MPa": _open("MPa", why),
-        "youngs_modulus_of_nu": [],
-        "poisson_ratio_routes": [],
-        "routes_apart_sigma": None,
+        **{name: [] for name in ("youngs_modulus_of_nu", "poisson_ratio_routes", "by_radius", "effects")},
+        **dict.fromkeys(("routes_apart_sigma", "covariance", *FIGURES_OF_FIT)),
         "clock_offset_s": (clock_offset or NO_CLOCK).as_json(),
-        "covariance": None,
-        "by_radius": [],
-        "r_squared": None,
-        "rms_error_N": None,
-        "held_out_N": None,
-        "noise_floor_N": None,
         "presses_accepted": [point.press for point in points if point.accepted],
         "presses_rejected": [{"press": press, "reason": reason} for press, reason in rejected(points)],
         "gel": {"thickness_mm": gel.thickness_mm, "shape": gel.shape},
-        "effects": [],
         "assumptions": assumptions,
         "warnings": [why, *warnings],
         "flags": ["not_fixed"],

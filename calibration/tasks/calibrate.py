@@ -7,13 +7,17 @@ write_json("calibration.json", result.as_json())
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from calibration.fit.least_squares import fit
+from calibration.diagnosis.score_test import LEVEL
+from calibration.fit.identifiability import main_radius, stiffness_of
+from calibration.fit.least_squares import Fit, fit, quantile95
 from calibration.fit.repeats import allow_for_indenters
+from calibration.fit.tolerances import DIMENSIONS, HEIGHTS
 from calibration.inputs.checks import at_one_depth, check, check_times, of_several_depths, of_shape, without_copies
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.gather import observe_curves, observe_points
@@ -23,7 +27,7 @@ from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
 from calibration.laws.theory import apart_from_stated
 from calibration.model.composition import Model
 from calibration.model.stages import Law
-from calibration.result.material import determine_material
+from calibration.result.material import allow_for_edge, determine_material
 from calibration.result.poisson_routes import (
     BELOW_BOUND,
     Route,
@@ -39,12 +43,15 @@ from calibration.result.poisson_routes import (
     tightest,
 )
 from calibration.result.result import NO_CLOCK, CalibrationResult
-from calibration.result.uncertainty import allow_for_edge
-from calibration.tasks.compare import fit_errors, judged, with_errors, with_stated_noise
+from calibration.tasks.compare import fit_errors, judged, with_stated_noise
 from tactilevision.errors import NothingCertified
 from tactilevision.records.measured import Estimate, Pair
 
 ONE_DEPTH = "one_depth"  # the flag of a result whose curvature is theory's
+UNUSUAL_NU = (
+    "Poisson's ratio lies below what solid elastomers have: a foam, or an error of the pictures; its std was "
+    "widened towards the bound. State poisson_ratio in recording.toml, or use --no-prior"
+)
 OUT_OF_PHASE = "out_of_phase"  # the reason against a press too fast for the offset of its clocks
 
 
@@ -83,29 +90,23 @@ def calibrate(
     routes = (*known, *of_radii(fitted)) if isinstance(chosen, FlatPunch) else ()
     fitted = holding_each(fitted, routes)
     again = judged(fitted)
-    result = with_errors(determine_material(allow_for_indenters(fitted)), fit_errors(again))
+    errors, result = fit_errors(again), determine_material(allow_for_indenters(fitted))
+    result = replace(result, held_out_N=errors.held_out_N, noise_floor_N=errors.repeatability_N)
     result = with_stated_noise(result, again, or_else="; or `diagnose` shows what the model lacks")
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
         result = allow_for_edge(_with_routes(result, routes))
         if stated.gel.poisson_ratio is None and contradicts(bulge, bound):
-            result = _below_bound(result)
-    apart = apart_from_stated(result.youngs_modulus, stated.gel)
-    if apart:
-        result = replace(result, warnings=(*result.warnings, apart))
-    rejected = (*_distrusted(sets), *_out_of_phase(given, data))
+            result = result.noted(UNUSUAL_NU, flags=[BELOW_BOUND])
+    if apart := apart_from_stated(result.youngs_modulus, stated.gel):
+        result = result.noted(apart)
+    late = Counter(given.presses.label) - Counter(data.presses.label)
+    rejected = (
+        *((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted),
+        *((press, OUT_OF_PHASE) for press in late.elements()),
+    )
     return replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
-
-
-def _distrusted(sets: Sequence[Measured]) -> Iterator[tuple[str, str]]:
-    """Return presses that the certificate rejected, each with its reason."""
-    return ((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
-
-
-def _out_of_phase(given: Observations, kept: Observations) -> Iterator[tuple[str, str]]:
-    late = Counter(given.presses.label) - Counter(kept.presses.label)
-    return ((press, OUT_OF_PHASE) for press in late.elements())
 
 
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
@@ -113,22 +114,9 @@ def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> Calibr
     routes = (*routes, *of_beta(result.beta))
     lines, warnings = in_words(routes)
     source = tightest(routes) if result.poisson_ratio.value is not None else result.poisson_ratio_source
-    return replace(
-        result,
-        routes=routes,
-        poisson_ratio_source=source,
-        warnings=(*result.warnings, *warnings),
-        assumptions=(*result.assumptions, *lines),
-    )
-
-
-def _below_bound(result: CalibrationResult) -> CalibrationResult:
-    """Return the result with a flag and a warning that nu lies below the range of elastomers."""
-    said = (
-        "Poisson's ratio lies below what solid elastomers have: a foam, or an error of the pictures; its std "
-        "was widened towards the bound. State poisson_ratio in recording.toml, or use --no-prior"
-    )
-    return replace(result, flags=(*result.flags, BELOW_BOUND), warnings=(*result.warnings, said))
+    lines = [*result.assumptions, *lines]
+    found = replace(result, routes=routes, poisson_ratio_source=source, assumptions=tuple(lines))
+    return found.noted(*warnings)
 
 
 def observe(sets: Sequence[Measured]) -> Observations:
@@ -161,13 +149,9 @@ def _of_one_depth(result: CalibrationResult) -> CalibrationResult:
         f"{why}; beta is held to {low:.2f} to {high:.2f}, what contact laws have for any friction (95 %), and c "
         "and E follow with what that leaves open"
     )
-    return replace(
-        result,
-        beta=replace(result.beta, value=None, std=None, why=why),
-        flags=(*result.flags, ONE_DEPTH),
-        assumptions=(*result.assumptions, said),
-        warnings=(*result.warnings, f"{why}; press to two depths at least, one twice the other"),
-    )
+    beta = replace(result.beta, value=None, std=None, why=why)
+    found = replace(result, beta=beta, assumptions=(*result.assumptions, said))
+    return found.noted(f"{why}; press to two depths at least, one twice the other", flags=[ONE_DEPTH])
 
 
 def _free(law: Law, data: Observations, *, single: bool, bound: Pair | None) -> Law:
@@ -181,3 +165,100 @@ def _free(law: Law, data: Observations, *, single: bool, bound: Pair | None) -> 
         free_poisson_ratio=(several and data.gel.poisson_ratio is None) or law.free_poisson_ratio,
         poisson_range=bound or OPEN_NU,
     )
+
+
+# One sensor's modulus over several recordings, and whether it has moved.
+#
+# Each recording is fitted by itself. Against the first one, errors that all recordings share (machined heights,
+# radii, thickness, nu, sticking) cancel: the test of a change uses the stiffness c with its own noise alone,
+#     t = ln(c_k/c_1) / std,
+# with Student's distribution and Holm's correction over the recordings.
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryRow:
+    """One recording: its date, E, nu and c with intervals, and the change of c since the first recording.
+
+    `change` is relative, c_k/c_1 - 1, with a 95 % interval; `p_adjusted` of no change; `moved` at the 5 % level.
+    """
+
+    date: str
+    recording: str
+    presses: int
+    youngs_modulus: Estimate
+    poisson_ratio: Estimate
+    c: Estimate
+    change: float
+    change_interval95: Pair
+    p_adjusted: float
+    moved: bool
+
+    def as_row(self) -> dict[str, Any]:
+        """Return a row of history.csv."""
+        E, c = self.youngs_modulus, self.c
+        low, high = E.interval95 or (None, None)
+        c_low, c_high = c.interval95 or (None, None)
+        return {
+            "date": self.date, "recording": self.recording, "presses": self.presses,
+            "youngs_modulus_MPa": E.value, "youngs_modulus_low_MPa": low, "youngs_modulus_high_MPa": high,
+            "c_N_per_mm": c.value, "c_low_N_per_mm": c_low, "c_high_N_per_mm": c_high,
+            "change": self.change, "change_low": self.change_interval95[0],
+            "change_high": self.change_interval95[1], "p_adjusted": self.p_adjusted, "moved": self.moved,
+        }  # fmt: skip
+
+
+def history(recordings: Sequence[Measured], *, law: Law | str = "default") -> tuple[HistoryRow, ...]:
+    """Return one row for each recording, in order of date."""
+    ordered = sorted(recordings, key=lambda m: str(m.recording.date or ""))
+    results = [calibrate(m, law=law) for m in ordered]
+    own = [_own_stiffness(result.fitted) for result in results]
+    tests = [_change(own[0], other) for other in own]
+    adjusted = [1.0, *holm([p for _, _, p in tests[1:]])]
+    return tuple(
+        HistoryRow(
+            date=str(measured.recording.date or ""),
+            recording=measured.recording.name,
+            presses=len(result.presses_accepted),
+            youngs_modulus=result.youngs_modulus,
+            poisson_ratio=result.poisson_ratio,
+            c=result.c,
+            change=change,
+            change_interval95=interval,
+            p_adjusted=p,
+            moved=p < LEVEL,
+        )
+        for measured, result, (change, interval, _), p in zip(ordered, results, tests, adjusted, strict=True)
+    )
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Return p-values adjusted for the family-wise error (Holm, Scand. J. Stat. 6 (1979) 65)."""
+    order, left = np.argsort(p_values), np.arange(len(p_values), 0, -1)
+    adjusted = np.empty(len(p_values))
+    adjusted[order] = np.maximum.accumulate(np.minimum(left * np.asarray(p_values)[order], 1.0))
+    return [float(p) for p in adjusted]
+
+
+def _own_stiffness(fitted: Fit) -> tuple[Estimate, float]:
+    """Return c with its noise alone: shared tolerances and nu fixed as stated."""
+    bare = replace(
+        fitted.model, effects=tuple(e for e in fitted.model.effects if e.key not in (HEIGHTS, DIMENSIONS))
+    )
+    again = fit(bare, fitted.data, tolerances=False)
+    return stiffness_of(again, main_radius(again)), again.noise.dof
+
+
+def _change(first: tuple[Estimate, float], other: tuple[Estimate, float]) -> tuple[float, Pair, float]:
+    from scipy.stats import t
+
+    (a, dof_a), (b, dof_b) = first, other
+    assert a.value is not None
+    assert b.value is not None
+    parts = np.array([(a.std or 0) / a.value, (b.std or 0) / b.value]) ** 2
+    std, shift = float(np.sqrt(parts.sum())), float(np.log(b.value / a.value))
+    if first is other or std == 0:
+        return 0.0, (0.0, 0.0), 1.0
+    dof = float(parts.sum() ** 2 / (parts**2 / [dof_a, dof_b]).sum())  # Welch
+    reach = quantile95(dof) * std
+    p = float(2 * t.sf(abs(shift) / std, max(dof, 1.0)))
+    return float(np.expm1(shift)), (float(np.expm1(shift - reach)), float(np.expm1(shift + reach))), p

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ from calibration.result.material import material_by_routes
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.records.constants import KILO
 from tactilevision.records.measured import Estimate, Floats, Pair
 
 # The two figures that say how well a model fits, the same in calibrate, compare, diagnose and steps.
@@ -81,31 +83,21 @@ def judged(fitted: Fit) -> Fit:
         return fitted
 
 
-def with_errors(result: CalibrationResult, errors: FitErrors) -> CalibrationResult:
-    """Return the result with its held-out error and its repeatability."""
-    return replace(result, held_out_N=errors.held_out_N, noise_floor_N=errors.repeatability_N)
-
-
 def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = "") -> CalibrationResult:
     """Return the result with a warning where the stated noise is far from the scatter of this fit's samples."""
-    times = beyond_stated(fitted)
-    if times is None and (deeper := depth_beyond_stated(fitted)) is not None:
-        said = f"depths scatter {deeper:.1f} times as much as was stated of them. Check std_mm of [depth]{or_else}"
-        return replace(result, flags=(*result.flags, TOO_SMALL), warnings=(*result.warnings, said))
-    if times is None:
-        return result
-    said = (
-        f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise. Check "
-        f"std_N of [force] and std_mm of [depth]{or_else}"
-    )
-    flag = TOO_SMALL
-    if times < 1:
-        said = (
-            "samples scatter less than half as much as was stated of them: small effects may stay unseen. Check "
-            "std_N of [force] and std_mm of [depth]"
-        )
+    flag, check = TOO_SMALL, "Check std_N of [force] and std_mm of [depth]"
+    if (times := beyond_stated(fitted)) is not None and times < 1:
         flag = "stated_noise_too_large"
-    return replace(result, flags=(*result.flags, flag), warnings=(*result.warnings, said))
+        said = "samples scatter less than half as much as was stated of them: small effects may stay unseen."
+        said = f"{said} {check}"
+    elif times is not None:
+        said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise."
+        said = f"{said} {check}{or_else}"
+    elif (deeper := depth_beyond_stated(fitted)) is not None:
+        said = f"depths scatter {deeper:.1f} times as much as was stated of them. Check std_mm of [depth]{or_else}"
+    else:
+        return result
+    return result.noted(said, flags=[flag])
 
 
 # Models against measurements: the error in and out of sample, and how well the presses repeat.
@@ -118,9 +110,9 @@ MANY = 8  # starts of an effect that are all fitted; of more the best
 class Compared:
     """One model: its effects in the order added, parameters, and rms errors in N.
 
-    `percent` is of the largest force, `um` at the median slope of force against depth; `covariates` the residual's
-    dependence on everything recorded, the most telling first. `material` what the fit says of the gel; None where
-    that was not asked yet, and of the picture's depth, whose errors are in mm in place of N.
+    `percent` is of the largest force, `um` at the median slope of force against depth. `covariates` are the
+    residual's dependence on everything recorded, the most significant first, and `material` is that of the fit;
+    neither is known before `completed`, nor of the picture's depth, whose errors are in mm instead of N.
     """
 
     name: str
@@ -132,13 +124,15 @@ class Compared:
     percent: float
     um: float
     chi2: float
-    covariates: tuple[Scored, ...]
     fitted: Fit
+    covariates: tuple[Scored, ...] = ()
     material: CalibrationResult | None = None
 
     def as_json(self, before: Compared | None = None) -> dict[str, Any]:
-        """One entry of comparison.json; `before` is the base model that the errors are held against."""
+        """Return one entry of comparison.json; `before` is the base model to compare the errors with."""
         base = before or self
+        labels = self.fitted.data.presses.label
+        errors = [rms_of_presses(one.fitted) for one in (base, self)]
         return {
             "name": self.name,
             "effects": list(self.effects),
@@ -159,9 +153,7 @@ class Compared:
             "youngs_modulus_MPa": None if self.material is None else self.material.youngs_modulus.as_json(),
             "presses": [
                 {"press": label, "rms_before_N": before, "rms_after_N": after}
-                for label, before, after in zip(
-                    self.fitted.data.presses.label, _of_presses(base.fitted), _of_presses(self.fitted), strict=True
-                )
+                for label, before, after in zip(labels, *errors, strict=True)
             ],
         }
 
@@ -170,9 +162,9 @@ class Compared:
 class Comparison:
     """Models in the order in which effects were added, on the same measurements.
 
-    `left_out` the effects that could not be added to those before, and why; `pictured` the same of effects on the
-    depth that the picture gives, held against the certified one, from what is read on, where there are both;
-    `suggested` keys of plain errors that would take more off the last model's error than they cost.
+    `left_out` are the effects that could not be added, and why; `pictured` the models of the picture's depth
+    compared with the certified one, where there are both; `suggested` the keys of instrument errors that would
+    lower the last model's error by more than they cost.
     """
 
     models: tuple[Compared, ...]
@@ -181,7 +173,7 @@ class Comparison:
     suggested: tuple[str, ...] = ()
 
     def as_json(self) -> list[dict[str, Any]]:
-        """The content of comparison.json."""
+        """Return the content of comparison.json."""
         return [model.as_json(self.models[0]) for model in self.models]
 
 
@@ -195,21 +187,20 @@ def compare(
     deadline: Deadline = NEVER,
     bound: Pair | None = SILICONE_NU,
 ) -> Comparison:
-    """The base law, then with each effect added on top of those before.
+    """Return the base law, then with each effect added on top of those before.
 
-    An effect that these data cannot show, that fails or that finds no minimum is passed over, named in `left_out`,
-    and the next one is added without it. One of the picture's depth is added there, where there is a certified
-    one; where it has a treatment, that takes the place of its fit.
-    `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added any
-    more. Raises InputError for unusable data.
+    An effect that these data cannot show, that fails or that finds no minimum is named in `left_out`, and the next
+    one is added without it. One of the picture's depth is added there, where there is a certified one; a treatment
+    replaces its fit. `bulge`: nu from the rise outside the contact, held within `bound`. After the `deadline` no
+    effect is added any more. Raises InputError for unusable data.
     """
-    ready = prepare(data, bulge=bulge, bound=bound)
+    ready, complete = prepare(data, bulge=bulge, bound=bound), partial(completed, rng=rng)
     progress(0, len(effects) + 1, "the base model")
-    found = plain_law(ready, rng=rng)
+    found = complete(plain_law(ready))
     for number, added in enumerate(effects, start=1):
         effect = get_effect(added) if isinstance(added, str) else added
         progress(number, len(effects) + 1, effect.key.replace("_", " "))
-        found = with_effect(found, effect, ready, rng=rng, deadline=deadline)
+        found = with_effect(found, effect, ready, complete=complete, deadline=deadline)
     return replace(found, suggested=suggest(found, deadline))
 
 
@@ -227,15 +218,13 @@ def prepare(data: Observations, *, bulge: Estimate | None = None, bound: Pair | 
     return Prepared(stated, informed(stated, bulge, bound=bound))
 
 
-def plain_law(ready: Prepared, *, rng: np.random.Generator | None, of_gel: bool = True) -> Comparison:
-    """Return the base law alone, to which `with_effect` adds. Raises InputError where it cannot be fitted.
+def plain_law(ready: Prepared) -> Comparison:
+    """Return the base law alone, to which `with_effect` adds, without what `completed` determines.
 
-    `of_gel`: with what the fit says of the gel, which takes as long again; `with_gel` brings it later. Without an
-    `rng` what the residual depends on stays unknown; `with_covariates` brings it later.
+    Raises InputError where it cannot be fitted.
     """
-    alone = judge(base_fit(base_model(ready.data), ready.data), rng)
-    found = Comparison((alone,), pictured=_of_picture(ready.stated))
-    return with_gel(found) if of_gel else found
+    alone = _judge(base_fit(base_model(ready.data), ready.data))
+    return Comparison((alone,), pictured=_of_picture(ready.stated))
 
 
 def _of_picture(data: Observations) -> tuple[Compared, ...]:
@@ -246,17 +235,12 @@ def _of_picture(data: Observations) -> tuple[Compared, ...]:
     return ()
 
 
-def with_gel(found: Comparison) -> Comparison:
-    """Return the same with the material of each fit."""
-    said = (m if m.material else replace(m, material=material_by_routes(m.fitted)) for m in found.models)
-    return replace(found, models=tuple(said))
-
-
-def with_covariates(found: Comparison, rng: np.random.Generator) -> Comparison:
-    """Return the same with the covariates that the last model's residual depends on."""
+def completed(found: Comparison, rng: np.random.Generator) -> Comparison:
+    """Return the same with the last model's material, which takes as long again, and its residual's covariates."""
     last = found.models[-1]
-    scored = score_test(last.fitted, (), rng=rng).covariates
-    return replace(found, models=(*found.models[:-1], replace(last, covariates=scored)))
+    covariates = score_test(last.fitted, (), rng=rng).covariates
+    whole = replace(last, material=material_by_routes(last.fitted), covariates=covariates)
+    return replace(found, models=(*found.models[:-1], whole))
 
 
 def with_effect(
@@ -264,23 +248,22 @@ def with_effect(
     effect: Effect,
     ready: Prepared,
     *,
-    rng: np.random.Generator | None,
+    complete: Callable[[Comparison], Comparison] | None = None,
     deadline: Deadline = NEVER,
-    of_gel: bool = True,
 ) -> Comparison:
     """Return the comparison with one more effect, or with the reason in `left_out` why it cannot be added.
 
-    `of_gel` and `rng` as for `plain_law`.
+    `complete` is applied to one with another model of the force.
     """
     last = found.models[-1]
     why = "the time was over" if deadline.passed else ""
     try:
         unseen = why or effect_directions(found.models[0].fitted, [effect])[1].get(effect.key, "")
         if not unseen:
-            one = evaluate(last.fitted.model + effect, last.fitted.data, rng=rng, on=last.fitted)
+            one = _evaluate(last.fitted.model + effect, last.fitted)
             more = (*found.models, replace(one, effects=(*last.effects, effect.key)))
             longer = replace(found, models=more, suggested=())
-            return with_gel(longer) if of_gel else longer
+            return longer if complete is None else complete(longer)
         if why or (pictured := _in_picture(found.pictured, effect, ready)) is None:
             return replace(found, left_out=(*found.left_out, (effect.key, unseen)))
         return replace(found, pictured=pictured, suggested=())
@@ -336,14 +319,13 @@ def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:
         held_out_N=error,
         repeatability_N=repeatability_rms(fitted),
         percent=100 * error / float(np.median(data.depth_mm)),
-        um=1e3 * error,
+        um=KILO * error,
         chi2=fitted.chi2,
-        covariates=(),
         fitted=fitted,
     )
 
 
-def _of_presses(fitted: Fit) -> Floats:
+def rms_of_presses(fitted: Fit) -> Floats:
     """Return the rms error of each press (M,), N."""
     press = fitted.data.press
     return np.sqrt(np.bincount(press, fitted.residual_N**2) / np.bincount(press))
@@ -374,24 +356,20 @@ def base_model(data: Observations) -> Model:
     return Model(FlatPunch(free_poisson_ratio=several and data.gel.poisson_ratio is None))
 
 
-def evaluate(
-    model: Model, data: Observations, *, rng: np.random.Generator | None, on: Fit | None = None
-) -> Compared:
+def _evaluate(model: Model, on: Fit) -> Compared:
     """Return the errors of one model; `on` is the fit that its last effect was added to.
 
     Of an effect with many starts only the best on that fit are tried.
     """
-    added = [one for one in model.effects if on is None or one.key not in on.model.keys]
-    starts = None
-    if on is not None and len(added) == 1 and len(added[0].starts(data)) > MANY:
+    added, starts = [one for one in model.effects if one.key not in on.model.keys], None
+    if len(added) == 1 and len(added[0].starts(on.data)) > MANY:
         starts = refit_with(on, added[0]).values[None]
-    return judge(with_errors_in_depth(refit_with_pure_noise(fit(model, data, starts=starts))), rng)
+    return _judge(with_errors_in_depth(refit_with_pure_noise(fit(model, on.data, starts=starts))))
 
 
-def judge(fitted: Fit, rng: np.random.Generator | None) -> Compared:
-    """Return the errors of a fit, and with an `rng` the covariates that its residual depends on."""
+def _judge(fitted: Fit) -> Compared:
+    """Return the errors of a fit."""
     data, errors = fitted.data, fit_errors(fitted)
-    covariates = () if rng is None else score_test(fitted, (), rng=rng).covariates
     slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))
     keys = tuple(k for k in fitted.model.keys if k not in TOLERANCES)
     return Compared(
@@ -402,8 +380,7 @@ def judge(fitted: Fit, rng: np.random.Generator | None) -> Compared:
         held_out_N=errors.held_out_N,
         repeatability_N=errors.repeatability_N,
         percent=100 * fitted.rms_error_N / float(np.max(data.normal_N)),
-        um=1e3 * fitted.rms_error_N / slope,
+        um=KILO * fitted.rms_error_N / slope,
         chi2=fitted.chi2,
-        covariates=covariates,
         fitted=fitted,
     )

@@ -15,8 +15,10 @@ from calibration.diagnosis.decision import (
     Outcome,
     against_instrument_errors,
     decide,
+    instead_of_beta,
     odd_presses,
     outcome,
+    would_have_to_be,
 )
 from calibration.diagnosis.diagnosis import (
     Added,
@@ -31,20 +33,17 @@ from calibration.diagnosis.diagnosis import (
 )
 from calibration.diagnosis.experiment_design import plan_next, press_again
 from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
-from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
-from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
 from calibration.diagnosis.refit import (
     CANNOT_FIT,
     TOLD_APART,
     Candidate,
     adopt,
-    freed,
     held_out_rms,
     inside,
     refit_with,
 )
 from calibration.diagnosis.score_test import LEVEL, effect_directions
-from calibration.diagnosis.sensitivity import hidden
+from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
 from calibration.effects import EFFECTS
@@ -66,50 +65,39 @@ from tactilevision.records.measured import Estimate, Pair
 # E's interval, widened to what other explanations make of E; its value stays.
 
 
-def tried(searched: Searched) -> tuple[Candidate, ...]:
-    """Return the base and what was significant at first: where nothing is named, E may be that of any of them."""
-    first = searched.rounds[0]
-    beyond = [c for c in first.candidates if first.scored[c.effect.key].p_adjusted < LEVEL]
-    return _with_reference(searched.base, beyond)
-
-
-def unconfirmed(searched: Searched) -> tuple[Candidate, ...]:
-    """Return the last fit and what is significant on it but was not confirmed on presses held out."""
-    here, last = searched.current, searched.rounds[-1]
-    found = [
-        c for c in last.candidates
-        if last.scored[c.effect.key].p_adjusted < LEVEL and inside(c) and c.cost < here.chi2
-        and c.model.without(c.effect.key).keys == here.model.keys
-    ]  # fmt: skip
-    return _with_reference(here, found)
-
-
-def _with_reference(fitted: Fit, others: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Return the fit itself as a candidate, before `others`; nothing without these."""
-    if not others:
-        return ()
-    return (Candidate(others[0].effect, fitted.model, fitted.values, fitted.chi2, fitted.force_N), *others)
-
-
-def widened(result: CalibrationResult, factors: Sequence[float], warning: str) -> CalibrationResult:
+def _widened(result: CalibrationResult, factors: Sequence[float], warning: str) -> CalibrationResult:
     """Return the result with E's interval reaching to E times each of `factors`, and the warning."""
     E = result.youngs_modulus
     if not factors or E.interval95 is None:
         return result
     wide = (E.interval95[0] * min(1.0, *factors), E.interval95[1] * max(1.0, *factors))
-    return replace(result, youngs_modulus=replace(E, interval95=wide), warnings=(*result.warnings, warning))
+    return replace(result, youngs_modulus=replace(E, interval95=wide)).noted(warning)
 
 
-def over_candidates(
-    after: CalibrationResult, sets: Sequence[tuple[Candidate, ...]], others: Sequence[float]
-) -> CalibrationResult:
-    """Widen E's interval to the equals of the first candidate of each set, and to `others`, factors of E."""
-    factors = [*others, *(c.values[0] / s[0].values[0] for s in sets for c in s[1:])]
-    said = "E's interval reaches to what effects that cannot be told apart, or are not beyond doubt, make of E"
-    return widened(after, factors, said)
+def _over_candidates(after: CalibrationResult, force: Outcome, others: Sequence[float]) -> CalibrationResult:
+    """Widen E's interval to the rivals of each effect, to what is significant but was not named, and to `others`.
+
+    Where nothing is named E may be that of any effect that was significant at first; else of one that is
+    significant on the last fit but was not confirmed on presses held out. `others`: factors of E.
+    """
+    searched, factors = force.searched, list(others)
+    if force.unknown:
+        base, turn = searched.base, searched.rounds[0]
+        found = [c for c in turn.candidates if turn.scored[c.effect.key].p_adjusted < LEVEL]
+    else:
+        factors += [c.values[0] / equals[0].values[0] for equals in force.sets for c in equals[1:]]
+        base, turn = searched.current, searched.rounds[-1]
+        found = [
+            c for c in turn.candidates
+            if turn.scored[c.effect.key].p_adjusted < LEVEL and inside(c) and c.cost < base.chi2
+            and c.model.without(c.effect.key).keys == base.model.keys
+        ]  # fmt: skip
+    factors += [c.values[0] / base.values[0] for c in found]
+    said = "E's interval reaches to what effects that are not distinguishable, or not beyond doubt, make of E"
+    return _widened(after, factors, said)
 
 
-def over_bend(after: CalibrationResult, searched: Searched) -> CalibrationResult:
+def _over_bend(after: CalibrationResult, searched: Searched) -> CalibrationResult:
     """Widen E's interval to the effects that explain a bend within theory as well as theory does."""
     others = searched.bend_or
     if not others:
@@ -117,18 +105,14 @@ def over_bend(after: CalibrationResult, searched: Searched) -> CalibrationResult
     key = max(others, key=lambda one: abs(np.log(others[one])))
     what, off = key.replace("_", " "), 100 * (others[key] - 1)
     said = f"what was taken for a bend that theory allows may be {what} as well: E is then {off:+.0f} %"
-    return widened(after, list(others.values()), said)
+    return _widened(after, list(others.values()), said)
 
 
-def over_rise(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
+def _over_rise(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
     """Widen E's interval to what it would be if the certified depth did not allow for the gel's rise."""
     share = max((risen(c, sight.fitted.data) for s in sight.sets for c in s), default=0.0)
-    E = after.youngs_modulus
-    if share <= 0 or E.interval95 is None:
-        return after
     said = f"if the bevel met the gel early, depths are {100 * share:.1f} % too large and E that much too small"
-    wide = replace(E, interval95=(E.interval95[0], E.interval95[1] / (1 - share)))
-    return replace(after, youngs_modulus=wide, warnings=(*after.warnings, said))
+    return _widened(after, [1 / (1 - share)] if share > 0 else [], said)
 
 
 # From a misfit to its cause: what is missing from the model, what cannot be distinguished, what to measure next.
@@ -164,16 +148,17 @@ def diagnose(
     """
     data = clear_of_touch(in_phase(usable(data)))
     catalogue = [*EFFECTS.values(), *effects]
-    held = partial(_diagnosed, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch)
-    fitted = partial(held, catalogue=catalogue)
-    found = whole = fitted(data)
+    diagnosed = partial(
+        _diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch
+    )
+    found = whole = diagnosed(data)
     aside, foreign = tuple[str, ...](), False
     while (
         not watch.over and (odd := found.presses.odd).presses and len(aside) + len(odd.presses) <= FEW * data.count
     ):
         aside, foreign = (*aside, *odd.presses), foreign or odd.foreign
         others = ~np.isin(np.array(data.presses.label), aside)
-        found = fitted(data.take(others))
+        found = diagnosed(data.take(others))
     return _beside(whole, found, aside, foreign=foreign) if aside and not found.presses.odd.presses else whole
 
 
@@ -188,7 +173,8 @@ def _diagnosed(
     watch: Watch,
 ) -> Diagnosis:
     """Diagnose these presses, without setting any aside."""
-    seen, source = fit_vision_depth(data), _source_of_nu(data, bulge, bound)
+    seen = fit_vision_depth(data)
+    source = tightest((*of_bulge(bulge), *of_prior(data.gel, bulge=bulge, bound=bound)))  # of nu
     data = informed(data, bulge, bound=bound)
     model = base_model(data)
     for effect in known:
@@ -222,11 +208,6 @@ def _unbiased(force: Outcome) -> Outcome:
     with suppress(*CANNOT_FIT):
         last = replace(last, fitted=with_errors_in_depth(last.fitted))
     return replace(force, steps=(*force.steps[:-1], last))
-
-
-def _source_of_nu(data: Observations, bulge: Estimate | None, bound: Pair | None) -> str:
-    """Return the route that determined nu best before any force was fitted."""
-    return tightest((*of_bulge(bulge), *of_prior(data.gel, bulge=bulge, bound=bound)))
 
 
 def _sourced(result: CalibrationResult, source: str) -> CalibrationResult:
@@ -269,7 +250,10 @@ def _determine(
     sets = [s for one in both for s in one.sets]
     suspects = instead_of_beta() if STRANGE_BETA & set(flags) else ()
     explained, instead = would_have_to_be(base, suspects), _refitted(base, suspects)
-    after, unseen = _material(alone, (force, sight), catalogue, _moduli(force, explained, instead=instead))
+    moduli = [*(one.youngs_modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
+    moduli += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
+    shares = [modulus / float(base.values[0]) for modulus in moduli]
+    after, unseen = _material(alone, (force, sight), catalogue, shares)
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     keys = [*(c.effect.key for s in sets for c in s), *(effect.key for effect in (suspects if explained else ()))]
     candidates = tuple(dict.fromkeys(keys))
@@ -313,18 +297,10 @@ def _determine(
     )
 
 
-def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: Sequence[Candidate]) -> list[float]:
-    """Return what else E may be, over that of the base fit."""
-    moduli = [*(one.youngs_modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
-    moduli += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
-    return [modulus / float(force.searched.base.values[0]) for modulus in moduli]
-
-
 def concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
     """Return the material of the last fit, with warnings of curves not used and of a stated noise far off."""
     if fitted.data.reconstructed_mm is not None and not fitted.data.is_curves:
-        flags, warnings = (*result.flags, POINTS_ALONE), (*result.warnings, WHY_POINTS)
-        result = replace(result, flags=flags, warnings=warnings)
+        result = result.noted(WHY_POINTS, flags=[POINTS_ALONE])
     return with_stated_noise(result, fitted)
 
 
@@ -336,23 +312,12 @@ def _material(
 ) -> tuple[CalibrationResult, tuple[UndetectedEffect, ...]]:
     """Return the last fit's material `alone`, with E's interval over each candidate and over unseen effects."""
     force, sight = both
+    remarks = [NOT_TRUSTED] if force.unknown else [force.remainder.sentence] if force.remainder else []
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
-    searched = force.searched
-    sets = [tried(searched)] if force.unknown else [*force.sets, unconfirmed(searched)]
-    after = over_bend(over_candidates(alone, sets, shares), searched)
-    after = replace(
-        after,
-        youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
-        warnings=(*after.warnings, *_remarks(force)),
-    )
-    return (after if sight is None else over_rise(after, sight)), unseen
-
-
-def _remarks(force: Outcome) -> tuple[str, ...]:
-    """Return the warning about E where a residual is left."""
-    if force.unknown:
-        return (NOT_TRUSTED,)
-    return () if force.remainder is None else (force.remainder.sentence,)
+    after = _over_bend(_over_candidates(alone, force, shares), force.searched)
+    reached = holding(after.youngs_modulus, averaged.interval95)
+    after = replace(after, youngs_modulus=reached).noted(*remarks)
+    return (after if sight is None else _over_rise(after, sight)), unseen
 
 
 def _testable(both: Sequence[Outcome]) -> tuple[dict[str, str], dict[str, float]]:
@@ -404,5 +369,5 @@ def _refitted(base: Fit, effects: Sequence[Effect]) -> Sequence[Candidate]:
     for effect in effects:
         if effect.key not in base.model.keys:
             with suppress(*CANNOT_FIT):
-                found.append(refit_with(base, freed(effect)))
+                found.append(refit_with(base, effect.freed()))
     return found

@@ -1,30 +1,263 @@
-"""Plan the fewest presses that give E within a goal.
+"""Plan the fewest presses that give E within a goal, by the uncertainty that a calibration of them would have.
 
+    covariance = (J^T W^T W J + priors)^-1,    J = d force/d parameter at the guessed material
     least n with half width of 95 % (n) <= goal,    half width^2 about A^2 + B^2 / n
 
-A is shared by all presses: nu, friction, edge, tolerances. Where A exceeds the goal, no number of presses reaches
-it, and remedies are tried. Sets of heights are ranked by the information of their presses. Assumptions:
-forecast.py.
+Presses without errors at the guess are fitted with the stated noise, by the law, tolerances, friction and edges of
+`calibrate`; n repeats of a face are one press with std smaller by sqrt(n). Linear about the guess. A is shared by
+all presses: nu, friction, edge, tolerances. Where A exceeds the goal, no number of presses reaches it, and
+remedies are tried. Sets of heights are ranked by the information of their presses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import combinations
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 
-from calibration.fit.least_squares import Fit, inverse_information
+from calibration.fit.least_squares import Fit, fit, inverse_information
+from calibration.fit.tolerances import with_tolerances
+from calibration.inputs.checks import check
 from calibration.inputs.gather import observe_points
-from calibration.inputs.observations import TYPICAL_FORCE_N, TYPICAL_ZERO_MM, Measured
+from calibration.inputs.observations import (
+    TYPICAL_FORCE_N,
+    TYPICAL_GAIN,
+    TYPICAL_ZERO_MM,
+    Measured,
+    Observations,
+    Presses,
+    Shared,
+)
 from calibration.laws.flat_punch import starting_modulus
-from calibration.tasks.forecast import Design, Forecast, PressNoise, check_design, forecast, forecast_fit
+from calibration.noise.model import STATED_DOF, Noise
+from calibration.result.material import allow_for_edge, determine_material
+from calibration.tasks.compare import base_model
 from tactilevision.errors import InputError
 from tactilevision.recording.model import Recording
-from tactilevision.records.measured import Bools, Floats
-from tactilevision.records.rig import Indenter
+from tactilevision.records.constants import KILO, NU_NOMINAL
+from tactilevision.records.measured import Bools, Estimate, Floats, Pair
+from tactilevision.records.rig import Gel, Indenter
+
+USUAL_MODULUS_MPA: Pair = (0.2, 0.2)  # MPa: guess of E where none is given; soft silicone gels lie about it
+USUAL_NU: Pair = (NU_NOMINAL, NU_NOMINAL)  # guess of Poisson's ratio where none is given
+
+
+@dataclass(frozen=True, slots=True)
+class PressNoise:
+    """Standard deviations of one press: its depth (mm), its force (N), and its force relative to itself."""
+
+    depth_std_mm: float = TYPICAL_ZERO_MM
+    force_std_N: float = TYPICAL_FORCE_N
+    gain: float = TYPICAL_GAIN
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """Presses that could be made: `repeats` of each face, which is an indenter's `radius_mm` and `height_mm`.
+
+    What is stated of gel and indenters (tolerances, edges, nu with its std) is known beforehand; `shared` what all
+    depths have wrong together. E and nu are ranges in which the material may lie: the worst of their ends counts.
+    """
+
+    gel: Gel
+    indenters: tuple[Indenter, ...]
+    repeats: int = 3
+    youngs_modulus_MPa: Pair = USUAL_MODULUS_MPA
+    poisson_ratio: Pair = USUAL_NU
+    noise: PressNoise = field(default=PressNoise())
+    lubricated: bool = False
+    shared: Shared = field(default=Shared())
+
+    @property
+    def heights_mm(self) -> tuple[float, ...]:
+        """The distinct step heights, ascending."""
+        return tuple(sorted({float(one.height_mm or 0.0) for one in self.indenters}))
+
+    @property
+    def radii_mm(self) -> tuple[float, ...]:
+        """The distinct radii, ascending."""
+        return tuple(sorted({one.radius_mm for one in self.indenters}))
+
+    @property
+    def presses(self) -> int:
+        """The number of presses."""
+        return self.repeats * len(self.indenters)
+
+
+@dataclass(frozen=True, slots=True)
+class Margin:
+    """`std` and `half_width` of the 95 % interval (the farther end) that a calibration would give.
+
+    `std` is None where it would give no value; `half_width` is then half of the open interval.
+    """
+
+    std: float | None
+    half_width: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Return both numbers."""
+        return {"std": self.std, "half_width_95": self.half_width}
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """A design and the margins of c and E (relative) and of nu (1); nu and E have no std where nu stays open."""
+
+    design: Design
+    c: Margin
+    youngs_modulus: Margin
+    poisson_ratio: Margin
+
+    @property
+    def nu_is_open(self) -> bool:
+        """Whether nothing in the design determines Poisson's ratio."""
+        return self.poisson_ratio.std is None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return one entry of plan.json."""
+        return {
+            "heights_mm": list(self.design.heights_mm),
+            "radii_mm": list(self.design.radii_mm),
+            "repeats": self.design.repeats,
+            "presses": self.design.presses,
+            "c_relative": self.c.as_json(),
+            "youngs_modulus_relative": self.youngs_modulus.as_json(),
+            "poisson_ratio": self.poisson_ratio.as_json(),
+            "poisson_ratio_open": self.nu_is_open,
+        }
+
+
+def forecast(design: Design) -> Forecast:
+    """Return the worst margins of a design over its ranges of E and nu. Raises InputError if impossible."""
+    check_design(design)
+    places = sorted(set(product(design.youngs_modulus_MPa, design.poisson_ratio)))
+    rows = [_margins(design, modulus, nu) for modulus, nu in places]
+    c, modulus, nu = (
+        max(column, key=lambda m: (m.std is None, m.half_width)) for column in zip(*rows, strict=True)
+    )
+    return Forecast(design, c, modulus, nu)
+
+
+def forecast_fit(design: Design, modulus_MPa: float, *, poisson_ratio: float) -> Fit:
+    """Return the fit to presses without errors for a gel of this E (MPa) and nu."""
+    data = forecast_data(design, modulus_MPa, poisson_ratio=poisson_ratio)
+    model = base_model(data)
+    check(data)
+    free = sum(not p.fixed and p.prior is None for p in model.parameters(data))
+    noise = Noise(1.0, dof=max(design.presses - free, 0) + STATED_DOF)
+    start = with_tolerances(model, data).defaults(data)
+    start[:2] = modulus_MPa, poisson_ratio
+    return fit(model, data, noise=noise, starts=start)
+
+
+def forecast_data(design: Design, modulus_MPa: float, *, poisson_ratio: float) -> Observations:
+    """Return one sample (N,) a face: depth (mm) and the law's force (N), with the noise of its repeats' mean."""
+    faces, count, root = design.indenters, len(design.indenters), np.sqrt(design.repeats)
+    unknown, order, noise = np.full(count, np.nan), np.arange(float(count)), design.noise
+    presses = Presses(
+        label=tuple(f"press {k + 1}" for k in range(count)),
+        recording=np.zeros(count, dtype=np.int64),
+        indenter=np.arange(count),
+        radius_mm=np.array([one.radius_mm for one in faces]),
+        **dict.fromkeys(("x_mm", "y_mm", "rest_s", "speed_mm_s", "hold_s", "temperature_C"), unknown),
+        lubricated=np.full(count, 1.0 if design.lubricated else np.nan),
+        day=np.zeros(count),
+        order=order,
+    )
+    data = Observations(
+        gel=design.gel,
+        indenters=faces,
+        presses=presses,
+        press=np.arange(count),
+        time_s=60 * order,
+        depth_mm=np.array([one.height_mm for one in faces], dtype=float),
+        force_N=np.ones((count, 3)),
+        phase=np.full(count, "load"),
+        temperature_C=unknown,
+        depth_std_mm=np.full(count, noise.depth_std_mm / root),
+        force_std_N=np.full(count, noise.force_std_N / root),
+        depth_source="gauge",
+        shared=design.shared,
+    )
+    model = base_model(data)
+    truth = model.defaults(data)
+    truth[:2] = modulus_MPa, poisson_ratio
+    force = model.predict(truth, data)
+    return replace(data.with_force(force), force_std_N=np.hypot(noise.force_std_N, noise.gain * force) / root)
+
+
+def check_design(design: Design) -> None:
+    """Raise InputError, with one sentence, for a design that cannot be pressed."""
+    gel, noise, faces = design.gel, design.noise, design.indenters
+    _check_numbers(
+        "above 0",
+        {
+            "gel thickness": [gel.thickness_mm],
+            "repeats": [design.repeats],
+            "E": design.youngs_modulus_MPa,
+            "Poisson's ratio": design.poisson_ratio,
+            "the noise of depth": [noise.depth_std_mm],
+            "the noise of force": [noise.force_std_N],
+            "radius": [one.radius_mm for one in faces],
+            "step height": [np.nan if one.height_mm is None else one.height_mm for one in faces],
+        },
+    )
+    _check_numbers(
+        "0 or more",
+        {
+            "the relative noise of force": [noise.gain],
+            "the standard deviation of the thickness": [gel.thickness_std_mm],
+            "the standard deviation of nu": [gel.poisson_ratio_std or 0.0],
+            "the standard deviation of a radius": [one.radius_std_mm for one in faces],
+            "the standard deviation of a height": [one.height_std_mm for one in faces],
+            "the radius of an edge": [one.edge_radius_mm or 0.0 for one in faces],
+        },
+    )
+    if not max(design.poisson_ratio) < 0.5:
+        raise InputError("Poisson's ratio lies in (0, 0.5)", where="plan", value=max(design.poisson_ratio))
+    for radius in design.radii_mm:
+        heights = {one.height_mm for one in design.indenters if one.radius_mm == radius}
+        if len(heights) < 2:
+            raise InputError(
+                "a radius needs two step heights at least, to distinguish stiffness from curvature",
+                where=f"radius {radius:g} mm",
+                value=sorted(h for h in heights if h is not None),
+                remedy="Give a second height, about twice the first.",
+            )
+    if not design.indenters:
+        raise InputError("there is nothing to press", where="plan", remedy="Give radii and step heights.")
+    if design.heights_mm[-1] >= design.gel.thickness_mm:
+        raise InputError(
+            "a step height reaches through the gel",
+            where="plan",
+            value=design.heights_mm[-1],
+            remedy=f"The gel is {design.gel.thickness_mm:g} mm thick; heights are in mm.",
+        )
+
+
+def _check_numbers(what: str, numbers: Mapping[str, Sequence[float]]) -> None:
+    """Raise InputError where one of the named numbers is not finite, not above 0 or below 0."""
+    for name, values in numbers.items():
+        for value in values:
+            if not np.isfinite(value) or value < 0 or (value == 0 and what == "above 0"):
+                raise InputError(f"{name} must be {what}", where="plan", value=value)
+
+
+def _margins(design: Design, modulus: float, nu: float) -> tuple[Margin, Margin, Margin]:
+    found = allow_for_edge(determine_material(forecast_fit(design, modulus, poisson_ratio=nu)))
+    return _margin(found.c), _margin(found.youngs_modulus), _margin(found.poisson_ratio, relative=False)
+
+
+def _margin(found: Estimate, *, relative: bool = True) -> Margin:
+    low, high = found.interval95 or (-np.inf, np.inf)
+    centre = (low + high) / 2 if found.value is None else found.value
+    size = abs(centre) if relative else 1.0
+    std = None if found.value is None or found.std is None else found.std / size
+    return Margin(std, max(high - centre, centre - low) / size)
+
 
 MAX_REPEATS = 1000  # repeats of a face, taken as unlimited
 MAX_HEIGHTS = 8  # heights offered up to which every set of them is tried: 247 sets
@@ -154,7 +387,6 @@ def plan(design: Design, *, goal: Goal | None = None) -> Plan:
     """
     goal = Goal() if goal is None else goal
     _check_goal(goal)
-    check_design(design)
     given, limit = forecast(design), _at(design, MAX_REPEATS)
     whole = least_repeats(design, goal) if goal.reached(limit) else None
     fewest = None if whole is None else fewest_presses(whole, goal)
@@ -256,11 +488,9 @@ def _remedies(design: Design, goal: Goal) -> Iterator[Remedy]:
 def _known_nu(base: Design, goal: Goal, also: str) -> Iterator[Remedy]:
     """Yield the largest std of nu that reaches the goal, or the smallest where none does."""
     gel, centre = base.gel, float(np.mean(base.poisson_ratio))
-    known = gel.poisson_ratio_std if gel.poisson_ratio is not None else None
+    known = np.inf if gel.poisson_ratio is None or gel.poisson_ratio_std is None else gel.poisson_ratio_std
     found = None
-    for std in NU_STDS:
-        if known is not None and std >= known:
-            continue
+    for std in (one for one in NU_STDS if one < known):
         sharper = replace(base, gel=replace(gel, poisson_ratio=centre, poisson_ratio_std=std))
         found = _remedy(
             f"know nu with a std of {std:g} (the rise beside the punch, or a prior){also}", sharper, goal
@@ -290,9 +520,7 @@ def _remedy(action: str, design: Design, goal: Goal) -> Remedy:
 
 def _check_goal(goal: Goal) -> None:
     goals = [one for one in (goal.youngs_modulus, goal.poisson_ratio, goal.c) if one is not None]
-    for one in goals:
-        if not (np.isfinite(one) and one > 0):
-            raise InputError("a goal must be above 0", where="plan", value=one)
+    _check_numbers("above 0", {"a goal": goals})
     if not goals:
         raise InputError("there is no goal", where="plan", remedy="Ask for E, nu or c within something.")
 
@@ -300,7 +528,7 @@ def _check_goal(goal: Goal) -> None:
 def _assumptions(design: Design) -> Iterator[str]:
     noise, gel = design.noise, design.gel
     yield (
-        f"one press is off by {1e3 * noise.depth_std_mm:.3g} um in depth, {1e3 * noise.force_std_N:.3g} mN and "
+        f"one press is off by {KILO * noise.depth_std_mm:.3g} um in depth, {KILO * noise.force_std_N:.3g} mN and "
         f"{100 * noise.gain:.3g} % in force (std), each press anew"
     )
     moduli, ratios = (

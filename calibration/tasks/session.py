@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import chain, pairwise
 from math import nan
 from pathlib import Path
@@ -100,34 +100,14 @@ class History:
     def label(self, name: str) -> History:
         """Return the history with this state under a name, which another state loses."""
         if not name.strip() or len(name) > MAX_LABEL or not name.isprintable():
-            raise InputError(
-                "a state's name is one line of text",
-                where="label",
-                value=name,
-                remedy=f"{MAX_LABEL} letters at most.",
-            )
+            remedy = f"{MAX_LABEL} letters at most."
+            raise InputError("a state's name is one line of text", where="label", value=name, remedy=remedy)
         others = tuple(one for one in self.labels if one.name != name)
         return replace(self, labels=(*others, Labelled(name, self.steps, self.left_out)))
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of history.json."""
-
-        def rows(steps: Sequence[Step]) -> list[dict[str, Any]]:
-            names = (*ERRORS, "unit")
-            return [{"key": s.key, "path": s.path, **{name: getattr(s, name) for name in names}} for s in steps]
-
-        return {
-            "recordings": list(self.recordings),
-            "steps": rows(self.steps),
-            "undone": rows(self.undone),
-            "applied": self.applied,
-            "seed": self.seed,
-            "prior": self.prior,
-            "left_out": list(self.left_out),
-            "labels": [
-                {"name": one.name, "steps": rows(one.steps), "left_out": list(one.left_out)} for one in self.labels
-            ],
-        }
+        return asdict(self)
 
     def save(self, path: Path | str) -> None:
         """Write history.json."""
@@ -153,11 +133,8 @@ def steps_of_comparison(found: Comparison, files: Mapping[str, str]) -> list[Ste
     """Return a step for each effect added, with the errors before and after; `files` of private ones by key."""
     from calibration.effects import written
 
-    steps = []
-    changes = [("N", *pair) for pair in pairwise(found.models)] + [
-        ("mm", *pair) for pair in pairwise(found.pictured)
-    ]
-    for unit, before, model in changes:
+    steps, kinds = [], (("N", found.models), ("mm", found.pictured))
+    for unit, before, model in ((unit, *pair) for unit, models in kinds for pair in pairwise(models)):
         key = model.effects[-1]
         kept = (effect for effect in model.fitted.model.effects if effect.key == key)
         named = next((written(effect) for effect in kept), key)  # what frames read anew cure is not fitted
@@ -176,24 +153,22 @@ def load_history(path: Path | str) -> History:
         )
     try:
         content = read_json(path)
-        steps, undone = (tuple(_step(row) for row in content[name]) for name in ("steps", "undone"))
         return History(
-            tuple(_text(name) for name in content["recordings"]),
-            steps,
-            undone,
+            tuple(map(_text, content["recordings"])),
+            tuple(map(_step, content["steps"])),
+            tuple(map(_step, content["undone"])),
             applied=content.get("applied") is True,
             seed=_seed(content.get("seed", 0)),
             prior=content.get("prior") is not False,
-            left_out=tuple(_text(name) for name in content.get("left_out", ())),
-            labels=tuple(_labelled(row) for row in content.get("labels", ())),
+            left_out=tuple(map(_text, content.get("left_out", ()))),
+            labels=tuple(map(_labelled, content.get("labels", ()))),
         )
     except (OSError, ValueError, KeyError, TypeError) as fault:
         raise InputError("this is no history of an analysis", where=path, value=str(fault)) from fault
 
 
 def _labelled(row: dict[str, Any]) -> Labelled:
-    steps = tuple(_step(step) for step in row["steps"])
-    return Labelled(_text(row["name"]), steps, tuple(_text(name) for name in row["left_out"]))
+    return Labelled(_text(row["name"]), tuple(map(_step, row["steps"])), tuple(map(_text, row["left_out"])))
 
 
 def _step(row: dict[str, Any]) -> Step:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from math import inf, isfinite, isinf
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from calibration.inputs.checks import check
+from calibration.inputs.deadline import SILENT, Progress
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
 from calibration.result.result import versions
@@ -19,7 +20,7 @@ from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_curve import PunchCurve, punch_curve, tabulated_curve
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
-from tactilevision.records.constants import NU_MAX, Z95
+from tactilevision.records.constants import NU_MAX, TAILS95, Z95
 from tactilevision.records.measured import Floats, Material, Pair
 from tactilevision.records.rig import Indenter
 
@@ -34,9 +35,9 @@ class Trend:
     """`over_range` is the line's rise from the shallowest to the deepest sample, `interval95` its interval;
     `p_value` the chance of such a slope where there is none; all None where `why` says what is missing."""
 
-    over_range: float | None
-    interval95: Pair | None
-    p_value: float | None
+    over_range: float | None = None
+    interval95: Pair | None = None
+    p_value: float | None = None
     why: str = ""
 
     @property
@@ -46,12 +47,8 @@ class Trend:
 
     def as_json(self) -> dict[str, Any]:
         """Return its entry in validation.json."""
-        return {
-            "over_range": self.over_range,
-            "interval95": None if self.interval95 is None else list(self.interval95),
-            "p_value": self.p_value,
-            "found": self.found if self.p_value is not None else None,
-        } | ({"why": self.why} if self.why else {})
+        content = asdict(self) | {"found": self.found if self.p_value is not None else None}
+        return {name: value for name, value in content.items() if name != "why" or value}
 
 
 def find_trend(depth_mm: Floats, error: Floats) -> Trend:
@@ -59,19 +56,16 @@ def find_trend(depth_mm: Floats, error: Floats) -> Trend:
 
     Least squares, t = slope / std with N - 2 degrees of freedom.
     """
-    from scipy.stats import t as student
+    from scipy.stats import linregress, t as student
 
     use = np.isfinite(error)
     x, y = depth_mm[use], error[use]
     if np.unique(x).size < 3:
-        return Trend(None, None, None, "fewer than three depths: a trend cannot be told from scatter")
-    span = float(np.ptp(x))
-    x = (x - x.mean()) / span
-    slope = float(x @ y / (x @ x))
-    left = y - y.mean() - slope * x
-    dof = x.size - 2
-    std = max(float(np.sqrt(left @ left / dof)), SAME) / float(np.sqrt(x @ x))
-    reach = float(student.ppf(0.975, dof)) * std
+        return Trend(why="fewer than three depths: a trend cannot be distinguished from scatter")
+    x = (x - x.mean()) / float(np.ptp(x))
+    line, dof = linregress(x, y), x.size - 2
+    slope, std = float(line.slope), max(float(line.stderr), SAME / float(np.sqrt(x @ x)))
+    reach = float(student.ppf(TAILS95[1], dof)) * std
     return Trend(slope, (slope - reach, slope + reach), float(2 * student.sf(abs(slope) / std, dof)))
 
 
@@ -89,12 +83,6 @@ BEYOND = 1.15  # the curve goes this much deeper than the deepest press, for the
 LEVELS = 10  # a curve of many samples is compared at this many depths
 MIN_COUNT = 2  # samples that a rival must reach to be one
 RIVALS = (0.45, 0.46, 0.47, 0.48, 0.49, 0.495)  # values of nu that are compared at one stiffness
-
-
-class Told(Protocol):
-    """Told how far the comparison is."""
-
-    def __call__(self, done: int, total: int, what: str = "") -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,23 +154,20 @@ def validate(
     *,
     laws: Sequence[str] = LAWS,
     frictions: Sequence[float] = FRICTIONS,
-    progress: Told | None = None,
+    progress: Progress = SILENT,
 ) -> Validation:
     """Compare `data` (points, or the loading of curves) with finite elements of `material`.
 
-    Presses that clocks far apart put out of phase are left out; the first of the assumptions then says so.
-    Raises InputError for measurements that no contact explains (see checks) and for a modulus or Poisson's ratio
-    that cannot be.
+    Presses with inconsistent clocks are excluded; the first of the assumptions then names them. Raises InputError
+    for measurements that no contact explains (see checks).
     """
     check(data)
     given, data = data, in_phase(data)
-    _check_material(material)
     samples = representative(data)
     jobs = [(law, friction) for law in laws for friction in frictions]
     found = []
     for number, (law, friction) in enumerate(jobs):
-        if progress is not None:
-            progress(number, len(jobs), f"{law}, {friction_name(friction)}")
+        progress(number, len(jobs), f"{law}, {friction_name(friction)}")
         found.append(_compare(data, samples, material, law, friction))
     notes = [*data.warnings[len(given.warnings) :], *_assumptions(data, material)]
     return Validation(material, samples, tuple(found), _rivals(data, samples, material), tuple(notes))
@@ -222,8 +207,8 @@ def representative(data: Observations) -> Samples:
             where="curves.csv",
             remedy="Name the phases free, load, hold, unload.",
         )
-    names, radii, depths, forces = zip(*rows, strict=True)
-    return Samples(tuple(names), np.array(radii), np.array(depths), np.array(forces))
+    names, *columns = zip(*rows, strict=True)
+    return Samples(tuple(names), *(np.array(column) for column in columns))
 
 
 def contact_of(data: Observations, radius_mm: float, *, law: str, friction: float) -> FlatContact:
@@ -248,10 +233,8 @@ def _compare(data: Observations, samples: Samples, material: Material, law: str,
         curve, why = _curve(contact, material, samples.depth_mm[mine], samples.force_N[mine])
         if curve is not None:
             sources.add(curve.source)
-            fem_depth[mine], fem_force[mine] = (
-                curve.depth_at(samples.force_N[mine]),
-                curve.force_at(samples.depth_mm[mine]),
-            )
+            fem_depth[mine] = curve.depth_at(samples.force_N[mine])
+            fem_force[mine] = curve.force_at(samples.depth_mm[mine])
         for k in mine:
             ended[k] = "" if np.isfinite([fem_depth[k], fem_force[k]]).all() else why
     errors = fem_depth / samples.depth_mm - 1, fem_force / samples.force_N - 1
@@ -306,20 +289,6 @@ def _stiffness(poisson_ratio: float, a_over_h: float) -> float:
     return float(fast_kappa(poisson_ratio, a_over_h)) / (1 - poisson_ratio**2)
 
 
-def _check_material(material: Material) -> None:
-    if not (np.isfinite(material.youngs_modulus_MPa) and material.youngs_modulus_MPa > 0):
-        raise InputError(
-            "Young's modulus must be above 0 MPa", where="validate", value=material.youngs_modulus_MPa
-        )
-    if not 0 <= material.poisson_ratio < 0.5:
-        raise InputError(
-            "Poisson's ratio lies in [0, 0.5)",
-            where="validate",
-            value=material.poisson_ratio,
-            remedy="For an incompressible gel take 0.4999.",
-        )
-
-
 def _assumptions(data: Observations, material: Material) -> Iterator[str]:
     E, nu = material.youngs_modulus_MPa, material.poisson_ratio
     yield f"E = {E:.4g} MPa, nu = {nu:.4g}, without their uncertainty"
@@ -343,7 +312,7 @@ def as_json(found: Validation) -> dict[str, Any]:
     return {
         **found.material.as_json(),
         "models": [_model(found, one) for one in found.comparisons],
-        "rivals": [_rival(rival) for rival in found.rivals],
+        "rivals": [asdict(rival) for rival in found.rivals],
         "statements": list(statements(found)),
         "assumptions": list(found.assumptions),
         "versions": versions(),
@@ -415,18 +384,12 @@ def _not_proven(found: Validation) -> str:
 
 def _model(found: Validation, one: Comparison) -> dict[str, Any]:
     samples = found.samples
+    measured = {name: getattr(samples, name) for name in ("radius_mm", "depth_mm", "force_N")}
+    errors = ("fem_depth_mm", "depth_error", "fem_force_N", "force_error")
+    columns = measured | {name: getattr(one, name) for name in errors}
     rows = []
     for k, press in enumerate(samples.press):
-        row = {
-            "press": press,
-            "radius_mm": float(samples.radius_mm[k]),
-            "depth_mm": float(samples.depth_mm[k]),
-            "force_N": float(samples.force_N[k]),
-            "fem_depth_mm": _number(one.fem_depth_mm[k]),
-            "depth_error": _number(one.depth_error[k]),
-            "fem_force_N": _number(one.fem_force_N[k]),
-            "force_error": _number(one.force_error[k]),
-        }
+        row = {"press": press} | {name: _number(column[k]) for name, column in columns.items()}
         rows.append(row | ({"why": one.ended[k]} if one.ended[k] else {}))
     return {
         "law": one.law,
@@ -437,15 +400,6 @@ def _model(found: Validation, one: Comparison) -> dict[str, Any]:
         "rms_force_error": _rms(one.force_error),
         "depth_trend": one.depth_trend.as_json(),
         "force_trend": one.force_trend.as_json(),
-    }
-
-
-def _rival(rival: Rival) -> dict[str, float | int | None]:
-    return {
-        "poisson_ratio": rival.poisson_ratio,
-        "youngs_modulus_MPa": rival.youngs_modulus_MPa,
-        "rms_depth_error": _number(rival.rms_depth_error),
-        "compared": rival.compared,
     }
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
-from calibration.diagnosis.score_test import LEVEL, Scored, score_test
+from calibration.diagnosis.score_test import LEVEL, score_test
 from calibration.diagnosis.vision_depth_check import in_picture
 from calibration.effects import PLAIN
 from calibration.fit.least_squares import Fit
@@ -31,15 +31,13 @@ from calibration.report.drawing import overlay
 from calibration.tasks.compare import (
     Comparison,
     Prepared,
+    completed,
     plain_law,
     prepare,
-    with_covariates,
     with_effect,
-    with_gel,
 )
 from calibration.workbench.opened import Opened
-from tactilevision.plots.diagnosis import Overlay
-from tactilevision.records.measured import Estimate, Pair
+from tactilevision.records.misfit import Strip
 
 REFITTED = 6  # cards fitted at once; the others are fitted when they are opened
 OF_FORCE, OF_PICTURE = "the force", "the reconstructed depth"
@@ -50,17 +48,12 @@ class Fitted:
     """The base model and each effect on top of those before; `ready` are the prepared data.
 
     `rng`: state of the random numbers after these models; the next effect continues from a copy, as in `compare`.
-    None: the residual's covariates are not tested yet.
+    None: the material and the residual's covariates are not determined yet.
     """
 
     found: Comparison
     ready: Prepared
     rng: np.random.Generator | None = None
-
-    @property
-    def refused(self) -> tuple[tuple[str, str], ...]:
-        """Effects that could not be added, with the reason."""
-        return self.found.left_out
 
 
 class Models:
@@ -71,52 +64,36 @@ class Models:
         self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], Fitted] = {}
 
     def fitted(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
-        """Return the base model with these effects in this order; material and covariates may be missing.
+        """Return the base model with these effects in this order; it may not be complete.
 
         Raises InputError where the law cannot be fitted.
         """
         place = (tuple(sorted(left_out)), tuple(keys))
         if place not in self._known:
             if keys:
-                before = self.fitted(place[0], keys[:-1])
-                self._known[place] = self._with(before, self._opened.effect(keys[-1]))
+                before, effect = self.fitted(left_out, keys[:-1]), self._opened.effect(keys[-1])
+                found, ready = with_effect(before.found, effect, before.ready), before.ready
             else:
-                self._known[place] = self._plain(place[0])
+                data = leave_out(self._opened.data, place[0])
+                ready = prepare(data, bulge=self._opened.bulge, bound=self._opened.bound)
+                found = plain_law(ready)
+            self._known[place] = Fitted(found, ready)
         return self._known[place]
 
-    def with_covariates(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
-        """Return the same with the residual's covariates of each model, tested as in `compare`."""
+    def completed(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
+        """Return the same with the material and the residual's covariates of each model, as in `compare`."""
         quick = self.fitted(left_out, keys)
         if quick.rng is not None:
             return quick
-        before = self.with_covariates(left_out, keys[:-1]) if keys else None
+        before = self.completed(left_out, keys[:-1]) if keys else None
         rng = np.random.default_rng(self._seed) if before is None else deepcopy(before.rng)
         assert rng is not None
-        known = () if before is None else before.found.models
-        models = [
-            replace(one, covariates=known[k].covariates) if k < len(known) else one
-            for k, one in enumerate(quick.found.models)
-        ]
-        found = replace(quick.found, models=tuple(models))
-        found = with_covariates(found, rng) if len(models) > len(known) else found
+        known, models = () if before is None else before.found.models, quick.found.models
+        found = replace(quick.found, models=(*known, *models[len(known) :]))
+        found = completed(found, rng) if len(models) > len(known) else found
         place = (tuple(sorted(left_out)), tuple(keys))
         self._known[place] = replace(quick, found=found, rng=rng)
         return self._known[place]
-
-    def with_gel(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
-        """Return the same with the material of each model."""
-        quick = self.fitted(left_out, keys)
-        if any(model.material is None for model in quick.found.models):
-            self._known[tuple(sorted(left_out)), tuple(keys)] = replace(quick, found=with_gel(quick.found))
-        return self.fitted(left_out, keys)
-
-    def _plain(self, left_out: Sequence[str]) -> Fitted:
-        data = leave_out(self._opened.data, left_out)
-        ready = prepare(data, bulge=self._opened.bulge, bound=self._opened.bound)
-        return Fitted(plain_law(ready, rng=None, of_gel=False), ready)
-
-    def _with(self, before: Fitted, effect: Effect) -> Fitted:
-        return Fitted(with_effect(before.found, effect, before.ready, rng=None, of_gel=False), before.ready)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +109,7 @@ class Evidence:
     why: str = ""
     of: str = OF_FORCE
     fitted: Candidate | None = None
-    shown: Overlay | None = None
+    shown: Strip | None = None
 
     @property
     def significant(self) -> bool:
@@ -145,7 +122,8 @@ def find_evidence(opened: Opened, now: Fitted, *, seed: int = 0) -> tuple[Eviden
     base, rng = now.found.models[-1].fitted, np.random.default_rng(seed)
     tested = score_test(base, opened.catalogue, rng=rng, of_rig=True)
     known = {effect.key: effect for effect in (*opened.catalogue, *PLAIN.values())}
-    scored = sorted((*tested.effects, *(one for one in tested.others if one.key in PLAIN)), key=_rank)
+    others = [one for one in tested.others if one.key in PLAIN]
+    scored = sorted((*tested.effects, *others), key=lambda one: (one.p_adjusted, -one.statistic))
     pictured = _of_picture(now, rng)
     there = {one.effect.key for one in pictured}
     found = [Evidence(known[one.key], one.p_adjusted) for one in scored if one.key not in there]
@@ -155,10 +133,6 @@ def find_evidence(opened: Opened, now: Fitted, *, seed: int = 0) -> tuple[Eviden
         if key not in there and key not in base.model.keys
     ]
     return (*sorted((*found, *pictured), key=lambda one: one.p_adjusted), *untested)
-
-
-def _rank(one: Scored) -> tuple[float, float]:
-    return one.p_adjusted, -one.statistic
 
 
 def _of_picture(now: Fitted, rng: np.random.Generator) -> list[Evidence]:
@@ -183,12 +157,8 @@ def fit_likeliest(
             table[k] = fitted_evidence(now, one)
             if not report(tuple(table)):
                 return
-    report((*sorted(table[:REFITTED], key=_cost), *table[REFITTED:]))
-
-
-def _cost(one: Evidence) -> float:
-    """Return the criterion by which a diagnosis ranks candidates; those not fitted come last."""
-    return inf if one.fitted is None else one.fitted.cost
+    ranked = sorted(table[:REFITTED], key=lambda one: inf if one.fitted is None else one.fitted.cost)
+    report((*ranked, *table[REFITTED:]))
 
 
 def fitted_evidence(now: Fitted, one: Evidence) -> Evidence:
@@ -222,29 +192,14 @@ class Verdict:
     nearest: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
-    """Input of a diagnosis: data, effects that are in the model from the start, files of private effects."""
-
-    data: Observations
-    known: tuple[str, ...]
-    own: tuple[str, ...]
-    bulge: Estimate | None
-    bound: Pair | None
-    seed: int
-
-    @classmethod
-    def of(cls, opened: Opened, data: Observations, known: Sequence[str], seed: int) -> Question:
-        """Return the question about these data, with these effects in the model."""
-        return cls(data, tuple(known), tuple(opened.files.values()), opened.bulge, opened.bound, seed)
+Report = Callable[[str], None]
+Ask = Callable[[Report], Verdict]  # a diagnosis that reports its steps; picklable
 
 
 class Asked:
     """A running diagnosis; `report` gets its steps, `answer` a Verdict or why there is none."""
 
-    def __init__(
-        self, question: Question, *, report: Callable[[str], None], answer: Callable[[Verdict | str], None]
-    ) -> None:
+    def __init__(self, question: Ask, *, report: Report, answer: Callable[[Verdict | str], None]) -> None:
         context = multiprocessing.get_context("spawn")
         reader, writer = context.Pipe(duplex=False)
         self._process = context.Process(target=_answer, args=(writer, question), daemon=True)
@@ -259,9 +214,7 @@ class Asked:
         self._process.terminate()
         self._process.join()
 
-    def _hear(
-        self, reader: Connection, report: Callable[[str], None], answer: Callable[[Verdict | str], None]
-    ) -> None:
+    def _hear(self, reader: Connection, report: Report, answer: Callable[[Verdict | str], None]) -> None:
         last: Verdict | str = "the diagnosis was terminated"
         while True:
             try:
@@ -277,11 +230,11 @@ class Asked:
             answer(last)
 
 
-def _answer(writer: Connection, question: Question) -> None:
+def _answer(writer: Connection, question: Ask) -> None:
     """Run a diagnosis in the process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the page's process handles it, and stops this one
     try:
-        found: Verdict | str = diagnosed(question, lambda what: writer.send(("tell", what)))
+        found: Verdict | str = question(lambda what: writer.send(("tell", what)))
     except BrokenPipeError:
         return
     except (Exception, SystemExit) as fault:  # of a private effect, anything
@@ -289,34 +242,43 @@ def _answer(writer: Connection, question: Question) -> None:
     writer.send(("answer", found))
 
 
-def diagnosed(question: Question, report: Callable[[str], None]) -> Verdict:
-    """Return the verdict of `diagnose` in words."""
+def diagnosed(
+    report: Report,
+    *,
+    data: Observations,
+    known: Sequence[str],
+    own: Sequence[str],
+    seed: int,
+    **nu: Any,
+) -> Verdict:
+    """Return the verdict of `diagnose` in words.
+
+    `known`: effects that are in the model from the start; `own`: files of private effects; `nu`: `bulge` and
+    `bound` of `diagnose`.
+    """
     from calibration.effects import get_effect
     from calibration.effects.private import load_effect
-    from calibration.report.verdict import allowed_for, reading_sentence, verdict_sentence
+    from calibration.report.diagnosis_report import allowed_for, reading_sentence, verdict_sentence
     from calibration.tasks.diagnose import diagnose
 
-    own = {effect.key: effect for effect in (load_effect(path) for path in question.own)}
-    known = [own[key] if key in own else get_effect(key) for key in question.known]
+    private = {effect.key: effect for effect in map(load_effect, own)}
 
     def progress(done: int, total: int, what: str = "") -> None:
         report(what)
 
     found = diagnose(
-        question.data,
-        np.random.default_rng(question.seed),
-        effects=[effect for key, effect in own.items() if key not in question.known],
-        known=known,
-        bulge=question.bulge,
-        bound=question.bound,
+        data,
+        np.random.default_rng(seed),
+        effects=[effect for key, effect in private.items() if key not in known],
+        known=[private[key] if key in private else get_effect(key) for key in known],
         watch=Watch(progress),
+        **nu,
     )
-    steps: list[Any] = [(a.action, a.minutes, a.separation_sigma) for a in found.measure_next]
     return Verdict(
         word=found.verdict,
         sentence=verdict_sentence(found),
         remarks=(*reading_sentence(found), *allowed_for(found)),
-        measure_next=tuple(steps),
+        measure_next=tuple((a.action, a.minutes, a.separation_sigma) for a in found.measure_next),
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
         odd=found.presses.odd.presses,

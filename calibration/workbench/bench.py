@@ -13,31 +13,127 @@ import _thread
 import signal
 import threading
 import time
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
+from calibration.inputs.observations import press_names
 from calibration.report.misfit import BASE
+from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import suggest
-from calibration.tasks.history import HistoryRow, history
-from calibration.tasks.session import History, Labelled, steps_of_comparison
+from calibration.tasks.session import History, Labelled, Step, steps_of_comparison
 from calibration.workbench.analysis import (
     Asked,
     Evidence,
     Fitted,
     Models,
-    Question,
     Verdict,
+    diagnosed,
     find_evidence,
     fit_likeliest,
     fitted_evidence,
 )
-from calibration.workbench.changes import Track, change, in_words, named_state, seconds_allowed
 from calibration.workbench.opened import Opened, what_changed
 from tactilevision.errors import InputError
+
+# Actions on a model as a sequence of histories; undo returns to the last one.
+
+NOW = "now"  # name of the current state
+FIT_S = 120  # s, limit of one change: a slow effect on 39 presses takes half a minute
+READ_S = 1800  # s, limit of a report: a hundred presses on a slow machine
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Current history, those before it, and those that were undone."""
+
+    now: History
+    past: tuple[History, ...] = ()
+    future: tuple[History, ...] = ()
+
+    def then(self, history: History) -> Track:
+        """Return the track with one more change; undone ones are discarded."""
+        return Track(history, (*self.past, self.now))
+
+    def undo(self) -> Track:
+        """Return the track without the last change. Raises InputError where there is none."""
+        if not self.past:
+            raise InputError("there is nothing to undo", where="workbench")
+        *past, before = self.past
+        taken_back = len(before.steps) < len(self.now.steps) and before.left_out == self.now.left_out
+        last = self.now.undo() if taken_back else before  # `tactilevision steps --redo` restores it
+        return Track(replace(last, labels=self.now.labels), tuple(past), (*self.future, self.now))
+
+    def redo(self) -> Track:
+        """Return the track with the change that was undone last. Raises InputError where there is none."""
+        if not self.future:
+            raise InputError("there is nothing to redo", where="workbench")
+        *future, after = self.future
+        return Track(replace(after, labels=self.now.labels), (*self.past, self.now), tuple(future))
+
+
+def change(track: Track, action: str, value: str, opened: Opened) -> Track:
+    """Return the track after an action of the page. Raises InputError for an impossible one."""
+    now = track.now
+    match action:
+        case "undo":
+            return track.undo()
+        case "redo":
+            return track.redo()
+        case "label":
+            return replace(track, now=now.label(value))
+        case "add":
+            return track.then(now.add(Step(value, opened.files.get(opened.effect(value).key, ""))))
+        case "remove":
+            return track.then(now.remove(value))
+        case "leave_out":
+            if value not in press_names(opened.data) or value in now.left_out:
+                raise InputError("there is no such press to exclude", where="workbench", value=value)
+            return track.then(replace(now, left_out=tuple(sorted((*now.left_out, value)))))
+        case "put_back":
+            if value not in now.left_out:
+                raise InputError("this press is not excluded", where="workbench", value=value)
+            return track.then(replace(now, left_out=tuple(name for name in now.left_out if name != value)))
+        case "restore":
+            state = named_state(now, value)
+            return track.then(replace(now, steps=state.steps, left_out=state.left_out, undone=()))
+    raise InputError("there is no such action", where="workbench", value=action)
+
+
+def named_state(history: History, name: str) -> Labelled:
+    """Return a state by its name, also BASE and NOW. Raises InputError for an unknown name."""
+    standard = (Labelled(BASE, (), history.left_out), Labelled(NOW, history.steps, history.left_out))
+    found = next((one for one in (*history.labels, *standard) if one.name == name), None)
+    if found is None:
+        raise InputError("there is no state of this name", where="workbench", value=name)
+    return found
+
+
+def seconds_allowed(action: str) -> float:
+    """Return the time limit of a change, s."""
+    return FIT_S if action in ("card", "add") else READ_S
+
+
+def in_words(action: str, value: str) -> str:
+    """Return an action in words."""
+    said = value.replace("_", " ")
+    return {
+        "open": f"fitting the {BASE}",
+        "add": f"adding {said}",
+        "remove": f"removing {said}",
+        "card": f"fitting {said}",
+        "export": "writing the report",
+        "sides": "fitting both states",
+        "leave_out": f"fitting without {value}",
+        "put_back": f"fitting with {value}",
+    }.get(action, action)
+
+
+# The work, and its cancellation.
 
 SIGNAL = getattr(signal, "SIGUSR1", None)
 
@@ -112,11 +208,8 @@ class Dropping:
             _thread.interrupt_main(SIGNAL)
 
 
-BEFOREHAND = 2  # most significant effects that are fitted in advance
 BACKGROUND, ACTION = "background", "action"
-LOOK_S = 2.0  # s between checks of the files and the tabs
-GONE_S = 6  # s without a request after which a tab counts as closed
-SLOW_STARTS = 8  # starts of an effect that is not fitted in advance: more take a minute
+LOOK_S = 2.0  # s between checks of the files
 Export = Callable[["Shown", Opened, Path], Path]
 
 
@@ -134,8 +227,7 @@ class Shown:
 
     `busy`: the current work since `since_s` (time.monotonic); `notice`: outcome of the last action; `verdict`:
     None while the diagnosis runs with its step in `asking`; `troubled`: why there is none; `sides`: two states to
-    compare; `weeks`: each of several recordings alone; `changed`: changes of the files since; `tabs`: number of
-    open tabs.
+    compare; `weeks`: each of several recordings alone; `changed`: changes of the files since.
     """
 
     version: int
@@ -151,7 +243,6 @@ class Shown:
     notice: str = ""
     saved: str = ""
     changed: str = ""
-    tabs: int = 1
     sides: Sides | None = None
     weeks: tuple[HistoryRow, ...] = ()
 
@@ -159,6 +250,15 @@ class Shown:
     def history(self) -> History:
         """Current history, its steps with their errors."""
         return self.track.now
+
+
+@dataclass(slots=True)
+class Known:
+    """What is known of a state: evidence, instrument errors to try (None: not looked for yet), and the verdict."""
+
+    evidence: tuple[Evidence, ...] = ()
+    suggested: tuple[str, ...] | None = None
+    verdict: Verdict | None = None
 
 
 class Bench:
@@ -173,21 +273,16 @@ class Bench:
         keep: Callable[[History], None],
         out: Path,
         asks: bool = True,
-        beforehand: bool = True,
     ) -> None:
         self.opened = opened
         self.models = Models(opened, begin.seed)
-        self._export, self._keep, self._out = export, keep, out
-        self._asks, self._beforehand = asks, beforehand
+        self._export, self._keep, self._out, self._asks = export, keep, out, asks
         self._turn = threading.Condition()
         self._todo: deque[tuple[str, str]] = deque([("open", "")])
         self._ended = False
         self._asked: Asked | None = None
-        self._verdicts: dict[tuple[object, ...], Verdict] = {}
-        self._looks: dict[tuple[object, ...], tuple[Evidence, ...]] = {}
-        self._suggested: dict[tuple[object, ...], tuple[str, ...]] = {}
+        self._known: defaultdict[tuple[object, ...], Known] = defaultdict(Known)
         self._model_since = 1
-        self._tabs: dict[str, float] = {}
         self._dropping = Dropping()
         self._shown = Shown(1, Track(begin), busy=f"fitting the {BASE}", since_s=time.monotonic())
 
@@ -213,27 +308,20 @@ class Bench:
             self._turn.notify_all()
         self._dropping.drop(*((BACKGROUND, ACTION) if action == "stop" else (BACKGROUND,)))
 
-    def wait(self, version: int, seconds: float, *, tab: str = "") -> Shown:
-        """Return the content once it differs from `version`, or after so many s; `tab` names the caller."""
+    def wait(self, version: int, seconds: float) -> Shown:
+        """Return the content once it differs from `version`, or after so many s."""
         until = time.monotonic() + seconds
         while True:
-            self._check_files(tab)
+            changed = what_changed(self.opened)
+            with self._turn:
+                if changed != self._shown.changed:
+                    self._show(changed=changed)
             left = until - time.monotonic()
             with self._turn:
                 if self._turn.wait_for(
                     lambda: self._shown.version != version or self._ended, min(left, LOOK_S)
                 ) or (left <= LOOK_S):
                     return self._shown
-
-    def _check_files(self, tab: str) -> None:
-        """Update whether the files have changed, and the number of open tabs."""
-        changed, now = what_changed(self.opened), time.monotonic()
-        with self._turn:
-            if tab:
-                self._tabs = {one: at for one, at in self._tabs.items() if now - at < GONE_S} | {tab: now}
-            news = (changed, max(len(self._tabs), 1))
-            if news != (self._shown.changed, self._shown.tabs):
-                self._show(changed=changed, tabs=news[1])
 
     def end(self) -> None:
         """Stop all work and waiting."""
@@ -312,8 +400,8 @@ class Bench:
         track = self._shown.track if action == "open" else change(self._shown.track, action, value, self.opened)
         now = track.now
         fitted = self.models.fitted(now.left_out, [step.key for step in now.steps])
-        if fitted.refused:
-            key, why = fitted.refused[-1]
+        if fitted.found.left_out:
+            key, why = fitted.found.left_out[-1]
             raise InputError(f"{key.replace('_', ' ')} cannot be added: {why.rstrip('.')}")
         same = self._shown.now is fitted
         steps = tuple(steps_of_comparison(fitted.found, self.opened.files))
@@ -330,9 +418,9 @@ class Bench:
         self._show(
             track=track,
             now=fitted,
-            evidence=self._looks.get(place, ()),
-            suggested=self._suggested.get(place, ()),
-            verdict=self._verdicts.get(place),
+            evidence=self._known[place].evidence,
+            suggested=self._known[place].suggested or (),
+            verdict=self._known[place].verdict,
             asking="",
             troubled="",
             saved="",
@@ -351,50 +439,34 @@ class Bench:
         place = self._place(shown.history)
         self._ask(shown, place)
         try:
-            if shown.now.rng is None or shown.now.found.models[-1].material is None:
+            if shown.now.rng is None:
                 self._show(busy="determining the material", since_s=time.monotonic())
                 self._complete()
-            if place not in self._suggested:
+            known = self._known[place]
+            if known.suggested is None:
                 self._show(busy="testing effects", since_s=time.monotonic())
-                if place not in self._looks:
+                if not known.evidence:
                     self._keep_look(place, find_evidence(self.opened, shown.now, seed=shown.history.seed))
-                fit_likeliest(shown.now, self._looks[place], report=lambda table: self._keep_look(place, table))
-                self._suggested[place] = suggest(self._fitted(shown.history).found)
-            self._show(suggested=self._suggested[place], busy="")
+                fit_likeliest(shown.now, known.evidence, report=lambda table: self._keep_look(place, table))
+                known.suggested = suggest(self._completed(shown.history).found)
+            self._show(suggested=known.suggested, busy="")
             if len(self.opened.measured) > 1 and not shown.weeks:
                 self._show(busy="fitting each recording alone", since_s=time.monotonic())
                 self._show(weeks=history(self.opened.measured), busy="")
-            self._fit_beforehand(shown)
         except Exception as fault:  # as above
             self._show(notice=str(fault) or type(fault).__name__)
 
     def _complete(self) -> None:
-        """Determine the material of the current model, then the covariates of its residual."""
-        kept = self._shown.history
-        self._show(now=self.models.with_gel(kept.left_out, [step.key for step in kept.steps]))
-        self._show(now=self._fitted(kept))
+        """Determine the material and the residual's covariates of the current model."""
+        self._show(now=self._completed(self._shown.history))
 
-    def _fitted(self, kept: History | Labelled) -> Fitted:
-        """Return the complete fit of a state."""
-        keys = [step.key for step in kept.steps]
-        self.models.with_gel(kept.left_out, keys)
-        return self.models.with_covariates(kept.left_out, keys)
+    def _completed(self, state: History | Labelled) -> Fitted:
+        return self.models.completed(state.left_out, [step.key for step in state.steps])
 
     def _keep_look(self, place: tuple[object, ...], table: tuple[Evidence, ...]) -> bool:
-        self._looks[place] = table
+        self._known[place].evidence = table
         self._show(evidence=table)
         return not self._waiting
-
-    def _fit_beforehand(self, shown: Shown) -> None:
-        if not self._beforehand or shown.now is None:
-            return
-        keys = tuple(step.key for step in shown.history.steps)
-        likely = [one for one in self._shown.evidence if one.significant][:BEFOREHAND]
-        for one in likely:
-            if self._waiting:
-                return
-            if len(one.effect.starts(shown.now.ready.data)) <= SLOW_STARTS:
-                self.models.fitted(shown.history.left_out, (*keys, one.effect.key))
 
     def _open_card(self, key: str) -> None:
         """Fit one effect of the list, to show its residual."""
@@ -410,22 +482,25 @@ class Bench:
         if len(names) != 2:
             return None
         states = [named_state(self._shown.history, name) for name in names]
-        first, second = (self._fitted(state) for state in states)
+        first, second = (self._completed(state) for state in states)
         return Sides((names[0], names[1]), (first, second))
 
     def _ask(self, shown: Shown, place: tuple[object, ...]) -> None:
-        if not self._asks or shown.now is None or place in self._verdicts or self._asked is not None:
+        if not self._asks or shown.now is None or self._known[place].verdict or self._asked is not None:
             return
         keys = [step.key for step in shown.history.steps]
 
         def hear(found: Verdict | str) -> None:
-            if isinstance(found, Verdict):
-                self._verdicts[place] = found
+            verdict, why = (found, "") if isinstance(found, Verdict) else (None, found)
+            self._known[place].verdict = verdict
             if self._place(self._shown.history) == place:
-                known = isinstance(found, Verdict)
-                self._show(verdict=found if known else None, asking="", troubled="" if known else str(found))
+                self._show(verdict=verdict, asking="", troubled=why)
 
-        question = Question.of(self.opened, shown.now.ready.stated, keys, shown.history.seed)
+        opened, data = self.opened, shown.now.ready.stated
+        own, seed = tuple(opened.files.values()), shown.history.seed
+        question = partial(
+            diagnosed, data=data, known=keys, own=own, seed=seed, bulge=opened.bulge, bound=opened.bound
+        )
         self._show(asking="reading the measurements")
         with self._dropping.whole():
             self._asked = Asked(question, report=lambda what: self._show(asking=what), answer=hear)

@@ -117,7 +117,8 @@ def _places(evidence: Evidence) -> dict[str, list[float]]:
     return {name: [float(one) for one in place] for name, place in found.items()}
 
 
-Marks = tuple[tuple[str, int, int], ...]
+Marks = Mapping[str, tuple[int, int]]
+NO_FILE = (0, 0)  # mark of a folder, and of what was not there: new folders do not count
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +139,7 @@ class Opened:
     files: Mapping[str, str] = field(default_factory=dict)
     frames: tuple[Frames | None, ...] = ()
     warnings: tuple[str, ...] = ()
-    marks: Marks = ()
+    marks: Marks = field(default_factory=dict)
     listed: tuple[Effect, ...] = tuple(EFFECTS.values())
 
     @property
@@ -164,34 +165,24 @@ class Opened:
 
 
 def file_marks(paths: Sequence[Path]) -> Marks:
-    """Return name, size and time of change of each top-level file of the recordings."""
-    found = []
+    """Return size and time of change of each top-level file of the recordings, by name; zeros for a folder."""
+    found = {}
     for path in paths:
         with suppress(OSError):  # deleted meanwhile
-            for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            for file in path.iterdir() if path.is_dir() else [path]:
                 about = file.stat()
-                found.append(
-                    (str(file), about.st_size, about.st_mtime_ns) if file.is_file() else (str(file), 0, 0)
-                )
-    return tuple(found)
+                found[str(file)] = (about.st_size, about.st_mtime_ns) if file.is_file() else NO_FILE
+    return found
 
 
 def what_changed(opened: Opened) -> str:
     """Return a sentence on changes of the files since they were read; empty where there are none."""
-    found = file_marks(opened.paths) if opened.marks else ()
-    now = tuple(mark for mark in found if mark[1:] != (0, 0) or mark in opened.marks)  # new folders do not count
-    if now == opened.marks:
-        return ""
-    here, before = {mark[0] for mark in now}, {mark[0] for mark in opened.marks}
-    gone, other = (
-        sorted(before - here),
-        sorted({mark[0] for mark in set(now) ^ set(opened.marks)} - (before - here)),
-    )
+    before, now = opened.marks, file_marks(opened.paths) if opened.marks else {}
+    gone = sorted(before.keys() - now.keys())
+    other = sorted(name for name, mark in now.items() if mark != before.get(name, NO_FILE))
     said = [f"{_few(names)} {words}" for names, words in ((gone, "gone"), (other, "changed or new")) if names]
-    return (
-        f"{' and '.join(said)} since the recording was read: the page keeps what it read; restart the workbench "
-        "with --state to read again"
-    )
+    keeps = "the page keeps what it read; restart the workbench with --state to read again"
+    return f"{' and '.join(said)} since the recording was read: {keeps}" if said else ""
 
 
 def _few(names: Sequence[str]) -> str:

@@ -1,8 +1,13 @@
-"""Server of the workbench's page: its files, its requests by name, and its actions."""
+"""The workbench's page: plain data of the current model, its curves and residuals, and the server of them.
+
+Every number and sentence comes from the functions of the reports.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import TracebackType
@@ -11,12 +16,406 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calibration.workbench.bench import Bench
-from calibration.workbench.opened import Frames
-from calibration.workbench.views import curve_view, state_view, tried_view
+from calibration.diagnosis.refit import Candidate
+from calibration.diagnosis.score_test import LEVEL
+from calibration.fit.least_squares import Fit
+from calibration.fit.tolerances import TOLERANCES
+from calibration.inputs.observations import press_names
+from calibration.model.stages import Effect
+from calibration.report import wording
+from calibration.report.misfit import (
+    BASE,
+    error_fall_of_comparison,
+    error_fall_of_picture,
+    force_curves,
+    residual_strips,
+)
+from calibration.report.report import OF_MATERIAL, fall_sentence, parameter
+from calibration.report.wording import in_words
+from calibration.result.result import CalibrationResult
+from calibration.tasks.calibrate import HistoryRow
+from calibration.tasks.compare import Compared, Comparison, rms_of_presses
+from calibration.workbench.analysis import Evidence, Verdict
+from calibration.workbench.bench import Bench, Shown
+from calibration.workbench.opened import Frames, Opened
 from tactilevision.errors import InputError
 from tactilevision.local_page import POLICY, Answer, LocalPage
+from tactilevision.plots.misfit import CERTAIN, evidence, model_colours, radius_colours
+from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.measured import Bytes
+from tactilevision.records.misfit import ErrorFall, ForceCurves, ResidualStrips, Strip
+
+EVERY = 99  # residual strips at most: all covariates
+DIGITS = 5  # significant digits of numbers for a screen
+
+
+def state_view(bench: Bench) -> dict[str, Any]:
+    """Return everything but the curves, which are fetched when `model` changes."""
+    shown, opened = bench.shown, bench.opened
+    kept, found = shown.history, None if shown.now is None else shown.now.found
+    return {
+        "version": shown.version,
+        "title": opened.title,
+        "busy": shown.busy,
+        "busy_s": round(time.monotonic() - shown.since_s, 1) if shown.busy else 0.0,
+        "stoppable": bench.stoppable,
+        "notice": shown.notice,
+        "saved": shown.saved,
+        "warnings": [*opened.warnings, *[shown.changed] * bool(shown.changed)],
+        "model": _model_number(shown),
+        "looked": shown.now is not None and shown.now.rng is not None,
+        "undo": bool(shown.track.past),
+        "redo": bool(shown.track.future),
+        "verdict": _verdict(shown),
+        "falls": [] if found is None else [_fall(fall) for fall in _falls(found)],
+        "components": [] if found is None else _components(found, opened),
+        "material": [] if found is None else _material(found),
+        "cards": [_card(one, shown, opened) for one in shown.evidence],
+        "presses": list(_presses(opened, shown)),
+        "labels": [
+            {"name": one.name, "effects": [in_words(s.key) for s in one.steps], "left_out": list(one.left_out)}
+            for one in kept.labels
+        ],
+        "weeks": [_week(row) for row in shown.weeks],
+        "sides": None if shown.sides is None else _sides(shown),
+    }
+
+
+def _model_number(shown: Shown) -> str:
+    """Return a text that changes with the curves."""
+    if shown.now is None:
+        return ""
+    keys = "+".join(step.key for step in shown.history.steps)
+    names = () if shown.sides is None else shown.sides.names
+    return f"{keys}-{','.join(shown.history.left_out)}-{'|'.join(names)}-{shown.now.rng is not None}"
+
+
+def _verdict(shown: Shown) -> dict[str, Any]:
+    there = [step.key for step in shown.history.steps]
+    found = shown.verdict or Verdict("", "", (), (), (), (), ())
+    ambiguous = found.word == "AMBIGUOUS"
+    to_try = found.candidates if ambiguous else (found.nearest,) * bool(found.nearest)
+
+    def not_yet(keys: Sequence[str]) -> list[dict[str, str]]:
+        return [{"key": key, "title": in_words(key)} for key in keys if key not in there]
+
+    return {
+        "word": found.word,
+        "sentence": found.sentence,
+        "remarks": list(found.remarks),
+        "with": [in_words(key) for key in there],
+        "asking": shown.asking,
+        "troubled": shown.troubled,
+        "named": [] if ambiguous else not_yet(found.named),
+        "nearest": not_yet(to_try),
+        "next": [
+            {"action": action, "minutes": f"{minutes:.0f}", "gain": f"{sigma:.1f}" if sigma > 0 else ""}
+            for action, minutes, sigma in found.measure_next
+        ],
+    }
+
+
+def _falls(found: Comparison) -> list[ErrorFall]:
+    both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
+    return sorted(both, key=lambda fall: (len(fall.models) == 1, fall.reached))  # what changes, then what is off
+
+
+def _fall(fall: ErrorFall) -> dict[str, Any]:
+    force, beside = fall.unit == "N", " outside the faces" if fall.faces else ""
+    return {
+        "of": "the force" if force else f"the reconstructed depth{beside}",
+        "unit": "mN" if force else "µm",
+        "models": list(fall.models),
+        "colours": list(model_colours(len(fall.models))),
+        "error": [KILO * one for one in fall.error],
+        "repeatability": KILO * fall.repeatability,
+        "band": None if fall.band is None else [KILO * end for end in fall.band],
+        "held_out": fall.held_out,
+        "sentence": fall_sentence(fall),
+        "reached": fall.reached,
+    }
+
+
+def _components(found: Comparison, opened: Opened) -> list[dict[str, Any]]:
+    """Return the law, then each effect in the order added, with fitted parameters."""
+    last = found.models[-1]
+    law = {"key": "", "title": "contact law: flat punch", "parameters": _parameters(last, ""), "own": False}
+    added = [
+        {
+            "key": key,
+            "title": in_words(key),
+            "about": _about(opened.effect(key)),
+            "parameters": _parameters(model, key),
+            "own": opened.kind(key) == "your own",
+        }
+        for model in (last, *found.pictured[-1:])
+        for key in model.effects
+    ]
+    return [law, *added]
+
+
+def _about(effect: Effect) -> str:
+    return effect.title or str(getattr(effect, "words", ""))
+
+
+def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
+    """Return those of one effect, or for no key those of the law and the stated tolerances."""
+    fitted, rows = model.fitted, []
+    for p, value in zip(fitted.parameters, fitted.values.tolist(), strict=True):
+        of, _, name = p.name.rpartition(".")
+        if (of if of in model.effects else "") != key or p.name in OF_MATERIAL:
+            continue
+        estimate = fitted.estimate(p.name)
+        low, high = estimate.interval95 or (value, value)
+        reach = max(3 * (high - low) / 2, abs(value), TINY)  # of the slider: three intervals, or twice the value
+        rows.append(
+            {
+                "name": p.name,
+                "words": (p.meaning or name) if key else parameter(p.name, p.meaning),
+                "text": "held" if p.fixed else wording.estimate(estimate),
+                "value": value,
+                "fixed": p.fixed,
+                "low": max(p.bounds[0], value - reach),
+                "high": min(p.bounds[1], value + reach),
+                "unit": p.unit,
+                "aside": p.name.partition(".")[0] in TOLERANCES,
+            }
+        )
+    return rows
+
+
+def _material(found: Comparison) -> list[dict[str, str]]:
+    """Return a row a quantity: by the base model, and now."""
+    first, last = (found.models[k].material for k in (0, -1))
+    names = wording.MATERIAL.items()
+    return [{"name": title, "before": _of_gel(first, n), "now": _of_gel(last, n)} for n, title in names]
+
+
+def _of_gel(material: CalibrationResult | None, name: str) -> str:
+    return "not determined yet" if material is None else wording.estimate(getattr(material, name))
+
+
+def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
+    effect, verdict, key = one.effect, shown.verdict, one.effect.key
+    named = verdict is not None and key in verdict.named
+    candidate = verdict is not None and key in verdict.candidates and not named
+    unconfirmed = one.significant and verdict is not None and not (named or candidate)
+    values = [] if one.fitted is None else one.fitted.own_values.tolist()
+    return {
+        "key": key,
+        "title": in_words(key),
+        "about": _about(effect) or _about(opened.effect(key)),
+        "kind": opened.kind(key),
+        "of": one.of,
+        "evidence": _evidence(one.p_adjusted) + ", but the diagnosis does not name it" * unconfirmed,
+        "rms": None if one.fitted is None else _rms_left(one.fitted, shown),
+        "significant": one.significant,
+        "named": named,
+        "candidate": candidate,
+        "suggested": key in shown.suggested,
+        "why": one.why,
+        "values": [
+            f"{p.meaning or p.name} {wording.number(v)}{'' if p.unit in ('', '1') else f' {p.unit}'}"
+            for p, v in zip(effect.parameters, values, strict=False)
+        ],
+        "overlay": None if one.shown is None else _overlay(one.shown),
+        "seen_in": [wording.covariate(name) for name in effect.seen_in],
+        "confused_with": [in_words(other) for other in effect.confused_with],
+        "separated_by": list(effect.separated_by),
+        "source": effect.source,
+    }
+
+
+def _rms_left(fitted: Candidate, shown: Shown) -> list[float]:
+    """Return the rms error over the fitted presses, now and with the candidate, mN."""
+    assert shown.now is not None
+    base = shown.now.found.models[-1].fitted
+    after = replace(base, residual_N=base.data.normal_N - fitted.force_N)
+    return [KILO * base.rms_error_N, KILO * after.rms_error_N]
+
+
+def _evidence(p: float) -> str:
+    """Return the significance of an effect in words."""
+    if not np.isfinite(p):
+        return "not tested"
+    if p < CERTAIN:
+        return "significant beyond doubt"
+    return f"{'' if p < LEVEL else 'not '}significant (p = {p:.2g})"
+
+
+def _overlay(shown: Strip) -> dict[str, Any]:
+    before, after, predicted = KILO * shown.mean_N
+    axis = {"words": shown.words, "unit": "" if shown.levels else shown.unit, "levels": list(shown.levels)}
+    return axis | {"values": shown.centre, "before": before, "after": after, "predicted": predicted}
+
+
+def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
+    """Yield every press in the order of pressing, also excluded and rejected ones, with the reason."""
+    data, names, rms = opened.data, press_names(opened.data), _rms(shown)
+    odd = () if shown.verdict is None else shown.verdict.odd
+    for k in np.argsort(data.presses.order, kind="stable"):
+        out = names[k] in shown.history.left_out
+        indenter = data.indenters[int(data.presses.indenter[k])]
+        yield {
+            "name": names[k],
+            "label": data.presses.label[k],
+            "recording": int(data.presses.recording[k]),
+            "indenter": f"{indenter.name}, a = {indenter.radius_mm:g} mm",
+            "state": "excluded" if out else "fitted",
+            "odd": data.presses.label[k] in odd,
+            "rms": [] if out else rms.get(names[k], []),
+        }
+    for number, measured in enumerate(opened.measured):
+        for point in (one for one in measured.points if not one.accepted):
+            why = point.details.findings or (point.reason or "rejected").replace("_", " ")
+            of = {"name": point.press, "label": point.press, "recording": number, "indenter": point.indenter}
+            yield {**of, "state": f"rejected: {why}", "odd": False, "rms": []}
+
+
+def _rms(shown: Shown) -> dict[str, list[float]]:
+    """Return the rms error of each press by the base model and now, mN."""
+    if shown.now is None:
+        return {}
+    first, last = (shown.now.found.models[k].fitted for k in (0, -1))
+    both = KILO * np.column_stack([rms_of_presses(first), rms_of_presses(last)])
+    return dict(zip(press_names(last.data), both.tolist(), strict=True))
+
+
+def _week(row: HistoryRow) -> dict[str, Any]:
+    """Return the material of one recording alone."""
+    low, high = (100 * end for end in row.change_interval95)
+    return {
+        "date": row.date or row.recording,
+        "recording": row.recording,
+        "modulus": row.youngs_modulus.as_json(),
+        "ratio": row.poisson_ratio.as_json(),
+        "words": [wording.estimate(row.youngs_modulus), wording.estimate(row.poisson_ratio)],
+        "change": f"{100 * row.change:+.1f} % (95 %: {low:+.1f} to {high:+.1f} %)" if low < high else "the first",
+        "moved": row.moved,
+    }
+
+
+def _sides(shown: Shown) -> dict[str, Any]:
+    """Return effects, errors and material of two states, a row a quantity."""
+    assert shown.sides is not None
+    lasts = [one.found.models[-1] for one in shown.sides.fitted]
+    rows = [
+        ["effects", *(", ".join(in_words(key) for key in one.effects) or "none" for one in lasts)],
+        ["presses fitted", *(str(one.fitted.data.count) for one in lasts)],
+        ["error", *(wording.fit_error(one.held_out_N, one.rms_N).removeprefix("error ") for one in lasts)],
+        ["repeatability", *(wording.repeatability(one.repeatability_N).split(" ", 1)[1] for one in lasts)],
+    ]
+    for title, name in (("E", "youngs_modulus"), ("ν", "poisson_ratio"), ("c", "c"), ("β", "beta")):
+        rows.append([title, *(_of_gel(one.material, name) for one in lasts)])
+    return {"names": list(shown.sides.names), "rows": rows}
+
+
+def curve_view(shown: Shown) -> dict[str, Any]:
+    """Return measured and modelled forces press by press, and residuals over every covariate."""
+    models = _shown_models(shown)
+    if not models:
+        return {"models": [], "presses": [], "strips": []}
+    fits = {name: one.fitted for name, one in models.items()}
+    try:
+        curves = force_curves(fits)
+    except InputError:  # two states of different presses: the last one alone
+        last = list(models)[-1]
+        models, fits = {last: models[last]}, {last: fits[last]}
+        curves = force_curves(fits)
+    strips = residual_strips(fits, [one.covariates for one in models.values()], most=EVERY)
+    return _view(curves, strips, next(iter(fits.values())))
+
+
+def _shown_models(shown: Shown) -> dict[str, Compared]:
+    """Return the two models to show: two states side by side, else the base model and the current one."""
+    if shown.sides is not None:
+        return {n: f.found.models[-1] for n, f in zip(shown.sides.names, shown.sides.fitted, strict=True)}
+    if shown.now is None:
+        return {}
+    models = shown.now.found.models
+    named = " + ".join(in_words(key) for key in models[-1].effects)
+    return {BASE: models[0]} | ({f"+ {named}": models[-1]} if named else {})
+
+
+def tried_view(shown: Shown, name: str, value: float) -> dict[str, Any]:
+    """Return the force of the current model with one parameter at another value.
+
+    Raises InputError for an unknown parameter, or a value outside its range.
+    """
+    if shown.now is None:
+        raise InputError("there is no model yet", where="workbench")
+    fitted = shown.now.found.models[-1].fitted
+    place = fitted.index(name)
+    low, high = fitted.parameters[place].bounds
+    if not low <= value <= high:
+        raise InputError(
+            "the value lies outside the parameter's range", where=name, value=value, remedy=f"{low:g} to {high:g}"
+        )
+    values = fitted.values.copy()
+    values[place] = value
+    force = fitted.model.predict(values, fitted.data)
+    tried = replace(fitted, values=values, force_N=force, residual_N=fitted.data.normal_N - force)
+    curves = force_curves({"tried": tried})
+    return {
+        "rms": KILO * tried.rms_error_N,
+        "presses": [
+            {"modelled": _few(one.modelled_N[0]), "residual": _few(KILO * one.residual_N[0])}
+            for one in curves.presses
+        ],
+    }
+
+
+def _view(curves: ForceCurves, strips: ResidualStrips, fitted: Fit) -> dict[str, Any]:
+    names = press_names(fitted.data)
+    ordered = [names[k] for k in np.argsort(fitted.data.presses.order, kind="stable")]
+    colours = radius_colours(curves.radii_mm)
+    return {
+        "models": list(curves.models),
+        "colours": list(model_colours(len(curves.models))),
+        "whole": curves.whole,
+        "reach": KILO * strips.reach_N,
+        "presses": [
+            {
+                "name": name,
+                "indenter": one.indenter,
+                "radius": one.radius_mm,
+                "colour": colours[one.radius_mm],
+                "time": _few(one.time_s),
+                "depth": _few(one.depth_mm),
+                "measured": _few(one.measured_N),
+                "modelled": [_few(row) for row in one.modelled_N],
+                "residual": [_few(KILO * row) for row in one.residual_N],
+                "phase": list(one.phase),
+                "rms": [KILO * float(value) for value in one.rms_N],
+            }
+            for name, one in zip(ordered, curves.presses, strict=True)
+        ],
+        "strips": [_strip(one) for one in strips.strips],
+        "residual": [_few(KILO * row) for row in strips.residual_N],
+        "press": [names[k] for k in fitted.data.press],
+    }
+
+
+def _strip(one: Strip) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "words": one.words,
+        "unit": "" if one.levels else one.unit,
+        "levels": list(one.levels),
+        "values": _few(one.values),
+        "centre": _few(one.centre),
+        "mean": [_few(KILO * row) for row in one.mean_N],
+        "reach95": [_few(KILO * row) for row in one.reach95_N],
+        "evidence": [evidence(*p) for p in zip(one.p_adjusted, one.p_trend, strict=True)],
+    }
+
+
+def _few(values: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
+    """Return the numbers of an array (n,), rounded for a screen."""
+    return [float(f"{value:.{DIGITS}g}") for value in values.tolist()]
+
+
+# The server of the page: its files, its requests by name, and its actions.
 
 PATIENCE_S = 10  # s that a request for news waits
 QUALITY = 85  # of a JPEG for display
@@ -24,7 +423,7 @@ QUALITY = 85  # of a JPEG for display
 
 def _state(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
     """Return the state once it differs from the version that the page has."""
-    bench.wait(int(asked.get("since", "0")), PATIENCE_S, tab=asked.get("tab", "")[:40])
+    bench.wait(int(asked.get("since", "0")), PATIENCE_S)
     return state_view(bench)
 
 

@@ -14,10 +14,9 @@ import typer
 from calibration.diagnosis.vision_depth_check import face_error_mm
 from calibration.effects.private import new_effect as write_template
 from calibration.inputs.deadline import Deadline
-from calibration.laws.flat_punch import elastomer_bound
 from calibration.report import wording
-from calibration.report.comparison_report import column
 from calibration.report.diagnosis_report import summary
+from calibration.report.report import column
 from calibration.tasks.compare import Compared
 from calibration.tasks.session import History, Step, load_history, steps_of_comparison
 from calibration.workbench.bench import Bench, Shown
@@ -34,7 +33,7 @@ from tactilevision.pipeline import (
     observed,
     sharpest_poisson_ratio,
 )
-from tactilevision.records.constants import KILO
+from tactilevision.records.constants import KILO, NU_SILICONE
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
 Private = Annotated[
@@ -250,7 +249,7 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
         measured=tuple(one.measured for one in taken),
         data=observed(taken),
         bulge=sharpest_poisson_ratio(taken),
-        bound=elastomer_bound(history.prior),
+        bound=NU_SILICONE if history.prior else None,
         private=tuple(own),
         files=files,
         frames=tuple(_frames(one) for one in taken),

@@ -18,7 +18,7 @@ from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.card import provenance
 from tactilevision.photometric.catalogue import PHOTOMETRIC
-from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.storage import save_method
 from tactilevision.pipeline import calibrate_each
 from tactilevision.plots.style import save_figure
@@ -124,7 +124,7 @@ def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], 
     return ({**known, "doubt_of_scale": doubt} if doubt else dict(known)), certified
 
 
-def _save(method: ReferencedMethod, out: Path, *, network: bool) -> None:
+def _save(method: CalibratedMethod, out: Path, *, network: bool) -> None:
     """Write the method's file, and its card and figure next to it."""
     path = save_method(method, out)
     also: tuple[str, ...] = (".onnx", ".json") if network else (".json",)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.contact.footprint import sample
-from tactilevision.records.constants import ROUNDING
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.robust import mad_std, second_difference_std
 
@@ -166,7 +166,7 @@ def _summary(x: Floats, search: _Search, noise: float, growth: Growth) -> Onset 
 def _scatter(x: Floats, y: Floats) -> float:
     """Return the noise of y from second differences along x, which a smooth course hardly affects."""
     order = np.argsort(x, kind="stable")
-    return max(second_difference_std(y[order]), 1e-9 + 1e-6 * float(np.ptp(y)))
+    return max(second_difference_std(y[order]), TINY + 1e-6 * float(np.ptp(y)))
 
 
 def _spread(residual: Floats, parameters: int) -> float:
@@ -246,7 +246,7 @@ def _dent(strips: Floats, s: Floats, distance_mm: float, radius_mm: float) -> Fl
 
 
 def _mean(strips: Floats, s: Floats, first: float, last: float) -> Floats | None:
-    chosen = strips[:, (s >= first - 1e-6) & (s <= last + 1e-6)]
+    chosen = strips[:, (s >= first - ROUNDING) & (s <= last + ROUNDING)]
     if chosen.shape[1] == 0 or not np.isfinite(chosen).all():
         return None
     return np.asarray(chosen.mean(axis=1), dtype=np.float64)
@@ -277,7 +277,7 @@ def picture_signal(
     change[:, seen] = traces[:, seen] - course @ coefficients
     template = grown[late] @ change[late] / (grown[late] @ grown[late])
     scatter = change[before].reshape(int(before.sum()), -1, colours.shape[-1])
-    noise = np.sqrt((scatter**2).mean(axis=(0, 1))) + 1e-9
+    noise = np.sqrt((scatter**2).mean(axis=(0, 1))) + TINY
     weights = template / np.resize(noise, template.size) ** 2
     strength = float(weights @ template)
     return np.asarray(change @ weights / strength, dtype=np.float64) if strength > 0 else None

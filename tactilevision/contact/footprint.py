@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -10,11 +11,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.heightmap.circular_edges import Circle, fit_circle
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import Footprint, HeightMap
 from tactilevision.records.measured import Bools, Floats, Pair
 from tactilevision.records.rig import Indenter
-from tactilevision.robust import mad_std
+from tactilevision.robust import mad_std, tukey_weight
 
 # Edge of the face in each direction: the place of the steepest fall of depth outwards.
 #
@@ -148,6 +149,109 @@ def _wall_family() -> tuple[Floats, Floats]:
         offsets.append((x[top] + step / 2) / inward)
     order = np.argsort(ratios)
     return np.array(ratios)[order], np.array(offsets)[order]
+
+
+# The circle through places some of which are not its own, with its deviation:
+#
+#     minimise  sum_i w_i rho( |p_i - c| - R )        rho: Tukey's biweight, its scale from the residuals
+#
+# RANSAC (Fischler & Bolles, Comm. ACM 24 (1981) 381) finds the circle that most points agree on, whatever the
+# others do; the weighted geometric (orthogonal distance) fit then refines it. Units: mm.
+
+TRIALS = 200  # circles through three points: with half of all points wild none is good once in 4e11, 1/(7/8)^200
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """Centre (x, y) and radius, standard deviation of either, rms distance of the kept points, share kept."""
+
+    centre_mm: Pair
+    radius_mm: float
+    centre_std_mm: float
+    radius_std_mm: float
+    residual_mm: float
+    kept: float
+
+
+def fit_circle(
+    points_mm: Floats, *, start: tuple[Pair, float], scale_mm: float, independent: float
+) -> Circle | None:
+    """Return the robust circle through points (N, 2) from a start (centre, radius).
+
+    `scale_mm` is what a point may be off at best (a fraction of a pixel); `independent` the number of points
+    that err independently, since neighbours on an edge err together. None where fewer than half of
+    the points agree on a circle.
+    """
+    if len(points_mm) < 8:
+        return None
+    begin = _consensus(points_mm, start, scale_mm)
+    centre, radius, weights = _refine(points_mm, begin, scale_mm)
+    inside = weights > 0
+    if inside.mean() < 0.5:
+        return None
+    jacobian, residual = _linearised(points_mm, centre, radius)
+    rms = float(np.sqrt(np.average(residual**2, weights=weights)))
+    information = (jacobian * weights[:, None]).T @ jacobian * min(independent / len(points_mm), 1.0)
+    variance = _inverse_diagonal(information) * max(rms, 0.1 * scale_mm) ** 2
+    return Circle(
+        (float(centre[0]), float(centre[1])),
+        radius,
+        float(np.sqrt(variance[:2].max())),
+        float(np.sqrt(variance[2])),
+        rms,
+        float(inside.mean()),
+    )
+
+
+def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tuple[Floats, float]:
+    """Return the circle through three points that most others lie on; or the start, if none is better.
+
+    Three points p, p + b, p + c lie on the circle round p + u, 2 [b; c] u = [b b; c c].
+    """
+    tolerance, start_radius = 3 * scale_mm, start[1]
+    rng = np.random.default_rng(len(points))  # a draw that repeats: the same points give the same circle
+    first, b, c = points[rng.integers(0, len(points), (3, TRIALS))]
+    b, c = b - first, c - first
+    twice = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+    well_spread = np.abs(twice) > ROUNDING * start_radius**2
+    first, b, c, twice = first[well_spread], b[well_spread], c[well_spread], twice[well_spread, None]
+    square_b, square_c = (np.sum(side**2, axis=1) for side in (b, c))
+    to_centre = (
+        np.stack([c[:, 1] * square_b - b[:, 1] * square_c, b[:, 0] * square_c - c[:, 0] * square_b], axis=1)
+        / twice
+    )
+    radii = np.hypot(*to_centre.T)
+    likely = (0.3 * start_radius < radii) & (radii < 3 * start_radius)
+    centres = np.concatenate([np.asarray(start[0], np.float64)[None], (first + to_centre)[likely]])
+    radii = np.concatenate([[start_radius], radii[likely]])
+    distance = np.hypot(*(points.T[:, None] - centres.T[..., None]))
+    best = int(np.argmax(np.count_nonzero(np.abs(distance - radii[:, None]) < tolerance, axis=1)))
+    return centres[best], float(radii[best])
+
+
+def _refine(points: Floats, start: tuple[Floats, float], scale_mm: float) -> tuple[Floats, float, Floats]:
+    centre, radius = np.array(start[0], dtype=np.float64), start[1]
+    weights = np.ones(len(points))
+    for _ in range(20):
+        jacobian, residual = _linearised(points, centre, radius)
+        weights = tukey_weight(residual, max(mad_std(residual, centre=0.0), 0.5 * scale_mm))
+        step, *_ = np.linalg.lstsq(jacobian * weights[:, None] ** 0.5, -residual * weights**0.5, rcond=None)
+        centre, radius = centre + step[:2], radius + float(step[2])
+        if np.abs(step).max() < 1e-6 * radius:
+            break
+    return centre, radius, weights
+
+
+def _linearised(points: Floats, centre: Floats, radius: float) -> tuple[Floats, Floats]:
+    offset = points - centre
+    distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), TINY)
+    return np.c_[-offset / distance[:, None], -np.ones(len(points))], distance - radius
+
+
+def _inverse_diagonal(information: Floats) -> Floats:
+    """Return it for a matrix (k, k) >= 0; a short arc gives very large values, never below 0."""
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray(vectors**2 @ (1 / np.maximum(values, np.finfo(float).eps * values[-1])))
 
 
 # Footprint of the indenter: a disc-minus-ring filter finds the face, the steepest ring round it gives edge points,

@@ -12,26 +12,23 @@ one; for a ball wider than twice the gel's thickness, whose rim rises above unto
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.heightmap.deviation import DepthError, map_noise_mm, untouched_std
+from tactilevision.heightmap.deviation import DepthError
 from tactilevision.records.contact_thresholds import CONTACT, depth_limit_mm, wide_depth_limit_mm
 from tactilevision.records.maps import BEYOND_BALLS, BORDER, HeightMap
-from tactilevision.records.measured import Bools, Pair
-from tactilevision.robust import median
+from tactilevision.records.measured import Array, Bools, Pair
+from tactilevision.robust import mad_std, median
 
 STEEPEST = 0.9  # of the greatest mean slope, at the edge; tests/contact/test_region.py
 LEVELS = 20  # of depth, between the shallowest and the deepest of a region
 SMOOTH_PX = 1.0  # px: sigma of the blur before slopes are computed
 REACH_PX = 6  # px: radius of the blur and the slope's stencil
-SAMPLED = 4  # px: step of the pixels from which the median deviation of a map is taken
+STD_STEP_PX = 4  # px: step of the pixels from which the median deviation of a map is taken
 MIN_SLOPE_PX = 3  # least number of pixels for a slope
 
-Array = npt.NDArray[np.floating[Any]]
 Window = tuple[slice, ...]
 WHOLE: Window = (slice(None), slice(None))
 
@@ -111,7 +108,7 @@ def strong_evidence(height: HeightMap, window: Window = WHOLE, *, among: Bools |
 def _is_blind(height: HeightMap) -> bool:
     if height.std_mm is None:
         return False
-    return bool(median(height.std_mm[::SAMPLED, ::SAMPLED].ravel()) > CONTACT.strong_blind_mm)
+    return bool(median(height.std_mm[::STD_STEP_PX, ::STD_STEP_PX].ravel()) > CONTACT.strong_blind_mm)
 
 
 def _strong(height: HeightMap, places: npt.NDArray[np.intp]) -> Bools:
@@ -214,3 +211,59 @@ def _surely_mm(
     if std_mm is None:
         return 0.0
     return wide_depth_limit_mm(std_mm, height.depth_mm.size * height.mm_per_px[0] * height.mm_per_px[1])
+
+
+# Does anything touch the gel? The deviation of untouched gel, with which a depth is compared.
+#
+# `HeightMap.std_mm` includes the uncertainty of the depth's scale, a part g of the depth. It makes the depth of a
+# contact uncertain, but not its presence: with g of a fifth no contact would reach five deviations. So it is
+# removed, and applied to the deviation of untouched gel, which has that scale,
+#
+#     s^2 = (1 + g)^2 [ max(std^2 - g^2 depth^2, u^2) + r^2 ]
+#
+# u: the least local deviation of untouched gel; r: roughness of the shallow part of the map itself, in excess of
+# the method's stated noise (median distance of the shallower half from its median, as a standard deviation).
+
+SAMPLED = 4000  # approximate number of pixels that determine a map's roughness
+
+
+def untouched_std(
+    height: HeightMap,
+    error: DepthError | None,
+    *,
+    every: int = 1,
+    places: npt.NDArray[np.intp] | None = None,
+    noise_mm: float | None = None,
+) -> Array | None:
+    """Return the standard deviation (h, w) in mm of untouched depth, of every `every`th pixel each way.
+
+    Only at the `places` (n,) of the flattened (h, w) where they are given, (n,). `error` is that of the method
+    which made the map; None: the map's own deviation, which may itself be None. `noise_mm` of the map where it is
+    known.
+    """
+
+    def wanted(grid: Array) -> Array:
+        return grid if places is None else grid.take(places)
+
+    if height.std_mm is None or error is None:
+        return None if height.std_mm is None else wanted(height.std_mm[::every, ::every])
+    depth, std = (np.asarray(many[::every, ::every], np.float32) for many in (height.depth_mm, height.std_mm))
+    gain_square, least = map(wanted, error.in_pixels(depth.shape))
+    depth, std = wanted(depth), wanted(std)
+    noise_mm = map_noise_mm(height) if noise_mm is None else noise_mm
+    square = np.maximum(std * std - gain_square * depth * depth, least)
+    return np.asarray((1.0 + np.sqrt(gain_square)) * np.sqrt(square + np.float32(noise_mm**2)))
+
+
+def map_noise_mm(height: HeightMap) -> float:
+    """Return the standard deviation (mm) of the shallower half of a map (H, W), from the median distance to its
+    median.
+
+    0 of nothing.
+    """
+    step = max(1, int(np.sqrt(height.depth_mm.size / SAMPLED)))
+    depth = height.depth_mm[::step, ::step][height.valid[::step, ::step]]
+    if not depth.size:
+        return 0.0
+    shallow = depth[depth <= median(depth)]
+    return mad_std(shallow)

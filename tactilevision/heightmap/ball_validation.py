@@ -8,12 +8,11 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
-from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
 from tactilevision.photometric.ball_samples import INSIDE, radii_from
 from tactilevision.photometric.calibrate import Calibration
 from tactilevision.photometric.card import MethodCard
@@ -23,7 +22,7 @@ from tactilevision.photometric.methods.network import find_model
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.storage import load_network
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.records.measured import Array, Bytes, Floats, Pair
 from tactilevision.records.rig import Sensor
 from tactilevision.robust import mad_std
 
@@ -159,9 +158,8 @@ def seen_gain_std(
     Of dents, which determine depth: in slopes the contact's rim dominates, where a slightly too wide circle
     includes slopes that no ball has.
     """
-    kept = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
     ratios = []
-    for rgb, ball in kept[:: max(1, -(-len(kept) // MAX_BALLS))]:
+    for rgb, ball in pressed_balls(pictures, balls, most=MAX_BALLS):
         slopes = method.slopes(rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
         found, true = dent_mm(depth, ball, mm_per_px=mm_per_px)
@@ -169,7 +167,7 @@ def seen_gain_std(
     return mad_std(np.array(ratios), centre=1.0)
 
 
-def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, *, mm_per_px: Pair) -> Pair:
+def dent_mm(depth: Array, ball: Ball, *, mm_per_px: Pair) -> Pair:
     """Return the depth of the contact's centre relative to its rim: in `depth` (H, W), and of the ball, mm."""
     y, x = np.indices(depth.shape, dtype=np.float64)
     r = np.hypot((x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1])
@@ -196,7 +194,7 @@ def _held_out_laws(
 # where no ball is give 78 degrees and no depth, nearly white light 24 degrees, white light 60.
 
 # degrees: real sensors 2 to 6, ready networks 6 to 10 on simulated lights, failures 19 to 55
-MAX_DIRECTION_DEG = 17.0
+MAX_DIRECTION_DEG = 17
 MAX_SHARE_AT_CONTACT = 0.25  # of the balls at a contact in the reference, from which the law is learnt inverted
 MIN_RATIO = 0.6  # of the depth: real sensors .91 to .98; failures .4
 MAX_RATIO = 1.6  # of the depth: as large an error the other way
@@ -267,7 +265,7 @@ MAX_PICTURES = 24  # maximum number read, evenly spaced; more balls find a singl
 MIN_ALIKE = 0.7  # cosine between slopes read and stated, the median over balls
 MAX_GAIN = 1.5  # 2.5 deviations of eight real sensors' scales, which scatter by 16 %
 MIN_GAIN = 0.6  # the least of real sensors is .68
-MIN_GREY = 40.0  # mean of the pictures: at 45 it reads .9 of what it does at 110, at 16 .68, and points alike
+MIN_GREY = 40  # mean of the pictures: at 45 it reads .9 of what it does at 110, at 16 .68, and points alike
 MIN_ALIKE_LIGHT = 0.92  # cosine from which the light is a usual one: too little counts, and a single ball
 MIN_OTHERS = 5  # other balls required to judge a single one
 MIN_ALIKE_ONE = 0.88  # cosine of a ball that is judged: a wrong radius leaves directions as they are

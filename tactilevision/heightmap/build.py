@@ -3,31 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.heightmap.ball_validation import doubt_of_radii
-from tactilevision.heightmap.poisson import integrate
+from tactilevision.heightmap.ball_validation import doubt_of_radii, held_out_depth, seen_gain_std
+from tactilevision.heightmap.deviation import contributions_mm
+from tactilevision.heightmap.inconsistent_light import measured_light
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.reference_match import DEFAULT_BASELINE, ReferenceMatch, some_frames, spread_frames
-from tactilevision.heightmap.scene_faults import check_order
+from tactilevision.heightmap.reference_match import (
+    DEFAULT_BASELINE,
+    ReferenceMatch,
+    baseline,
+    contact_in_reference,
+    pressed_beside,
+    rectified_frames,
+    some_frames,
+    spread_frames,
+)
+from tactilevision.heightmap.scene_faults import FRAMES_FOR_ORDER, able_to_renew, check_order, order_warnings
 from tactilevision.heightmap.self_calibration import MIN_CONTACTS, calibrated_on_frames, scale_warning
-from tactilevision.heightmap.untouched_frames import free_frames, press_starts, tuned, with_free_reference
-from tactilevision.photometric.ball_pictures import BallPicture
-from tactilevision.photometric.calibrate import calibrate_from_balls
+from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM
+from tactilevision.photometric.ball_detection import Ball
+from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
+from tactilevision.photometric.ball_samples import far_from, radii_from
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
-from tactilevision.photometric.method import as_referenced
+from tactilevision.photometric.cross_validation import jackknife_std
+from tactilevision.photometric.method import CalibratedMethod, TiledEvaluator, tile_px_for
 from tactilevision.photometric.methods.network import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.reference import (
+    BackgroundSums,
     Reference,
     check_view,
     dark_colour_warning,
@@ -36,9 +50,10 @@ from tactilevision.photometric.reference import (
     overexposed_warning,
 )
 from tactilevision.photometric.storage import load_method, load_network
-from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bytes, Pair
+from tactilevision.records.maps import Frame
+from tactilevision.records.measured import Array, Bytes, Floats, Pair
 from tactilevision.records.rig import Sensor
+from tactilevision.robust import MAD_TO_STD
 from tactilevision.sensors import may_have_marks
 from tactilevision.sensors.rectification import rectify
 
@@ -46,59 +61,250 @@ if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
 
 
-# Do pictures have the orientation and colour order of a ready network, neither mirrored nor red and blue swapped?
-#
-# Slopes of a surface have no curl. Of the squared slopes that a network reads, the best surface leaves .04 to .21
-# unexplained on nine real sensors, and .30 to .69 with red and blue exchanged or the picture mirrored. On
-# untouched gel there is no difference. With symmetric lamps, one exchange compensates the other. A picture rotated
-# by 180 degrees only changes the sign.
+# What frames of the free gel say of a method: its reference renewed, its bias taken off.
 
-FRAMES_FOR_ORDER = 6  # number of frames, spread over the recording
-BLUR_PX = 2.0  # sigma: noise of single pixels is half curl
-BETTER = 0.6  # of the curl: a false exchange at least doubles it, a correct one at least halves it
-EXCHANGES: dict[str, Callable[[Bytes], Bytes]] = {
-    "red and blue exchanged (BGR for RGB)": lambda rgb: rgb[..., ::-1],
-    "the picture mirrored": lambda rgb: rgb[:, ::-1],
-}
+FREE_SHARE = 0.97  # of the blocks that follow the light's drift: the rest is noise
+MIN_FREE = 4  # untouched frames; of fewer the noise would be taken for bias
+MAX_FREE = 16  # untouched frames that are read, at most
 
 
-def order_warnings(
-    path: Path, flats: Sequence[Bytes], frames: Sequence[Bytes], *, sensor: Sensor
-) -> tuple[str, ...]:
-    """Return a warning where slopes of `frames` by the network at `path` fit a surface far better if exchanged.
+def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
+    """Return the reference of a method, renewed from rectified untouched `frames`.
 
-    `flats` and `frames` are rectified pictures (H, W, 3).
+    Reference pictures are often means of several frames, or older than the recording; in the dark, noise that is
+    cut off at black then makes the two differ. Fewer than MIN_FREE untouched frames leave it as it was, and so do
+    frames that disagree, as strongly compressed ones may.
     """
+    free = untouched_of(method, frames)
+    if len(free) < MIN_FREE:
+        return method.reference
+    try:
+        renewed = make_reference(free, may_have_marks=method.reference.marks is not None)
+    except InputError:
+        return method.reference
+    return replace(renewed, usable=renewed.usable & method.reference.usable)
 
-    def curl(exchange: Callable[[Bytes], Bytes]) -> float:
-        untouched, seen = ([np.ascontiguousarray(exchange(rgb)) for rgb in many] for many in (flats, frames))
-        reference = make_reference(untouched, may_have_marks=may_have_marks(sensor))
-        return curl_share(load_network(path, reference), seen, sensor.mm_per_px)
 
-    plain = curl(lambda rgb: rgb)
-    shares = {name: curl(exchange) for name, exchange in EXCHANGES.items()}
-    better = [name for name, share in shares.items() if share < BETTER * plain]
-    if not better:
-        return ()
-    return (
-        f"as they are, the frames show no surface to the ready network for {sensor.kind} ({100 * plain:.0f} % of "
-        f"the slopes is curl); with {' or '.join(better)} they do ({100 * min(shares.values()):.0f} %). Save "
-        "frames and reference as the maker's software shows them; depths are false",
+def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMethod:
+    """Return the method without its mean slopes in rectified `frames` of untouched gel.
+
+    They are found as surfaces will be read: from then on gentle gel in means of pixels, where that can be.
+    Fewer than MIN_FREE untouched frames leave it as it was: their noise would be taken for bias.
+    """
+    free = untouched_of(method, frames)
+    if len(free) < MIN_FREE:
+        return method
+    whole, mean = BackgroundSums(method.reference.shape), BackgroundSums(method.reference.shape)
+    px = tile_px_for(method)
+    coarse = TiledEvaluator(method, px) if px > 1 else None
+    for rgb in free:
+        read = method.read(rgb).slopes
+        for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
+            sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
+    card = replace(method.card, frame_noise=whole.noise_over(method.noise), tile_px=px)
+    return replace(method, background=mean.added_to(method.current_background, method.kept_share), card=card)
+
+
+def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:
+    """Return the `frames` that nearly entirely follow the light's drift, without false depths."""
+    free = []
+    for rgb in able_to_renew(method.reference.rgb, frames):
+        drift = method.change.tracker.measure(rgb)
+        if drift.untouched[method.change.tracker.usable.reshape(drift.untouched.shape)].mean() > FREE_SHARE:
+            free.append(rgb)
+    return free
+
+
+def free_frames(recording: Recording) -> list[Bytes]:
+    """Return the rectified pictures (H, W, 3) of `press_starts`, or at least MIN_FREE flats without presses."""
+    from tactilevision.recording.pictures import read_reference
+
+    if not recording.presses and len(recording.flats) >= MIN_FREE:
+        flats = recording.flats[:MAX_FREE]
+        return [rectify(recording.sensor, read_reference(recording, path)) for path in flats]
+    return [frame.rgb for frame in press_starts(recording)]
+
+
+def press_starts(recording: Recording) -> list[Frame]:
+    """Return at most MAX_FREE rectified frames from the beginnings of the presses, usually untouched."""
+    times = recording.frame_times_s
+    if recording.frames_path is None or not len(times) or not recording.presses:
+        return []
+    starts = np.array([press.start_s for press in recording.presses])
+    chosen = np.linspace(0, len(starts) - 1, min(MAX_FREE, len(starts))).astype(int)
+    return rectified_frames(recording, np.unique(np.searchsorted(times, starts[chosen]).clip(0, len(times) - 1)))
+
+
+# A calibration made to fit the free gel of its sensor, its errors measured on its own ball pictures.
+
+MAX_WAVES = 8  # pictures with balls that are looked at, at most
+BLOCK_PX = 16  # px: grid of the depth of untouched gel, finer than its waves
+RIM = 1.15  # contact radii: beyond it the gel is free
+MAX_BALLS = 8  # balls; more do not improve the share of leakage
+
+
+def tuned(
+    sensor: Sensor, calibration: Calibration, *, pictures: Sequence[BallPicture], free: Sequence[Bytes]
+) -> Reconstructor:
+    """Return the calibration's reconstructor fitted to rectified frames of the free gel, its errors measured.
+
+    The local deviation of untouched gel from flat comes from the `free` frames where there are enough of them,
+    else from
+    the ball pictures.
+    """
+    gain = seen_gain_std(calibration.method, pictures, balls=calibration.balls, mm_per_px=sensor.mm_per_px)
+    card = replace(calibration.method.card, sensor=sensor.kind, seen_gain_std=gain)
+    card = card.extended(held_out_depth(calibration, pictures, mm_per_px=sensor.mm_per_px, seen_gain=gain))
+    factor = float(card.other.get("depth_coverage_factor", 1.0))
+    place_gain = np.round(factor * np.array(card.place_gain_std), 5).tolist()
+    card = replace(card, seen_gain_std=factor * gain, place_gain_std=place_gain)
+    card = replace(card, leakage_std=_spread(sensor, calibration, pictures))
+    method = replace(calibration.method, card=card)
+    settled = subtract_background(replace(method, reference=tare(method, free)), free)
+    if settled.background is method.background:
+        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, balls=calibration.balls)
+        settled = settled.with_card(replace(card, untouched_depth_rms_mm=waves_mm))
+    else:
+        reader = Reconstructor(sensor, settled)
+        flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
+        std_mm = np.round(untouched_std_mm(flat), 6).tolist()
+        settled = settled.with_card(replace(settled.card, untouched_std_mm=std_mm))
+    light = measured_light(
+        settled, pictures, balls=calibration.balls, free=untouched_of(settled, free), mm_per_px=sensor.mm_per_px
     )
+    settled = replace(settled, light_law=light)
+    reader = Reconstructor(sensor, settled)
+    usual = baseline(
+        lambda rgb: reader.read_rectified(rgb).residuals, [*(picture.rgb for picture in pictures), *free]
+    )
+    terms = depth_terms_mm(reader, pictures, balls=calibration.balls)
+    settled = settled.with_card(replace(settled.card, baseline=usual, depth_terms_mm=terms))
+    return Reconstructor(sensor, settled, calibration=calibration)
 
 
-def curl_share(method: PhotometricMethod, frames: Sequence[Bytes], mm_per_px: Pair) -> float:
-    """Return the share, 0 to 1, of squared slopes in rectified `frames` (H, W, 3) with curl; NaN if none."""
-    left = whole = 0.0
-    for rgb in frames:
-        with suppress(InputError):
-            read = method.slopes(rgb)
-            known = 1.0 if read.valid is None else read.valid
-            p, q = (cv2.GaussianBlur(slope * known, (0, 0), BLUR_PX) for slope in (read.dz_dx, read.dz_dy))
-            down, along = np.gradient(integrate(SlopeMap(p, q), mm_per_px), *mm_per_px[::-1])
-            left += float(np.sum((p - along) ** 2 + (q - down) ** 2))
-            whole += float(np.sum(p**2 + q**2))
-    return left / whole if whole else float("nan")
+def depth_terms_mm(
+    reader: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
+) -> dict[str, float]:
+    """Return each term's deviation of depth under a ball: rms in mm, the median over ball pictures."""
+    found = []
+    for rgb, _ in pressed_balls(pictures[:MAX_WAVES], balls[:MAX_WAVES]):
+        seen = reader.read_rectified(rgb)
+        found.append(contributions_mm(seen.height, seen.terms_mm()))
+    return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
+
+
+def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPicture]) -> float:
+    """Return the reach of slope errors outside a contact, by laws that exclude a third of the balls."""
+    method = calibration.method
+    others = [replace(method, law=law) for law in calibration.other_laws]
+    maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
+    gain = np.array(method.card.place_gain_std) / method.card.coverage_factor
+    return leakage_share(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
+
+
+def _depth(reader: Reconstructor, rgb: Bytes) -> npt.NDArray[Any]:
+    return reader.rectified_map(rgb).depth_mm
+
+
+def untouched_rms_mm(
+    reconstructor: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
+) -> float:
+    """Return the deviation of untouched gel from flat: median over ball pictures, outside the ball, mm."""
+    found = []
+    for rgb, ball in pressed_balls(pictures[:MAX_WAVES], balls[:MAX_WAVES]):
+        height = reconstructor.rectified_map(rgb)
+        away = far_from(ball, height.depth_mm.shape, mm_per_px=reconstructor.sensor.mm_per_px) & height.valid
+        if away.any():
+            found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
+    return float(np.median(found)) if found else 0.0
+
+
+def leakage_share(
+    maps: Sequence[Callable[[Bytes], npt.NDArray[Any]]],
+    pictures: Sequence[BallPicture],
+    *,
+    balls: Sequence[Ball | None],
+    gain: npt.NDArray[Any],
+    mm_per_px: Pair,
+) -> float:
+    """Return the share k of a calibration; 1 where no ball determines it.
+
+    `maps` give the depth (H, W) mm of a rectified picture, the first by the calibration, the others each without
+    a group of balls; `gain` (h, w) is the resulting relative change of the depth scale.
+    """
+    beside_sum, nearby_sum = 0.0, 0.0
+    for rgb, ball in pressed_balls(pictures, balls, most=MAX_BALLS):
+        depth, *others = (make(rgb) for make in maps)
+        variance = np.square(jackknife_std([other - depth for other in others]))
+        scale = np.square(cv2.resize(np.asarray(gain, np.float32), depth.shape[::-1]) * depth)
+        reach = [USUAL_THICKNESS_MM / step for step in mm_per_px]
+        nearby = cv2.GaussianBlur(scale, (0, 0), reach[0], sigmaY=reach[1])
+        radii = radii_from(ball, depth.shape, mm_per_px=mm_per_px)
+        away_mm = (radii - 1.0) * ball.contact_radius_px * mm_per_px[0]
+        beside = (radii > RIM) & (away_mm < USUAL_THICKNESS_MM)
+        beside_sum += float(variance[beside].mean())
+        nearby_sum += float(nearby[beside].mean())
+    return beside_sum / nearby_sum if nearby_sum else 1.0
+
+
+def untouched_std_mm(depths: Sequence[Array]) -> Floats:
+    """Return the standard deviation (h, w) mm of N >= 2 depths (H, W) mm of the free gel, in blocks of BLOCK_PX.
+
+    The median over the frames, robust against touched ones; N/(N - 1) of the variance, as the mean of the same
+    frames'
+    slopes was subtracted; smoothed over neighbouring blocks.
+    """
+    height, width = depths[0].shape
+    block_std = MAD_TO_STD * np.median(np.abs(np.stack(depths)), axis=0)
+    size = (max(2, width // BLOCK_PX), max(2, height // BLOCK_PX))
+    blocks = cv2.resize(np.asarray(block_std, np.float32), size, interpolation=cv2.INTER_AREA)
+    smooth = cv2.GaussianBlur(blocks, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(smooth * np.sqrt(len(depths) / (len(depths) - 1)), np.float64)
+
+
+# Where the frame that was taken for untouched gel shows a contact, the median of the frames may stand for it.
+#
+# A contact in the reference stands in every frame as a hill; contacts that move leave none in the median.
+
+MAX_FRAMES = 25  # frames of which the median is taken: a place may be pressed in twelve of them
+
+
+def with_free_reference(
+    recording: Recording,
+    flats: Sequence[Bytes],
+    ready: Reconstructor,
+    *,
+    read: Callable[[Sequence[Bytes]], Reconstructor],
+) -> tuple[Sequence[Bytes], Reconstructor, tuple[str, ...]]:
+    """Return pictures (H, W, 3) of the untouched gel, their reconstructor, and their source.
+
+    The same as before unless the guessed frame shows a contact and the median of the frames shows none, neither
+    by the frames nor against the guessed frame. `read` makes a reconstructor against such pictures.
+    """
+    frames = some_frames(recording, count=MAX_FRAMES)
+    at = _contact(ready, frames)
+    if at is None:
+        return flats, ready, ()
+    median: Bytes = np.median(frames, axis=0).round().astype(np.uint8)
+    against = read([median])
+    if _contact(against, frames) is not None or _pressed(ready, median):
+        return flats, ready, ()
+    name = recording.frame_names[recording.flat_frames[0]]
+    note = (
+        f"{name} shows a contact near ({at[0]:.0f}, {at[1]:.0f}) px: in its place the median of {len(frames)} "
+        "frames is taken for the untouched gel; --reference states a picture of it"
+    )
+    return [median], against, (note,)
+
+
+def _contact(reader: Reconstructor, frames: Sequence[Bytes]) -> Pair | None:
+    method = reader.referenced
+    return None if method is None else contact_in_reference(method, reader.rectified_map, pictures=frames)
+
+
+def _pressed(reader: Reconstructor, picture: Bytes) -> bool:
+    method = reader.referenced
+    return method is None or pressed_beside(method, reader.rectified_map, picture=picture)
 
 
 # The sources of a reconstructor: a recording's own balls, a saved method, or a ready one.
@@ -310,11 +516,10 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Byt
 
     Warns where the method was made in another light. Raises InputError where it was made for another view.
     """
-    calibrated = as_referenced(method)
-    if calibrated is None:
+    if not isinstance(method, CalibratedMethod):
         return Reconstructor(sensor, method)
     reference, noted = _reference(sensor, flats)
-    check_view(calibrated.reference.shape, reference.shape)
-    against = calibrated.with_reference(reference)
-    match, said = ReferenceMatch(against).with_light(light_of(calibrated.reference))
+    check_view(method.reference.shape, reference.shape)
+    against = method.with_reference(reference)
+    match, said = ReferenceMatch(against).with_light(light_of(method.reference))
     return Reconstructor(sensor, against, match=match).warned(*noted, *said)

@@ -1,4 +1,4 @@
-"""Fit circles robustly, and find circular edges in a slope map."""
+"""Find circular edges in a slope map."""
 
 from __future__ import annotations
 
@@ -7,166 +7,21 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Bytes, Floats, Pair
-from tactilevision.robust import frame_mad_std, geman_mcclure_weight, mad_std, median, tukey_weight
-
-# The circle through places some of which are not its own: quickly for every frame, or as well as can be.
-#
-# `quick_circle` is the weighted algebraic fit, two rounds of it, linear in its unknowns; it is good to a part of a
-# pixel where the places lie about all of the circle. `fit_circle` is the geometric one, with its deviation:
-#
-#     minimise  sum_i w_i rho( |p_i - c| - R )        rho: Tukey's biweight, its scale from the residuals
-#
-# RANSAC (Fischler & Bolles, Comm. ACM 24 (1981) 381) finds the circle that most points agree on, whatever the
-# others do; the weighted geometric (orthogonal distance) fit then refines it. Units: mm.
-
-TRIALS = 200  # circles through three points: with half of all points wild none is good once in 4e11, 1/(7/8)^200
-STIFFENING = 1e-9 * np.eye(3)  # added to normal equations that one direction may leave open
-
-
-@dataclass(frozen=True, slots=True)
-class Circle:
-    """Centre (x, y) and radius, standard deviation of either, rms distance of the kept points, share kept."""
-
-    centre_mm: Pair
-    radius_mm: float
-    centre_std_mm: float
-    radius_std_mm: float
-    residual_mm: float
-    kept: float
-
-
-def fit_circle(
-    points_mm: Floats, *, start: tuple[Pair, float], scale_mm: float, independent: float
-) -> Circle | None:
-    """Return the robust circle through points (N, 2) from a start (centre, radius).
-
-    `scale_mm` is what a point may be off at best (a fraction of a pixel); `independent` the number of points
-    that err independently, since neighbours on an edge err together. None where fewer than half of
-    the points agree on a circle.
-    """
-    if len(points_mm) < 8:
-        return None
-    begin = _consensus(points_mm, start, scale_mm)
-    centre, radius, weights = _refine(points_mm, begin, scale_mm)
-    inside = weights > 0
-    if inside.mean() < 0.5:
-        return None
-    jacobian, residual = _linearised(points_mm, centre, radius)
-    rms = float(np.sqrt(np.average(residual**2, weights=weights)))
-    information = (jacobian * weights[:, None]).T @ jacobian * min(independent / len(points_mm), 1.0)
-    variance = _inverse_diagonal(information) * max(rms, 0.1 * scale_mm) ** 2
-    return Circle(
-        (float(centre[0]), float(centre[1])),
-        radius,
-        float(np.sqrt(variance[:2].max())),
-        float(np.sqrt(variance[2])),
-        rms,
-        float(inside.mean()),
-    )
-
-
-def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tuple[Floats, float]:
-    """Return the circle through three points that most others lie on; or the start, if none is better.
-
-    Three points p, p + b, p + c lie on the circle round p + u, 2 [b; c] u = [b b; c c].
-    """
-    tolerance, start_radius = 3 * scale_mm, start[1]
-    rng = np.random.default_rng(len(points))  # a draw that repeats: the same points give the same circle
-    first, b, c = points[rng.integers(0, len(points), (3, TRIALS))]
-    b, c = b - first, c - first
-    twice = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
-    well_spread = np.abs(twice) > 1e-9 * start_radius**2
-    first, b, c, twice = first[well_spread], b[well_spread], c[well_spread], twice[well_spread, None]
-    square_b, square_c = (np.sum(side**2, axis=1) for side in (b, c))
-    to_centre = (
-        np.stack([c[:, 1] * square_b - b[:, 1] * square_c, b[:, 0] * square_c - c[:, 0] * square_b], axis=1)
-        / twice
-    )
-    radii = np.hypot(*to_centre.T)
-    likely = (0.3 * start_radius < radii) & (radii < 3 * start_radius)
-    centres = np.concatenate([np.asarray(start[0], np.float64)[None], (first + to_centre)[likely]])
-    radii = np.concatenate([[start_radius], radii[likely]])
-    distance = np.hypot(*(points.T[:, None] - centres.T[..., None]))
-    best = int(np.argmax(np.count_nonzero(np.abs(distance - radii[:, None]) < tolerance, axis=1)))
-    return centres[best], float(radii[best])
-
-
-def _refine(points: Floats, start: tuple[Floats, float], scale_mm: float) -> tuple[Floats, float, Floats]:
-    centre, radius = np.array(start[0], dtype=np.float64), start[1]
-    weights = np.ones(len(points))
-    for _ in range(20):
-        jacobian, residual = _linearised(points, centre, radius)
-        weights = _tukey(residual, scale_mm)
-        step, *_ = np.linalg.lstsq(jacobian * weights[:, None] ** 0.5, -residual * weights**0.5, rcond=None)
-        centre, radius = centre + step[:2], radius + float(step[2])
-        if np.abs(step).max() < 1e-6 * radius:
-            break
-    return centre, radius, weights
-
-
-def _linearised(points: Floats, centre: Floats, radius: float) -> tuple[Floats, Floats]:
-    offset = points - centre
-    distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)
-    return np.c_[-offset / distance[:, None], -np.ones(len(points))], distance - radius
-
-
-def _inverse_diagonal(information: Floats) -> Floats:
-    """Return it for a matrix (k, k) >= 0; a short arc gives very large values, never below 0."""
-    values, vectors = np.linalg.eigh(information)
-    return np.asarray(vectors**2 @ (1 / np.maximum(values, np.finfo(float).eps * values[-1])))
-
-
-def _tukey(residual: Floats, scale_mm: float) -> Floats:
-    spread = max(mad_std(residual, centre=0.0), 0.5 * scale_mm)
-    return tukey_weight(residual, spread)
-
-
-def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float, float]:
-    """Return centre x, y and radius, in mm or px as the places (n,) are, robust to outliers.
-
-    minimise  sum w (x^2 + y^2 - a x - b y - c)^2      `weight` (n,) w, then times that of Geman & McClure
-
-    Source: Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8.
-    """
-    terms, squares = np.stack([x, y, np.ones_like(x)]), x * x + y * y
-    keep = weight
-    for _ in range(2):
-        a, b, c = weighted_solution(terms, squares, weights=keep)
-        radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
-        off = np.sqrt((x - 0.5 * a) ** 2 + (y - 0.5 * b) ** 2) - radius
-        keep = weight * geman_mcclure_weight(off, 2.0 * residual_std(off))
-    return 0.5 * float(a), 0.5 * float(b), radius
-
-
-def weighted_solution(terms: Floats, values: Floats, *, weights: Floats) -> Floats:
-    """Return the weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
-    weighted = terms * weights
-    normal = weighted @ terms.T + STIFFENING
-    return solved(normal, weighted @ values)
-
-
-def solved(normal: Floats, right: Floats) -> Floats:
-    """Return the solution (k,) of normal equations (k, k) x = right (k,), in their unit.
-
-    They must be positive definite.
-    """
-    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
-
-
-def residual_std(off: Floats) -> float:
-    """Return the robust deviation of residuals (n,) about 0, in their unit; never 0."""
-    return frame_mad_std(off, centre=0.0) + 1e-9
-
+from tactilevision.records.measured import Array, Bools, Bytes, Floats, Pair, Picture
+from tactilevision.robust import MAD_TO_STD
 
 # Round rims in a slope map: circles along which the surface drops steeply, with a sharp flank on the inside.
+#
+# The first circle of a rim is the weighted algebraic fit, two rounds of it, linear in its unknowns; it is good to
+# a part of a pixel where the places lie about all of the circle.
 
+STIFFENING = ROUNDING * np.eye(3)  # added to normal equations that one direction may leave open
 MIN_STEEP = 12  # pixels; fewer are noise
 MAX_SAMPLES = 200  # pixels that determine the first circle of a rim
-MIN_RADIUS_PX = 6.0  # px: a smaller circle has no distinct flank
+MIN_RADIUS_PX = 6  # px: a smaller circle has no distinct flank
 MIN_ROUND = 1 / 3  # of the rim in the picture
 OFF_ROUND_PX = 1.0  # spread of the flank about a circle
 MAX_BLUR = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
@@ -174,15 +29,13 @@ BIN_PX = 0.5  # px: step of the profile across the edge
 ACROSS = 4  # directions to a sector
 CONVERGENCE_TOL = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
 ROUNDS = 4  # of reweighting, at most
-INNER_PX = 12.0  # px that the profile reaches inside the edge: past the foot of a blurred flank
+INNER_PX = 12  # px that the profile reaches inside the edge: past the foot of a blurred flank
 OUTER_SHARE = 0.4  # of the radius that the profile reaches outside: the gel's own fall dies out there
 MAX_OUTER_SHARE = 0.8  # the same where steep slopes reach far: a layer's surface keeps to the law so far
-NEAR_PX = 4.0  # about the edge alone, this far outside
+NEAR_PX = 4  # about the edge alone, this far outside
 MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
 HALF = 0.6977  # sigma before the edge, where a blurred 1/sqrt(s) has half of its peak; by quadrature
 QUARTER = 1.2452  # sigma before the edge, where it has a quarter of its peak; by quadrature
-
-Picture = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,6 +85,47 @@ def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> l
     return edges
 
 
+def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float, float]:
+    """Return centre x, y and radius, in mm or px as the places (n,) are, robust to outliers.
+
+    minimise  sum w (x^2 + y^2 - a x - b y - c)^2      `weight` (n,) w, then times that of Geman & McClure
+
+    Source: Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8.
+    """
+    terms, squares = np.stack([x, y, np.ones_like(x)]), x * x + y * y
+    keep = weight
+    for last in (False, True):
+        a, b, c = weighted_solution(terms, squares, weights=keep)
+        radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
+        if not last:
+            off = np.sqrt((x - 0.5 * a) ** 2 + (y - 0.5 * b) ** 2) - radius
+            keep = weight * geman_mcclure_weight(off, 2.0 * residual_std(off))
+    return 0.5 * float(a), 0.5 * float(b), radius
+
+
+def weighted_solution(terms: Floats, values: Floats, *, weights: Floats) -> Floats:
+    """Return the weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
+    weighted = terms * weights
+    normal = weighted @ terms.T + STIFFENING
+    return np.asarray(cv2.solve(normal, (weighted @ values)[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
+
+
+def residual_std(off: Floats) -> float:
+    """Return the robust deviation of residuals (n,) about 0, in their unit; never 0."""
+    ordered = np.sort(np.abs(off))
+    middle = 0.5 * (ordered[(len(off) - 1) // 2] + ordered[len(off) // 2])
+    return MAD_TO_STD * float(middle) + TINY
+
+
+def geman_mcclure_weight(residual: Floats, width: float) -> Floats:
+    """Return the weight 1 / (1 + (r / width)^2)^2 (n,) of residuals r (n,), in the unit of `width`.
+
+    Source: Geman & McClure, Bull. Int. Statist. Inst. 52 (1987) 5: it falls to a quarter at `width`.
+    """
+    weight = 1.0 / (1.0 + np.square(residual * (1.0 / width)))
+    return np.asarray(weight * weight)
+
+
 def _fit_edge(
     slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], *, limit: float
 ) -> CircularEdge | None:
@@ -244,7 +138,7 @@ def _fit_edge(
     x, y, radius = circle
     if not MIN_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
         return None
-    places, values = _profiles(slopes, mm_per_px, circle, _bounds(radius, px, radius + NEAR_PX * px))
+    places, values = _profiles(slopes, mm_per_px, circle, radius + NEAR_PX * px)
     flank = _flanks(places, values, 0.5)
     good = np.isfinite(flank)
     if np.count_nonzero(good) < MIN_ROUND * len(good):
@@ -270,27 +164,24 @@ def _profile(
     slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], outer: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return places (J,) across a rim up to `outer`; the median slope, that of all but a fifth, and its std."""
-    places, values = _profiles(slopes, mm_per_px, circle, _bounds(circle[2], min(mm_per_px), outer))
+    places, values = _profiles(slopes, mm_per_px, circle, outer)
     low, middle, high, highest = _quantiles(values, 0.25, 0.5, 0.75, 0.8)
     count = np.maximum(np.count_nonzero(np.isfinite(values), axis=0), 1)
     return places, middle, highest, MEDIAN_STD * (high - low) / np.sqrt(count)
 
 
-def _bounds(radius: float, px: float, outer: float) -> Pair:
-    return max(0.4 * radius, radius - INNER_PX * px), outer
-
-
 def _profiles(
-    slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], bounds_mm: Pair
+    slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], outer: float
 ) -> tuple[Floats, Floats]:
-    """Return distances (J,) from a circle's centre, and slopes (K, J) towards it in K sectors.
+    """Return distances (J,) up to `outer` from a circle's centre, and slopes (K, J) towards it in K sectors.
 
     A circle is (x, y, radius); slopes are NaN where unseen.
     """
     px = min(mm_per_px)
     sectors = int(min(max(0.8 * circle[2] / px, 8), 32))
     across, down = _directions(sectors * ACROSS)
-    places = np.arange(bounds_mm[0] + 0.5 * BIN_PX * px, bounds_mm[1], BIN_PX * px)
+    inner = max(0.4 * circle[2], circle[2] - INNER_PX * px)
+    places = np.arange(inner + 0.5 * BIN_PX * px, outer, BIN_PX * px)
     r = places.astype(np.float32)
     x, y = across * (r / np.float32(mm_per_px[0])), down * (r / np.float32(mm_per_px[1]))
     x += np.float32(circle[0] / mm_per_px[0])
@@ -306,7 +197,7 @@ def _profiles(
     return places, np.asarray(means, np.float64) / ACROSS
 
 
-def _sampled(plane: npt.NDArray[np.floating], x: Picture, y: Picture) -> Picture:
+def _sampled(plane: Array, x: Picture, y: Picture) -> Picture:
     plane = np.asarray(plane, np.float32)
     return np.asarray(cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan))
 
@@ -327,19 +218,6 @@ def _waves(sectors: int) -> Floats:
     """Return 1, cos and sin (3, sectors) of the sectors' angles."""
     angle = 2 * np.pi * (np.arange(sectors) + 0.5) / sectors
     return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
-
-
-def window_of(
-    shape: tuple[int, ...], centre_mm: Pair, *, mm_per_px: Pair, outer_mm: float
-) -> tuple[tuple[slice, slice], Floats, Floats]:
-    """Return rows and columns within `outer_mm` of a centre, and places x (1, w), y (h, 1) from it in mm."""
-    (x0, x1), (y0, y1) = (
-        (max(0, int((c - outer_mm) / step)), max(0, min(n, int((c + outer_mm) / step) + 2)))
-        for c, step, n in zip(centre_mm, mm_per_px, shape[::-1], strict=True)
-    )
-    x = (np.arange(x0, x1) * mm_per_px[0] - centre_mm[0])[None, :]
-    y = (np.arange(y0, y1) * mm_per_px[1] - centre_mm[1])[:, None]
-    return (slice(y0, y1), slice(x0, x1)), np.asarray(x, np.float64), np.asarray(y, np.float64)
 
 
 def _quantiles(values: Floats, *shares: float) -> Floats:
@@ -364,13 +242,13 @@ def _flanks(places: Floats, profiles: Floats, part: Floats | float) -> Floats:
     return np.asarray(places[before] + share * (places[1] - places[0]))
 
 
-def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, float, float]:
+def _harmonics(places: Floats, good: Bools) -> tuple[Floats, float, float]:
     """Return mean, cos and sin part of `good` places over sectors; the usual spread and rms residual.
 
     Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
     """
     terms, places = _waves(len(places))[:, good], places[good]
-    off = places - median(places)
+    off = places - np.median(places)
     solution, scale = np.zeros(3), residual_std(off)
     for _ in range(ROUNDS):
         before, solution = (

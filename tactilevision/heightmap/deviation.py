@@ -1,87 +1,66 @@
-"""The standard deviation of a depth, pixel by pixel, as a sum of variance terms."""
+"""The standard deviation of a depth, pixel by pixel, as a sum of independent variance terms."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from tactilevision.heightmap.deviation_terms import (
-    STEEP_SHARE,
-    DriftError,
-    add_edge_variance,
-    add_shadow_variance,
-    add_steep_variance,
-    extrapolated_gain_std,
-    free_variance,
-    gain_variance,
-    hidden_step_mm,
-    leaked_variance,
-    missing_colour_variance,
-    noise_variance,
-    scale_variance,
-    zero_variance,
-)
-from tactilevision.heightmap.walls import PunchEdge
-from tactilevision.heightmap.zero_plane import ZeroPlane
-from tactilevision.photometric.drift import Drift
-from tactilevision.photometric.method import ReferencedMethod
-from tactilevision.photometric.windows import Patch, shares
+from tactilevision.heightmap.poisson import integrate
+from tactilevision.heightmap.walls import PunchEdge, window_of
+from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM, ZeroPlane, plane_terms
+from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.colour_change import FrameChange, Patch
+from tactilevision.photometric.drift import SOFTENING_GREY, Drift, shares
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records.maps import HeightMap, SlopeMap
-from tactilevision.records.measured import Bools, Pair
-from tactilevision.robust import frame_mad_std, median
+from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
+from tactilevision.records.rig import SHADOW_ZONE
 
 # The uncertainty of a depth, pixel by pixel: `HeightMap.std_mm`.
 #
 #   std^2 = max(scale, leakage) + missing colour + free gel + zero plane + illumination + steep edges + cast shadow
 #           + steep slope + inconsistent light
 #
-# The terms, their equations and limits are in `deviation_terms.py`; here they are summed as independent. The sum
-# is computed on a grid, as all but edges is smooth.
+# The sum is computed on a grid, as all but edges is smooth.
 
-Picture = npt.NDArray[np.float32]
-Array = npt.NDArray[np.floating[Any]]
 GRID_MM = 0.18  # mm, approximate step of the grid: finer than the deviation varies, except at edges
 # of the greatest depth: what too steep slopes may hide before a map says so; calibrated balls stay below .1
 MAX_HIDDEN_SHARE = 0.2
 MAX_EXTRAPOLATED = 0.05  # of the depth, by lying beyond the balls; real sets' own balls have .01 (real_frames.md)
-TERMS = (
-    "depth scale",
-    "leakage",
-    "missing colour",
-    "slope noise",
-    "untouched gel",
-    "zero plane",
-    "illumination",
-    "steep edge",
-    "cast shadow",
-    "steep slope",
-    "inconsistent light",
-)
 
 
-@dataclass(frozen=True, slots=True)
-class MapEvidence:
-    """Input of one height map's deviation, in addition to its depth.
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The surface of one picture before its deviation is known: `depth_mm`, `valid` (H, W) and its `zero` plane.
 
-    `slopes` (H, W) is optional where edges were restored, and where none is too steep (`too_steep`); `edges` are
-    the restored ones; `drift` is None where the light was not followed. `lost_share` is the relative error of a
-    slope where
-    colours are missing, None where none is. `unexplained_mm` (h, w) is the depth by slopes that the light does not
-    explain (heightmap/inconsistent_light.py), None where there is none.
+    `walls` were restored in it; `frame` is the picture compared with the untouched gel, None where the method has
+    no reference; `steepest` the greatest |slope|; `lost_share` the relative error of slopes where colours are
+    missing. `make_slopes` gives those of every pixel.
     """
 
+    depth_mm: Array
+    valid: Bools
     zero: ZeroPlane
-    slopes: SlopeMap | None = None
-    edges: Sequence[PunchEdge] = ()
-    drift: Drift | None = None
-    lost_share: Patch | None = None
-    unexplained_mm: Picture | None = None
+    walls: Sequence[PunchEdge]
+    frame: FrameChange | None
+    steepest: float
+    lost_share: Patch | None
+    make_slopes: Callable[[], SlopeMap]
+
+    @cached_property
+    def slopes(self) -> SlopeMap:
+        """Return the slopes (H, W), walls restored."""
+        return self.make_slopes()
+
+    @property
+    def drift(self) -> Drift | None:
+        """Return the drift of the picture's light."""
+        return None if self.frame is None else self.frame.drift
 
 
 class DepthError:
@@ -90,12 +69,13 @@ class DepthError:
     `free_mm2`, `gain_square` (h, w) of the grid: variance of free gel in mm², and of the depth scale, relative.
     """
 
-    def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
-        self.method, self.mm_per_px = method, mm_per_px
+    def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
+        self.method, self.mm_per_px, self.shape = method, mm_per_px, method.reference.shape
         card = method.card
         self.leakage = 1.0 if card.leakage_std is None else card.leakage_std
         self.steepest = STEEP_SHARE * (np.inf if card.steepest_slope is None else card.steepest_slope)
         every = self.every = max(2, round(GRID_MM / max(mm_per_px)))
+        self.step_mm = every * mm_per_px[0], every * mm_per_px[1]
         noise = noise_variance(
             method.noise * np.float32(1.0 if card.frame_noise is None else card.frame_noise), mm_per_px
         )
@@ -108,26 +88,58 @@ class DepthError:
         self.extrapolated_std: Picture = np.asarray(cv2.resize(beyond, self.free_mm2.shape[::-1]))
         self._in_pixels: dict[tuple[int, ...], list[Picture]] = {}
 
-    def std_mm(self, depth_mm: Array, evidence: MapEvidence) -> Picture:
-        """Return the standard deviation (H, W) mm of `depth_mm` (H, W), by the `evidence` of the same map."""
-        few = self._on_grid(depth_mm)
-        scale = scale_variance(few, self.gain_square)
-        lost = self._lost(few, evidence)
-        total = np.asarray(cv2.max(self._leaked(scale), scale, dst=scale))
-        if lost is not None:
-            total += lost
-        total += self.free_mm2
-        total += zero_variance(evidence.zero, total.shape)
-        light = self._light(evidence, total.shape)
-        if light is not None:
-            total += light
-        add_edge_variance(total, evidence.edges, mm_per_point=self._step_mm)
-        add_shadow_variance(total, evidence.edges, mm_per_point=self._step_mm)
-        add_steep_variance(total, few, hidden_mm=self._hidden_mm(few, evidence))
-        if evidence.unexplained_mm is not None:
-            total += self._unexplained(evidence.unexplained_mm, total.shape)
+    def std_mm(self, surface: Surface, unexplained_mm: Picture | None = None) -> Picture:
+        """Return the standard deviation (H, W) mm of the depth of a `surface`.
+
+        `unexplained_mm` (h, w) is the depth by slopes that the light does not explain
+        (heightmap/inconsistent_light.py), None where there is none.
+        """
+        scale, leaked, *others = self._variances(surface, unexplained_mm).values()
+        total = np.asarray(cv2.max(leaked, scale, dst=scale))
+        for variance in others:
+            if variance is not None:
+                total += variance
         cv2.sqrt(total, dst=total)
-        return np.asarray(cv2.resize(total, depth_mm.shape[::-1], interpolation=cv2.INTER_LINEAR))
+        return np.asarray(cv2.resize(total, self.shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+    def terms_mm(self, surface: Surface, unexplained_mm: Picture | None = None) -> dict[str, Picture]:
+        """Return the deviation (h, w) mm by each term; their squares sum to the square of `std_mm`.
+
+        On the grid of every `every`th pixel. Of two terms with a maximum, the second is its excess over the first.
+        Not for every frame: it takes as long as the sum again.
+        """
+        found = self._variances(surface, unexplained_mm)
+        scale, leaked = found["depth scale"], found["leakage"]
+        parts = found | {
+            "leakage": np.maximum(leaked - scale, 0.0),
+            "slope noise": self.noise_mm2,
+            "untouched gel": self.free_mm2 - self.noise_mm2,
+        }
+        return {name: np.zeros_like(scale) if one is None else np.sqrt(one) for name, one in parts.items()}
+
+    def _variances(self, surface: Surface, unexplained_mm: Picture | None) -> dict[str, Any]:
+        """Return the variances (h, w) mm² by term, None for none; leakage includes the depth scale's."""
+        few = self._on_grid(surface.depth_mm)
+        scale = scale_variance(few, self.gain_square)
+        walls: Any = (None, None)
+        if surface.walls:
+            walls = wall_variances(few.shape, surface.walls, mm_per_point=self.step_mm)
+        hidden_mm = self._hidden_mm(few, surface)
+        return {
+            "depth scale": scale,
+            "leakage": leaked_variance(scale, self.leakage, every=self.every, mm_per_px=self.mm_per_px),
+            "missing colour": self._lost(few, surface.lost_share),
+            "slope noise": None,  # within the next term
+            "untouched gel": self.free_mm2,
+            "zero plane": zero_variance(surface.zero, few.shape),
+            "illumination": self._light(surface, few.shape),
+            "steep edge": walls[0],
+            "cast shadow": walls[1],
+            "steep slope": np.float32(hidden_mm**2) * (few > BEHIND * few.max()) if hidden_mm > 0 else None,
+            "inconsistent light": None
+            if unexplained_mm is None
+            else np.square(cv2.resize(unexplained_mm, few.shape[::-1], interpolation=cv2.INTER_LINEAR)),
+        }
 
     def in_pixels(self, shape: tuple[int, ...]) -> list[Picture]:
         """Return `gain_square` and `free_mm2`, (H, W) each, for a map of `shape`: cached, not to be modified."""
@@ -136,52 +148,15 @@ class DepthError:
             self._in_pixels[shape] = [np.asarray(cv2.resize(grid, shape[::-1])) for grid in grids]
         return self._in_pixels[shape]
 
-    def terms_mm(self, depth_mm: Array, evidence: MapEvidence) -> dict[str, Picture]:
-        """Return the deviation (h, w) mm that each of TERMS adds to `depth_mm` (H, W); their squares sum to
-        std_mm's.
-
-        On the grid of every `every`th pixel. Of two terms with a maximum, the second is its excess over the first.
-        Not for
-        every frame: it takes as long as the sum again.
-        """
-        few = self._on_grid(depth_mm)
-        scale = scale_variance(few, self.gain_square)
-        lost = self._lost(few, evidence)
-        light, edges, steep = self._light(evidence, few.shape), np.zeros_like(few), np.zeros_like(few)
-        shadow = np.zeros_like(few)
-        add_edge_variance(edges, evidence.edges, mm_per_point=self._step_mm)
-        add_shadow_variance(shadow, evidence.edges, mm_per_point=self._step_mm)
-        add_steep_variance(steep, few, hidden_mm=self._hidden_mm(few, evidence))
-        variances = (
-            scale,
-            np.maximum(self._leaked(scale) - scale, 0.0),
-            np.zeros_like(few) if lost is None else lost,
-            self.noise_mm2,
-            self.free_mm2 - self.noise_mm2,
-            zero_variance(evidence.zero, few.shape),
-            np.zeros_like(few) if light is None else light,
-            edges,
-            shadow,
-            steep,
-            np.zeros_like(few)
-            if evidence.unexplained_mm is None
-            else self._unexplained(evidence.unexplained_mm, few.shape),
-        )
-        return {name: np.sqrt(variance) for name, variance in zip(TERMS, variances, strict=True)}
-
     @cached_property
     def drift(self) -> DriftError:
         """Return the response of depth to the drift of the light."""
         return DriftError(self.method, self.mm_per_px)
 
-    def too_steep(self, steepest: float) -> bool:
-        """Return whether a picture whose greatest |slope| is `steepest` may hide depth behind steep slopes."""
-        return steepest > self.steepest
-
-    def hides_much(self, depth_mm: Array, evidence: MapEvidence) -> bool:
-        """Return whether too steep slopes may hide a good part of the greatest depth of `depth_mm` (H, W), mm."""
-        few = self._on_grid(depth_mm)
-        return self._hidden_mm(few, evidence) > MAX_HIDDEN_SHARE * float(few.max())
+    def hides_much(self, surface: Surface) -> bool:
+        """Return whether too steep slopes may hide a good part of the greatest depth of a `surface`."""
+        few = self._on_grid(surface.depth_mm)
+        return self._hidden_mm(few, surface) > MAX_HIDDEN_SHARE * float(few.max())
 
     def beyond_balls(self, contact: Bools) -> bool:
         """Return whether the depth of a `contact` is extrapolated beyond the balls, in the mean over it.
@@ -195,37 +170,26 @@ class DepthError:
         covered = float(share.sum())
         return covered > 0.0 and float(np.vdot(self.extrapolated_std, share)) > MAX_EXTRAPOLATED * covered
 
-    @property
-    def _step_mm(self) -> Pair:
-        return self.every * self.mm_per_px[0], self.every * self.mm_per_px[1]
-
     def _on_grid(self, depth_mm: Array) -> Picture:
         return np.array(depth_mm[:: self.every, :: self.every], np.float32)
 
-    def _leaked(self, scale_mm2: Picture) -> Picture:
-        return leaked_variance(scale_mm2, self.leakage, every=self.every, mm_per_px=self.mm_per_px)
-
-    def _lost(self, few: Picture, evidence: MapEvidence) -> Picture | None:
-        if evidence.lost_share is None:
+    def _lost(self, few: Picture, lost_share: Patch | None) -> Picture | None:
+        if lost_share is None:
             return None
-        share = _thinned(evidence.lost_share, self.method.reference.shape, few.shape)
+        share = _thinned(lost_share, self.shape, few.shape)
         return missing_colour_variance(few, share, every=self.every, mm_per_px=self.mm_per_px)
 
-    def _light(self, evidence: MapEvidence, shape: tuple[int, ...]) -> Picture | None:
-        if evidence.drift is None or evidence.drift.covariance is None:
+    def _light(self, surface: Surface, shape: tuple[int, ...]) -> Picture | None:
+        if surface.drift is None or surface.drift.covariance is None:
             return None
-        blocks = self.drift.variance(evidence.drift.covariance, evidence.zero)
+        blocks = self.drift.variance(surface.drift.covariance, surface.zero)
         return np.asarray(cv2.resize(blocks, shape[::-1], interpolation=cv2.INTER_LINEAR))
 
-    def _unexplained(self, depth_mm: Picture, shape: tuple[int, ...]) -> Picture:
-        """Return the variance (h, w) mm^2 by slopes that the light does not explain: all of that depth."""
-        return np.asarray(np.square(cv2.resize(depth_mm, shape[::-1], interpolation=cv2.INTER_LINEAR)))
-
-    def _hidden_mm(self, few: Picture, evidence: MapEvidence) -> float:
-        if evidence.edges or evidence.slopes is None:
+    def _hidden_mm(self, few: Picture, surface: Surface) -> float:
+        if surface.walls or not surface.steepest > self.steepest:
             return 0.0
         return hidden_step_mm(
-            few, evidence.slopes, steepest=self.steepest, every=self.every, mm_per_px=self.mm_per_px
+            few, surface.slopes, steepest=self.steepest, every=self.every, mm_per_px=self.mm_per_px
         )
 
 
@@ -250,57 +214,282 @@ def contributions_mm(height: HeightMap, terms: Mapping[str, Picture]) -> dict[st
     return {name: float(np.sqrt(np.mean(np.square(term[deep])))) for name, term in terms.items()}
 
 
-# Does anything touch the gel? The deviation of untouched gel, with which a depth is compared.
+# The term of the photometric scale: all depths have the relative error g.
 #
-# `HeightMap.std_mm` includes the uncertainty of the depth's scale, a part g of the depth. It makes the depth of a
-# contact uncertain, but not its presence: with g of a fifth no contact would reach five deviations. So it is
-# removed, and applied to the deviation of untouched gel, which has that scale,
+#     variance(x, y) = g(x, y)^2 depth(x, y)^2          g^2 = g_seen^2 + g_place(x, y)^2 + g_beyond(x, y)^2
 #
-#     s^2 = (1 + g)^2 [ max(std^2 - g^2 depth^2, u^2) + r^2 ]
-#
-# u: the least local deviation of untouched gel; r: roughness of the shallow part of the map itself, in excess of
-# the method's stated noise (median distance of the shallower half from its median, as a standard deviation).
-
-SAMPLED = 4000  # approximate number of pixels that determine a map's roughness
+# g_seen: scatter of the scale over the calibration's balls, common to all maps. g_place: local change of the scale
+# with other balls (photometric/cross_validation.py). g_beyond: extrapolation beyond the outermost balls
+# (photometric/cross_validation.py). All are in the method's card; older cards lack the last. Vanishes where the
+# depth is 0, and where every ball gives one scale. Assumes errors proportional to the slope.
 
 
-def untouched_std(
-    height: HeightMap,
-    error: DepthError | None,
-    *,
-    every: int = 1,
-    places: npt.NDArray[np.intp] | None = None,
-    noise_mm: float | None = None,
-) -> Array | None:
-    """Return the standard deviation (h, w) in mm of untouched depth, of every `every`th pixel each way.
+def scale_variance(depth_mm: Picture, gain_square: Picture) -> Picture:
+    """Return the scale's variance (h, w) mm² of `depth_mm` (h, w), of relative variance `gain_square` (h, w)."""
+    square = cv2.multiply(depth_mm, depth_mm)
+    square *= gain_square
+    return np.asarray(square)
 
-    Only at the `places` (n,) of the flattened (h, w) where they are given, (n,). `error` is that of the method
-    which made the map; None: the map's own deviation, which may itself be None. `noise_mm` of the map where it is
-    known.
+
+def gain_variance(card: MethodCard, relative_error: float, *, shape: tuple[int, ...]) -> Picture:
+    """Return the relative variance of the depth scale over a picture of `shape` (h, w) from a method's card."""
+    squares = place_gain_std(card, relative_error) ** 2, extrapolated_gain_std(card) ** 2
+    place, beyond = (np.asarray(cv2.resize(np.asarray(one, np.float32), shape[::-1])) for one in squares)
+    return np.asarray(place + beyond)
+
+
+def extrapolated_gain_std(card: MethodCard) -> Floats:
+    """Return the deviation (h, w) of the depth scale beyond the balls, a ratio; 0 where the card has none."""
+    return np.array(card.extrapolated_gain_std or [[0.0]], np.float64)
+
+
+def place_gain_std(card: MethodCard, relative_error: float) -> Floats:
+    """Return the relative deviation (h, w) of the depth scale within the range of the balls."""
+    return np.hypot(gain_std(card, relative_error), np.array(card.place_gain_std or [[0.0]], np.float64))
+
+
+def gain_std(card: MethodCard, relative_error: float) -> float:
+    """Return the relative deviation of the depth scale from ball to ball, common to all maps; else that of slopes.
+
+    A card without the change by other balls includes it here, from held-out balls.
     """
-
-    def wanted(grid: Array) -> Array:
-        return grid if places is None else grid.take(places)
-
-    if height.std_mm is None or error is None:
-        return None if height.std_mm is None else wanted(height.std_mm[::every, ::every])
-    depth, std = (np.asarray(many[::every, ::every], np.float32) for many in (height.depth_mm, height.std_mm))
-    gain_square, least = map(wanted, error.in_pixels(depth.shape))
-    depth, std = wanted(depth), wanted(std)
-    noise_mm = map_noise_mm(height) if noise_mm is None else noise_mm
-    square = np.maximum(std * std - gain_square * depth * depth, least)
-    return np.asarray((1.0 + np.sqrt(gain_square)) * np.sqrt(square + np.float32(noise_mm**2)))
+    held_out = relative_error if card.held_out_gain_std is None else card.held_out_gain_std
+    if card.seen_gain_std is None:
+        return held_out
+    seen = card.seen_gain_std
+    return seen if card.place_gain_std is not None else float(np.sqrt(seen * (held_out + seen)))
 
 
-def map_noise_mm(height: HeightMap) -> float:
-    """Return the standard deviation (mm) of the shallower half of a map (H, W), from the median distance to its
-    median.
+# The term of leakage: slope errors under a contact spread to the gel outside it, where there is no depth.
+#
+#     variance(x, y) = max(k <g^2 depth^2> - g^2 depth^2, 0)      < >: mean over a thickness of gel
+#
+# g^2 depth^2 is the term of the depth scale. The share k is measured once, when a method is made. The change of a
+# map by holding out balls (photometric/cross_validation.py) is known everywhere in it, so that outside the
+# contacts
+#
+#     k = <std^2> / < <g^2 depth^2> >          from the contact's rim to a thickness of gel away from it
+#
+# Both means are over all balls: the ratio at a single ball is unreliable where both are small.
+# Vanishes where nothing within a thickness of gel is deep, and with the scale's own error.
 
-    0 of nothing.
+COARSE = 4  # points per thickness of gel on which the smooth mean is taken
+
+
+def leaked_variance(scale_mm2: Picture, share: float, *, every: int, mm_per_px: Pair) -> Picture:
+    """Return the variance (h, w) mm² that the scale's, `scale_mm2` (h, w) mm², causes within a thickness of gel.
+
+    This term and that of the scale together are the larger of both. `scale_mm2` holds every `every`th pixel of a
+    picture at `mm_per_px` (x, y); `share` is k.
     """
-    step = max(1, int(np.sqrt(height.depth_mm.size / SAMPLED)))
-    depth = height.depth_mm[::step, ::step][height.valid[::step, ::step]]
-    if not depth.size:
+    step = max(1, round(USUAL_THICKNESS_MM / (COARSE * every * max(mm_per_px))))
+    coarse = scale_mm2[::step, ::step]
+    reach = [USUAL_THICKNESS_MM / (step * every * px) for px in mm_per_px]
+    coarse = np.asarray(cv2.GaussianBlur(coarse, (0, 0), reach[0], sigmaY=reach[1]))
+    coarse *= np.float32(share)
+    return np.asarray(cv2.resize(coarse, scale_mm2.shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+
+# The term of missing colours: slopes from two colours have larger errors, and so has the depth.
+#
+#     variance(x, y) = < e >^2 max(depth^2, < depth^2 >)      < >: means over REACH_MM, and over a thickness of gel
+#
+# e: relative error of a slope without that colour in excess of a slope by all colours, 0 where all are valid
+# (photometric/methods/two_colours.py). A few pixels without a colour hardly change the integral over them; the
+# error of many spreads, as under leakage.
+# Vanishes where all colours are valid, and where the depth is 0. Assumes errors proportional to the slope.
+
+BLUR = 4  # deviations at which OpenCV truncates a blur
+REACH_MM = 1.0  # mm, correlation length of integrated slope errors: half of a usual contact
+
+
+def missing_colour_variance(depth_mm: Picture, lost_share: Picture, *, every: int, mm_per_px: Pair) -> Picture:
+    """Return the variance (h, w) mm² of `depth_mm` (h, w) mm; `lost_share` (h, w) is e, a ratio.
+
+    Both hold every `every`th pixel of a picture at `mm_per_px` (x, y).
+    """
+    reach = [REACH_MM / (every * px) for px in mm_per_px]
+    left, top, width, height = cv2.boundingRect(cv2.compare(lost_share, 0.0, cv2.CMP_NE))
+    down, across = (int(BLUR * one) + 2 for one in reach[::-1])  # as far as the blur carries anything
+    rows = slice(max(top - down, 0), top + height + down)
+    columns = slice(max(left - across, 0), left + width + across)
+    share = cv2.GaussianBlur(lost_share[rows, columns], (0, 0), reach[0], sigmaY=reach[1])
+    square = np.square(depth_mm)
+    square = cv2.max(leaked_variance(square, 1.0, every=every, mm_per_px=mm_per_px), square)
+    variance = np.zeros(depth_mm.shape, np.float32)
+    np.multiply(np.square(share), square[rows, columns], out=variance[rows, columns])
+    return variance
+
+
+# The term of the camera's noise: the depth noise that pixel noise of the slopes causes.
+#
+#     variance(x, y) = < (z - median z)^2 >      z: the surface of random slopes N(0, noise(x, y)^2)
+#
+# z is integrated as every surface; the mean over N_DRAWS fields is blurred to reduce its scatter.
+# Vanishes with the noise, and grows with its square. Assumes noise that is independent from pixel to pixel:
+# correlated waves have a term of their own. It depends on the place alone, so it is computed once for a method.
+
+N_DRAWS = 6  # noise fields: with the blur they determine the variance to a tenth
+BLUR_SHARE = 1 / 12  # of the picture's longer side: sigma of the blur; noise of a surface varies no faster
+
+
+def noise_variance(noise: Picture, mm_per_px: Pair) -> Picture:
+    """Return the variance (H, W) mm² of depth by slope noise `noise` (H, W) mm/mm, at `mm_per_px` (x, y)."""
+    rng = np.random.default_rng(0)  # fixed seed: the certificate of a method is reproducible
+    total = np.zeros(noise.shape, np.float32)
+    for _ in range(N_DRAWS):
+        fields = rng.standard_normal((2, *noise.shape), dtype=np.float32) * noise
+        surface = integrate(SlopeMap(fields[0], fields[1]), mm_per_px)
+        total += (surface - np.median(surface)) ** 2
+    return np.asarray(cv2.GaussianBlur(total / N_DRAWS, (0, 0), max(noise.shape) * BLUR_SHARE), np.float32)
+
+
+# The term of the untouched gel: its deviation from flat in excess of the simulated noise.
+#
+#     variance(x, y) = max(noise^2 + waves^2, untouched(x, y)^2) - noise^2
+#
+# waves: rms depth of untouched gel in the calibration's pictures, used without frames of the free gel.
+# untouched: local deviation in single frames of the free gel. Their noise is correlated over many pixels (blur,
+# compression). Integrated, it has slow waves of several times the effect of independent noise, most in dark
+# corners. Vanishes where free frames are read as flat. Assumes that the gel's noise does not change later.
+
+
+def free_variance(noise_mm2: Picture, waves_mm: float, *, untouched_std: Floats) -> Picture:
+    """Return the variance (H, W) mm² of free gel: this term plus that of noise, `noise_mm2` (H, W) mm².
+
+    `waves_mm` is one deviation for all places, `untouched_std` (h, w) mm one for each block.
+    """
+    variance = noise_mm2 + np.float32(waves_mm**2)
+    blocks = np.asarray(untouched_std, np.float32)
+    untouched = cv2.resize(blocks, variance.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(np.maximum(variance, untouched**2))
+
+
+# The term of the zero plane: the untouched gel determines depth 0, limited by the gel's flatness.
+#
+#     variance = std_0^2 + (std_x X)^2 + (std_y Y)^2      X and Y from -1 to 1 over the picture
+#
+# std_0 of the plane at the picture's centre and std_x, std_y of its tilt are those of the fit
+# (heightmap/zero_plane.py), with errors correlated over a tenth of the picture. Vanishes where untouched blocks
+# all lie in one plane. The covariance of offset and tilt is neglected: it is zero for evenly distributed blocks.
+
+
+def zero_variance(zero: ZeroPlane, shape: tuple[int, ...]) -> Picture:
+    """Return the variance (H, W) mm² by the plane `zero` over a picture of this `shape`."""
+    sides = zip(zero.tilt_std_mm, shape[::-1], strict=True)
+    x, y = ((std * np.linspace(-1, 1, count)) ** 2 for std, count in sides)
+    return np.asarray(y[:, None] + (x + zero.std_mm**2), dtype=np.float32)
+
+
+# The term of the light's drift: the depth error by the uncertainty of the drift.
+#
+# An error of a drift coefficient g_k (photometric/drift.py) changes the colours of the whole picture, and the
+# surface smoothly by D_k(x, y). The zero plane removes the plane component on the untouched gel,
+#
+#     variance(x, y) = D' C D'        D'_k = D_k - plane of D_k      C: covariance of the coefficients
+#
+# so that the term is small outside small contacts, and large under contacts with little untouched gel to separate
+# drift from slopes. Vanishes without drift, and where D_k is a plane. D_k is computed once, for colours of flat
+# gel.
+
+STEP = 0.01  # of a coefficient: laws are linear over it to a hundredth
+
+
+class DriftError:
+    """Response of one method's depths to its drift coefficients; computed once, on the drift's blocks."""
+
+    def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
+        tracker, shape = method.change.tracker, method.reference.shape
+        self.blocks = (tracker.size[1], tracker.size[0])
+        self.terms = plane_terms(shape, self.blocks)
+        kept_share = cv2.resize(method.kept_share, tracker.size, interpolation=cv2.INTER_AREA)
+        evaluate = method.law.evaluator(self.blocks)
+        block_mm = tuple(
+            n * mm / blocks for n, mm, blocks in zip(shape[::-1], mm_per_px, tracker.size, strict=True)
+        )
+        effects = tracker.effects / (tracker.level + SOFTENING_GREY)[:, None, :]
+        depths = np.zeros(effects.shape)
+        for channel, parts in enumerate(effects):
+            for number, part in enumerate(parts):
+                change = np.zeros((3, *self.blocks), np.float32)
+                change[channel] = STEP * part.reshape(self.blocks)
+                slopes = [
+                    kept_share * (more - less) / (2.0 * STEP)
+                    for more, less in zip(evaluate(change), evaluate(-change), strict=True)
+                ]
+                depths[channel, number] = integrate(SlopeMap(*slopes), (block_mm[0], block_mm[1])).ravel()
+
+        self.depths = depths.reshape(-1, len(tracker.basis))  # of all coefficients, channel by channel
+
+    def variance(self, covariance: Floats, zero: ZeroPlane) -> Picture:
+        """Return the variance (rows, columns) mm² of depth on the blocks, by a drift's `covariance` (18, 18)."""
+        depths = self.depths
+        if zero.takes is not None:
+            depths = depths - (depths @ zero.takes.T) @ self.terms
+        return np.asarray(np.sum(depths * (covariance @ depths), axis=0), np.float32).reshape(self.blocks)
+
+
+# The terms of walls: a restored edge adds a step by the wall's law; gel near a steep wall may lie in the shadow of
+# a lamp, and then reads as too steep.
+#
+#     variance(r) = std_e^2                            r < a
+#     variance(r) = (s (u(K w) - u(r - a)))^2          r < a + K w;  K = 1/tan(elevation of the lowest lamp)
+#
+# std_e: of the step, from the fit of the law to the slopes around it (heightmap/walls.py); u: the surface's fall
+# below the face by that law, from where slopes are read again outwards; w, a: depth and radius of the face; K:
+# records/rig.py. An error of the fall in a shadow affects the face, too. s: rms relative error of that fall
+# (renderings with lamps at 15 to 35 degrees read 1.05 to 1.47 of it). Vanish without restored edges, with the
+# error of the fit, and beyond the shadow, which of a gentle wall ends where slopes are replaced. Assume round
+# edges of a rigid flat face.
+
+SHADED_FALL_STD = 0.3  # of the fall
+SHADOW_REACH = SHADOW_ZONE.reach
+
+
+def shades(edge: PunchEdge) -> bool:
+    """Return whether the shadow of a wall may reach gel whose slopes are read."""
+    return SHADOW_REACH * edge.depth_mm > edge.reach_mm
+
+
+def wall_variances(shape: tuple[int, ...], edges: Sequence[PunchEdge], *, mm_per_point: Pair) -> Picture:
+    """Return the variances (2, h, w) mm² by the steps of `edges` and by their shadows.
+
+    The points are spaced `mm_per_point` (x, y) mm.
+    """
+    variances: Picture = np.zeros((2, *shape), np.float32)
+    for edge in edges:
+        end = max(SHADOW_REACH * edge.depth_mm, edge.reach_mm)
+        window, x, y = window_of(shape, edge.centre_mm, mm_per_px=mm_per_point, outer_mm=edge.radius_mm + end)
+        square = x * x + y * y
+        variances[0, *window] += np.float32(edge.std_mm**2) * (square < edge.radius_mm**2)
+        beyond = np.clip(np.sqrt(square) - edge.radius_mm, edge.reach_mm, end)
+        fall = np.interp(end, edge.places_mm, edge.fall_mm) - np.interp(beyond, edge.places_mm, edge.fall_mm)
+        variances[1, *window] += np.float32(SHADED_FALL_STD**2) * np.square(fall, dtype=np.float32)
+    return variances
+
+
+# The term of slopes steeper than the calibrated ones, outside the restored round faces.
+#
+#     variance(x, y) = (g l)^2      where the depth is over half of the greatest; 0 elsewhere
+#
+# g: the steepest calibrated slope; l: mean width of the steep band, n px^2 / sqrt(4 pi A), n its pixels and A the
+# area inside it. Such a band may hide the fall of a slope g over its width, which changes all depths inside it.
+# Vanishes where no slope is steeper than g. Assumes one approximately round contact.
+
+STEEP_SHARE = 0.95  # of the steepest calibrated slope: steeper slopes may be read too low
+MIN_STEEP_PX = 12  # pixels of a steep band; fewer are noise
+BEHIND = 0.5  # of the greatest depth: deeper points lie inside the steep band
+
+
+def hidden_step_mm(depth_mm: Picture, slopes: SlopeMap, *, steepest: float, every: int, mm_per_px: Pair) -> float:
+    """Return the step (mm) that `depth_mm` (h, w) may lack inside slopes (H, W) steeper than `steepest` (mm/mm).
+
+    `depth_mm` holds every `every`th pixel each way; `mm_per_px` (x, y) is of the whole picture.
+    """
+    p, q = slopes.dz_dx[::every, ::every], slopes.dz_dy[::every, ::every]
+    steep_px = every**2 * np.count_nonzero((np.abs(p) > steepest) | (np.abs(q) > steepest))
+    if steep_px < MIN_STEEP_PX:
         return 0.0
-    shallow = depth[depth <= median(depth)]
-    return frame_mad_std(shallow)
+    area_px = max(float(every**2) * np.count_nonzero(depth_mm > BEHIND * depth_mm.max()), 1.0)
+    width_px = steep_px / np.sqrt(4.0 * np.pi * area_px)
+    return float(steepest * width_px * np.sqrt(mm_per_px[0] * mm_per_px[1]))

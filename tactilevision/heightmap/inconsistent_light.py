@@ -35,17 +35,16 @@ from itertools import accumulate
 import cv2
 import numpy as np
 
-from tactilevision.heightmap.two_grid_poisson import integrate_small
+from tactilevision.heightmap.poisson import integrate_small
 from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_pictures import BallPicture
+from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
 from tactilevision.photometric.ball_samples import OUTSIDE, radii_from
-from tactilevision.photometric.colour_change import ChangeMaps, FrameChange, Planes
+from tactilevision.photometric.colour_change import ChangeMaps, FrameChange
 from tactilevision.photometric.cross_validation import LightLaw
-from tactilevision.photometric.method import ReferencedMethod
-from tactilevision.photometric.protocols import Picture
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.shading_law import SLOPE_POWERS, answers_at
-from tactilevision.records.measured import Bools, Bytes, Pair
-from tactilevision.robust import median
+from tactilevision.records.constants import TINY
+from tactilevision.records.measured import Bools, Bytes, Pair, Picture
 
 CELL_MM = 0.4  # mm, approximate side of a cell: finer ones take longer and show no more
 REACH_MM = 0.76  # mm, deviation of the mean over neighbours: suppresses noise of single cells
@@ -60,8 +59,7 @@ CURL_SHARE = 0.1  # of the slopes themselves, the same
 STEEP_SHARE = 0.6  # of the steepest slope calibrated: next to steeper ones, blur mixes colours of many slopes
 RAMP = 0.4  # of the limit, from which on a slope counts in part as unexplained
 GREY = 0.3  # grey levels: error of local means by rounding and compression
-TINY = np.float32(1e-9)  # avoids division by zero
-MIN_AREA_MM2 = 3.0  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
+MIN_AREA_MM2 = 3  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
 RISE_SHARE = 0.25  # of the depth; tests/photometric/test_inconsistent_light.py
 RISE_MM = 0.1  # mm in addition: 235 pictures of samples and a path tracer have .05 in addition to .3 of the depth
 MIN_DEPTH_MM = 0.05  # mm of depth that inconsistent places contribute: less makes no map doubtful
@@ -79,7 +77,7 @@ class Inconsistency:
     area_mm2: float
 
     @property
-    def flagged(self) -> bool:
+    def doubtful(self) -> bool:
         """Return whether the map is doubtful."""
         return self.area_mm2 > MIN_AREA_MM2 and bool(np.abs(self.depth_mm).max() > MIN_DEPTH_MM)
 
@@ -87,11 +85,11 @@ class Inconsistency:
 class LightCheck:
     """Compares frames of one method with the light's law; quantities of the method alone are computed once."""
 
-    def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
+    def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
         tile = method.change.tracker.px
         self.method, self.px = method, tile * max(1, round(CELL_MM / (tile * max(mm_per_px))))
         height, width = (n // self.px for n in method.reference.shape)
-        self.size = width, height
+        self.size, self.whole = (width, height), (slice(0, height), slice(0, width))
         self.cell_mm = self.px * mm_per_px[0], self.px * mm_per_px[1]
         across, down = (2 * round(REACH_MM / mm) + 1 for mm in self.cell_mm)
         self.near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, down))
@@ -115,88 +113,88 @@ class LightCheck:
         if light is not None:
             place = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(np.float64)
             answers = answers_at(light.terms, place).reshape(height, width, -1, 3)
-            self.answers: Planes = np.ascontiguousarray(answers.transpose(2, 3, 0, 1), np.float32)
+            self.answers: Picture = np.ascontiguousarray(answers.transpose(2, 3, 0, 1), np.float32)
             noise = np.stack([cv2.resize(plane, self.size) for plane in light.noise])
             self.noise_square = self._noise_square(noise)
 
     def __call__(self, frame: FrameChange) -> Inconsistency:
         """Return the inconsistent cells of a frame."""
-        change, slopes = self.read(frame)
+        change, slopes, known = self.read(frame)
         score, share = self._curl(slopes) if self.light is None else self._colours(change, slopes, self.light)
-        score *= self.usable
+        score *= known
         if self.steep:
             score[cv2.dilate(_length(slopes), self.near) > self.steep] = 0.0
-        if (missing := frame.missing) is not None:
-            score[missing.tiles(self.px, self.size) > 0] = 0.0
         share *= np.clip((score - RAMP) / (1.0 - RAMP), 0.0, 1.0)
         depth = np.zeros_like(score)
         if share.any():
             np.minimum(share, 1.0, out=share)
             depth = integrate_small(slopes * share, self.cell_mm)
-            depth -= median(depth.ravel())
+            depth -= np.median(depth)
         inconsistent = score > 1.0
         return Inconsistency(inconsistent, depth, float(inconsistent.sum() * self.cell_mm[0] * self.cell_mm[1]))
 
-    def read(self, frame: FrameChange) -> tuple[Planes, Planes]:
-        """Return changes (3, h, w) of the cells of a frame, and the slopes (2, h, w) read from them."""
+    def read(self, frame: FrameChange) -> tuple[Picture, Picture, Bools]:
+        """Return changes (3, h, w) of the cells of a frame, their slopes (2, h, w), and which (h, w) count."""
+        known = self.usable
+        if frame.missing is not None:
+            known = known & (frame.missing.tiles(self.px, self.size) == 0)
         if self.method.reference.marks is None:
-            window = slice(0, self.size[1]), slice(0, self.size[0])
             px, light = self.method.change.tracker.px, self.maps.light(frame.drift.gains)
-            greys = self._cells(frame.means(px), px)
-            change = self.maps.changes(greys, window, light, out=np.empty_like(self.maps.mean))
+            change = self.maps.changes(self._cells(frame.means(px), px), self.whole, light)
         else:  # marks are filled in the whole picture
             change = self._cells(frame.changes)
-        slopes: Planes = np.stack(self.evaluate(change))
+        slopes: Picture = np.empty((2, *change.shape[1:]), np.float32)
+        self.evaluate.strip(change, self.whole, slopes)
         slopes *= self.kept_share
         slopes -= self.bias
-        return change, slopes
+        return change, slopes, known
 
-    def deviations(self, change: Planes, slopes: Planes) -> Picture:
+    def deviations(self, change: Picture, slopes: Picture) -> Picture:
         """Return t (h, w) of changes (3, h, w) and slopes (2, h, w) of cells."""
         assert self.light is not None
         return self._deviations(self.residual(change, slopes), self._size(change), self.light.share)
 
-    def _colours(self, change: Planes, slopes: Planes, light: LightLaw) -> tuple[Picture, Picture]:
+    def _colours(self, change: Picture, slopes: Picture, light: LightLaw) -> tuple[Picture, Picture]:
         """Return t over its limit, and the unexplained share of the change of colour, (h, w) each."""
         off, size = self.residual(change, slopes), self._size(change)
         return self._deviations(off, size, light.share) / np.float32(light.limit), _length(off) / (size + TINY)
 
-    def _deviations(self, off: Planes, size: Picture, share: float) -> Picture:
+    def _deviations(self, off: Picture, size: Picture, share: float) -> Picture:
         usual = np.float32(share) * size
         return np.asarray(np.sqrt((off * off / (self.noise_square + usual * usual)).sum(axis=0)))
 
-    def _noise_square(self, noise: Planes) -> Planes:
+    def _noise_square(self, noise: Picture) -> Picture:
         """Return the variance (3, h, w) of changes of cells, for `noise` (3, h, w) of untouched gel."""
         return np.asarray(np.square(2.0 * noise) + np.square(GREY * self.maps.scale))
 
-    def _size(self, values: Planes) -> Picture:
+    def _size(self, values: Picture) -> Picture:
         """Return the mean length (h, w) of values (n, h, w) over REACH_MM."""
         return self._mean(_length(values))
 
-    def residual(self, change: Planes, slopes: Planes) -> Planes:
+    def residual(self, change: Picture, slopes: Picture) -> Picture:
         """Return the light law's residual of changes (3, h, w) at slopes (2, h, w), means over REACH_MM."""
         p, q = (
             np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
         )
-        light: Planes = np.ones_like(change)
+        light: Picture = np.ones_like(change)
         for (i, j), answer in zip(SLOPE_POWERS, self.answers, strict=True):
             light += answer * (p[i] * q[j])
         light /= np.sqrt(1.0 + p[2] + q[2])
         return np.stack([self._mean(plane) for plane in change + 1.0 - light])
 
-    def _curl(self, slopes: Planes) -> tuple[Picture, Picture]:
+    def _curl(self, slopes: Picture) -> tuple[Picture, Picture]:
         """Return the curl part of slopes (2, h, w) over its limit, and over the slopes, (h, w) each."""
         depth = integrate_small(slopes, self.cell_mm)
         down, across = np.gradient(depth, self.cell_mm[1], self.cell_mm[0])
         off = _length(np.stack([self._mean(slopes[0] - across), self._mean(slopes[1] - down)]))
         size = self._size(slopes)
-        return off / (np.float32(CURL) + np.float32(CURL_SHARE) * size), off / (size + TINY)
+        return off / (CURL + CURL_SHARE * size), off / (size + TINY)
 
     def _mean(self, plane: Picture) -> Picture:
         reach = REACH_MM / self.cell_mm[0], REACH_MM / self.cell_mm[1]
         return np.asarray(cv2.GaussianBlur(plane, (0, 0), reach[0], sigmaY=reach[1]))
 
-    def _cells(self, planes: Planes | Bytes, px: int = 1) -> Planes:
+    def _cells(self, planes: Picture | Bytes, px: int = 1) -> Picture:
         """Return means (n, h, w) over the cells of planes (n, H // px, W // px) of `px`-pixel means."""
         columns, rows = (n * (self.px // px) for n in self.size)
         return np.stack(
@@ -204,7 +202,7 @@ class LightCheck:
         )
 
 
-def stands_out(depth_mm: Picture) -> bool:
+def rises_too_much(depth_mm: Picture) -> bool:
     """Return whether `depth_mm` (H, W) in mm, positive into the gel, rises more than gel around such depth can.
 
     Gel that contacts enclose, as within a ring, is displaced inwards; its rise is not limited.
@@ -220,12 +218,12 @@ def stands_out(depth_mm: Picture) -> bool:
     return bool((depth_mm[beside > 0] < -limit).any())
 
 
-def _length(values: Planes) -> Picture:
+def _length(values: Picture) -> Picture:
     return np.asarray(np.sqrt(np.square(values).sum(axis=0)), np.float32)
 
 
 def measured_light(
-    method: ReferencedMethod,
+    method: CalibratedMethod,
     pictures: Sequence[BallPicture],
     *,
     balls: Sequence[Ball | None],
@@ -240,13 +238,10 @@ def measured_light(
     if method.light_law is None:
         return None
     check = LightCheck(method, mm_per_px)
-    shown: list[tuple[Bytes, Ball | None]] = [
-        (picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None
-    ]
-    shown += [(rgb, None) for rgb in free]
+    shown: list[tuple[Bytes, Ball | None]] = [*pressed_balls(pictures, balls), *((rgb, None) for rgb in free)]
     cells, off, radii = [], [], []
     for rgb, ball in shown:
-        cells.append(check.read(method.read(rgb).frame))
+        cells.append(check.read(method.read(rgb).frame)[:2])
         off.append(check.residual(*cells[-1]))
         apart = (
             np.full(method.reference.shape, np.inf)
@@ -266,7 +261,7 @@ def measured_light(
     return dataclasses.replace(method.light_law, noise=noise, limit=limit)
 
 
-def _usual_length(off: Planes, known: Bools) -> Planes:
+def _usual_length(off: Picture, known: Bools) -> Picture:
     """Return the root of the median square (3, h, w) over pictures (n, 3, h, w) where `known` (n, 1, h, w)."""
     hidden = np.ma.masked_where(np.broadcast_to(~known, off.shape), np.square(off))
     square = np.ma.median(hidden, axis=0)  # type: ignore[no-untyped-call]

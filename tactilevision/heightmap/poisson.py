@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Literal
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
 from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.photometric.colour_change import Window
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
 
 # The unweighted normal equations of `poisson.py`, solved by one pair of cosine transforms.
 #
@@ -26,7 +28,6 @@ from tactilevision.records.measured import Bools, Floats, Pair
 # which solves the same equations with nothing on the right, and whose flow is that sum's. So the result is that of
 # the picture alone, to rounding error, at any size.
 
-Array = npt.NDArray[np.floating[Any]]
 MAX_FACTOR = 11  # the greatest prime factor that the transform has code of its own for
 
 
@@ -49,10 +50,6 @@ class TransformSolver:
             self.inside = (slice(None, shape[0]), slice(None, shape[1]))
             beyond = slice(shape[self.axis], None)
             self.beyond = (beyond, slice(None)) if self.axis == 0 else (slice(None), beyond)
-
-    def divergence(self, dz_dx: Array, dz_dy: Array) -> Array:
-        """Divergence (H, W) of slopes averaged onto the edges, (H, W) each."""
-        return edge_divergence(dz_dx, dz_dy, half=self.half)
 
     def solve(self, right: Array) -> Array:
         """Return the depth (H, W) of mean 0 whose 5-point Laplacian is `right`, which sums to 0."""
@@ -140,57 +137,6 @@ def _growing(count: int, across: int, ratio: float) -> Floats:
     return np.concatenate([np.full((1, count), 1.0 / count), 2.0 * half * share])
 
 
-# Slopes to depth where the picture's border is known to lie flat: all of it at depth 0.
-#
-#     z = 0 on the outermost pixels,   L z = div (p, q) within        L, div: those of `poisson.py`
-#
-# solved exactly by one pair of sine transforms. A border that is known takes no error of slope along: of waves and
-# tilts that wrong slopes make, what a free border lets float is gone. It erases a true tilt as well, and bends a
-# contact that the border cuts; so the heights that the slopes themselves give the border are looked at first.
-
-MAX_BORDER_RISE = 0.05  # of the depth that comes out: what the border may rise or fall by
-
-
-def integrate_dirichlet(slopes: SlopeMap, mm_per_px: Pair) -> Array:
-    """Return the depth (H, W) in mm, float64, 0 on the outermost pixels.
-
-    Raises InputError where the slopes are not finite and valid throughout, or go up and down along the border by
-    more than MAX_BORDER_RISE of the depth within: a contact, or a tilt, is cut by it.
-    """
-    p, q = np.asarray(slopes.dz_dx, np.float64), np.asarray(slopes.dz_dy, np.float64)
-    known = np.isfinite(p) & np.isfinite(q) & (True if slopes.valid is None else slopes.valid)
-    if min(p.shape) < 3 or not known.all():
-        raise InputError(
-            "a flat border needs slopes everywhere, on 3 by 3 pixels at least",
-            where="integrate",
-            value=p.shape,
-            remedy="Leave the border free.",
-        )
-    right = edge_divergence(p, q, half=np.array([0.5 / step for step in mm_per_px]))[1:-1, 1:-1]
-    bend = [
-        (2.0 - 2.0 * np.cos(np.pi * np.arange(1, count + 1) / (count + 1))) / step**2
-        for count, step in zip(right.shape, mm_per_px[::-1], strict=True)
-    ]
-    modes = fft.dstn(right, type=1) / -(bend[0][:, None] + bend[1][None, :])
-    depth = np.pad(fft.idstn(modes, type=1), 1)
-    rises, deep = _rises_mm(p, q, mm_per_px), float(np.abs(depth).max())
-    if rises > MAX_BORDER_RISE * deep:
-        raise InputError(
-            "the border is not flat",
-            where="integrate",
-            value=f"{rises:.3f} mm up and down it",
-            remedy="Leave the border free.",
-        )
-    return np.asarray(depth)
-
-
-def _rises_mm(p: Array, q: Array, mm_per_px: Pair) -> float:
-    """Return the greatest difference of height along a side of the border, by its own slopes."""
-    sides = [(p[0], mm_per_px[0]), (p[-1], mm_per_px[0]), (q[:, 0], mm_per_px[1]), (q[:, -1], mm_per_px[1])]
-    heights = [np.cumsum(0.5 * (side[1:] + side[:-1])) * step for side, step in sides]
-    return max(float(np.ptp(height)) for height in heights)
-
-
 # Slopes to depth: the least-squares surface of a field of slopes, with its borders free.
 #
 # Unknown: the depth z at the pixels. The slopes p = dz/dx, q = dz/dy are known at the pixels too, so each is
@@ -206,43 +152,30 @@ def _rises_mm(p: Array, q: Array, mm_per_px: Pair) -> float:
 FLOOR = 1e-4  # weight of an edge that is not known: it only keeps an island's level from floating
 
 
-def integrate(
-    slopes: SlopeMap,
-    mm_per_px: Pair,
-    *,
-    weights: Array | None = None,
-    tolerance: float = 1e-6,
-    border: Literal["free", "flat"] = "free",
-) -> Array:
+def integrate(slopes: SlopeMap, mm_per_px: Pair) -> Array:
     """Return depth (H, W) in mm of `slopes`, its mean 0; in float32 for float32 slopes, else float64.
 
-    `weights` (H, W) in [0, 1] says how far each pixel's slopes are to be trusted (0: not at all; the surface is
-    then carried over from the other pixels); None trusts all alike, which is one pair of cosine transforms.
-    Pixels outside `slopes.valid`, or not finite, count as weight 0. `tolerance` is the relative residual
-    at which the weighted solution stops. `border="flat"`: the outermost pixels are known to lie at depth 0, and
-    slopes everywhere.
-    Raises InputError on shapes that do not match, ConvergenceError where the weighted solution does not settle.
+    The surface is carried over pixels outside `slopes.valid`, or not finite. Raises InputError on shapes that do
+    not match, ConvergenceError where the solution with such pixels does not settle.
     """
     dz_dx, dz_dy = _checked(slopes)
-    if border == "flat":
-        return integrate_dirichlet(slopes, mm_per_px)
-    known = None if slopes.valid is None and weights is None else _known(slopes)
-    if known is None and weights is None:
+    if slopes.valid is None or _known(slopes).all():
         solver = transform_solver(dz_dx.shape, mm_per_px, dz_dx.dtype.char)
         with np.errstate(invalid="ignore"):
-            depth = solver.solve(solver.divergence(dz_dx, dz_dy))
+            depth = solver.solve(edge_divergence(dz_dx, dz_dy, half=solver.half))
         if np.isfinite(depth[0, 0]):  # one slope that is not finite leaves no depth finite
             return depth
-        known = _known(slopes)
-    trust = np.ones(dz_dx.shape) if weights is None else np.clip(np.asarray(weights, dtype=np.float64), 0.0, 1.0)
-    if trust.shape != dz_dx.shape:
-        raise InputError("weights have the shape of the slopes", where="integrate", value=trust.shape)
-    if known is not None:
-        trust = np.where(known, trust, 0.0)
-        dz_dx, dz_dy = np.where(known, dz_dx, 0.0), np.where(known, dz_dy, 0.0)
-    return weighted(dz_dx, dz_dy, weights=trust, mm_per_px=mm_per_px, tolerance=tolerance).astype(
-        slopes.dz_dx.dtype
+    known = _known(slopes)
+    along_x, along_y = known[:, 1:] & known[:, :-1], known[1:] & known[:-1]
+    p, q = np.where(known, dz_dx, 0.0), np.where(known, dz_dy, 0.0)
+    depth = solve_edges(
+        np.where(along_x, 0.5 * (p[:, 1:] + p[:, :-1]), 0.0),  # unknown: stretched like a membrane
+        np.where(along_y, 0.5 * (q[1:] + q[:-1]), 0.0),
+        w_x=np.where(along_x, 1.0, FLOOR),
+        w_y=np.where(along_y, 1.0, FLOOR),
+        mm_per_px=mm_per_px,
     )
+    return depth.astype(slopes.dz_dx.dtype)
 
 
 def divergence(x_edges: Array, y_edges: Array, mm_per_px: Pair) -> Array:
@@ -264,36 +197,6 @@ def gradient(depth: Array, mm_per_px: Pair) -> tuple[Array, Array]:
     return np.diff(depth, axis=1) / mm_per_px[0], np.diff(depth, axis=0) / mm_per_px[1]
 
 
-def weighted(
-    dz_dx: Array,
-    dz_dy: Array,
-    *,
-    weights: Array,
-    mm_per_px: Pair,
-    tolerance: float = 1e-6,
-    max_iterations: int = 500,
-) -> Array:
-    """Return the weighted least-squares surface (H, W), mean 0, by preconditioned conjugate gradients.
-
-    An edge's weight is the smaller of its two pixels', at least FLOOR. Preconditioned by the unweighted
-    solution the spectrum lies in [FLOOR, 1], gathered at both ends, so that tens of iterations do.
-    """
-    weights = np.asarray(weights, dtype=np.float64)
-    w_x, w_y = np.minimum(weights[:, 1:], weights[:, :-1]), np.minimum(weights[1:], weights[:-1])
-    target_x = np.where(w_x > 0, 0.5 * (dz_dx[:, 1:] + dz_dx[:, :-1]), 0.0)  # unknown: stretched like a membrane
-    target_y = np.where(w_y > 0, 0.5 * (dz_dy[1:] + dz_dy[:-1]), 0.0)
-    w_x, w_y = np.maximum(w_x, FLOOR), np.maximum(w_y, FLOOR)
-    return solve_edges(
-        target_x,
-        target_y,
-        w_x=w_x,
-        w_y=w_y,
-        mm_per_px=mm_per_px,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-    )
-
-
 def solve_edges(
     target_x: Array,
     target_y: Array,
@@ -303,9 +206,12 @@ def solve_edges(
     mm_per_px: Pair,
     tolerance: float = 1e-6,
     max_iterations: int = 500,
-    start: Array | None = None,
 ) -> Array:
-    """Return depth with differences nearest to the targets (H, W-1), (H-1, W), weighted by edge."""
+    """Return depth, mean 0, with differences nearest to the targets (H, W-1), (H-1, W), weighted by edge.
+
+    By conjugate gradients, preconditioned by the unweighted solution: the spectrum lies in [FLOOR, 1], gathered at
+    both ends, so that tens of iterations do. `tolerance`: relative residual at which they stop.
+    """
     solver = transform_solver((target_x.shape[0], target_y.shape[1]), mm_per_px, "d")
 
     def stiffness(depth: Array) -> Array:
@@ -313,8 +219,7 @@ def solve_edges(
         return -divergence(w_x * g_x, w_y * g_y, mm_per_px)
 
     right = -divergence(w_x * target_x, w_y * target_y, mm_per_px)
-    depth: Array = np.zeros_like(right) if start is None else np.array(start, dtype=np.float64)
-    residual = right - stiffness(depth) if start is not None else right.copy()
+    depth, residual = np.zeros_like(right), right.copy()
     step = solver.solve(-residual)
     goal = tolerance**2 * abs(float(np.vdot(right, solver.solve(-right))))
     energy, direction = float(np.vdot(residual, step)), step
@@ -334,10 +239,9 @@ def solve_edges(
     )
 
 
-def _known(slopes: SlopeMap) -> npt.NDArray[np.bool_] | None:
+def _known(slopes: SlopeMap) -> Bools:
     finite = np.isfinite(slopes.dz_dx) & np.isfinite(slopes.dz_dy)
-    known = finite if slopes.valid is None else finite & slopes.valid
-    return None if known.all() else known
+    return np.asarray(finite if slopes.valid is None else finite & slopes.valid)
 
 
 def _checked(slopes: SlopeMap) -> tuple[Array, Array]:
@@ -371,7 +275,8 @@ def integrate_half_squares(
     `share` (2h, 2w), from 0 to 1, of each half square's pixels that are readable; squares and edges with less than
     `least` of theirs are not known, the surface is carried over them. `mm_per_px` (x, y) of half squares.
     """
-    known = _along_both(share) > 4 * least
+    rows = share[::2] + share[1::2]
+    known = rows[:, ::2] + rows[:, 1::2] > 4 * least
     weights, targets = [], []
     for slope, turned in ((dz_dx, False), (dz_dy, True)):
         part, total = (_between(a.T if turned else a) for a in (share, share * slope))
@@ -386,13 +291,158 @@ def integrate_half_squares(
     return np.asarray(depth, np.float64), known
 
 
-def _along_both(values: Floats) -> Floats:
-    """Return sums (h, w) over the four half squares of each square, of values (2h, 2w)."""
-    rows = values[::2] + values[1::2]
-    return np.asarray(rows[:, ::2] + rows[:, 1::2])
-
-
 def _between(values: Floats) -> Floats:
     """Return sums (h, w - 1) over the four half squares around the edge of two neighbours in a row."""
     rows = values[::2] + values[1::2]
     return np.asarray(rows[:, 1:-1:2] + rows[:, 2:-1:2])
+
+
+# Coarse slopes with fine windows, integrated to a surface on two grids.
+#
+# The coarse slopes, in a window the means of its fine ones, are integrated on their own grid, and the surface z is
+# interpolated linearly to the single pixels. The residual of a window's fine equations,
+#
+#     L e = div (p, q) - L z      e = 0 on the window's rim; no flux across the picture's border
+#
+# (L: 5-point Laplacian) is solved by products with L's eigenvectors along either axis: at the size of a window as
+# fast as transforms. Between equal ends they are even and odd alternately, so that half of each is sufficient.
+# Means of a gradient are the gradient of means, so that a step has equal height on both grids, and e is small and
+# local: the depth of contacts is within .1 um of that of one solution.
+# Assumes gentle slopes at the rims of windows, as `photometric/method.py` cuts them.
+
+LARGE = 10000  # points, above which a coarse grid is solved by transforms: not faster on smaller ones
+FOLDED = 120  # points, from which half waves are faster than whole ones
+
+Halves = tuple[Picture, Picture | None]  # even and odd waves on the first half of a line; or whole waves
+Ends = tuple[bool, bool]  # whether the first and last of a line are free (no flux) or fixed (0 a step beyond)
+
+
+class TwoGridPoisson:
+    """Integrates for one size (H, W) of picture, means of `px` by `px` pixels and scale.
+
+    `coarse_mm` (x, y) is the step of the coarse grid (H // px, W // px).
+    """
+
+    def __init__(self, shape: tuple[int, int], px: int, mm_per_px: Pair) -> None:
+        self.shape, self.px, self.mm_per_px = shape, px, mm_per_px
+        self.size = shape[0] // px, shape[1] // px
+        self.coarse_mm = px * mm_per_px[0], px * mm_per_px[1]
+        along_x, along_y = (1.0 / step**2 for step in mm_per_px)
+        self.half = np.array([0.5 / step for step in mm_per_px], np.float32)
+        self.bend = np.array([[0, along_y, 0], [along_x, -2 * (along_x + along_y), along_x], [0, along_y, 0]])
+
+    def coarse(self, slopes: Picture, windows: Sequence[Window], *, fine: Sequence[Picture]) -> Picture:
+        """Return depth (h, w), mean 0, of slopes (2, h, w) and of fine ones (2, rows, columns) for each window."""
+        slopes = slopes.copy()
+        for (rows, columns), inside in zip(windows, fine, strict=True):
+            top, left = rows.start // self.px, columns.start // self.px
+            down, across = min(rows.stop // self.px, self.size[0]), min(columns.stop // self.px, self.size[1])
+            size = across - left, down - top
+            for plane, part in zip(slopes, inside, strict=True):
+                cut = part[: size[1] * self.px, : size[0] * self.px]
+                plane[top:down, left:across] = cv2.resize(cut, size, interpolation=cv2.INTER_AREA)
+        return integrate_small(slopes, self.coarse_mm)
+
+    def whole(
+        self, coarse: Picture, windows: Sequence[Window], *, fine: Sequence[Picture], tilt: Pair = (0.0, 0.0)
+    ) -> Picture:
+        """Return depth (H, W) from a coarse one, reduced by a plane of slope `tilt`, and the windows' slopes."""
+        depth: Picture = np.empty(self.shape, np.float32)
+        down, across = (self.px * count for count in self.size)
+        cv2.resize(coarse, (across, down), dst=depth[:down, :across], interpolation=cv2.INTER_LINEAR)
+        _extrapolate(depth[:, :across], down, self.px // 2)
+        _extrapolate(depth.T, across, self.px // 2)
+        for window, slopes in zip(windows, fine, strict=True):
+            self._refine(depth, window, slopes, tilt)
+        return depth
+
+    def _refine(self, depth: Picture, window: Window, slopes: Picture, tilt: Pair) -> None:
+        """Write the surface of a window's slopes, minus those of a plane, into `depth`, in place."""
+        p, q = (plane - np.float32(lean) for plane, lean in zip(slopes, tilt, strict=True))
+        ends = [(along.start == 0, along.stop == count) for along, count in zip(window, self.shape, strict=True)]
+        z = depth[window]
+        if all(side for sides in ends for side in sides):
+            z[...] = integrate(SlopeMap(p, q), self.mm_per_px) + z.mean()
+            return
+        residual = edge_divergence(p, q, half=self.half)
+        residual -= cv2.filter2D(z, cv2.CV_32F, self.bend, borderType=cv2.BORDER_REPLICATE)
+        rows, columns = (slice(0 if low else 1, None if high else -1) for low, high in ends)
+        z[rows, columns] += _solved(residual[rows, columns], self.mm_per_px, (ends[0], ends[1]))
+
+
+def integrate_small(slopes: Picture, step_mm: Pair) -> Picture:
+    """Return depth (h, w) in mm, mean 0, of slopes (2, h, w) on a grid of steps (x, y) in mm: as
+    `poisson.integrate`.
+
+    Faster than that on small grids.
+    """
+    right = edge_divergence(slopes[0], slopes[1], half=np.array([0.5 / step for step in step_mm], np.float32))
+    if right.size > LARGE:
+        return np.asarray(transform_solver(right.shape, step_mm, "f").solve(right))
+    return _solved(right, step_mm, ((True, True), (True, True)))
+
+
+def _solved(right: Picture, step_mm: Pair, free: tuple[Ends, Ends]) -> Picture:
+    """Return the surface (h, w) with 5-point Laplacian `right`, ends along y and x as `free`; else mean 0."""
+    down, _ = _waves(right.shape[0], free[0])
+    across, _ = _waves(right.shape[1], free[1])
+    modes = _of_modes(_to_modes(_to_modes(right, down), across) * _inverse(right.shape, step_mm, free), across)
+    return _of_modes(modes, down)
+
+
+def _to_modes(values: Picture, halves: Halves) -> Picture:
+    """Return even modes (w, n) of values (n, w) along their first axis, then odd ones."""
+    even, odd = halves
+    if odd is None:
+        return np.asarray(values.T @ even)
+    out = np.empty(values.T.shape, values.dtype)
+    first, second = values[: len(odd)], values[: -len(odd) - 1 : -1]
+    total = values[: len(even)].copy()
+    total[: len(odd)] += second
+    np.matmul(total.T, even, out=out[:, : len(even)])
+    np.matmul((first - second).T, odd, out=out[:, len(even) :])
+    return out
+
+
+def _of_modes(modes: Picture, halves: Halves) -> Picture:
+    """Return the values (n, w) of even modes (w, n), then odd ones."""
+    even, odd = halves
+    if odd is None:
+        return np.asarray(even @ modes.T)
+    out, half = np.empty(modes.T.shape, modes.dtype), len(odd)
+    total, difference = even @ modes[:, : len(even)].T, odd @ modes[:, len(even) :].T
+    np.subtract(total[:half], difference, out=out[: -half - 1 : -1])
+    out[: len(even)] = total
+    out[:half] += difference
+    return out
+
+
+@lru_cache(maxsize=32)
+def _inverse(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> Picture:
+    """Return 1 over the eigenvalues (h, w) of the Laplacian, 0 for the zero one."""
+    bend_y, bend_x = (_waves(count, ends)[1] for count, ends in zip(shape, free, strict=True))
+    bend = (bend_y / step_mm[1] ** 2)[:, None] + (bend_x / step_mm[0] ** 2)[None, :]
+    return np.asarray(-1.0 / np.where(bend > 0.0, bend, np.inf), np.float32)
+
+
+def _extrapolate(lines: Picture, known: int, clamped: int) -> None:
+    """Extrapolate the rows linearly, in place, beyond `known` and where the coarse grid ends (`clamped`)."""
+    steps = np.arange(1, len(lines) - known + clamped + 1, dtype=np.float32)[:, None]
+    first, last = lines[clamped], lines[known - clamped - 1]
+    lines[:clamped] = first + steps[:clamped][::-1] * (first - lines[clamped + 1])
+    lines[known - clamped :] = last + steps * (last - lines[known - clamped - 2])
+
+
+@lru_cache(maxsize=32)
+def _waves(count: int, free: Ends) -> tuple[Halves, Floats]:
+    """Return eigenvectors (columns) and eigenvalues (count,) of minus the second difference, even first."""
+    i, k = np.arange(count)[:, None], np.arange(count)[None, :]
+    fixed = 1.0 - 0.5 * sum(free)
+    angle = np.pi * (k + fixed) / (count + fixed)
+    waves = np.cos(angle * (i + 0.5)) if free[0] else np.sin(angle * (i + 1))
+    values = 2.0 - 2.0 * np.cos(angle[0])
+    waves = np.asarray(waves / np.sqrt(np.sum(waves**2, axis=0)), np.float32)
+    if free[0] != free[1] or count < FOLDED:
+        return (np.ascontiguousarray(waves), None), values
+    even, odd = waves[: count - count // 2, ::2], waves[: count // 2, 1::2]  # waves are even and odd alternately
+    return (np.ascontiguousarray(even), np.ascontiguousarray(odd)), np.concatenate([values[::2], values[1::2]])

@@ -6,7 +6,7 @@ untouched gel -> deviation -> flags.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -17,21 +17,15 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.ball_validation import unfit_warnings
-from tactilevision.heightmap.deviation import DepthError, MapEvidence
-from tactilevision.heightmap.deviation_terms import shades
-from tactilevision.heightmap.inconsistent_light import Inconsistency, LightCheck, stands_out
-from tactilevision.heightmap.poisson import integrate
+from tactilevision.heightmap.deviation import DepthError, Surface, shades
+from tactilevision.heightmap.inconsistent_light import Inconsistency, LightCheck, rises_too_much
+from tactilevision.heightmap.poisson import TwoGridPoisson, integrate
 from tactilevision.heightmap.reference_match import ReferenceMatch, check_reference
-from tactilevision.heightmap.two_grid_poisson import TwoGridPoisson
-from tactilevision.heightmap.walls import PunchEdge, WallLaw, find_punch_edges, restore, restore_windows
+from tactilevision.heightmap.walls import PunchEdge, WallLaw, restore_windows
 from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.photometric.calibrate import Calibration
-from tactilevision.photometric.colour_change import FrameChange
-from tactilevision.photometric.drift import Drift
-from tactilevision.photometric.method import ReferencedMethod, as_referenced
-from tactilevision.photometric.multiresolution import TiledEvaluator
+from tactilevision.photometric.method import CalibratedMethod, TiledEvaluator
 from tactilevision.photometric.protocols import PhotometricMethod
-from tactilevision.photometric.windows import Patch
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import (
     DEEPER,
@@ -44,39 +38,14 @@ from tactilevision.records.maps import (
     add,
     as_frame,
 )
-from tactilevision.records.measured import Bools, Bytes, Pair
+from tactilevision.records.measured import Bools, Bytes, Pair, Picture
 from tactilevision.records.rig import Sensor
 from tactilevision.sensors.rectification import rectify
 
-Depth = npt.NDArray[np.floating[Any]]
 # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
 READABLE = 0.8
 MIN_CHECKED_MM = 0.08  # mm: flatter maps are not checked for inconsistent light
 AS_CALIBRATED: Any = object()  # of a field: what the method and its calibration say
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surface:
-    """The surface of one picture before its deviation is known: `depth_mm`, `valid` (H, W) and its `zero` plane.
-
-    `walls` were restored in it; `frame` is the picture compared with the untouched gel, None where the method has
-    no reference; `steepest` the greatest |slope|; `lost_share` the relative error of slopes where colours are
-    missing. `slopes` makes those of every pixel.
-    """
-
-    depth_mm: Depth
-    valid: Bools
-    zero: ZeroPlane
-    walls: list[PunchEdge]
-    frame: FrameChange | None
-    steepest: float
-    lost_share: Patch | None
-    slopes: Callable[[], SlopeMap]
-
-    @property
-    def drift(self) -> Drift | None:
-        """Of the picture's light."""
-        return None if self.frame is None else self.frame.drift
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,13 +54,13 @@ class Reading:
 
     height: HeightMap
     surface: Surface
-    evidence: MapEvidence
+    inconsistency: Inconsistency | None
     error: DepthError | None
 
     @property
     def slopes(self) -> SlopeMap:
         """Slopes (H, W), walls restored."""
-        return self.surface.slopes()
+        return self.surface.slopes
 
     @property
     def zero(self) -> ZeroPlane:
@@ -109,12 +78,13 @@ class Reading:
         drift = self.surface.drift
         return (0.0 if drift is None else drift.misfit), self.zero.std_mm
 
-    def terms_mm(self) -> dict[str, npt.NDArray[np.float32]]:
-        """Return the deviation (h, w) mm by term (deviation_terms.py), on a grid of every nth pixel.
+    def terms_mm(self) -> dict[str, Picture]:
+        """Return the deviation (h, w) mm by term (heightmap/deviation.py), on a grid of every nth pixel.
 
         n = `error.every`; empty for a method that states no deviation.
         """
-        return {} if self.error is None else self.error.terms_mm(self.height.depth_mm, self.evidence)
+        unexplained_mm = self.inconsistency.depth_mm if self.inconsistency else None
+        return {} if self.error is None else self.error.terms_mm(self.surface, unexplained_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +105,9 @@ class Reconstructor:
     frame_size_px: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        method = as_referenced(self.method)
+        method = self.referenced
         known: Mapping[str, Any] = {
-            "taught": getattr(method, "walls", None),
+            "taught": None if method is None else method.walls,
             "match": None if method is None else ReferenceMatch(method),
             "warnings": (self.calibration.warnings if self.calibration else ())
             + (() if method is None else unfit_warnings(method.card)),
@@ -169,9 +139,9 @@ class Reconstructor:
     # What only sensor and method determine, made once.
 
     @cached_property
-    def referenced(self) -> ReferencedMethod | None:
+    def referenced(self) -> CalibratedMethod | None:
         """Return the method, where it has a reference."""
-        return as_referenced(self.method)
+        return self.method if isinstance(self.method, CalibratedMethod) else None
 
     @cached_property
     def readable(self) -> float:
@@ -217,38 +187,29 @@ class Reconstructor:
 
     def read(self, frame: Frame | Bytes) -> Reading:
         """Return the height map of a raw frame and what it rests on. Raises as height_map does."""
-        frame = as_frame(frame)
+        frame = frame if isinstance(frame, Frame) else Frame(frame)
         return self.read_rectified(self.rectified(frame), time_s=frame.time_s, name=frame.name)
 
     def read_rectified(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> Reading:
         """Return the reading of a rectified picture (H, W, 3), as `read`."""
         surface = self._surface(rgb)
-        drift, inconsistency = surface.drift, self._inconsistency(surface)
-        steep = self.error is not None and not surface.walls and self.error.too_steep(surface.steepest)
-        evidence = MapEvidence(
-            surface.zero,
-            surface.slopes() if steep else None,
-            surface.walls,
-            drift,
-            surface.lost_share,
-            inconsistency.depth_mm if inconsistency else None,
-        )
+        found, error, drift = self._inconsistency(surface), self.error, surface.drift
         height = HeightMap(
             surface.depth_mm,
             surface.valid,
             self.sensor.mm_per_px,
-            None if self.error is None else self.error.std_mm(surface.depth_mm, evidence),
+            None if error is None else error.std_mm(surface, found.depth_mm if found else None),
             time_s,
             name,
-            self._flags(surface, evidence, inconsistency),
+            self._flags(surface, found),
             colour_change=drift.normalised_residual if drift else None,
-            inconsistent=inconsistency.inconsistent if inconsistency else None,
+            inconsistent=found.inconsistent if found else None,
         )
-        return Reading(height, surface, evidence, self.error)
+        return Reading(height, surface, found, error)
 
     def rectified(self, frame: Frame | Bytes) -> Bytes:
         """Return the rectified picture of a raw frame. Raises InputError for one of another size."""
-        frame = as_frame(frame)
+        frame = frame if isinstance(frame, Frame) else Frame(frame)
         size, known = (frame.rgb.shape[1], frame.rgb.shape[0]), self.frame_size_px
         if known is not None and size != known:
             raise InputError(
@@ -269,14 +230,16 @@ class Reconstructor:
         else:
             reading = self.referenced.read(rgb)
             slopes, frame, steepest, lost = reading.slopes, reading.frame, reading.steepest, reading.lost_share
-            untouched = reading.drift.untouched
-        law, scale = WallLaw(self.readable, self.taught), self.sensor.mm_per_px
-        walls = find_punch_edges(slopes, scale, law=law) if law.limit <= steepest < np.inf else []
-        restore(slopes, walls, mm_per_px=scale)
-        depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), scale)
+            untouched = reading.frame.drift.untouched
+        law, scale, shape = WallLaw(self.readable, self.taught), self.sensor.mm_per_px, slopes.dz_dx.shape
+        valid = np.ones(shape, np.bool_) if slopes.valid is None else slopes.valid
+        planes, walls = (slopes.dz_dx, slopes.dz_dy), list[PunchEdge]()
+        if law.limit <= steepest < np.inf:
+            whole = slice(0, shape[0]), slice(0, shape[1])
+            walls = restore_windows([planes], [whole], valid=valid, mm_per_px=scale, law=law)
+        depth = integrate(SlopeMap(*planes), scale)
         zero = self._zero_plane(depth, untouched, scale)
         level(depth, zero)
-        valid = np.ones(depth.shape, np.bool_) if slopes.valid is None else slopes.valid
         return Surface(depth, valid, zero, walls, frame, steepest, lost, lambda: slopes)
 
     def _on_two_grids(self, rgb: Bytes, tiled: TiledEvaluator, grids: TwoGridPoisson) -> Surface:
@@ -305,19 +268,17 @@ class Reconstructor:
         low, high, *_ = cv2.minMaxLoc(surface.depth_mm)
         return None if max(-low, high) < MIN_CHECKED_MM else self.light_check(surface.frame)
 
-    def _flags(
-        self, surface: Surface, evidence: MapEvidence, inconsistency: Inconsistency | None
-    ) -> tuple[str, ...]:
+    def _flags(self, surface: Surface, inconsistency: Inconsistency | None) -> tuple[str, ...]:
         """Return the flags of the map as a whole."""
         depth, gel = surface.depth_mm, self.sensor.gel
-        flags = self.match.flags(surface.drift, surface.zero) if self.match else ()
+        flags = self.match.flags(surface.frame, surface.zero) if self.match else ()
         found = {
+            INCONSISTENT: (inconsistency is not None and inconsistency.doubtful) or rises_too_much(depth),
             DEEPER: gel is not None and depth.max() > gel.thickness_mm,
-            INCONSISTENT: stands_out(depth) or (inconsistency is not None and inconsistency.flagged),
-            SHADOW: any(shades(edge) for edge in surface.walls),
-            STEEP: self.error is not None and self.error.hides_much(depth, evidence),
+            SHADOW: any(map(shades, surface.walls)),
+            STEEP: self.error is not None and self.error.hides_much(surface),
         }
-        return add(flags, [flag for flag, there in found.items() if there])
+        return add(flags, filter(found.get, found))
 
     # Before and between frames.
 

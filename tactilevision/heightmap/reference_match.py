@@ -17,12 +17,13 @@ from tactilevision.heightmap.ball_validation import scale_is_assumed, unfit
 from tactilevision.heightmap.scene_faults import exchanged, scene_faults
 from tactilevision.heightmap.zero_plane import ZeroPlane
 from tactilevision.photometric.ball_consistency import COVERED
-from tactilevision.photometric.drift import MEDIAN_LENGTH, Drift, DriftTracker, solid
-from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.photometric.colour_change import FrameChange
+from tactilevision.photometric.drift import MEDIAN_LENGTH, Drift, DriftTracker, distance_px, solid
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.reference import Reference, light_of, other_light
-from tactilevision.photometric.windows import distance_px
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import ASSUMED_SCALE, BALLS, LIGHT, MOVED, REFERENCE, UNFIT, Frame, HeightMap
-from tactilevision.records.measured import Bools, Bytes, Floats, Pair
+from tactilevision.records.measured import Array, Bools, Bytes, Floats, Pair, Picture
 from tactilevision.robust import mad_std, median
 from tactilevision.sensors.rectification import rectify
 
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 
 LENGTHS = (0.25, 0.5, 1.0)  # of the contact's radius: decay lengths of the slopes outside it
 ROUNDS = 3  # of reweighting; ten change the misfit by at most .06 of it
-WIDTH = 3.0  # deviations beyond which a block has less weight
+WIDTH = 3  # deviations beyond which a block has less weight
 
 
 def misfit_beside(drift: Drift, tracker: DriftTracker) -> float:
@@ -68,7 +69,7 @@ def _away(contact: Bools) -> Floats:
     """Return slopes (lengths, 2, blocks) directed away from a `contact` (h, w), 1 at its rim."""
     distance = distance_px(~contact).astype(np.float64)
     down, across = np.gradient(cv2.GaussianBlur(distance, (0, 0), 1.0))
-    direction = np.stack([across, down]) / np.maximum(np.hypot(across, down), 1e-9)
+    direction = np.stack([across, down]) / np.maximum(np.hypot(across, down), TINY)
     lengths = np.array(LENGTHS) * np.sqrt(np.count_nonzero(contact) / np.pi)
     fall = np.exp(-distance / lengths[:, None, None])
     return np.asarray((direction * fall[:, None]).reshape(len(lengths), 2, -1))
@@ -80,7 +81,7 @@ def _without(left: Floats, patterns: Floats, beside: Bools) -> Floats:
     for _ in range(ROUNDS):
         weighted = patterns * weights
         normal = np.einsum("ncb,mcb->nm", weighted, patterns)
-        normal[np.diag_indices_from(normal)] *= 1.0 + 1e-9  # similar patterns make the matrix singular
+        normal[np.diag_indices_from(normal)] *= 1.0 + ROUNDING  # similar patterns make the matrix singular
         shares = np.linalg.solve(normal, np.einsum("ncb,cb->n", weighted, left))
         squares = np.sum((left - np.tensordot(shares, patterns, axes=1) * beside) ** 2, axis=0)
         scale = max(1.0, float(median(squares[beside])) / MEDIAN_LENGTH**2)
@@ -100,19 +101,17 @@ def _without(left: Floats, patterns: Floats, beside: Bools) -> Floats:
 # without grain gives no result.
 
 FINE_PX = 0.8  # px: sigma of the finer blur; detail is its difference from the coarser
-COARSE_PX = 3.0  # px: sigma of the coarser blur
-EVEN_PX = 15.0  # px: sigma of the blur that gives the detail's local strength
-DARK_GREY = 30.0  # sum of three channels, below which noise dominates the detail
-MAX_DETAIL = 3.0  # of the detail's strength: limits the weight of one scratch
+COARSE_PX = 3  # px: sigma of the coarser blur
+EVEN_PX = 15  # px: sigma of the blur that gives the detail's local strength
+DARK_GREY = 30  # sum of three channels, below which noise dominates the detail
+MAX_DETAIL = 3  # of the detail's strength: limits the weight of one scratch
 REACH_PX = 16  # px: the largest shift searched
 # deviations of the correlation at which its peak is significant; unmoved real frames have 15 and more
-SHIFT_SIGMA = 12.0
+SHIFT_SIGMA = 12
 MIN_PEAK_RATIO = 1.5  # times the correlation at zero shift
 MIN_PX = 1.5  # px: gel that is pressed sideways moves by as much
 ALIKE_PX = 1.5  # px from the median shift, within which shifts agree
 SHIFT_FRAMES = 8  # maximum number of frames examined, evenly spaced
-
-Single = npt.NDArray[np.float32]
 
 
 def image_shift(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair | None:
@@ -160,7 +159,7 @@ def _spectrum(picture: npt.NDArray[Any]) -> npt.NDArray[np.complex128]:
     return np.asarray(np.fft.rfft2(grain * np.outer(*window)))
 
 
-def _grain(picture: npt.NDArray[Any]) -> Single:
+def _grain(picture: npt.NDArray[Any]) -> Picture:
     """Return the detail (H, W) of a picture, normalised to uniform strength."""
     bright = np.log(picture.sum(axis=2, dtype=np.float32) + np.float32(DARK_GREY))
     fine = cv2.GaussianBlur(bright, (0, 0), FINE_PX) - cv2.GaussianBlur(bright, (0, 0), COARSE_PX)
@@ -179,9 +178,9 @@ def _grain(picture: npt.NDArray[Any]) -> Single:
 # the product of both may be MAX_PRODUCT times the usual. The gel's grain shows shifts from 1.5 px
 # (`heightmap/reference_match.py`); this slower check runs only once.
 
-MAX_MISFIT = 3.0  # times the baseline's misfit
+MAX_MISFIT = 3  # times the baseline's misfit
 # times the baseline's product of both: a large contact increases the zero plane's deviation, but fits
-MAX_PRODUCT = 15.0
+MAX_PRODUCT = 15
 MIN_MISFIT = 0.8  # least usual misfit: the noise of one reading
 MIN_STD_MM = 0.001  # mm: least usual deviation of the zero plane: the noise of one reading
 # as for real pictures against a reference of a single JPEG
@@ -198,7 +197,7 @@ class ReferenceMatch:
     `contact_px`: where (x, y) frames show a contact in the reference itself.
     """
 
-    method: ReferencedMethod
+    method: CalibratedMethod
     usual: Mapping[str, float] | None = None
     other_light: bool = False
     shift_px: Pair | None = None
@@ -272,12 +271,12 @@ class ReferenceMatch:
         other = self.other_light or any(fault.spoils for fault in found)
         return replace(self, other_light=other), tuple(fault.sentence for fault in found)
 
-    def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
-        """Return the flags of a frame with this `drift` and zero plane (records/maps.py)."""
-        misfit = drift.misfit if drift is not None else 0.0
+    def flags(self, frame: FrameChange | None, zero: ZeroPlane) -> tuple[str, ...]:
+        """Return the flags of a `frame`, None without a reference, with its zero plane (records/maps.py)."""
+        misfit = frame.drift.misfit if frame else 0.0
         unlike = self.other_light or self._is_unlike(misfit, zero.std_mm)
-        if drift is not None and unlike and not self.other_light:
-            unlike = self._is_unlike(misfit_beside(drift, self.method.change.tracker), zero.std_mm)
+        if frame and unlike and not self.other_light:
+            unlike = self._is_unlike(misfit_beside(frame.drift, self.method.change.tracker), zero.std_mm)
         return (*self.lasting, LIGHT) if unlike else self.lasting
 
     def _is_unlike(self, misfit: float, std_mm: float) -> bool:
@@ -334,16 +333,15 @@ def rectified_frames(recording: Recording, indices: Iterable[int]) -> list[Frame
 # colour change no drift explains in most of them. The picture's border, where light and gel change first, is
 # excluded.
 
-Array = npt.NDArray[np.floating[Any]]
 
 MIN_FRAMES = 3  # readable frames; fewer are inconclusive
 CONTACT_FRAMES = 9  # maximum number of frames read, evenly spaced
 MIN_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
 # times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
-CONTACT_SIGMA = 6.0
+CONTACT_SIGMA = 6
 MIN_MM = 0.03  # mm: the least height that counts, whatever the deviations
 MIN_DENT_SHARE = 0.5  # of the deepest dent next to the hill: gel outside a contact rises by at most a fifth
-PRESSED_SIGMA = 3.0  # deviations of depth for a dent in a candidate reference, which is then rejected
+PRESSED_SIGMA = 3  # deviations of depth for a dent in a candidate reference, which is then rejected
 # of the hill: 49 of 54 free medians have a dent of .39 of it at most, 46 of 47 pressed ones .42 and more
 MAX_RISE_SHARE = 0.4
 BORDER = 2  # excluded blocks along the border of the picture
@@ -369,7 +367,7 @@ def check_reference(
 
 
 def contact_in_reference(
-    method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
+    method: CalibratedMethod, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
 ) -> Pair | None:
     """Return where (x, y in px) the reference of `method` shows a contact, from rectified `pictures` (H, W, 3) of
     its run.
@@ -395,7 +393,7 @@ def contact_in_reference(
     return None
 
 
-def pressed_beside(method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], *, picture: Bytes) -> bool:
+def pressed_beside(method: CalibratedMethod, height_map: Callable[[Bytes], HeightMap], *, picture: Bytes) -> bool:
     """Return whether rectified `picture` (H, W, 3) shows a contact outside that of the reference of `method`, 1 or
     0.
 
@@ -412,7 +410,7 @@ def pressed_beside(method: ReferencedMethod, height_map: Callable[[Bytes], Heigh
 
 
 def _in_blocks(
-    method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], picture: Bytes
+    method: CalibratedMethod, height_map: Callable[[Bytes], HeightMap], picture: Bytes
 ) -> tuple[Array, Array, Bools] | None:
     """Return depth and its deviation in mm, and the changed blocks (h, w), of a rectified picture (H, W, 3).
 

@@ -15,11 +15,12 @@ from tactilevision.errors import InputError
 from tactilevision.heightmap.reference_match import some_frames
 from tactilevision.photometric.ball_detection import first_guess
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.colour_change import ColourChange, Planes
-from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
+from tactilevision.photometric.colour_change import ColourChange
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.reference import Reference, make_reference
-from tactilevision.records.measured import Bools, Bytes, Floats
+from tactilevision.records.constants import ROUNDING, TINY
+from tactilevision.records.measured import Bools, Bytes, Floats, Picture
 
 if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
@@ -42,7 +43,7 @@ SUPPORT = 2.5  # widths beyond which a Gaussian is negligible
 REACH = 2.5  # contact radii: half-width of a window
 MAX_PIXELS = 6000  # of a window; more do not reduce the noise of the moments
 MAX_INVALID = 0.01  # of a test function's weight where the colours are invalid
-MIN_RADIUS_PX = 6.0  # px; a smaller contact is mostly blur
+MIN_RADIUS_PX = 6  # px; a smaller contact is mostly blur
 MIN_EQUATIONS = 6  # equations; a contact at the border leaves fewer
 SAMPLES = 300  # sampled pixels of a contact for its slopes
 # highest power of place for one colour and for products of two; 2 and 1 are .1 to .9 degrees worse on D, F and G
@@ -69,7 +70,7 @@ class Contact:
     outward: Floats
 
 
-def contact_of(change: Planes, valid: Bools, rng: np.random.Generator) -> Contact | None:
+def contact_of(change: Picture, valid: Bools, rng: np.random.Generator) -> Contact | None:
     """Return the contact of a frame by its relative change (3, H, W), where `valid`, a mask (H, W); or None."""
     try:
         x, y, radius = first_guess(np.ascontiguousarray(change.transpose(1, 2, 0)), valid)
@@ -78,7 +79,8 @@ def contact_of(change: Planes, valid: Bools, rng: np.random.Generator) -> Contac
     if radius < MIN_RADIUS_PX:
         return None
     (across, down), u, place, known = _window(change, valid, x, y, radius)
-    tests = np.array(list(_tests(across, down, known, edges=_edges(valid.shape, x, y, radius))))
+    edges = x / radius, (valid.shape[1] - 1 - x) / radius, y / radius, (valid.shape[0] - 1 - y) / radius
+    tests = np.array(list(_tests(across, down, known, edges=edges)))
     inside = np.flatnonzero((np.hypot(across, down) < 1.0) & known)
     if len(tests) < MIN_EQUATIONS or len(inside) < SAMPLES:
         return None
@@ -97,7 +99,7 @@ def design(change: Floats, place: Floats) -> Floats:
 
 
 def _window(
-    change: Planes, valid: Bools, x: float, y: float, radius: float
+    change: Picture, valid: Bools, x: float, y: float, radius: float
 ) -> tuple[tuple[Floats, Floats], Floats, Floats, Bools]:
     """Return places from the centre in radii, changes (N, 3), picture places (N, 2), and validity."""
     height, width = valid.shape
@@ -112,15 +114,13 @@ def _window(
     return ((column - x) / radius, (row - y) / radius), u, place, known
 
 
-def _edges(shape: tuple[int, ...], x: float, y: float, radius: float) -> tuple[float, float, float, float]:
-    """Return distances from the contact's centre to the left, right, top and bottom, in radii, above 0."""
-    return x / radius, (shape[1] - 1 - x) / radius, y / radius, (shape[0] - 1 - y) / radius
-
-
 def _tests(
     across: Floats, down: Floats, known: Bools, *, edges: tuple[float, float, float, float]
 ) -> Iterator[Floats]:
-    """Return the gradients (2, N) of the test functions, each normalised to length 1."""
+    """Return the gradients (2, N) of the test functions, each normalised to length 1.
+
+    `edges`: distances from the contact's centre to the left, right, top and bottom, in radii.
+    """
     left, right, top, bottom = edges
     for width in WIDTHS:
         turns = np.arange(SPOKES) * 2.0 * np.pi / SPOKES
@@ -150,7 +150,7 @@ def _tests(
 # as round, and rotates the law slightly.
 
 # degrees, median: most real balls have 2 to 8 by a first law; 15 reads rendered dents of three ellipses .6 worse
-MAX_MISS_DEG = 7.0
+MAX_MISS_DEG = 7
 MIN_SLOPE_SHARE = 0.3  # of the median slope: gentler ones have no clear direction
 NEAREST = 0.1  # contact radii from the axis: nearer, directions are noise
 NEAREST_JUDGED = 0.25  # contact radii from the axis where roundness is judged
@@ -167,7 +167,7 @@ def round_equations(contact: Contact, law: Floats) -> Floats | None:
     slopes = contact.samples @ law.T
     away = contact.outward - _axis(slopes, contact.outward)
     far = np.hypot(*away.T)
-    unit = away / np.maximum(far, 1e-9)[:, None]
+    unit = away / np.maximum(far, TINY)[:, None]
     steep = np.hypot(*slopes.T)
     judged = (far > NEAREST_JUDGED) & (steep > MIN_SLOPE_SHARE * np.median(steep))
     miss = np.angle(-(slopes[judged] @ [1, 1j]) * np.conj(unit[judged] @ [1, 1j]))
@@ -185,7 +185,7 @@ def _axis(slopes: Floats, place: Floats) -> Floats:
     weights = np.ones(len(moment))
     for _ in range(ROUNDNESS_ITERATIONS):
         normal = (across * weights[:, None]).T @ across
-        normal[np.diag_indices(2)] += 1e-9 * np.trace(normal) + 1e-30
+        normal[np.diag_indices(2)] += ROUNDING * np.trace(normal) + 1e-30
         axis = np.linalg.solve(normal, (across * weights[:, None]).T @ moment)
         off = np.abs(across @ axis - moment)
         weights = 1.0 / (1.0 + (off / (OUTLYING * (1.4826 * np.median(off) + 1e-300))) ** 2)
@@ -208,16 +208,16 @@ def _axis(slopes: Floats, place: Floats) -> Floats:
 MIN_CONTACTS = 4  # contacts; fewer give a warning
 MIN_VARYING = 3  # contacts for a law that varies over the picture; two turned one real sensor by 58 degrees
 MIN_SLOPE_SPREAD = 0.2  # least over most power of slope by direction: 19 to 86 degrees off have .13 at most
-ANCHOR = 10.0  # weight of the anchor over contacts; 3 to 20 tried on nine real sensors, all within a degree
+ANCHOR = 10  # weight of the anchor over contacts; 3 to 20 tried on nine real sensors, all within a degree
 PRIOR = 0.3  # weight of the prior in the constant law; of 1 to .01 tried on four real sensors, all within a degree
-ROUND = 30.0  # weight of axes of round contacts; 100 within .5 degrees on three real sensors (median)
+ROUND = 30  # weight of axes of round contacts; 100 within .5 degrees on three real sensors (median)
 ROUND_ITERATIONS = 3  # of recomputing axes
 RIDGE = 1e-4  # of a term's own power
 MAX_ITERATIONS = 3  # of reweighting equations; they converge in two
 USUAL_CHANGE = 2.2  # colour change over slope, of three colours together; real sensors .8 to 3.5
-MIN_GAP = 4.0  # second least curl over the least: below it contacts do not determine the law; real ones 14 to 60
+MIN_GAP = 4  # second least curl over the least: below it contacts do not determine the law; real ones 14 to 60
 STEEPEST = 99.5  # percentile of slopes read in the contacts that bounds later ones
-CONTRADICTION_DEG = 45.0  # median angle; right networks 5 to 12, swapped colours or a mirrored picture 59 and more
+CONTRADICTION_DEG = 45  # median angle; right networks 5 to 12, swapped colours or a mirrored picture 59 and more
 SPREADING = (0.7548776662, 0.5698402910)  # steps of a sequence that fills a square evenly (Roberts' R2)
 LINEAR = np.array([len(PRODUCTS[k]) == 1 and sum(POWERS[m]) == 0 for k, m in TERMS])  # terms of a constant law
 
@@ -237,7 +237,8 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
         return None
     if _slope_spread(seen.change @ constant.T) < MIN_SLOPE_SPREAD:
         return None
-    elsewhere = _all_over(len(seen.change))
+    steps = np.arange(len(seen.change))[:, None] * np.array(SPREADING)  # over all of the picture, evenly
+    elsewhere = 2.0 * (steps % 1.0) - 1.0
     change, place = np.concatenate([seen.change, seen.change]), np.concatenate([seen.place, elsewhere])
     anchor = change @ constant.T
     if prior is not None:
@@ -276,11 +277,6 @@ def _joined(contacts: Sequence[Contact]) -> Contact:
     """Return all contacts merged into one."""
     names = (one.name for one in fields(Contact))
     return Contact(**{name: np.concatenate([getattr(one, name) for one in contacts]) for name in names})
-
-
-def _all_over(count: int) -> Floats:
-    """Return places (count, 2) that fill the picture evenly, from -1 to 1."""
-    return np.asarray(2.0 * (np.arange(count)[:, None] * np.array(SPREADING) % 1.0) - 1.0, np.float64)
 
 
 def _solve(
@@ -372,7 +368,7 @@ SCALE_STD = 0.6  # of the depth's scale then: nine real sensors .33 to 1.8 of th
 
 
 def calibrated_on_frames(
-    recording: Recording, reference: Reference, *, prior: ReferencedMethod | None
+    recording: Recording, reference: Reference, *, prior: CalibratedMethod | None
 ) -> CalibratedMethod | None:
     """Return a method from contacts in a recording's frames, or None where they are too few to determine the
     light.

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
 import numpy as np
 
-from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges, solved, window_of
-from tactilevision.photometric.colour_change import Planes
-from tactilevision.photometric.windows import Window
+from tactilevision.heightmap.circular_edges import CircularEdge, find_circular_edges
+from tactilevision.photometric.colour_change import Window
 from tactilevision.records.certified import USUAL_MM, TaughtWalls
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.measured import Array, Bools, Floats, Pair
 
 # The wall around one flat face: its position, the surface's fall along it, and the part of the step that it hides.
 #
@@ -126,7 +126,7 @@ DAMPING = 1e-3  # of the normal equations' diagonal: minimum damping
 EACH = np.arange(6)  # indices of the unknowns on a diagonal
 # squares of deviations by which a last step would still lessen what is left: a seventh of one deviation
 CONVERGENCE_TOL = 0.02
-STEEPEST = 8.0  # largest tabulated slope: steeper walls differ by less than a hundredth
+STEEPEST = 8  # largest tabulated slope: steeper walls differ by less than a hundredth
 MIN_RATE = 0.02  # of h: steeper walls are indistinguishable
 TABLED = 801  # slopes in the table: a finer one changes no depth by .1 um
 
@@ -149,12 +149,17 @@ def wall_light(lean: float) -> WallLight:
     """Return the light around a wall for lamps of this `lean` (1/tan of elevation), tabulated over slope (n,)."""
     u = np.linspace(0.0, STEEPEST, TABLED)
     t = np.arctan(u)
-    away = np.arccos(np.minimum(1.0, 1.0 / np.maximum(lean * u, 1e-9)))
+    away = np.arccos(np.minimum(1.0, 1.0 / np.maximum(lean * u, TINY)))
     cosine = (np.cos(t) * (np.pi - away) + lean * np.sin(t) * np.sin(away)) / np.pi
     part = 0.5 * (np.pi - away) - 0.25 * np.sin(2.0 * away)
     sine = 2.0 / np.pi * (np.cos(t) * np.sin(away) / lean + np.sin(t) * part)
-    seen = np.maximum.accumulate(sine / cosine) + 1e-9 * np.arange(u.size)
+    seen = np.maximum.accumulate(sine / cosine) + ROUNDING * np.arange(u.size)
     return WallLight(u, sine, cosine, np.gradient(sine, u), np.gradient(cosine, u), seen, np.gradient(seen, u))
+
+
+def solved(normal: Floats, right: Floats) -> Floats:
+    """Return the solution (k,) of positive definite normal equations (k, k) x = right (k,), in their unit."""
+    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
 
 
 class Law:
@@ -295,7 +300,7 @@ def _blur(rows: Floats, sigma: float) -> Floats:
 # Only round rims with a sharp inner flank are corrected: the slopes of balls, cones and ridges grow gently.
 # Assumes a flat face, at least a third of whose rim is in the picture.
 
-FOOT_PX = 6.0  # px inside the edge from which slopes are read
+FOOT_PX = 6  # px inside the edge from which slopes are read
 FAR = (
     0.4  # of the radius outside the edge, to which slopes are read; farther where a wall hides more than its half
 )
@@ -311,13 +316,23 @@ MIN_READ = 8  # readable bins outside the edge; with fewer it is not fitted
 MIN_FACE = 50  # pixels of a face; with fewer it counts as unknown
 
 
-def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, law: WallLaw) -> list[PunchEdge]:
-    """Return the walls around flat faces in `slopes` (H, W), mm/mm."""
-    edges = [
-        fit_edge(circle, law, px=min(mm_per_px))
-        for circle in find_circular_edges(slopes, mm_per_px, limit=law.limit)
-    ]
-    return [edge if law.taught is None else edge.taught_by(law.taught) for edge in edges if edge is not None]
+def fit_edges(circles: Sequence[CircularEdge], law: WallLaw, *, px: float) -> list[PunchEdge]:
+    """Return the walls at `circles` that the law fits, for pixels of `px` mm."""
+    edges = [edge for circle in circles if (edge := fit_edge(circle, law, px=px)) is not None]
+    return edges if law.taught is None else [edge.taught_by(law.taught) for edge in edges]
+
+
+def window_of(
+    shape: tuple[int, ...], centre_mm: Pair, *, mm_per_px: Pair, outer_mm: float
+) -> tuple[tuple[slice, slice], Floats, Floats]:
+    """Return rows and columns within `outer_mm` of a centre, and places x (1, w), y (h, 1) from it in mm."""
+    (x0, x1), (y0, y1) = (
+        (max(0, int((c - outer_mm) / step)), max(0, min(n, int((c + outer_mm) / step) + 2)))
+        for c, step, n in zip(centre_mm, mm_per_px, shape[::-1], strict=True)
+    )
+    x = (np.arange(x0, x1) * mm_per_px[0] - centre_mm[0])[None, :]
+    y = (np.arange(y0, y1) * mm_per_px[1] - centre_mm[1])[:, None]
+    return (slice(y0, y1), slice(x0, x1)), np.asarray(x, np.float64), np.asarray(y, np.float64)
 
 
 def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> None:
@@ -361,7 +376,7 @@ def _interpolated(lines: tuple[Floats, Floats], at: Floats) -> tuple[Floats, Flo
 
 
 def restore_windows(
-    fine: Sequence[Planes],
+    fine: Sequence[Iterable[Array]],
     windows: Sequence[Window],
     *,
     valid: Bools,
@@ -369,10 +384,11 @@ def restore_windows(
     law: WallLaw,
 ) -> list[PunchEdge]:
     """Return the walls, restored in place in slopes (2, rows, columns), mm/mm, for each window of a picture."""
+    maps = [SlopeMap(p, q, valid[window]) for window, (p, q) in zip(windows, fine, strict=True)]
+    circles = [find_circular_edges(slopes, mm_per_px, limit=law.limit) for slopes in maps]
     edges = []
-    for window, (p, q) in zip(windows, fine, strict=True):
-        slopes = SlopeMap(p, q, valid[window])
-        restored = find_punch_edges(slopes, mm_per_px, law=law)
+    for window, slopes, found in zip(windows, maps, circles, strict=True):
+        restored = fit_edges(found, law, px=min(mm_per_px))
         restore(slopes, restored, mm_per_px=mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
         edges += [
@@ -431,7 +447,7 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
 
 PLACE_STD = 0.03  # of the depth: faces of one sensor about their law, six of the path tracer; benchmarks.rendered
 PRIOR_STD = (0.2, 0.4)  # of share and growth, about the uncorrected law: those six sensors
-MAX_CHI2 = 9.0  # of the two parameters by that prior: beyond it, walls do not explain the error
+MAX_CHI2 = 9  # of the two parameters by that prior: beyond it, walls do not explain the error
 MIN_COUNT = 3  # faces with a wall; fewer determine nothing
 ALIKE_MM = 0.05  # mm: depths of one group within this of its shallowest count as one
 

@@ -18,33 +18,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from tactilevision.photometric.windows import distance_px
+from tactilevision.photometric.drift import blocks_of, distance_px
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Floats, Pair
-from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse, mad_std
+from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
+from tactilevision.robust import MAD_TO_STD
 
-Depth = npt.NDArray[np.floating[Any]]
 DECAY_PER_THICKNESS = 0.9  # of the thickness: decay length of the rise: punches .75, balls 1
 DECAY_STD = 0.17  # relative, from contact to contact
-USUAL_THICKNESS_MM = 3.0  # mm, of gel whose thickness is not stated
+USUAL_THICKNESS_MM = 3  # mm, of gel whose thickness is not stated
 THICKNESS_STD = 0.3  # relative deviation of such a thickness
 FIRST_WEIGHT = 1e3  # relative to all blocks: the first round keeps L
 MIN_RISE = 1e-3  # of the blocks' scatter: no rise at all
-CORRELATED = 50.0  # blocks, a tenth of the picture: correlation of integrated slope errors
-BLOCKS = 600  # over the picture, about: small against contacts, large against noise
+CORRELATED = 50  # blocks, a tenth of the picture: correlation of integrated slope errors
 MIN_BLOCKS = 12  # untouched blocks; fewer do not determine a tilt
 MAX_DROP = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
-DENTED = 5.0  # of the untouched blocks' scatter, beyond which the deepest of the others is a dent; as for a region
+DENTED = 5  # of the untouched blocks' scatter, beyond which the deepest of the others is a dent; as for a region
 MAX_ITERATIONS = 4  # rounds of reweighting, limited by the time per frame
 CONVERGENCE_TOL = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
-STIFFENING = 1.0 + 1e-9 * np.eye(5)  # factor on normal equations: similar terms make them singular
+STIFFENING = 1.0 + ROUNDING * np.eye(5)  # factor on normal equations: similar terms make them singular
 SAMPLED = 8  # sampled places along each side of a block
 
 
@@ -60,12 +57,12 @@ class ZeroPlane:
     tilt_mm: Pair
     std_mm: float
     share: float
-    takes: npt.NDArray[np.float32] | None = None
+    takes: Picture | None = None
     tilt_std_mm: Pair = (0.0, 0.0)
 
 
 def find_zero_plane(
-    depth: Depth,
+    depth: Array,
     untouched: Bools,
     *,
     mm_per_px: Pair,
@@ -103,7 +100,7 @@ def find_zero_plane(
     return ZeroPlane(offset, (tilt[0], tilt[1]), std_mm, count / len(flat), takes, (tilt_std[0], tilt_std[1]))
 
 
-def level(depth: Depth, zero: ZeroPlane) -> None:
+def level(depth: Array, zero: ZeroPlane) -> None:
     """Subtract the plane from `depth` (H, W), in mm, in place."""
     y, x = (_places(count, depth.dtype.char) for count in depth.shape)
     depth -= x * depth.dtype.type(zero.tilt_mm[0]) + depth.dtype.type(zero.offset_mm)
@@ -111,7 +108,7 @@ def level(depth: Depth, zero: ZeroPlane) -> None:
 
 
 @lru_cache(maxsize=16)
-def _places(count: int, dtype: str) -> Depth:
+def _places(count: int, dtype: str) -> Array:
     return np.linspace(-1, 1, count).astype(dtype)
 
 
@@ -123,9 +120,7 @@ def slope_of(zero: ZeroPlane, shape: tuple[int, ...], *, mm_per_px: Pair) -> Pai
 
 def flat_blocks(slopes: SlopeMap) -> Bools:
     """Return the blocks (h, w) of the picture whose mean slope (mm/mm) is not significant."""
-    height, width = slopes.dz_dx.shape
-    block = max(4, int(np.sqrt(height * width / BLOCKS)))
-    size = (max(2, width // block), max(2, height // block))
+    size, _ = blocks_of(slopes.dz_dx.shape)
     p, q = (
         cv2.resize(np.asarray(s, np.float32), size, interpolation=cv2.INTER_AREA)
         for s in (slopes.dz_dx, slopes.dz_dy)
@@ -134,7 +129,7 @@ def flat_blocks(slopes: SlopeMap) -> Bools:
     return np.asarray(steep < slope_limit(np.median(steep)))
 
 
-def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
+def _means(picture: Array, blocks: tuple[int, ...]) -> Floats:
     """Return means (rows * columns,) of a smooth picture over its blocks, from evenly spread places."""
     size = (blocks[1], blocks[0])
     few = (size[0] * SAMPLED, size[1] * SAMPLED)  # whole pixels per block are averaged many times faster
@@ -187,7 +182,7 @@ def _dented(depth: Floats, gel: Bools, flat: Bools, plane: Floats) -> bool:
         return False
     normal = (plane * flat) @ plane.T
     off = depth - np.linalg.solve(normal * STIFFENING[:3, :3], plane @ (flat * depth)) @ plane
-    return bool(off[~gel].max() > DENTED * mad_std(off[flat], centre=0.0))
+    return bool(off[~gel].max() > DENTED * (MAD_TO_STD * np.median(np.abs(off[flat]))))
 
 
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
@@ -234,7 +229,9 @@ def _reweighted_fit(
             break
         if rises:
             prior_weight = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * MIN_RISE)) ** 2
-        geman_mcclure_inverse(square, (3.0 * scale) ** 2)
+        square *= 1.0 / (3.0 * scale) ** 2
+        square += 1.0
+        square *= square  # 1 over the weight of Geman & McClure
         weighted = terms / square
     inverse = cv2.invert(normal)[1]
     return solution, scale * np.sqrt(correlated * inverse.diagonal()), np.asarray(inverse @ weighted)

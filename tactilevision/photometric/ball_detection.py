@@ -16,17 +16,14 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.records.constants import TINY
-from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.measured import Array, Bools, Floats, Pair
 
-Array = npt.NDArray[np.floating[Any]]
 MAX_PIXELS = 1500  # of the window; more only slow the fit down
 MAX_ITERATIONS = 40  # of the fit; one that has not converged is judged by its residual all the same
 MIN_RADIUS_PX = 3  # five terms and three unknowns need some thirty pixels
@@ -89,7 +86,7 @@ def find_ball(
     radius_mm: float,
     centre_px: Pair | None = None,
     contact_radius_px: float | None = None,
-    usable: npt.NDArray[np.bool_] | None = None,
+    usable: Bools | None = None,
 ) -> Ball:
     """Return the ball in `change` (H, W, 3), the drift-corrected relative colour change against untouched gel.
 
@@ -142,7 +139,7 @@ def _check_size(contact_px: float, ball_px: float, *, stated: str) -> None:
     raise InputError(what, where="ball press", value=stated, remedy=remedy)
 
 
-def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> tuple[float, float, float]:
+def first_guess(change: Array, usable: Bools | None = None) -> tuple[float, float, float]:
     """Return centre x, y and radius (px) of the largest blob of `change` (H, W, 3) above the noise."""
     from skimage.measure import label, regionprops
 
@@ -172,7 +169,7 @@ def _fitted(
     *,
     radius_mm: float,
     start: tuple[float, float, float],
-    usable: npt.NDArray[np.bool_] | None,
+    usable: Bools | None,
     most_px: float = np.inf,
 ) -> Ball:
     """Fit centre and contact radius, at most `most_px`, in a window that follows the circle until it stays.
@@ -229,7 +226,7 @@ def _fitted_in_window(
 
 
 def _window(
-    change: Array, mm_per_px: Pair, start: tuple[float, float, float], usable: npt.NDArray[np.bool_] | None
+    change: Array, mm_per_px: Pair, start: tuple[float, float, float], usable: Bools | None
 ) -> tuple[Floats, Floats, Floats]:
     """Return changes (N, 3) and places x, y (N,) from the start's centre in mm, of pixels within WINDOW radii."""
     height, width = change.shape[:2]

@@ -21,12 +21,12 @@ from tactilevision.photometric.ball_samples import (
     with_noise,
     with_same_colours,
 )
-from tactilevision.photometric.colour_change import ColourChange, Planes
+from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.cross_validation import groups_of, held_out, patch_error
 from tactilevision.photometric.markers import marked
-from tactilevision.photometric.methods.inverse_shading import LAW_RIDGE, SHARES, InverseShading
+from tactilevision.photometric.methods.polynomial import LAW_RIDGE, SHARES, InverseShading
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, answers_at, colours_by, fit_light
-from tactilevision.records.measured import Bools, Bytes, Floats, Pair
+from tactilevision.records.measured import Bools, Bytes, Floats, Pair, Picture
 
 # Refinement of circles by the shading law of the other balls.
 #
@@ -52,7 +52,7 @@ MAX_STEPS = 15  # of the fit
 
 
 def refined_circle(
-    change: Planes, valid: Bools, ball: Ball, *, light: Floats, mm_per_px: Pair, radius_px: Pair
+    change: Picture, valid: Bools, ball: Ball, *, light: Floats, mm_per_px: Pair, radius_px: Pair
 ) -> Ball:
     """Return the `ball` with centre and contact radius fitted by the shading law `light`.
 
@@ -126,6 +126,14 @@ class BallPicture:
     name: str = ""
 
 
+def pressed_balls(
+    pictures: Sequence[BallPicture], balls: Sequence[Ball | None], *, most: int | None = None
+) -> list[tuple[Bytes, Ball]]:
+    """Return the pictures (H, W, 3) in which a ball was found, with that ball; at most `most`, evenly chosen."""
+    found = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
+    return found if most is None else found[:: max(1, -(-len(found) // most))]
+
+
 @dataclass(frozen=True, slots=True)
 class FoundBalls:
     """The balls of all pictures, None where one was excluded, and samples under them and of untouched gel."""
@@ -139,7 +147,7 @@ class FoundBalls:
         return sum(ball is not None for ball in self.balls)
 
 
-Finder = Callable[[int, Planes, Bools], Ball | None]  # of the number of a picture, its changes and their validity
+Finder = Callable[[int, Picture, Bools], Ball | None]  # of the number of a picture, its changes and their validity
 
 
 def collect_balls(
@@ -237,7 +245,7 @@ def _by_light(seen: FoundBalls, alone: Sequence[Ball | None], shares: Pair, mm_p
         for number in group
     }
 
-    def find(number: int, changes: Planes, valid: Bools) -> Ball | None:
+    def find(number: int, changes: Picture, valid: Bools) -> Ball | None:
         ball, first = seen.balls[number], alone[number]
         if ball is None or first is None or number not in lights:
             return ball
@@ -283,7 +291,7 @@ def check_count(usable: int, of: int, faults: Sequence[tuple[str, InputError]]) 
     )
 
 
-def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:
+def locate(change: Picture, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:
     """Return the ball of one picture by its relative `change` of colour (3, H, W) in the mask `valid` (H, W)."""
     image = np.ascontiguousarray(change.transpose(1, 2, 0))
     return find_ball(

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
-from tactilevision.photometric.colour_change import Planes
 from tactilevision.records.constants import TINY
-from tactilevision.records.measured import Bools, Floats, Pair
+from tactilevision.records.measured import Bools, Floats, Pair, Picture
 
 # Pairs of colour change and slope from ball presses.
 
@@ -76,7 +75,7 @@ def with_same_colours(contact: Samples, untouched_samples: Samples, *, min_balls
 
 
 def ball_samples(
-    change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
+    change: Picture, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Return at most `most` random samples inside the contact, of relative `change` (3, H, W), mask `valid`."""
     x, y, distance = _from_axis(valid.shape, ball, mm_per_px)
@@ -89,7 +88,7 @@ def ball_samples(
 
 
 def resting_samples(
-    change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
+    change: Picture, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Return samples far from the ball, where the slope is 0 and `change` (3, H, W) is noise."""
     _, _, distance = _from_axis(valid.shape, ball, mm_per_px)
@@ -107,12 +106,12 @@ def radii_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Floats
     return _from_axis(shape, ball, mm_per_px)[2] / (ball.contact_radius_px * mm_per_px[0])
 
 
-def with_noise(samples: Samples, noise: Planes) -> Samples:
+def with_noise(samples: Samples, noise: Picture) -> Samples:
     """Return the samples with the relative `noise` (3, H, W) of their changes."""
     return replace(samples, noise=values_at(samples, noise))
 
 
-def values_at(samples: Samples, pictures: Planes) -> Floats:
+def values_at(samples: Samples, pictures: Picture) -> Floats:
     """Return the values (N, 3) of `pictures` (3, H, W) at the places of samples."""
     columns, rows = (
         np.rint(0.5 * (at + 1.0) * (n - 1)).astype(np.intp)
@@ -134,7 +133,7 @@ def _draw(where: Bools, most: int, rng: np.random.Generator) -> tuple[npt.NDArra
 
 
 def _at(
-    change: Planes, index: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]], slopes: Floats, number: int
+    change: Picture, index: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]], slopes: Floats, number: int
 ) -> Samples:
     height, width = change.shape[1:]
     place = np.stack([2.0 * index[1] / (width - 1) - 1.0, 2.0 * index[0] / (height - 1) - 1.0], axis=1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from tactilevision.photometric.ball_pictures import (
     BallPicture,
     check_count,
     collect_balls,
+    pressed_balls,
     refine_balls,
 )
 from tactilevision.photometric.ball_samples import (
@@ -56,7 +56,7 @@ from tactilevision.photometric.methods.two_colours import TwoColourLaws, fit_two
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import BackgroundSums, Reference, SlopeBackground
 from tactilevision.photometric.shading_law import response_of
-from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.records.measured import Floats, Pair
 
 MAX_SLOPE_NOISE = 0.03  # slope of a pixel's noise, worst direction: real .001 to .006, a tenth as coloured .047
 MAX_EVEN_NOISE = (
@@ -64,15 +64,6 @@ MAX_EVEN_NOISE = (
 )
 MAX_NOISE_RATIO = 4  # worst over best direction: real 1.8 to 2.7, a tenth as coloured 4.6
 MAX_GAP_DEG = 200  # degrees between the sides of colours: five real sensors leave 131 to 184, two lamps 250
-
-
-@runtime_checkable
-class PictureFitter(Protocol):
-    """A fitter that uses the ball pictures themselves as well as samples of them."""
-
-    def prepared(
-        self, change: ColourChange, pictures: Sequence[Bytes], balls: Sequence[Ball | None], mm_per_px: Pair
-    ) -> Fitter: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,14 +102,19 @@ def calibrate_from_balls(
     balls, every = list(seen.balls), seen.every
     warnings = [*seen.warnings, *label_warnings([(p.centre_px, p.contact_radius_px) for p in pictures], balls)]
     pressed, resting = with_same_colours(*every, min_balls=MIN_BALLS)
-    if isinstance(fit, PictureFitter):
-        fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
+    if (prepared := getattr(fit, "prepared", None)) is not None:
+        fit = prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     best = _best_fit(fit, pressed, resting)
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light, cover = slope_observability(pressed), 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px, at_contact = pressed_reference(change, [picture.rgb for picture in pictures], alone.balls)
     odd = _odd_warnings(best, balls, pictures, pressed, resting)
-    warnings += reference_warnings(contact_px) or [*_light_warnings(pressed, cover, light), *odd]
+    warnings += reference_warnings(contact_px) or [
+        *scale_warnings(pressed.change, pressed.slopes),
+        *coverage_warnings(cover),
+        *_observability_warnings(light),
+        *odd,
+    ]
     card = replace(
         _card(best, pressed, light),
         balls=seen.count,
@@ -243,17 +239,10 @@ def _measure_background(
     """Return bias and noise of the law on the untouched part of the ball pictures."""
     evaluate = law.evaluator(change.reference.shape)
     sums = BackgroundSums(change.reference.shape)
-    for picture, ball in zip(pictures, balls, strict=True):
-        if ball is not None:
-            changes, _, valid = change.measure(picture.rgb)
-            sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
+    for rgb, ball in pressed_balls(pictures, balls):
+        changes, _, valid = change.measure(rgb)
+        sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
     return sums.result(evaluate.noise(change.noise))
-
-
-def _light_warnings(pressed: Samples, cover: Floats, light: Observability) -> list[str]:
-    """Return warnings of the stated scale, the share of the picture that balls `cover` (2,), and the light."""
-    colours = scale_warnings(pressed.change, pressed.slopes)
-    return [*colours, *coverage_warnings(cover), *_observability_warnings(light)]
 
 
 def _observability_warnings(light: Observability) -> list[str]:

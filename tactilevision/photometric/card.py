@@ -30,17 +30,9 @@ def _float(value: Any) -> float:
     return found
 
 
-def _int(value: Any) -> int:
-    return int(_float(value))
-
-
 def _pair(value: Any) -> Pair:
     x, y = map(_float, value)
     return x, y
-
-
-def _numbers(value: Any) -> dict[str, float]:
-    return {str(name): _float(one) for name, one in value.items()}
 
 
 def _floats(value: Any) -> tuple[float, ...]:
@@ -57,22 +49,14 @@ def _ratios(value: Any, most: float = MAX_RATIO) -> Rows:
     return rows
 
 
-_KEYS = {
-    "coverage_factor": "place_gain_borne_out",
-    "leakage_std": "spread",
-    "min_slope_noise": "slope_of_one_pixels_noise_best",
-    "max_slope_noise": "slope_of_one_pixels_noise_worst",
-    "baseline": "usual",
-    "tile_px": "calm_gel_px",
-}  # on disk, of fields whose key is another
 _READERS: dict[str, Callable[[Any], Any]] = {
     "str": str,
-    "int": _int,
+    "int": lambda value: int(_float(value)),
     "float": _float,
     "Pair": _pair,
     "Rows": list,
     "tuple[float, ...]": _floats,
-    "dict[str, float]": _numbers,
+    "dict[str, float]": lambda value: {str(name): _float(one) for name, one in value.items()},
     "dict[str, Any]": dict,
     "Mapping[str, Any]": dict,
     "place_gain_std": _ratios,
@@ -132,15 +116,14 @@ class MethodCard:
         """Return the card of a JSON table. Raises InputError for a value of the wrong type."""
         rest, known = dict(content), dict[str, Any]()
         for name, kind in _entries().items():
-            key = _KEYS.get(name, name)
-            value = rest.pop(key, None)
+            value = rest.pop(name, None)
             if value is not None:
                 try:
                     known[name] = _READERS.get(name, _READERS[kind])(value)
                 except (TypeError, ValueError, AttributeError) as fault:
                     raise InputError(
                         "the method's card cannot be read",
-                        where=key,
+                        where=name,
                         value=str(value)[:40],
                         remedy=f"{_why(fault)}. Restore the original file, or calibrate again.",
                     ) from fault
@@ -148,8 +131,8 @@ class MethodCard:
 
     def to_json(self) -> dict[str, Any]:
         """Return the card as a JSON table without unknown entries."""
-        known = {_KEYS.get(name, name): getattr(self, name) for name in _entries()}
-        return {key: value for key, value in known.items() if value is not None} | dict(self.other)
+        known = {name: getattr(self, name) for name in _entries()}
+        return {name: value for name, value in known.items() if value is not None} | dict(self.other)
 
     def extended(self, entries: Mapping[str, Any]) -> MethodCard:
         """Return the card with further `entries`, by their keys on disk."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from tactilevision.photometric.cross_validation import Fitter
-from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.lookup import fit_lookup
-from tactilevision.photometric.methods.polynomial import fit_polynomial
+from tactilevision.photometric.methods.polynomial import AutoMethod, fit_polynomial
 from tactilevision.photometric.network_training import NetworkFitter
 
 PHOTOMETRIC: dict[str, Fitter] = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,11 +12,54 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.drift import SOFTENING_GREY, Drift, DriftTracker, Response, undo_drift
+from tactilevision.photometric.drift import (
+    SOFTENING_GREY,
+    Drift,
+    DriftTracker,
+    Response,
+    means,
+    undo_drift,
+)
 from tactilevision.photometric.markers import fill_marks, marked
 from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
-from tactilevision.photometric.windows import Window, common, inside, means, window_of
-from tactilevision.records.measured import Bools, Bytes, Floats
+from tactilevision.records.measured import Bools, Bytes, Floats, Picture
+
+# Windows of a picture.
+
+Window = tuple[slice, slice]  # rows and columns
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """`values` (h, w) in the `window` of a picture that is 0 elsewhere."""
+
+    window: Window
+    values: Picture
+
+
+def window_of(where: Bools) -> Window | None:
+    """Return the rows and columns that contain a mask (h, w), None for an empty one."""
+    left, top, width, height = cv2.boundingRect(where.view(np.uint8))
+    return (slice(top, top + height), slice(left, left + width)) if width else None
+
+
+def common(one: Window, other: Window) -> Window | None:
+    """Return the intersection of two windows; None for an empty one."""
+    rows, columns = (slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one, other, strict=True))
+    return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
+
+
+def inside(window: Window, of: Window) -> Window:
+    """Return a window of the picture relative to another that contains it."""
+    rows, columns = (slice(a.start - b.start, a.stop - b.start) for a, b in zip(window, of, strict=True))
+    return rows, columns
+
+
+def outside(window: Window, of: Window) -> Window:
+    """Return a window relative to another as one of the picture."""
+    rows, columns = (slice(a.start + b.start, a.stop + b.start) for a, b in zip(window, of, strict=True))
+    return rows, columns
+
 
 # Colours that are overexposed in a frame or in the reference, in the window that holds all of them.
 
@@ -47,32 +90,6 @@ class MissingColours:
         return tiles
 
 
-class MissingColoursFinder:
-    """Find missing colours of frames against one reference."""
-
-    def __init__(self, reference: Reference) -> None:
-        self.overexposed, self.lit_by_two = reference.overexposed, reference.lit_by_two
-        over = self.overexposed
-        self.window = None if over is None else window_of(np.asarray(over.any(axis=0)))
-
-    def find(self, rgb: Bytes) -> MissingColours | None:
-        """Return the colours missing in a frame (H, W, 3) or its reference; None for none."""
-        windows = [window for window in (_overexposed_window(rgb), self.window) if window is not None]
-        if not windows:
-            return None
-        rows, columns = (
-            slice(min(one.start for one in along), max(one.stop for one in along))
-            for along in zip(*windows, strict=True)
-        )
-        missing = np.ascontiguousarray((rgb[rows, columns] >= SATURATED).transpose(2, 0, 1))
-        if self.overexposed is not None:
-            missing |= self.overexposed[:, rows, columns]
-        red, green, blue = missing.view(np.uint8)
-        count = red + green + blue
-        partly = self.lit_by_two[rows, columns] & (count == 1)
-        return MissingColours((rows, columns), missing, count, partly, count > partly)
-
-
 def _overexposed_window(rgb: Bytes) -> Window | None:
     if rgb.max() < SATURATED:
         return None
@@ -95,17 +112,16 @@ def _overexposed_window(rgb: Bytes) -> Window | None:
 SHADOW_PX = 4  # step of the search for shadows
 STRIP_PX = 25000  # pixels processed at once, so that intermediate arrays stay in the cache
 
-Planes = npt.NDArray[np.float32]
-Light = tuple[Planes, Planes]  # down and across: the factor of grey at a place is their product
+Light = tuple[Picture, Picture]  # down and across: the factor of grey at a place is their product
 
 
 class ChangeMaps:
     """Colour changes against an untouched picture `mean` (3, h, w), at places x (w,), y (h,)."""
 
-    def __init__(self, mean: Planes, x: Planes, y: Planes, *, dark: int | None) -> None:
+    def __init__(self, mean: Picture, x: Picture, y: Picture, *, dark: int | None) -> None:
         """`dark`: number of the colour that counts as unchanged, or None."""
         self.mean, self.x, self.y, self.dark = mean, x, y, dark
-        self.scale: Planes = np.empty_like(mean)
+        self.scale: Picture = np.empty_like(mean)
         self.update_scale()
 
     def update_scale(self) -> None:
@@ -129,12 +145,17 @@ class ChangeMaps:
         return down, across
 
     def changes(
-        self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, light: Light, *, out: Planes
-    ) -> Planes:
-        """Changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w) in this light, into `out` alike."""
+        self,
+        greys: Sequence[npt.NDArray[Any]] | Picture,
+        window: Window,
+        light: Light,
+        *,
+        out: Picture | None = None,
+    ) -> Picture:
+        """Return changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w) in this light."""
         rows, columns = window
         down, across = light
-        np.matmul(down[:, rows], across[..., columns], out=out)
+        out = np.matmul(down[:, rows], across[..., columns], out=out)
         for grey, plane in zip(greys, out, strict=True):
             cv2.multiply(grey, plane, dst=plane, dtype=cv2.CV_32F)
         out += np.float32(SOFTENING_GREY)
@@ -147,34 +168,32 @@ class ChangeMaps:
 class FrameChange:
     """One rectified frame (H, W, 3) compared with the untouched gel of `reference`.
 
-    `drift` of its light, and the factors of its grey; the colours `missing` from it, None where it tells all;
-    `valid` (H, W) where it tells all.
+    `drift` of its light; the colours `missing` from it, None where all are known; `valid` (H, W) where all are.
     """
 
     reference: ColourChange
     rgb: Bytes
     drift: Drift
-    light: Light
     missing: MissingColours | None
     valid: Bools
 
-    def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
-        """The changes (3, h, w), strip by strip of a window; where marks have to be filled, parts of `changes`."""
-        for window in strips(whole):
-            if self.reference.reference.marks is not None:
-                yield window, self.changes[:, *window]
-                continue
-            size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
-            out: Planes = np.empty((3, *size), np.float32)
-            yield window, self.reference.maps.changes(self.greys(window), window, self.light, out=out)
+    @cached_property
+    def light(self) -> Light:
+        """The factors of grey by the drift of the light."""
+        return self.reference.maps.light(self.drift.gains)
+
+    def strip(self, window: Window) -> Picture:
+        """Return the changes (3, h, w) of a window, one of `strips`; with marks, a part of `changes`."""
+        if self.reference.reference.marks is not None:
+            return self.changes[:, *window]
+        return self.reference.maps.changes(self.greys(window), window, self.light)
 
     @cached_property
-    def changes(self) -> Planes:
+    def changes(self) -> Picture:
         """The changes (3, H, W), marks filled from around."""
-        whole: Planes = np.empty_like(self.reference.maps.mean)
+        whole: Picture = np.empty_like(self.reference.maps.mean)
         for window in strips((slice(0, self.rgb.shape[0]), slice(0, self.rgb.shape[1]))):
-            out = whole[:, window[0]]
-            self.reference.maps.changes(self.greys(window), window, self.light, out=out)
+            self.reference.maps.changes(self.greys(window), window, self.light, out=whole[:, window[0]])
         if self.reference.reference.marks is not None:
             fill_marks(whole, marked(self.rgb, self.reference.reference.marks))
         return whole
@@ -184,7 +203,7 @@ class FrameChange:
         greys, undo = cv2.split(self.rgb[window]), self.drift.undo
         return greys if undo is None else list(undo_drift(greys, undo, power=self.reference.tracker.power))
 
-    def means(self, px: int) -> Planes:
+    def means(self, px: int) -> Picture:
         """Channels (3, H // px, W // px) in means of `px` by `px` pixels.
 
         Light is mixed in them as in pixels: what that misses goes with the noise squared, by the little mixed.
@@ -201,21 +220,24 @@ class ColourChange:
     def __init__(self, reference: Reference, response: Response | None = None) -> None:
         self.reference = reference
         self.tracker = DriftTracker(reference, response or Response())
-        mean: Planes = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
+        mean: Picture = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
         if reference.marks is not None:
             fill_marks(mean, reference.marks.mask)
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self.maps = ChangeMaps(mean, x, y, dark=reference.dark_colour)
-        self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
+        self.noise: Picture = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
         self.darkest = int(darkest_grey(reference.noise_grey))  # of whole numbers
-        self.find_missing = MissingColoursFinder(reference).find
+        self.overexposed, self.lit_by_two = reference.overexposed, reference.lit_by_two
+        self._overexposed_window = (
+            None if self.overexposed is None else window_of(np.asarray(self.overexposed.any(axis=0)))
+        )
 
-    def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
+    def measure(self, rgb: Bytes) -> tuple[Picture, Drift, Bools]:
         """Changes (3, H, W), drift, and validity (H, W) of a frame."""
         frame = self.take(rgb)
         return frame.changes, frame.drift, frame.valid
 
-    def measure_known(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
+    def measure_known(self, rgb: Bytes) -> tuple[Picture, Drift, Bools]:
         """As `measure`, changes that are not known NaN, and valid (H, W) where two colours are known."""
         frame = self.take(rgb)
         changes, valid = frame.changes, frame.valid
@@ -226,15 +248,32 @@ class ColourChange:
         return changes, frame.drift, valid
 
     def take(self, rgb: Bytes) -> FrameChange:
-        """Return a frame beside the untouched gel. Raises InputError for one that cannot be of this sensor."""
+        """Compare a frame with the untouched gel. Raises InputError for one that cannot be of this sensor."""
         self._check(rgb)
-        drift, missing, valid = self.tracker.measure(rgb), self.find_missing(rgb), self.reference.usable
+        missing, valid = self.find_missing(rgb), self.reference.usable
         if self._in_shadow(rgb, missing):
             valid = valid & (_brightest(rgb) > self.darkest)
         if missing is not None:
             valid = valid.copy()
             valid[missing.window] &= missing.count == 0
-        return FrameChange(self, rgb, drift, self.maps.light(drift.gains), missing, valid)
+        return FrameChange(self, rgb, self.tracker.measure(rgb), missing, valid)
+
+    def find_missing(self, rgb: Bytes) -> MissingColours | None:
+        """Return the colours missing in a frame (H, W, 3) or its reference; None for none."""
+        windows = [window for window in (_overexposed_window(rgb), self._overexposed_window) if window is not None]
+        if not windows:
+            return None
+        rows, columns = (
+            slice(min(one.start for one in along), max(one.stop for one in along))
+            for along in zip(*windows, strict=True)
+        )
+        missing = np.ascontiguousarray((rgb[rows, columns] >= SATURATED).transpose(2, 0, 1))
+        if self.overexposed is not None:
+            missing |= self.overexposed[:, rows, columns]
+        red, green, blue = missing.view(np.uint8)
+        count = red + green + blue
+        partly = self.lit_by_two[rows, columns] & (count == 1)
+        return MissingColours((rows, columns), missing, count, partly, count > partly)
 
     def _in_shadow(self, rgb: Bytes, missing: MissingColours | None) -> bool:
         """Whether shadows are to be looked for in all of a frame: few of its pixels tell, unless it is bright."""
@@ -253,12 +292,12 @@ class ColourChange:
         self.maps.update_scale()
 
     @property
-    def level(self) -> Planes:
+    def level(self) -> Picture:
         """The untouched picture (3, H, W), marks filled, that changes refer to."""
         return self.maps.mean
 
     @property
-    def scale(self) -> Planes:
+    def scale(self) -> Picture:
         """Change (3, H, W) per grey level; 0 for a colour that counts as unchanged."""
         scale = self.maps.scale
         if self.maps.dark is not None:
@@ -282,9 +321,8 @@ def _brightest(rgb: Bytes) -> Bytes:
     return np.asarray(cv2.max(cv2.max(red, green), blue))
 
 
-def strips(window: Window) -> Iterator[Window]:
-    """Yield the window in strips of whole rows, of STRIP_PX at most (but one row at least)."""
+def strips(window: Window) -> list[Window]:
+    """Return the window in strips of whole rows, of STRIP_PX at most (but one row at least)."""
     rows, columns = window
     step = max(1, STRIP_PX // (columns.stop - columns.start))
-    for top in range(rows.start, rows.stop, step):
-        yield slice(top, min(top + step, rows.stop)), columns
+    return [(slice(top, min(top + step, rows.stop)), columns) for top in range(rows.start, rows.stop, step)]

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import KEPT, Samples
-from tactilevision.photometric.protocols import ColourLaw, Picture
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, colours_of, fit_light
-from tactilevision.records.measured import Floats
+from tactilevision.records.measured import Array, Floats, Picture
 from tactilevision.robust import mad_std
 
 # Extrapolation: error of the depth scale beyond the outermost balls.
@@ -86,7 +86,7 @@ CONTACT = 1.0  # places over which a contact extends
 STEEP = (0.25, 0.5)  # of the steepest slope under the balls; most of a contact is that gentle
 
 
-def jackknife_std(others: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
+def jackknife_std(others: Sequence[Array]) -> Floats:
     """Return the standard deviation (any shape, any unit) from K changes without one group each."""
     return np.asarray(np.sqrt((len(others) - 1) / len(others) * np.sum(np.square(others), axis=0)), np.float64)
 
@@ -148,7 +148,8 @@ BELOW_ONE = 0.999999  # keeps the greatest value in the last patch
 class Fitter(Protocol):
     """Fits a colour law to samples of balls and of untouched gel; `ridge` sets its smoothness.
 
-    It may list `ridges` to choose from, or `ways`: pairs of a fitter and a ridge.
+    It may list `ridges` to choose from, or `ways`: pairs of a fitter and a ridge. A method `prepared` returns the
+    fitter for certain ball pictures, given their colour change, the pictures, their balls and the scale.
     """
 
     def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> ColourLaw: ...

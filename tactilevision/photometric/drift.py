@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -12,11 +13,65 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.windows import Planes, distance_px, means, shares, tile_px_of
 from tactilevision.records.constants import TINY
-from tactilevision.records.contact_thresholds import colour_limit
-from tactilevision.records.measured import Bools, Bytes, Floats
-from tactilevision.robust import MAD_TO_STD, median
+from tactilevision.records.contact_thresholds import CONTACT
+from tactilevision.records.measured import Bools, Bytes, Floats, Picture
+from tactilevision.robust import MAD_TO_STD
+
+# Means over several pixels.
+
+TILES = 60  # approximate number of means along the shorter side of the picture
+MIN_TILE_PX = 2  # pixels along each side of a mean at least
+MAX_TILE_PX = 4  # at most: wider ones blur the smallest contacts
+
+
+def tile_px_of(reference: Reference) -> int:
+    """Return the pixels along each side of the means of frames, the least for gel with marks."""
+    if reference.marks is not None:
+        return MIN_TILE_PX
+    return min(MAX_TILE_PX, max(MIN_TILE_PX, round(min(reference.shape) / TILES)))
+
+
+def means(picture: npt.NDArray[np.generic], px: int, *, out: Picture | None = None) -> Picture:
+    """Return means (n, H // px, W // px) over `px` by `px` pixels of a picture (H, W, n).
+
+    Exact for integers; of 8 bits with `px` up to 16.
+    """
+    height, width, count = picture.shape[0] // px, picture.shape[1] // px, picture.shape[2]
+    lines = picture[: px * height].reshape(height, px, -1)[..., : px * width * count]
+    down = np.add.reduce(lines, axis=1, dtype=np.uint16 if picture.dtype == np.uint8 else np.float32).ravel()
+    size = down.size - (px - 1) * count
+    # running sums over all pixels: faster than strided sums
+    total = sum((down[k * count :][:size] for k in range(1, px)), down[:size])
+    if out is None:
+        out = np.empty((count, height, width), np.float32)
+    share = np.float32(1.0 / px)
+    for c, plane in enumerate(out):
+        np.multiply(total[c :: px * count].reshape(height, width), share, out=plane)
+    out *= share
+    return out
+
+
+@lru_cache(maxsize=64)
+def shares(count: int, blocks: int) -> Picture:
+    """Return the shares (blocks, count) of `count` places on a line in the mean of each block."""
+    return np.asarray(cv2.resize(np.eye(count, dtype=np.float32), (count, blocks), interpolation=cv2.INTER_AREA))
+
+
+# Reproducible distance transform: the last bits of the square root in OpenCV's precise transform depend on memory
+# alignment. Squared distances in pixels are integers, so they are rounded before numpy's square root.
+
+
+def distance_px(inside: Bools) -> Picture:
+    """Return the distance (H, W) in px of each place inside the mask (H, W) to the nearest one outside; 0 outside.
+
+    float32, for masks of less than 2896 px across (squares to 2^24).
+    """
+    distance = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    distance *= distance
+    np.rint(distance, out=distance)
+    return np.asarray(np.sqrt(distance, out=distance), np.float32)
+
 
 # Bayesian model of the drift of the light, given which blocks of a frame are untouched.
 #
@@ -94,7 +149,7 @@ def noise_of(change: Floats, weights: Floats) -> float:
     Blocks whose `weights` (h, w) are small do not count.
     """
     bend = np.abs(change[..., 2:] - 2.0 * change[..., 1:-1] + change[..., :-2])[:, weights[:, 1:-1] > 0.5]
-    return max(MIN_NOISE, MAD_TO_STD / np.sqrt(6) * float(median(bend.ravel()))) if bend.size else 1.0
+    return max(MIN_NOISE, MAD_TO_STD / np.sqrt(6) * float(np.median(bend))) if bend.size else 1.0
 
 
 def drift_of(
@@ -136,7 +191,7 @@ def _normal(change: Floats, weights: Floats, terms: Floats, slopes: Floats | Non
 
 def _expected(gain: Floats, power: int) -> tuple[Floats, Floats, Floats]:
     """Return the priors: means (kinds, 18), precisions (kinds, 18, 18), log terms of the evidence (kinds,)."""
-    common, spread = np.abs(gain), float(np.abs(gain - median(gain)).max())
+    common, spread = np.abs(gain), float(np.abs(gain - np.sort(gain)[1]).max())
     stray, stray_std, gradient, mixture, mixture_std, uneven, separate = DRIFT_KINDS.T[:, :, None]
     expected, std = np.zeros((2, len(DRIFT_KINDS), 3, TERMS))
     gain_std = np.minimum(separate * float(common.max()) + MIN_STD, COMMON_STD)
@@ -240,7 +295,7 @@ class Drift:
     covariance: Floats | None = None
     misfit: float = 0.0
     left: Floats | None = None
-    means: Planes | None = None
+    means: Picture | None = None
 
 
 class DriftTracker:
@@ -249,8 +304,7 @@ class DriftTracker:
     def __init__(self, reference: Reference, response: Response) -> None:
         height, width = reference.shape
         self.power, self.dark = response.power, reference.dark_colour
-        block = max(4, int(np.sqrt(height * width / BLOCKS)))
-        self.size = (max(2, width // block), max(2, height // block))
+        self.size, block = blocks_of(reference.shape)
         self.px = tile_px_of(reference)
         share = cv2.resize(reference.usable.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
         self.usable = (share > 0.5).ravel()
@@ -265,7 +319,8 @@ class DriftTracker:
         self.down = shares(tiles.shape[1], self.size[1])
         self.across = np.ascontiguousarray(shares(tiles.shape[2], self.size[0]).T)
         self.level = self._blocks(tiles)
-        self.all_usable = bool(self.usable.all())
+        self.all_usable, count = bool(self.usable.all()), np.count_nonzero(self.usable)
+        self._middle = (count - 1) // 2, count // 2  # of the usable blocks in order
         self._bright, self._shown, self._bend = np.empty((3, *self.level.shape))
         answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
         self._answers: Floats = np.eye(3)[:, :, None] if answers is None else answers
@@ -288,7 +343,7 @@ class DriftTracker:
         change = blocks - self.level
         self._check(blocks, change)
         gains = np.zeros((3, 3))
-        gains[:, 0] = median(self._among_usable(change / self._bright))
+        gains[:, 0] = self._medians(change / self._bright)
         change /= self.noise
         gains, weights, touched, limit = self._reweighted(change, gains)
         drift, undo, covariance = gains, None, None
@@ -301,7 +356,7 @@ class DriftTracker:
         squares = np.add.reduce(left * left)
         shape = (self.size[1], self.size[0])
         untouched = (self.usable & (squares < limit)).reshape(shape)
-        misfit = float(median(self._among_usable(squares))) ** 0.5
+        misfit = float(self._medians(squares)) ** 0.5
         return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit, left, tiles)
 
     def _reweighted(self, change: Floats, gains: Floats) -> tuple[Floats, Floats, Bools, float]:
@@ -309,12 +364,13 @@ class DriftTracker:
         weighted = change * self._shown
         for _ in range(MAX_ITERATIONS):
             squares = np.sum(self._left(change, gains) ** 2, axis=0)
-            scale = max(1.0, float(median(self._among_usable(squares))) / MEDIAN_LENGTH**2)
+            scale = max(1.0, float(self._medians(squares)) / MEDIAN_LENGTH**2)
+            limit = CONTACT.colour_sigma**2 * scale
             weights = squares * (1 / (9 * scale))
             weights += 1.0
             weights *= weights
             np.divide(self.usable, weights, out=weights)
-            touched = self.usable & (squares > colour_limit(scale))
+            touched = self.usable & (squares > limit)
             near_contact = self._near_contact(touched)
             fitting = weights if near_contact is None else weights * ~near_contact
             if near_contact is not None and np.count_nonzero(fitting) < MIN_BLOCKS:
@@ -322,7 +378,7 @@ class DriftTracker:
             before, gains = gains, self._fit(weighted, fitting, gains[:, 0])
             if np.abs(gains - before).max() < CONVERGENCE_TOL:
                 break
-        return gains, fitting, touched, colour_limit(scale)
+        return gains, fitting, touched, limit
 
     @property
     def effects(self) -> Floats:
@@ -353,6 +409,12 @@ class DriftTracker:
     def _among_usable(self, values: Floats) -> Floats:
         """Return the `values` (..., blocks) of the usable blocks."""
         return values if self.all_usable else values[..., self.usable]
+
+    def _medians(self, values: Floats) -> Any:
+        """Return the medians (...) of `values` (..., blocks) over the usable blocks."""
+        ordered = np.sort(self._among_usable(values), axis=-1)
+        low, high = self._middle
+        return 0.5 * (ordered[..., low] + ordered[..., high])
 
     def _near_contact(self, touched: Bools) -> Bools | None:
         """Return the mask of blocks near a contact, whose slopes resemble drift; single blocks are noise."""
@@ -390,7 +452,7 @@ class DriftTracker:
             change / noise, weights, terms=self._terms / noise, slopes=slopes, gain=gain, power=self.power
         )
 
-    def _blocks(self, planes: Planes) -> Floats:
+    def _blocks(self, planes: Picture) -> Floats:
         """Return the means (3, h * w) of planes over the blocks."""
         blocks = (self.down @ planes).reshape(-1, planes.shape[2]) @ self.across
         return blocks.astype(np.float64).reshape(3, -1)
@@ -411,7 +473,7 @@ class DriftTracker:
         blocks, mean_grey, clear_grey = self._among_usable(blocks), self.mean_grey, self.clear_grey
         grey = np.add.reduce(blocks, axis=1) / blocks.shape[1]
         dark = bool((grey < 0.1 * self.grey).any())
-        if dark or (blocks.max() > 252 > mean_grey + 20 and float(median(blocks.max(axis=0))) > 252):
+        if dark or (blocks.max() > 252 > mean_grey + 20 and float(np.median(blocks.max(axis=0))) > 252):
             raise InputError(
                 "the frame is " + ("black, or one of its channels is" if dark else "saturated"),
                 where="frame",
@@ -421,9 +483,9 @@ class DriftTracker:
         size = np.abs(self._among_usable(change))
         if 2.0 * float(np.add.reduce(size, axis=None)) <= min(clear_grey, 0.5 * mean_grey) * size.size:
             return  # the median of non-negative values is at most twice their mean
-        off = float(median(size.ravel()))
+        off = float(np.median(size))
         swapped = np.abs(blocks[::-1] - self._among_usable(self.level))
-        if off > clear_grey and float(median(swapped.ravel())) < MAX_SWAPPED_SHARE * off:
+        if off > clear_grey and float(np.median(swapped)) < MAX_SWAPPED_SHARE * off:
             raise InputError(
                 "the frame's colours are in the order blue, green, red",
                 where="frame",
@@ -457,7 +519,7 @@ def solid(touched: Bools) -> Bools:
     return np.asarray(cv2.dilate(whole, SOLID, anchor=(0, 0)) > 0)
 
 
-def undo_drift(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, *, power: int) -> Planes:
+def undo_drift(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, *, power: int) -> Picture:
     """Return grey levels (3, h, w) with the affine map `undo` (3, 4) applied to their light."""
     light = np.asarray(greys, np.float32).reshape(3, -1)
     mix, stray = np.split(undo.astype(np.float32), [3], axis=1)
@@ -465,6 +527,13 @@ def undo_drift(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Float
     if power == 2:
         cv2.sqrt(np.maximum(linear, 0.0, out=linear), dst=linear)
     return linear.reshape(3, *greys[0].shape)
+
+
+def blocks_of(shape: tuple[int, ...]) -> tuple[tuple[int, int], int]:
+    """Return the number of blocks (across, down) of a picture of `shape` (H, W), and their side in px."""
+    height, width = shape
+    block = max(4, int(np.sqrt(height * width / BLOCKS)))
+    return (max(2, width // block), max(2, height // block)), block
 
 
 def _centres(blocks: int, pixels: int) -> Floats:

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tactilevision.records.measured import Bytes, Floats
+from tactilevision.records.measured import Bytes, Floats, Picture
 
 MIN_COUNT = 12  # spots that make a pattern
 DARK_GREY = 20  # below which a colour does not count
@@ -39,7 +39,6 @@ MIN_GEL_PX = 12  # fitted px of gel, two for each coefficient
 TERMS = 6  # coefficients of a quadratic in x and y
 
 Indices = npt.NDArray[np.intp]
-Planes = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +92,7 @@ def marked(rgb: Bytes, marks: Marks) -> Bytes:
     return np.asarray(cv2.dilate(kept[labels], np.ones((3, 3), np.uint8)))
 
 
-def fill(planes: Planes, mask: Bytes) -> None:
+def fill(planes: Picture, mask: Bytes) -> None:
     """Fill `planes` (C, H, W) in place where `mask` (H, W) is not 0, by means of their surroundings."""
     share = [1.0 - mask.astype(np.float32)]
     for _ in range(LEVELS):
@@ -112,7 +111,7 @@ def fill(planes: Planes, mask: Bytes) -> None:
         np.copyto(plane, guess, where=hole)
 
 
-def fill_marks(planes: Planes, mask: Bytes) -> None:
+def fill_marks(planes: Picture, mask: Bytes) -> None:
     """Fill `planes` (C, H, W) in place at marks in `mask` (H, W), by quadratics."""
     count, labels, stats, centres = cv2.connectedComponentsWithStatsWithAlgorithm(
         mask, 8, cv2.CV_16U, cv2.CCL_DEFAULT
@@ -137,14 +136,14 @@ def fill_marks(planes: Planes, mask: Bytes) -> None:
         plane[rows, columns] = surface.ravel().take(at)
 
 
-def _around(plane: Planes, x: Indices, y: Indices, half: int) -> Planes:
+def _around(plane: Picture, x: Indices, y: Indices, half: int) -> Picture:
     """Return every EVERY_PX-th pixel (N, n) of `plane` (H, W) in windows about x, y (N,); 0 beyond the border."""
     padded = cv2.copyMakeBorder(plane, half, half, half, half, cv2.BORDER_CONSTANT, value=0)
     windows = sliding_window_view(padded, (2 * half + 1, 2 * half + 1))
     return np.asarray(windows[y, x, ::EVERY_PX, ::EVERY_PX].reshape(len(x), -1))
 
 
-def _quadratics(values: list[Planes], gel: Planes, half: int) -> list[Planes]:
+def _quadratics(values: list[Picture], gel: Picture, half: int) -> list[Picture]:
     """Return the quadratics (N, side * side) fitted to each of `values` (N, n) where `gel` (N, n) is 1."""
     basis, weighted, products = _window(half)
     first, second = np.triu_indices(TERMS)
@@ -157,7 +156,7 @@ def _quadratics(values: list[Planes], gel: Planes, half: int) -> list[Planes]:
 
 
 @lru_cache(4)
-def _window(half: int) -> tuple[Planes, Planes, Planes]:
+def _window(half: int) -> tuple[Picture, Picture, Picture]:
     """Return terms (6, side * side) in a window; weighted terms (n, 6), products (n, 21) at fitted pixels."""
     y, x = np.indices((2 * half + 1, 2 * half + 1)) / half - 1.0
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])

@@ -1,24 +1,44 @@
-"""Calibrated photometric methods: slopes of a rectified frame."""
+"""Calibrated photometric methods: slopes of a rectified frame.
+
+Where the surface hardly slopes, means of 2 by 2 to 4 by 4 pixels carry the same information at a fraction of the
+work. The whole picture is evaluated in such means, and pixel by pixel in windows around slopes above
+DETECTION_SIGMA deviations of a pixel's noise, or where neighbouring means differ by more than noise. Means have
+their own noise and so their own bias: a method is evaluated so only if untouched frames evaluated so determined
+it. The smoothing of a law by the noise of single pixels is applied to the law instead. Not for gel with marks,
+which are filled in the whole picture.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.colour_change import ColourChange, FrameChange, Planes
+from tactilevision.photometric.colour_change import (
+    ChangeMaps,
+    ColourChange,
+    FrameChange,
+    MissingColours,
+    Patch,
+    Window,
+    common,
+    inside,
+    outside,
+    strips,
+    window_of,
+)
 from tactilevision.photometric.cross_validation import LightLaw
-from tactilevision.photometric.drift import response_from_card
+from tactilevision.photometric.drift import means, response_from_card, tile_px_of
 from tactilevision.photometric.markers import fill
-from tactilevision.photometric.methods.two_colours import TwoColourLaws, TwoColourReader
-from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
-from tactilevision.photometric.protocols import ColourLaw, PhotometricMethod, PixelMethod, SlopeReading
+from tactilevision.photometric.methods.polynomial import PolynomialEvaluator
+from tactilevision.photometric.methods.two_colours import COLOURS, UNKNOWN, TwoColourLaws
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import (
+    NOISE_LIMIT,
     BackgroundSums,
     Reference,
     SlopeBackground,
@@ -26,54 +46,46 @@ from tactilevision.photometric.reference import (
     darkness,
     noise_bias,
 )
-from tactilevision.photometric.windows import Patch, Window, common, inside
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Bytes, Floats
+from tactilevision.records.measured import Array, Bools, Bytes, Floats, Picture
+from tactilevision.robust import median
 
-Picture = npt.NDArray[np.float32]
-Array = npt.NDArray[np.floating[Any]]
+DETECTION_SIGMA = 4  # deviations of a pixel's noise; less refines noise, more misses gentle contacts
+SCATTER_SIGMA = 3.5  # deviations of the noise (or typical scatter) of 3 by 3 means
+STRIDE = 4  # of the means that determine the typical scatter
+BLOCK = 8  # approximate pixels of the grid of windows
+MAX_WINDOW_SHARE = 0.5  # of the picture in windows; above, all of it is evaluated in full
+MIN_SIDE_PX = 64  # shorter side of the picture below which nothing is saved
+
+PAIR, ROUND = np.ones((2, 2), np.uint8), np.ones((3, 3), np.uint8)
 
 
-@runtime_checkable
-class ReferencedMethod(PhotometricMethod, PixelMethod, Protocol):
-    """A method that compares a frame with a reference, follows its light, and has a known error.
+@dataclass(frozen=True, slots=True)
+class SlopeReading:
+    """The slopes of one frame, the frame compared with the untouched gel, and the greatest |slope|.
 
-    `trusted_blocks` (h, w): blocks of the picture where the law holds, for the zero plane.
+    `lost_share`: relative error of a slope where colours are missing; None where none is.
     """
 
-    relative_error: float
-    background: SlopeBackground | None
-    card: MethodCard
-    two_colours: TwoColourLaws | None
-    light_law: LightLaw | None
-    trusted_blocks: Bools
-
-    @property
-    def tiled_evaluator(self) -> TiledEvaluator | None: ...
-
-    def read(self, rgb_rectified: Bytes) -> SlopeReading: ...
-
-    def follow(self, rgb_rectified: Bytes, share: float) -> None: ...
-
-    def with_reference(self, reference: Reference) -> ReferencedMethod: ...
-
-    def with_card(self, card: MethodCard) -> ReferencedMethod: ...
-
-
-def as_referenced(method: object) -> ReferencedMethod | None:
-    """Return the method if it has a reference, else None."""
-    return method if isinstance(method, ReferencedMethod) else None
+    slopes: SlopeMap
+    frame: FrameChange
+    steepest: float
+    lost_share: Patch | None = None
 
 
 @dataclass
 class CalibratedMethod:
     """A colour law with its reference.
 
-    `relative_error` is the law's own held-out error as a part of the slope. `card` says what it was made from.
-    `two_colours` read the pixels of which a colour is overexposed; None: nothing does, and they are not valid.
-    `light_law` says which colours slopes should have; None where no ball told it. `walls` are what certified
-    faces taught; None where there were none.
+    `relative_error` is the law's own held-out error as a part of the slope; `card` is its provenance.
+    `two_colours` read the pixels of which a colour is overexposed, which are invalid without them. `light_law` are
+    the colours that slopes should have; None where balls did not determine them. `walls` is the wall law of
+    certified faces; None where there were none.
+
+    The slope of a pixel is `kept_share` (0 to 1) times that of the law, minus `bias` (2, H, W), of which
+    `noise_bias` are the parts by noise; `noise` (H, W) is the deviation of a slope. `trusted_blocks` (h, w) are
+    the blocks of the picture where the law holds, for the zero plane.
     Threads may share one, as long as none makes it `follow` the gel.
     """
 
@@ -97,7 +109,7 @@ class CalibratedMethod:
         dark = self.evaluate.noise(self.change.scale * darkness(self.change.level))
         self.kept_share: Picture = np.asarray(1.0 / (1.0 + damping(background, dark) ** 2), np.float32)
         self.noise_bias = noise_bias(self.evaluate, self.change.noise)
-        self.bias: Planes = np.stack(
+        self.bias: Picture = np.stack(
             [(q + r) * self.kept_share for q, r in zip(background[:2], self.noise_bias, strict=True)]
         )
         self.noise: Picture = background[2] * self.kept_share
@@ -134,31 +146,33 @@ class CalibratedMethod:
             return self.law.at(change, place)
         return self.two_colours.at(change, place, otherwise=self.law)
 
-    def evaluate_tiled(self, rgb_rectified: Bytes) -> SlopeReading:
-        """As `read`, gentle gel in means of pixels: for surfaces, in which single pixels do not matter."""
-        reader = self.tiled_evaluator
-        return reader.read(rgb_rectified) if reader else self.read(rgb_rectified)
-
     @cached_property
     def tiled_evaluator(self) -> TiledEvaluator | None:
         """Evaluator of gentle gel in means; None where the method was not calibrated for it (card)."""
         px = self.card.tile_px or 1
         return TiledEvaluator(self, px) if 1 < px <= tile_px_for(self) else None
 
-    def read_window(self, frame: FrameChange, window: Window) -> tuple[Planes, float]:
-        """Slopes (2, h, w) of a window of a frame, and the greatest |slope|."""
+    def read_window(self, frame: FrameChange, window: Window) -> tuple[Picture, float]:
+        """Return the slopes (2, h, w) of a window of a frame, and the greatest |slope|.
+
+        Where fewer than two colours are known, they are filled from around.
+        """
         rows, columns = window
-        slopes: Planes = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
-        steepest = 0.0
-        for part, change in frame.within(window):
-            out = slopes[:, part[0].start - rows.start : part[0].stop - rows.start]
+        slopes: Picture = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
+        steepest, reader, missing = 0.0, self.two_colour_reader, frame.missing
+        both = common(window, missing.window) if reader and missing else None
+        for part in strips(window):
+            change, out = frame.strip(part), slopes[:, part[0].start - rows.start : part[0].stop - rows.start]
             self.evaluate.strip(change, part, out)
             out *= self.kept_share[part]
             out -= self.bias[:, *part]
-            if frame.missing is not None and self.two_colour_reader is not None:
-                self.two_colour_reader.read_into(out, change, part, frame.missing)
+            if both and reader and missing:
+                reader.read_into(out, change, part, missing)
             steepest = max(steepest, cv2.norm(cv2.magnitude(out[0], out[1]), cv2.NORM_INF))
-        self._fill_blind(slopes, window, frame)
+        if both and missing and (blind := missing.blind[inside(both, missing.window)]).any():
+            mask = np.zeros(slopes.shape[1:], np.uint8)
+            mask[inside(both, window)] = blind
+            fill(slopes, mask)
         return slopes, steepest
 
     @cached_property
@@ -167,7 +181,7 @@ class CalibratedMethod:
         return None if self.two_colours is None else TwoColourReader(self.two_colours, self.change.noise)
 
     def valid(self, frame: FrameChange) -> Bools:
-        """Where (H, W) slopes of a frame are told: by all colours, or by two of them."""
+        """Return where (H, W) slopes of a frame are known: by all colours, or by two of them."""
         valid = frame.valid & self.readable
         if frame.missing is not None and self.two_colour_reader is not None:
             self.two_colour_reader.add_readable(valid, frame.missing)
@@ -178,17 +192,6 @@ class CalibratedMethod:
         if frame.missing is None or self.two_colour_reader is None:
             return None
         return self.two_colour_reader.lost_share(frame.missing)
-
-    def _fill_blind(self, slopes: Planes, window: Window, frame: FrameChange) -> None:
-        """Fill the slopes (2, h, w) of a window from around where fewer than two colours tell them."""
-        missing = frame.missing
-        if missing is None or self.two_colours is None or (both := common(window, missing.window)) is None:
-            return
-        blind = missing.blind[inside(both, missing.window)]
-        if blind.any():
-            mask = np.zeros(slopes.shape[1:], np.uint8)
-            mask[inside(both, window)] = blind
-            fill(slopes, mask)
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of the difference."""
@@ -215,3 +218,205 @@ class CalibratedMethod:
             at, error = lost.window, np.hypot(lost.values, np.float32(self.relative_error))
             std[at] = error * size[at] + self.noise[at]
         return std
+
+
+class TwoColourReader:
+    """Reader of slopes where a colour is missing (methods/two_colours.py), for pictures (H, W) of one size."""
+
+    def __init__(self, laws: TwoColourLaws, noise: Picture) -> None:
+        """`noise` (3, H, W) is the relative deviation of the changes."""
+        self.laws = laws
+        self.evaluators: list[PolynomialEvaluator] = [law.evaluator(noise.shape[1:]) for law in laws.laws]
+        self.noise: list[Picture] = []
+        for colour, evaluate in enumerate(self.evaluators):
+            known = noise.copy()
+            known[colour] = 0.0
+            self.noise.append(evaluate.noise(known))
+        self.kept_share: list[Picture] = [
+            np.asarray(1.0 / (1.0 + (noise / NOISE_LIMIT) ** 2), np.float32) for noise in self.noise
+        ]
+        self.clear = [kept > 0.5 for kept in self.kept_share]
+
+    def add_readable(self, valid: Bools, of: MissingColours) -> None:
+        """Set `valid` (H, W) where two colours give slopes above their noise."""
+        for colour in range(COLOURS):
+            if self.laws.errors[colour] < UNKNOWN:
+                valid[of.window] |= of.missing[colour] & of.partly & self.clear[colour][of.window]
+
+    def read_into(self, slopes: Picture, change: Picture, window: Window, of: MissingColours) -> None:
+        """Set `slopes` (2, h, w) of a window from changes (3, h, w) where one colour is missing, else 0."""
+        if (both := common(window, of.window)) is None:
+            return
+        seen, part = inside(both, of.window), (slice(None), *inside(both, window))
+        slopes, change = slopes[part], change[part]
+        slopes[:, of.blind[seen]] = 0.0
+        lacking = of.missing[:, *seen] & of.partly[seen]
+        for colour, (where, box) in enumerate(zip(lacking, list(map(window_of, lacking)), strict=True)):
+            if box is None:
+                continue
+            known, whole = change[:, *box].copy(), outside(box, both)
+            known[colour] = 0.0
+            read = np.empty((2, *known.shape[1:]), np.float32)
+            self.evaluators[colour].strip(known, whole, read)
+            read *= self.kept_share[colour][whole]
+            np.copyto(slopes[:, *box], read, where=where[box])
+
+    def lost_share(self, of: MissingColours) -> Patch:
+        """Return the relative error of slopes where colours are missing."""
+        errors = np.zeros(of.count.shape, np.float32)
+        for colour in range(COLOURS):
+            errors[of.missing[colour]] = self.laws.errors[colour]
+        errors[of.count > 1] = UNKNOWN
+        return Patch(of.window, errors)
+
+
+# Gentle gel in means of pixels.
+
+
+@dataclass(frozen=True, slots=True)
+class TiledSlopes:
+    """Slopes of one frame, gentle gel in means: `coarse` (2, h, w), and `fine` (2, rows, columns) for each of the
+    `windows` of the whole picture; the rest as in `SlopeReading`.
+    """
+
+    coarse: Picture
+    windows: list[Window]
+    fine: list[Picture]
+    valid: Bools
+    frame: FrameChange
+    steepest: float
+    lost_share: Patch | None = None
+
+
+def tile_px_for(method: CalibratedMethod) -> int:
+    """Return the pixels along each side of the means of gentle gel; 1 for evaluation pixel by pixel."""
+    side = min(method.reference.shape)
+    if method.reference.marks is not None or side < MIN_SIDE_PX:
+        return 1
+    return tile_px_of(method.reference)
+
+
+class TiledEvaluator:
+    """Evaluate frames by one method in means of `px` by `px` pixels."""
+
+    def __init__(self, method: CalibratedMethod, px: int) -> None:
+        self.method, self.px, self.shape = method, px, method.reference.shape
+        height, width = self.shape
+        self.size = width // px, height // px
+        self.even = slice(0, px * self.size[1]), slice(0, px * self.size[0])
+        full = method.change.maps
+        x, y = (
+            np.asarray(places[:end].reshape(-1, px).mean(axis=1))
+            for places, end in ((full.x, self.even[1].stop), (full.y, self.even[0].stop))
+        )
+        self.maps = ChangeMaps(self._over(full.mean), x, y, dark=full.dark)
+        noise = self._over(method.change.noise)
+        missing = np.sqrt(1.0 - 1.0 / px**2) * np.median(noise, axis=(1, 2)).astype(np.float64)
+        self.evaluate = method.law.averaged(missing).evaluator((len(y), len(x)))
+        self.kept_share = self._over(method.kept_share[None])[0]
+        extra = np.stack(noise_bias(self.evaluate, noise / np.float32(px)))
+        extra -= self._over(np.stack(method.noise_bias))
+        self.bias = self._over(method.bias) + extra * self.kept_share
+        noise = self._over(method.noise[None])[0]
+        self.slope_threshold = DETECTION_SIGMA * noise
+        self.per_noise = np.where(self.kept_share > 0.5, noise / np.float32(px), np.float32(np.inf)) ** -2
+        self.block = round(BLOCK / px)
+        blocks = [-(-n // self.block) for n in self.kept_share.shape]
+        self.padded = self.block * blocks[0], self.block * blocks[1]
+
+    def follow(self, rgb: Bytes, share: float) -> None:
+        """Move the reference towards `rgb` by `share` of the difference."""
+        self.maps.mean += np.float32(share) * (means(rgb, self.px) - self.maps.mean)
+        self.maps.update_scale()
+
+    def read(self, rgb: Bytes) -> SlopeReading:
+        """Return the slopes of every pixel, those of gentle gel interpolated between means."""
+        tiles = self.read_tiles(rgb)
+        return SlopeReading(self.full_map(tiles), tiles.frame, tiles.steepest, tiles.lost_share)
+
+    def read_tiles(self, rgb: Bytes) -> TiledSlopes:
+        """Return the slopes of a frame, gentle gel as means alone. Raises as the method does."""
+        frame = self.method.change.take(rgb)
+        missing = frame.missing.tiles(self.px, self.size) if frame.missing and self.method.two_colours else None
+        greys, light = frame.means(self.px), self.maps.light(frame.drift.gains)
+        slopes: Picture = np.empty((2, *self.kept_share.shape), np.float32)
+        for window in strips((slice(0, self.size[1]), slice(0, self.size[0]))):
+            part = slopes[:, window[0]]
+            self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, light), window, part)
+            part *= self.kept_share[window]
+            part -= self.bias[:, window[0]]
+        if missing is not None:
+            slopes[:, missing > 0] = 0.0
+        steepest = cv2.norm(cv2.magnitude(*slopes), cv2.NORM_INF)
+        windows, fine = self.windows(slopes, missing=missing), []
+        for window in windows:
+            seen, steep = self.method.read_window(frame, window)
+            steepest = max(steepest, steep)
+            fine.append(seen)
+        valid, lost_share = self.method.valid(frame), self.method.lost_share(frame)
+        return TiledSlopes(slopes, windows, fine, valid, frame, steepest, lost_share)
+
+    def full_map(self, tiles: TiledSlopes) -> SlopeMap:
+        """Return the slopes of `tiles` pixel by pixel."""
+        down, across = (side.stop for side in self.even)
+        slopes: Picture = np.empty((2, *self.shape), np.float32)
+        for plane, mean in zip(slopes, tiles.coarse, strict=True):
+            cv2.resize(mean, (across, down), dst=plane[:down, :across], interpolation=cv2.INTER_LINEAR)
+        slopes[:, down:] = slopes[:, down - 1, None]
+        slopes[..., across:] = slopes[..., across - 1, None]
+        for window, fine in zip(tiles.windows, tiles.fine, strict=True):
+            slopes[:, *window] = fine
+        return SlopeMap(slopes[0], slopes[1], tiles.valid)
+
+    def windows(self, slopes: Picture, *, missing: Bytes | None = None) -> list[Window]:
+        """Return windows of the picture around steep or scattered `slopes` (2, h, w), with a margin of a block.
+
+        Means where `missing` (h, w) is not 0 are included. Single steep means are noise.
+        """
+        height, width = self.shape
+        steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))
+        whole = np.zeros(self.padded, np.uint8)
+        active = whole[: self.size[1], : self.size[0]]
+        cv2.compare(steepest, self.slope_threshold, cv2.CMP_GT, dst=active)  # 255 where it is
+        cv2.morphologyEx(active, cv2.MORPH_OPEN, PAIR, dst=active)
+        scatter = cv2.multiply(_scatter(slopes), self.per_noise)
+        typical_scatter = float(median(scatter[::STRIDE, ::STRIDE].ravel()))
+        active |= cv2.compare(scatter, SCATTER_SIGMA**2 * max(1.0, typical_scatter), cv2.CMP_GT)
+        if missing is not None:
+            active |= missing
+        size = self.padded[1] // self.block, self.padded[0] // self.block
+        blocks = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
+        _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, ROUND))
+        step, boxes = self.px * self.block, []
+        for left, top, right, bottom in _merged_boxes(stats[1:, :4].tolist()):
+            boxes.append(
+                (slice(step * top, min(step * bottom, height)), slice(step * left, min(step * right, width)))
+            )
+        area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in boxes)
+        return boxes if area < MAX_WINDOW_SHARE * height * width else [(slice(0, height), slice(0, width))]
+
+    def _over(self, planes: Picture) -> Picture:
+        """Return means (n, h, w) of planes (n, H, W)."""
+        return means(planes.transpose(1, 2, 0), self.px)
+
+
+def _scatter(slopes: Picture) -> Picture:
+    """Return the variance (h, w) of slopes (2, h, w) over 3 by 3 of them, the sum of both."""
+    p, q = slopes
+    total = cv2.blur(cv2.add(cv2.multiply(p, p), cv2.multiply(q, q)), (3, 3))
+    for mean in (cv2.blur(p, (3, 3)), cv2.blur(q, (3, 3))):
+        total = cv2.subtract(total, cv2.multiply(mean, mean, dst=mean), dst=total)
+    return np.asarray(total)
+
+
+def _merged_boxes(boxes: Sequence[Sequence[int]]) -> list[tuple[int, int, int, int]]:
+    """Return boxes (left, top, right, bottom) of (left, top, width, height), with overlapping ones merged."""
+    merged: list[tuple[int, int, int, int]] = []
+    for left, top, width, height in boxes:
+        right, bottom = left + width, top + height
+        while overlapping := [b for b in merged if left < b[2] and b[0] < right and top < b[3] and b[1] < bottom]:
+            merged.remove(overlapping[0])
+            left, top = min(left, overlapping[0][0]), min(top, overlapping[0][1])
+            right, bottom = max(right, overlapping[0][2]), max(bottom, overlapping[0][3])
+        merged.append((left, top, right, bottom))
+    return merged

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from tactilevision.photometric.colour_change import ColourChange, FrameChange, Planes, strips
-from tactilevision.photometric.drift import Drift
-from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.windows import Patch, Window
+from tactilevision.photometric.colour_change import Window, strips
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bools, Bytes, Floats
-
-Picture = npt.NDArray[np.float32]
+from tactilevision.records.measured import Bytes, Floats, Picture
 
 
 class PhotometricMethod(Protocol):
@@ -26,24 +20,18 @@ class PhotometricMethod(Protocol):
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap: ...
 
 
-class Evaluator(Protocol):
-    """A colour law prepared for one picture size."""
+class Evaluator(ABC):
+    """A colour law prepared for one picture size; the intermediate arrays of a strip stay in the cache."""
 
-    def __call__(self, change: Planes) -> tuple[Picture, Picture]: ...
+    @abstractmethod
+    def strip(self, change: Picture, window: Window, out: Picture) -> None:
+        """Write slopes (2, h, w) of the changes (3, h, w) of a window, one of `strips`, to `out`."""
 
-    def strip(self, change: Planes, window: Window, out: Planes) -> None:
-        """Write slopes (2, h, w) of the changes (3, h, w) of a window, of STRIP_PX at most, to `out`."""
+    @abstractmethod
+    def noise(self, noise: Picture) -> Picture:
+        """Return the standard deviation (H, W) of a slope on untouched gel from that of the changes (3, H, W)."""
 
-    def noise(self, noise: Planes) -> Picture: ...
-
-
-class StripEvaluator:
-    """Evaluator of a whole picture by `strip`, so that intermediate arrays stay in the cache."""
-
-    def strip(self, change: Planes, window: Window, out: Planes) -> None:
-        raise NotImplementedError
-
-    def __call__(self, change: Planes) -> tuple[Picture, Picture]:
+    def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Return slopes (H, W) and (H, W) of changes (3, H, W)."""
         out = np.empty((2, *change.shape[1:]), np.float32)
         for window in strips((slice(0, change.shape[1]), slice(0, change.shape[2]))):
@@ -65,45 +53,3 @@ class ColourLaw(Protocol):
     def evaluator(self, shape: tuple[int, int]) -> Evaluator: ...
 
     def arrays(self) -> dict[str, Floats]: ...
-
-
-@dataclass(frozen=True, slots=True)
-class SlopeReading:
-    """The slopes of one frame, the frame beside the untouched gel, and the greatest |slope|.
-
-    `lost_share`: relative error of a slope where colours are missing; None where none is.
-    """
-
-    slopes: SlopeMap
-    frame: FrameChange
-    steepest: float
-    lost_share: Patch | None = None
-
-    @property
-    def drift(self) -> Drift:
-        """Of the frame's light."""
-        return self.frame.drift
-
-
-class PixelMethod(Protocol):
-    """A method that evaluates colour changes against a reference pixel by pixel; pictures are (H, W) float32.
-
-    slope = `kept_share` (0 to 1) times that of the law, minus `bias` (2, H, W), of which `noise_bias` are the
-    parts by noise; `noise` is the deviation of a slope.
-    """
-
-    law: ColourLaw
-    evaluate: Evaluator
-    reference: Reference
-    change: ColourChange
-    kept_share: Picture
-    noise_bias: tuple[Picture, Picture]
-    bias: Planes
-    noise: Picture
-    readable: Bools
-
-    def valid(self, frame: FrameChange) -> Bools: ...
-
-    def lost_share(self, frame: FrameChange) -> Patch | None: ...
-
-    def read_window(self, frame: FrameChange, window: Window) -> tuple[Planes, float]: ...

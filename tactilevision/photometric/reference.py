@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.markers import Marks, find_marks
 from tactilevision.recording import layout
 from tactilevision.records.constants import TINY
-from tactilevision.records.measured import Bools, Bytes, Floats
+from tactilevision.records.measured import Array, Bools, Bytes, Floats, Picture
 from tactilevision.robust import MAD_TO_STD
 
 # Bias and noise of a law on untouched gel.
@@ -28,7 +27,6 @@ from tactilevision.robust import MAD_TO_STD
 # Places with D > 1 are marked unreadable. The gel far from a ball still slopes a little, outwards at the border,
 # so only the part of a bias above MIN_BIAS counts.
 
-Picture = npt.NDArray[np.float32]
 BLOCK = 8  # px along each side of a block; smaller ones do not separate bias from noise
 MIN_BIAS = 0.01  # slope that may be that of the gel far from a ball
 DARK_LIMIT = 0.01  # slope from darkness; it is shared by all pixels of a dark place and does not average out
@@ -99,11 +97,11 @@ class BackgroundSums:
         ratio = np.sqrt(np.maximum(variance, 0.0)) / np.maximum(self._blocks(noise), TINY)
         return float(np.median(ratio[counted]))
 
-    def _blocks(self, picture: Picture) -> npt.NDArray[np.float64]:
+    def _blocks(self, picture: Picture) -> Floats:
         return np.asarray(cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA), np.float64)
 
 
-def _single(values: npt.NDArray[np.floating[Any]]) -> Picture:
+def _single(values: Array) -> Picture:
     return np.asarray(values, np.float32)
 
 
@@ -149,7 +147,7 @@ MIN_GREY_NOISE = 0.29  # grey levels, of rounding
 class Reference:
     """Mean untouched picture `rgb` (H, W, 3) float32, `noise_grey` (3,) of one frame, `usable` (H, W), `marks`."""
 
-    rgb: npt.NDArray[np.float32]
+    rgb: Picture
     noise_grey: tuple[float, float, float]
     usable: Bools
     marks: Marks | None = None
@@ -237,7 +235,7 @@ def overexposed_warning(reference: Reference) -> tuple[str, ...]:
     )
 
 
-def _check_lit(mean: npt.NDArray[np.float32]) -> None:
+def _check_lit(mean: Picture) -> None:
     """Raise InputError where less than two colours are above DARK on most of the gel."""
     levels = np.median(mean, axis=(0, 1))
     if np.count_nonzero(levels >= DARK) < 2:
@@ -249,7 +247,7 @@ def _check_lit(mean: npt.NDArray[np.float32]) -> None:
         )
 
 
-def _lit_by_two(mean: npt.NDArray[np.float32], noise_grey: tuple[float, float, float]) -> Bools:
+def _lit_by_two(mean: Picture, noise_grey: tuple[float, float, float]) -> Bools:
     known = mean < SATURATED
     signal = np.sqrt(np.sum((known * mean / np.asarray(noise_grey, np.float32)) ** 2, axis=2))
     return np.asarray((known.sum(axis=2) >= 2) & (signal > MIN_SIGNAL))
@@ -260,24 +258,24 @@ def darkest_grey(noise_grey: tuple[float, float, float]) -> float:
     return MIN_SIGNAL / 3**0.5 * float(np.mean(noise_grey))
 
 
-def _noise_between(stack: npt.NDArray[np.float32]) -> tuple[float, float, float]:
+def _noise_between(stack: Picture) -> tuple[float, float, float]:
     spread = np.sqrt(np.mean(np.var(stack, axis=0, ddof=1), axis=(0, 1)))
     return _floored(spread)
 
 
-def _noise_within(mean: npt.NDArray[np.float32]) -> tuple[float, float, float]:
+def _noise_within(mean: Picture) -> tuple[float, float, float]:
     """Return the noise (3,) by a filter that cancels planes and quadratics (Immerkaer, CVIU 64, 1996)."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
     fine = np.abs(cv2.filter2D(mean, -1, kernel))
     return _floored(MAD_TO_STD * np.median(fine.reshape(-1, 3), axis=0))
 
 
-def _floored(noise: npt.NDArray[np.floating]) -> tuple[float, float, float]:
+def _floored(noise: Array) -> tuple[float, float, float]:
     red, green, blue = (max(float(value), MIN_GREY_NOISE) for value in noise)
     return red, green, blue
 
 
-def _check_agreement(stack: npt.NDArray[np.float32], noise: tuple[float, float, float]) -> None:
+def _check_agreement(stack: Picture, noise: tuple[float, float, float]) -> None:
     """Raise InputError where one of several flats differs from their median over a patch, as in a contact."""
     if len(stack) < 3:
         return

@@ -18,10 +18,10 @@ from tactilevision.files.writing import as_json, pack_arrays, replacing, write_j
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.cross_validation import LightLaw
 from tactilevision.photometric.markers import find_marks
-from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.lookup import CELLS, Lookup
 from tactilevision.photometric.methods.network import OPSET, Network, open_bytes, run_network
-from tactilevision.photometric.methods.polynomial import CUBIC, POWERS, PRODUCTS, Polynomial
+from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.methods.two_colours import COLOURS, TwoColourLaws, two_colour_laws
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference, SlopeBackground, light_of
@@ -76,7 +76,7 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
 }  # sides of each array; 0: any
 
 
-def save_method(method: ReferencedMethod, path: Path | str) -> Path:
+def save_method(method: CalibratedMethod, path: Path | str) -> Path:
     """Write `path` (.npz) and the card next to it; return the path of the arrays."""
     target = Path(path).with_suffix(".npz")
     for suffix, content in pack_method(method).items():
@@ -85,7 +85,7 @@ def save_method(method: ReferencedMethod, path: Path | str) -> Path:
     return target
 
 
-def pack_method(method: ReferencedMethod) -> dict[str, bytes]:
+def pack_method(method: CalibratedMethod) -> dict[str, bytes]:
     """Return the files of a method by their endings, the card last: .npz, .onnx for a network, .json."""
     arrays = {f"law_{name}": values for name, values in method.law.arrays().items()} | {
         "reference": method.reference.rgb,
@@ -100,8 +100,8 @@ def pack_method(method: ReferencedMethod) -> dict[str, bytes]:
         arrays |= {f"two_colours_{name}": values for name, values in method.two_colours.arrays().items()}
     if method.light_law is not None and np.isfinite(method.light_law.limit):
         arrays |= {f"light_{name}": values for name, values in method.light_law.arrays().items()}
-    if (walls := getattr(method, "walls", None)) is not None:
-        arrays["walls"] = wall_numbers(walls)
+    if method.walls is not None:
+        arrays["walls"] = wall_numbers(method.walls)
     numbers = pack_arrays(arrays, small=True)
     files = {".npz": numbers}
     entries: dict[str, Any] = {
@@ -138,7 +138,7 @@ def unpack_method(card: MethodCard, numbers: bytes, network: bytes | None, *, wh
             where=where,
             remedy="Copy both files together, or calibrate again.",
         )
-    arrays = _with_fourth_order(unpack_arrays(numbers, where=where))
+    arrays = unpack_arrays(numbers, where=where)
     try:
         return _method(card, arrays, network, where)
     except InputError:
@@ -149,17 +149,6 @@ def unpack_method(card: MethodCard, numbers: bytes, network: bytes | None, *, wh
             where=where,
             remedy="Copy it again, or calibrate again.",
         ) from fault
-
-
-def _with_fourth_order(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of a method, with polynomials of third order padded by zeros."""
-    widened = dict(arrays)
-    for name in ("law_coefficients", "two_colours_coefficients"):
-        array = arrays.get(name)
-        if array is not None and array.ndim > 2 and array.shape[-2] == CUBIC:
-            more = [(0, 0)] * (array.ndim - 2) + [(0, len(PRODUCTS) - CUBIC), (0, 0)]
-            widened[name] = np.pad(array, more)
-    return widened
 
 
 def _method(

@@ -13,6 +13,7 @@ from tactilevision.plots.misfit import LEFT, label_covariate
 from tactilevision.plots.style import LOOK
 from tactilevision.records.constants import KILO
 from tactilevision.records.measured import Bools, Floats
+from tactilevision.records.misfit import Strip
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,26 +30,6 @@ class Offsets:
     offset_um: Floats
     odd: tuple[bool, ...]
     since: int | None
-
-
-@dataclass(frozen=True, slots=True)
-class Overlay:
-    """Residual force in N against one covariate in k bins, (k,) each: without an effect and with it.
-
-    `*_reach` are half widths of the 95 % intervals, `predicted` the residual that the effect alone explains;
-    `words` names the covariate, `levels` its values where it is categorical.
-    """
-
-    words: str
-    unit: str
-    levels: tuple[str, ...]
-    key: str
-    values: Floats
-    before: Floats
-    before_reach: Floats
-    after: Floats
-    after_reach: Floats
-    predicted: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,19 +93,20 @@ def draw_confusability(keys: Sequence[str], separation: Floats) -> Figure:
 
 
 @style.house_look
-def draw_overlay(overlay: Overlay) -> Figure:
-    """Draw the residual without an effect and with it, and what the effect alone explains as a line."""
+def draw_overlay(strip: Strip, name: str) -> Figure:
+    """Draw the residual without the effect of this name and with it, and what it alone explains as a line.
+
+    These three are the rows (3, k) of the strip's means, N.
+    """
     figure, (axes,) = style.new_figure(width_in=style.MAP_IN[0])
-    order, name = np.argsort(overlay.values), overlay.key.replace("_", " ")
-    explained_mN = KILO * overlay.predicted[order]
-    axes.plot(overlay.values[order], explained_mN, color="black", lw=LOOK.line, label=f"what {name} explains")
-    for values, reach, colour, label in (
-        (overlay.before, overlay.before_reach, style.ORANGE, "residual without it, and 95 %"),
-        (overlay.after, overlay.after_reach, style.BLUE, f"residual with {name}, and 95 %"),
-    ):
-        axes.errorbar(overlay.values, KILO * values, yerr=KILO * reach, fmt="o", color=colour, label=label)
+    order = np.argsort(strip.centre)
+    explained_mN = KILO * strip.mean_N[2][order]
+    axes.plot(strip.centre[order], explained_mN, color="black", lw=LOOK.line, label=f"what {name} explains")
+    rows = ((style.ORANGE, "residual without it, and 95 %"), (style.BLUE, f"residual with {name}, and 95 %"))
+    for mean, reach, (colour, label) in zip(strip.mean_N, strip.reach95_N, rows, strict=False):
+        axes.errorbar(strip.centre, KILO * mean, yerr=KILO * reach, fmt="o", color=colour, label=label)
     style.zero_line(axes)
-    label_covariate(axes, overlay.words, overlay.unit, levels=overlay.levels, values=overlay.values)
+    label_covariate(axes, strip.words, strip.unit, levels=strip.levels, values=strip.centre)
     axes.set_ylabel(LEFT)
     style.legend_below(figure, columns=1)
     return figure

@@ -7,7 +7,6 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from tactilevision.files.documents import cell_text, read_text
 from tactilevision.files.opening import read_cells
 from tactilevision.heightmap.reconstructor import Reading, Reconstructor
 from tactilevision.heightmap.walls import PunchEdge, WallFace, teach
-from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
 from tactilevision.records.certified import TaughtWalls
@@ -321,10 +320,10 @@ def teach_walls(reader: Reconstructor, faces: Sequence[CertifiedFace]) -> Recons
     return reader if lesson is None else reader.varied(taught=lesson)
 
 
-def with_walls(method: ReferencedMethod, walls: TaughtWalls | None) -> ReferencedMethod:
+def with_walls(method: CalibratedMethod, walls: TaughtWalls | None) -> CalibratedMethod:
     """Return the method with its reader's correction of `walls`; unchanged where it has that already."""
-    known = getattr(method, "walls", None)
-    return method if walls == known else replace(cast(CalibratedMethod, method), walls=walls)
+    known = method.walls
+    return method if walls == known else replace(method, walls=walls)
 
 
 def with_scatter(scale: DepthScale | None, walls: TaughtWalls) -> DepthScale | None:

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactilevision.contact.bevel import EDGE_MM, SIDES, mean_distance_mm
-from tactilevision.heightmap.deviation_terms import gain_std
+from tactilevision.heightmap.deviation import gain_std
 from tactilevision.mechanics.profile import touch_depth
 from tactilevision.mechanics.tables.punch import profile_model
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.method import as_referenced
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.press.bevel_contact import ContactEvent
 from tactilevision.press.contact_times import ContactTimes
 from tactilevision.press.track import GRID_MM, PressTrack
@@ -66,8 +66,7 @@ def shared_depth_std(track: PressTrack, method: object) -> float:
 
 
 def _card(method: object) -> MethodCard:
-    referenced = as_referenced(method)
-    return MethodCard() if referenced is None else referenced.card
+    return method.card if isinstance(method, CalibratedMethod) else MethodCard()
 
 
 def _relative_error(method: object) -> float:

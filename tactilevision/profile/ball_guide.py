@@ -24,7 +24,7 @@ from tactilevision.photometric.ball_samples import ball_samples
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls, direction_error_deg
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
-from tactilevision.photometric.colour_change import ColourChange, Planes
+from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.reference import make_reference
 from tactilevision.recording import layout
 from tactilevision.recording.ball_folder import TABLE, is_gs_sdk_folder, place_of_balls, read_catalogue
@@ -34,7 +34,7 @@ from tactilevision.recording.tables import read_table
 from tactilevision.recording.write import write_table
 from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.records.measured import Bytes, Floats, Pair, Picture
 from tactilevision.sensors import may_have_marks
 from tactilevision.sensors.rectification import rectify
 
@@ -256,7 +256,7 @@ def encode(rgb: Bytes) -> bytes:
     return cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
-def draw_change(change: Planes) -> Bytes:
+def draw_change(change: Picture) -> Bytes:
     """Return a relative change (3, H, W) as colours round grey (H, W, 3), grey levels; unknown is grey."""
     known = np.nan_to_num(np.asarray(change, np.float32))
     full = max(float(np.percentile(np.abs(known), FULL_PERCENTILE)), MICRO)

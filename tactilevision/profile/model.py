@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from tactilevision.force.calibrated import material_of
 from tactilevision.force.compliance import GelCompliance
-from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records.maps import Footprint, HeightMap, TractionMap
 from tactilevision.records.measured import Bools, Bytes, Floats, Material, Wrench
 from tactilevision.records.rig import Indenter, Sensor
@@ -37,7 +37,7 @@ class Profile:
     """
 
     sensor: Sensor
-    method: ReferencedMethod
+    method: CalibratedMethod
     untouched: Bytes
     frame_size_px: tuple[int, int]
     date: str

@@ -7,6 +7,8 @@ KILO = 1e3  # m to mm, N to mN, s to ms
 MILLI = 1e-3  # mm to m, mN to N, ms to s
 MICRO = 1e-6  # um to m, uN to N, us to s
 ROUNDING = 1e-9  # relative tolerance for sums and products of floats
+TAILS95 = (0.025, 0.975)  # quantiles at the ends of a 95 % interval
+NONZERO = 1e-300  # keeps a norm or a probability from zero without changing any other
 TINY = 1e-9  # keeps a denominator from zero; far below every length in mm, force in N and time in s here
 
 NU_SILICONE = (0.45, 0.4999)  # Poisson's ratio of silicones: the range where nothing states it

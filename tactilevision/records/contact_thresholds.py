@@ -17,14 +17,10 @@ At each multiple false contacts are rarer than one in a run, for the number of p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from tactilevision.records.measured import Floats
-
-Array = npt.NDArray[np.floating[Any]]
+from tactilevision.records.measured import Array, Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +59,6 @@ class ContactThresholds:
 
 
 CONTACT = ContactThresholds()
-
-
-def colour_limit(scale: float) -> float:
-    """Return the square of a block's normalised colour residual beyond which it is touched.
-
-    `scale`: their usual square.
-    """
-    return CONTACT.colour_sigma**2 * scale
 
 
 def slope_limit(median_slope: float) -> float:

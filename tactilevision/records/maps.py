@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.records.measured import Bools, Bytes, Floats, Pair, Wrench
+from tactilevision.records.measured import Array, Bools, Bytes, Floats, Pair, Wrench
 
 _UNKNOWN = (math.nan,) * 3  # N mm: a moment that is not known
 
@@ -69,10 +68,10 @@ class SlopeMap:
     `std` (H, W) is the standard deviation of either slope; None if the method gives none.
     """
 
-    dz_dx: npt.NDArray[np.floating[Any]]
-    dz_dy: npt.NDArray[np.floating[Any]]
+    dz_dx: Array
+    dz_dy: Array
     valid: Bools | None = None
-    std: npt.NDArray[np.floating[Any]] | None = None
+    std: Array | None = None
 
 
 Positions = Literal["deformed", "undeformed"]
@@ -94,15 +93,15 @@ class HeightMap:
     finite-element model). At a depth of .3 mm the two differ by some 3.5 % in the force.
     """
 
-    depth_mm: npt.NDArray[np.floating[Any]]
+    depth_mm: Array
     valid: Bools
     mm_per_px: Pair
-    std_mm: npt.NDArray[np.floating[Any]] | None = None
+    std_mm: Array | None = None
     time_s: float = float("nan")
     name: str = ""
     flags: tuple[str, ...] = ()
     positions: Positions = "deformed"
-    colour_change: npt.NDArray[np.floating[Any]] | None = None
+    colour_change: Array | None = None
     inconsistent: Bools | None = None
 
     def __post_init__(self) -> None:
@@ -155,11 +154,11 @@ class ShearMap:
     name what limits the map (markers lost, ...).
     """
 
-    u_x_mm: npt.NDArray[np.floating[Any]]
-    u_y_mm: npt.NDArray[np.floating[Any]]
+    u_x_mm: Array
+    u_y_mm: Array
     valid: Bools
     mm_per_px: Pair
-    std_mm: float | npt.NDArray[np.floating[Any]] = 0.0
+    std_mm: float | Array = 0.0
     correlation_px: float = 1.0
     flags: tuple[str, ...] = ()
 

@@ -12,6 +12,8 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.records.constants import Z95
 
+Array = npt.NDArray[np.floating[Any]]
+Picture = npt.NDArray[np.float32]  # or several: planes (n, H, W)
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Bytes = npt.NDArray[np.uint8]

@@ -7,11 +7,8 @@ from dataclasses import dataclass, field
 from math import radians, tan
 from typing import Any, Literal
 
-import numpy as np
-import numpy.typing as npt
-
 from tactilevision.errors import InputError
-from tactilevision.records.measured import Pair
+from tactilevision.records.measured import Pair, Picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +57,7 @@ class Sensor:
     height_px: int
     mm_per_px: Pair
     gel: Gel | None = None
-    rectification: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
+    rectification: tuple[Picture, Picture] | None = None
     has_markers: bool = False
     serial: str = ""
 

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
-from tactilevision.contact.region import contact_flags, in_question, strong_evidence
+from tactilevision.contact.region import contact_flags, in_question, strong_evidence, untouched_std
 from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
 from tactilevision.heightmap.ball_validation import check_fit
-from tactilevision.heightmap.deviation import untouched_std
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm

@@ -1,6 +1,6 @@
 """Catalogue of sensors, and rectification of raw pictures.
 
-Any other `records.Sensor` works everywhere too. A new one is a file here and a line in SENSORS.
+Any other `records.Sensor` works everywhere too. A new one is an entry of SENSORS.
 """
 
 from __future__ import annotations
@@ -10,44 +10,34 @@ from typing import Any
 
 from tactilevision.errors import InputError, check_known
 from tactilevision.records.rig import Sensor
-from tactilevision.sensors.digit import DIGIT
-from tactilevision.sensors.gelsight_mini import GELSIGHT_MINI
-from tactilevision.sensors.gelsight_wedge import GELSIGHT_WEDGE
-from tactilevision.sensors.gelslim3 import GELSLIM3, GELSLIM3_MARKERS
-from tactilevision.sensors.rectification import (
-    find_grid,
-    maps_from_corners,
-    maps_from_grid,
-    maps_from_lookup,
-    rectify,
-    save_rectification,
-    sensor_from_corners,
-    sensor_from_grid,
-)
 
-SENSORS: dict[str, Sensor] = {
-    sensor.kind: sensor for sensor in (GELSLIM3, GELSLIM3_MARKERS, GELSIGHT_MINI, DIGIT, GELSIGHT_WEDGE)
-}
+_GELSLIM3 = Sensor("gelslim3", width_px=427, height_px=320, mm_per_px=(0.0634, 0.0634))
+_CATALOGUE = (
+    # GelSlim 3.0: Raspberry-Pi camera behind a mirror, blue light from the top, green left, red lower right.
+    # Stream 427 by 320 px at 90 frames a second. The raw picture is strongly distorted: a rectification belongs to
+    # each finger. Scale about 0.0634 mm/px after it (a lens of 27.4 mm fills the width; 0.10577, found in public
+    # code, is wrong). Source: Taylor, Dong, Rodriguez, "GelSlim 3.0", ICRA 2022.
+    _GELSLIM3,
+    dataclasses.replace(_GELSLIM3, kind="gelslim3_markers", has_markers=True),
+    # GelSight Mini: three lights round a square gel, 320 by 240 px as its software streams it. Scale about
+    # 0.0634 mm/px at that size (0.0317 at 640 by 480) by the maker's software; measure it where depth matters. On
+    # two measured sensors red comes from above, green from the right, blue from below. Source: GelSight Inc.,
+    # gsrobotics.
+    Sensor("gelsight_mini", width_px=320, height_px=240, mm_per_px=(0.0634, 0.0634)),
+    # DIGIT: a low-cost fingertip, 240 by 320 px upright, three lights below the gel. About 16 mm by 19 mm of gel
+    # fill the picture. The camera views the gel at an angle, so the scale is a mean; measure it where depth
+    # matters. The network of this library takes pictures as digit-interface returns them: red from the upper
+    # right, green from the upper left, blue from below. Source: Lambeta et al., IEEE RA-L 5 (2020).
+    Sensor("digit", width_px=240, height_px=320, mm_per_px=(0.0640, 0.0600)),
+    # GelSight Wedge: mirror and camera in a wedge; the gel is a trapezoid in the raw picture until it is warped.
+    # About 11 px per mm after the warp (`sensor_from_corners`); 320 by 240 px is the size taken there. Source:
+    # Wang, She, Romero, Adelson, "GelSight Wedge", ICRA 2021.
+    Sensor("gelsight_wedge", width_px=320, height_px=240, mm_per_px=(0.0909, 0.0909)),
+)
+SENSORS: dict[str, Sensor] = {sensor.kind: sensor for sensor in _CATALOGUE}
 
 MIN_SCALE = 1e-4  # mm per pixel: a tenth of a micrometre, below the resolution of light
 MAX_SCALE = 100.0  # mm per pixel: a gel in one pixel
-
-__all__ = [
-    "MAX_SCALE",
-    "MIN_SCALE",
-    "SENSORS",
-    "check_scale",
-    "find_grid",
-    "get_sensor",
-    "maps_from_corners",
-    "maps_from_grid",
-    "maps_from_lookup",
-    "may_have_marks",
-    "rectify",
-    "save_rectification",
-    "sensor_from_corners",
-    "sensor_from_grid",
-]
 
 
 def get_sensor(kind: str, **overrides: Any) -> Sensor:

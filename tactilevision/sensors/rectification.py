@@ -11,12 +11,13 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import replacing
-from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.records.constants import ROUNDING
+from tactilevision.records.measured import Bytes, Floats, Pair, Picture
 from tactilevision.records.rig import Sensor
 
 # rectified[y, x] = raw[map_y[y, x], map_x[y, x]]       bilinear; maps float32 (height, width)
 
-Map = npt.NDArray[np.float32]
+Map = Picture
 Maps = tuple[Map, Map]
 KEPT = 8  # cached maps in fixed point, the oldest dropped first
 
@@ -48,64 +49,6 @@ def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
     return np.asarray(cv2.remap(rgb, whole, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
-def maps_from_lookup(row: npt.NDArray[np.integer], column: npt.NDArray[np.integer]) -> Maps:
-    """Return maps from a table rectified = raw[row, column], both (height, width) in px."""
-    return np.asarray(column, np.float32), np.asarray(row, np.float32)
-
-
-def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: Pair) -> Maps:
-    """Return maps from four clicks: the corners of a rectangle of `size_mm` in the raw picture.
-
-    `corners_px` (x, y) run top left, top right, bottom right, bottom left. Straight lines must be straight in the
-    raw picture: for a lens with distortion use a grid.
-    """
-    width, height = (max(2, round(size / step)) for size, step in zip(size_mm, mm_per_px, strict=True))
-    target = np.array(
-        [[-0.5, -0.5], [width - 0.5, -0.5], [width - 0.5, height - 0.5], [-0.5, height - 0.5]], np.float32
-    )
-    corners = np.asarray(corners_px, np.float32)
-    if corners.shape != (4, 2) or abs(cv2.contourArea(corners)) < 4.0:
-        raise InputError("four corners (x, y) that span a face", where="maps_from_corners", value=corners_px)
-    warp = cv2.getPerspectiveTransform(target, corners)
-    y, x = np.mgrid[:height, :width].astype(np.float64)
-    places = np.stack([x, y, np.ones_like(x)], axis=-1) @ warp.T
-    maps = places[..., :2] / places[..., 2:]
-    return maps[..., 0].astype(np.float32), maps[..., 1].astype(np.float32)
-
-
-def maps_from_grid(points_px: Floats, spacing_mm: float, *, mm_per_px: Pair) -> Maps:
-    """Return maps from a grid pressed into the gel, with crossings `points_px` (rows, columns, 2), px in the raw
-    picture.
-
-    Between crossings the maps are splines (cubic for four crossings or more), which correct a lens's distortion.
-    The rectified frame spans the grid from its first to its last crossing.
-    """
-    from scipy.interpolate import RectBivariateSpline
-
-    rows, columns = points_px.shape[:2]
-    if (
-        points_px.ndim != 3
-        or points_px.shape[2] != 2
-        or min(rows, columns) < 2
-        or not np.isfinite(points_px).all()
-    ):
-        raise InputError(
-            "a grid of crossings (rows, columns, 2), at least 2 by 2",
-            where="maps_from_grid",
-            value=points_px.shape,
-        )
-    along_x = np.arange(0.0, (columns - 1) * spacing_mm + 1e-9, mm_per_px[0])
-    along_y = np.arange(0.0, (rows - 1) * spacing_mm + 1e-9, mm_per_px[1])
-    knots_y, knots_x = np.arange(rows) * spacing_mm, np.arange(columns) * spacing_mm
-    maps = [
-        RectBivariateSpline(knots_y, knots_x, points_px[..., k], kx=min(3, rows - 1), ky=min(3, columns - 1), s=0)(
-            along_y, along_x
-        )
-        for k in (0, 1)
-    ]
-    return maps[0].astype(np.float32), maps[1].astype(np.float32)
-
-
 def _fixed_point(maps: Maps) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16], tuple[int, int]]:
     """Return the maps in OpenCV's fixed-point form, three times as fast, and the last column and row they reach
     for, px.
@@ -132,7 +75,8 @@ def sensor_from_corners(
 ) -> Sensor:
     """Return the sensor whose gel is the rectangle of `size_mm` with its corners there, (x, y) in the raw picture.
 
-    They run top left, top right, bottom right, bottom left. Raises InputError if they span no area.
+    They run top left, top right, bottom right, bottom left. Straight lines must be straight in the raw picture:
+    for a lens with distortion use a grid. Raises InputError if they span no area.
     """
     corner = np.asarray(corners_px, np.float64)
     if corner.shape != (4, 2) or not np.isfinite(corner).all() or min(size_mm) <= 0:
@@ -146,24 +90,47 @@ def sensor_from_corners(
     across = 0.5 * (np.hypot(*(corner[1] - corner[0])) + np.hypot(*(corner[2] - corner[3])))
     down = 0.5 * (np.hypot(*(corner[3] - corner[0])) + np.hypot(*(corner[2] - corner[1])))
     scale = mm_per_px or (float(size_mm[0] / across), float(size_mm[1] / down))
-    return _sensor(maps_from_corners(corners_px, size_mm, mm_per_px=scale), scale, has_markers)
+    width, height = (max(2, round(size / step)) for size, step in zip(size_mm, scale, strict=True))
+    target = [[-0.5, -0.5], [width - 0.5, -0.5], [width - 0.5, height - 0.5], [-0.5, height - 0.5]]
+    warp = cv2.getPerspectiveTransform(np.array(target, np.float32), corner.astype(np.float32))
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    places = np.stack([x, y, np.ones_like(x)], axis=-1) @ warp.T
+    maps = places[..., :2] / places[..., 2:]
+    return _sensor(maps[..., 0], maps[..., 1], scale, has_markers)
 
 
 def sensor_from_grid(
     points_px: Floats, spacing_mm: float, *, mm_per_px: Pair | None = None, has_markers: bool = False
 ) -> Sensor:
-    """Return the sensor whose gel is the grid with crossings at `points_px` (rows, columns, 2) in the raw picture,
-    px.
+    """Return the sensor whose gel is the grid with crossings `points_px` (rows, columns, 2) in the raw picture.
 
-    Raises InputError as `maps_from_grid` does.
+    Between crossings the maps are splines (cubic for four crossings or more), which correct a lens's distortion.
+    The rectified frame spans the grid from its first to its last crossing. Raises InputError for fewer than 2 by
+    2 crossings.
     """
-    if points_px.ndim == 3 and min(points_px.shape[:2]) > 1:
-        across = float(np.median(np.hypot(*np.moveaxis(np.diff(points_px, axis=1), 2, 0))))
-        down = float(np.median(np.hypot(*np.moveaxis(np.diff(points_px, axis=0), 2, 0))))
-    else:
-        across = down = 1.0  # maps_from_grid raises
+    from scipy.interpolate import RectBivariateSpline
+
+    rows, columns = points_px.shape[:2]
+    if points_px.shape[2:] != (2,) or min(rows, columns) < 2 or not np.isfinite(points_px).all():
+        raise InputError(
+            "a grid of crossings (rows, columns, 2), at least 2 by 2",
+            where="sensor_from_grid",
+            value=points_px.shape,
+        )
+    across, down = (
+        float(np.median(np.hypot(*np.moveaxis(np.diff(points_px, axis=axis), 2, 0)))) for axis in (1, 0)
+    )
     scale = mm_per_px or (spacing_mm / across, spacing_mm / down)
-    return _sensor(maps_from_grid(points_px, spacing_mm, mm_per_px=scale), scale, has_markers)
+    down_mm, across_mm = (np.arange(count) * spacing_mm for count in (rows, columns))
+    y, x = (
+        np.arange(0.0, along[-1] + ROUNDING, step)
+        for along, step in zip((down_mm, across_mm), scale[::-1], strict=True)
+    )
+    map_x, map_y = (
+        RectBivariateSpline(down_mm, across_mm, plane, kx=min(3, rows - 1), ky=min(3, columns - 1), s=0)(y, x)
+        for plane in np.moveaxis(points_px, 2, 0)
+    )
+    return _sensor(map_x, map_y, scale, has_markers)
 
 
 def find_grid(rgb: Bytes, rows: int, *, columns: int) -> Floats:
@@ -199,8 +166,8 @@ def save_rectification(sensor: Sensor, path: Path | str) -> Path:
     return target
 
 
-def _sensor(maps: Maps, mm_per_px: Pair, has_markers: bool) -> Sensor:
-    height, width = maps[0].shape
+def _sensor(map_x: Floats, map_y: Floats, mm_per_px: Pair, has_markers: bool) -> Sensor:
+    (height, width), maps = map_x.shape, (map_x.astype(np.float32), map_y.astype(np.float32))
     return Sensor("custom", width, height, mm_per_px, rectification=maps, has_markers=has_markers)
 
 

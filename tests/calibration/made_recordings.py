@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
 from calibration.inputs.observations import Measured
 from tactilevision.mechanics.kappa import kappa
+from tactilevision.recording.model import Recording
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
@@ -18,18 +19,15 @@ from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 HEIGHTS_MM = (0.15, 0.3, 0.4, 0.5, 0.6)
 
 
-@dataclass(frozen=True)
-class Made:
+def recording_of(
+    sensor: Sensor,
+    indenters: Mapping[str, Indenter],
+    presses: tuple[Press, ...] = (),
+    *,
+    depth_source: Literal["vision", "stage", "gauge"] = "gauge",
+) -> Recording:
     """What the fitting side reads of a recording."""
-
-    sensor: Sensor
-    indenters: Mapping[str, Indenter]
-    presses: tuple[Press, ...] = ()
-    name: str = "made"
-    date: datetime.date | None = None
-    force_std_N: tuple[float, float, float] | None = None
-    depth_source: str = "gauge"
-    depth_std_mm: float | None = None
+    return Recording(Path(), "made", sensor, depth_source=depth_source, indenters=indenters, presses=presses)
 
 
 @dataclass(frozen=True)
@@ -97,7 +95,7 @@ def draw(truth: Truth, rng: np.random.Generator) -> Measured:
                     )
                 )
     sensor = Sensor("custom", 427, 320, (0.0634, 0.0634), gel)
-    return Measured(Made(sensor, indenters), points=tuple(points))
+    return Measured(recording_of(sensor, indenters), points=tuple(points))
 
 
 def points_of(depth_mm: Floats, force_N: Floats, *, radius_mm: float = 2.5, gel: Gel | None = None) -> Measured:
@@ -105,4 +103,4 @@ def points_of(depth_mm: Floats, force_N: Floats, *, radius_mm: float = 2.5, gel:
     sensor = Sensor("custom", 427, 320, (0.0634, 0.0634), gel or Gel(3.0, shape="disc", radius_mm=15.0))
     pairs = enumerate(zip(depth_mm, force_N, strict=True))
     table = [CertifiedPoint(str(k + 1), "A", float(w), float(P)) for k, (w, P) in pairs]
-    return Measured(Made(sensor, {"A": Indenter("A", radius_mm=radius_mm)}), points=tuple(table))
+    return Measured(recording_of(sensor, {"A": Indenter("A", radius_mm=radius_mm)}), points=tuple(table))

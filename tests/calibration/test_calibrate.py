@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from each import each
 from made_presses import indenter, observations
-from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
+from made_recordings import HEIGHTS_MM, Truth, draw, points_of, recording_of
 
 from calibration.inputs.checks import check
 from calibration.inputs.observations import Measured
 from calibration.report import wording
-from calibration.tasks.calibrate import calibrate
-from calibration.tasks.history import history
+from calibration.tasks.calibrate import calibrate, history
 from tactilevision.errors import InputError, NothingCertified
 from tactilevision.records.measured import Curve, Estimate
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
@@ -69,7 +68,7 @@ def test_the_published_numbers_are_reproduced() -> None:
 def test_at_the_true_thickness_ratio_the_modulus_is_lower() -> None:
     measured = paper_points()
     gel = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.4797, poisson_ratio_std=0.002)
-    recording = replace(measured.recording, sensor=Sensor("custom", 10, 10, (0.1, 0.1), gel))  # type: ignore[type-var]
+    recording = replace(measured.recording, sensor=Sensor("custom", 10, 10, (0.1, 0.1), gel))
     result = calibrate(replace(measured, recording=recording))
     assert result.youngs_modulus.value == pytest.approx(0.1915, abs=1e-4)
     assert result.flags == ("beta_outside_theory",)
@@ -110,7 +109,7 @@ def test_indenters_that_differ_more_than_repeats_widen_the_interval() -> None:
     measured = draw(truth, np.random.default_rng(11))
     silent = {k: replace(i, height_std_mm=0.0) for k, i in measured.recording.indenters.items()}
     points = tuple(replace(p, depth_std_mm=float("nan")) for p in measured.points)
-    recording = replace(measured.recording, indenters=silent)  # type: ignore[type-var]
+    recording = replace(measured.recording, indenters=silent)
     result = calibrate(replace(measured, recording=recording, points=points))
     assert any("scatter" in w for w in result.warnings)
     low, high = result.c.interval95 or (0, 0)
@@ -134,7 +133,7 @@ def pressed_curves() -> Measured:
     )
     sensor = Sensor("custom", 10, 10, (0.1, 0.1), Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.002))
     presses = tuple(Press(str(k), "A", 100.0 * k, 100.0 * k + 1) for k in range(6))
-    recording = Made(sensor, {"A": Indenter("A", radius_mm=2.5)}, presses, depth_source="vision")
+    recording = recording_of(sensor, {"A": Indenter("A", radius_mm=2.5)}, presses, depth_source="vision")
     return Measured(recording, curves=curves)
 
 
@@ -172,7 +171,7 @@ def test_presses_out_of_phase_are_left_out() -> None:
         curves.append(Curve(str(k), 100.0 * k + time, late, force, np.full(40, "")))
         presses.append(Press(str(k), "A", 100.0 * k, 100.0 * k + time[-1], speed_mm_s=speed))
     sensor = Sensor("custom", 10, 10, (0.1, 0.1), Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.002))
-    recording = Made(sensor, {"A": Indenter("A", radius_mm=2.5)}, tuple(presses), depth_source="stage")
+    recording = recording_of(sensor, {"A": Indenter("A", radius_mm=2.5)}, tuple(presses), depth_source="stage")
     result = calibrate(Measured(recording, curves=tuple(curves)))
     assert result.presses_accepted == ("1", "2", "4")
     assert result.presses_rejected == (("0", "out_of_phase"), ("3", "out_of_phase"))
@@ -193,7 +192,7 @@ def test_history_says_when_the_modulus_has_moved() -> None:
     sets = []
     for day, modulus in ((1, 0.2), (8, 0.2), (60, 0.23)):
         measured = draw(replace(WELL, modulus_MPa=modulus), rng)
-        dated = replace(measured.recording, date=datetime.date(2026, 1, 1) + datetime.timedelta(day))  # type: ignore[type-var]
+        dated = replace(measured.recording, date=datetime.date(2026, 1, 1) + datetime.timedelta(day))
         sets.append(replace(measured, recording=dated))
     rows = history(sets[::-1])
     assert [row.moved for row in rows] == [False, False, True]
@@ -268,7 +267,7 @@ def test_depths_beyond_the_elements_are_flagged() -> None:
 def test_presses_of_another_shape_are_left_out_and_named() -> None:
     measured = points_of(DEPTHS, FORCES)
     ball = Indenter("ball", shape="sphere", radius_mm=3.0)
-    recording = replace(measured.recording, indenters=dict(measured.recording.indenters) | {"ball": ball})  # type: ignore[type-var]
+    recording = replace(measured.recording, indenters=dict(measured.recording.indenters) | {"ball": ball})
     points = (*measured.points, replace(measured.points[0], press="9", indenter="ball", fz_N=0.1))
     result = calibrate(replace(measured, recording=recording, points=points))
     assert "9" not in result.presses_accepted

@@ -21,14 +21,14 @@ def made(date: datetime.date | None, E: float = 0.2, seed: int = 0) -> Measured:
     rng = np.random.default_rng(seed)
     force = 16.6 * E * HEIGHTS * (1 + 0.85 * HEIGHTS / 3) * (1 + 0.003 * rng.standard_normal(12))
     one = points_of(HEIGHTS, force + 0.002 * rng.standard_normal(12))
-    return replace(one, recording=replace(one.recording, date=date))  # type: ignore[type-var]
+    return replace(one, recording=replace(one.recording, date=date))
 
 
 def timed(one: Measured, time_s: list[float], dates: list[str]) -> Measured:
     """The same with clocks, and dates in the protocol."""
     points = tuple(replace(p, time_s=t) for p, t in zip(one.points, time_s, strict=False))
     presses = tuple(Press(p.press, "A", 0, 1, date=d) for p, d in zip(points, dates, strict=True))
-    recording = replace(one.recording, presses=presses)  # type: ignore[type-var]
+    recording = replace(one.recording, presses=presses)
     return replace(one, points=points, recording=recording)
 
 

@@ -17,8 +17,8 @@ import calibration.diagnosis.forward_selection as searching
 import calibration.diagnosis.refit as confirmation
 import calibration.tasks.diagnose as module
 from calibration.diagnosis.covariates import change_point
+from calibration.diagnosis.decision import theory_beta
 from calibration.diagnosis.diagnosis import Diagnosis
-from calibration.diagnosis.inadmissible_beta import theory_beta
 from calibration.diagnosis.refit import Candidate
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero

@@ -19,7 +19,7 @@ from calibration.fit.least_squares import Problem, fit, linearise
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.model.stages import Effect, EffectBase
+from calibration.model.stages import Effect
 from calibration.noise.model import Noise, Whitener
 from calibration.result.result import common_assumptions
 from tactilevision.errors import InputError
@@ -61,7 +61,6 @@ BASE = np.array([0.2, 0.48, 0.8, 0.85, 0.9])
 
 def data_for(effect: Effect) -> Observations:
     """The rich data, with the depth from where the effect can act."""
-    assert isinstance(effect, EffectBase)
     return replace(RICH, depth_source=effect.depth_source or "vision")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from each import each
-from made_recordings import HEIGHTS_MM, Made, points_of
+from made_recordings import HEIGHTS_MM, points_of, recording_of
 
 from calibration.inputs.observations import Measured
 from calibration.laws.theory import deeper_than_elements
@@ -46,7 +46,7 @@ def read(
     points = [
         CertifiedPoint(str(k), "A", float(w), float(P), lubricated=float(lubricated)) for k, (w, P) in presses
     ]
-    return calibrate(Measured(Made(sensor, {"A": punch}), points=tuple(points)), bound=None)
+    return calibrate(Measured(recording_of(sensor, {"A": punch}), points=tuple(points)), bound=None)
 
 
 def off(result: CalibrationResult) -> float:

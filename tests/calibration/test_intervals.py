@@ -119,7 +119,7 @@ def edged(edge_mm: float | None, *, true_mm: float = 0.1) -> Measured:
     force = punch_force(depth, FlatContact(2.5, true_mm, 3.0, 0.0), material=Material(0.2, 0.48))
     measured = points_of(depth, force, gel=gel)
     punch = {"A": Indenter("A", radius_mm=2.5, edge_radius_mm=edge_mm)}
-    return replace(measured, recording=replace(measured.recording, indenters=punch))  # type: ignore[type-var]
+    return replace(measured, recording=replace(measured.recording, indenters=punch))
 
 
 def test_a_stated_edge_is_taken_out_of_E_but_not_of_the_line() -> None:
@@ -142,7 +142,7 @@ def test_an_edge_of_which_nothing_is_stated_is_in_the_interval(friction: float) 
         depth, punch_force(depth, FlatContact(2.5, 0.05, 3.0, friction), material=Material(0.2, 0.48)), gel=gel
     )
     open_, sharp = calibrate(measured).youngs_modulus, {"A": Indenter("A", radius_mm=2.5, edge_radius_mm=0.0)}
-    stated = replace(measured, recording=replace(measured.recording, indenters=sharp))  # type: ignore[type-var]
+    stated = replace(measured, recording=replace(measured.recording, indenters=sharp))
     known = calibrate(stated).youngs_modulus
     assert open_.interval95 is not None
     assert known.interval95 is not None

@@ -28,7 +28,7 @@ def test_a_wave_in_the_depth_is_measured_in_size_and_length() -> None:
     wave = 0.03 * np.sin(2 * np.pi * data.depth_mm / 0.2)
     fitted = pure(measured(data, MODEL.predict(TRUTH, data) + wave, np.random.default_rng(0)))
     left = describe(fitted, score_test(fitted, (), rng=np.random.default_rng(0), draws=49).covariates)
-    assert left.size_N == pytest.approx(0.03 / np.sqrt(2), rel=0.5)
+    assert left.rms_N == pytest.approx(0.03 / np.sqrt(2), rel=0.5)
     assert 0.02 < left.length_mm < 0.12, "a sine's length scale lies below a quarter of its period"
     assert left.covariates[0].startswith(("w", "1/w"))
 

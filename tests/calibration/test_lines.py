@@ -32,7 +32,7 @@ def of_radii(friction: float, seed: int, counts: dict[float, int]) -> tuple[Meas
         name = f"R{radius:g}"
         points += [replace(p, press=f"{name}-{p.press}", indenter=name) for p in one.points]
         indenters[name] = replace(one.recording.indenters["A"], name=name)
-    recording = replace(one.recording, indenters=indenters)  # type: ignore[type-var]
+    recording = replace(one.recording, indenters=indenters)
     return replace(one, recording=recording, points=tuple(points)), begins
 
 

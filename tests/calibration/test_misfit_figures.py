@@ -18,7 +18,6 @@ from calibration.inputs.observations import Observations
 from calibration.report.misfit import (
     error_fall_of_comparison,
     force_curves,
-    force_of_effect,
     repeatability_band,
     residual_strips,
 )
@@ -93,18 +92,6 @@ def test_the_most_telling_presses_keep_their_order(curves: ForceCurves) -> None:
     assert {one.label for one in kept} == set(sorted(fall, key=fall.__getitem__)[-3:])
     labels = [one.label for one in curves.presses]
     assert [labels.index(one.label) for one in kept] == sorted(labels.index(one.label) for one in kept)
-
-
-def test_an_effects_own_force_is_what_its_law_says(fits: dict[str, Fit]) -> None:
-    fitted = fits["law + depth_zero"]
-    zero = fitted.values[fitted.index("depth_zero.offset_mm")]
-    law = fitted.values[fitted.model.slices(fitted.data)["law"]]
-    moved = MODEL.predict(law, fitted.data.shifted(zero)) - MODEL.predict(law, fitted.data)
-    own = force_of_effect(fitted, "depth_zero")
-    assert np.abs(own) == pytest.approx(np.abs(moved), rel=1e-9)
-    assert np.abs(own).max() > 0.05
-    with pytest.raises(InputError, match="no such effect"):
-        force_of_effect(fits["law"], "depth_zero")
 
 
 def test_strips_are_sorted_by_evidence_and_share_one_scale(found: Comparison, fits: dict[str, Fit]) -> None:

@@ -23,8 +23,8 @@ from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import CHORD, FlatPunch
 from calibration.laws.theory import bend_range
 from calibration.model.composition import Model
+from calibration.report.diagnosis_report import few_sentence
 from calibration.report.drawing import own_offsets
-from calibration.report.verdict import few_sentence
 from calibration.result.material import determine_material
 from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.diagnose import concluded, diagnose

@@ -22,7 +22,7 @@ from calibration.fit.repeats import refit_with_pure_noise
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.report.verdict import verdict_sentence
+from calibration.report.diagnosis_report import verdict_sentence
 from calibration.tasks.diagnose import diagnose
 from tactilevision.records.measured import Floats
 

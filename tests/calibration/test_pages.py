@@ -10,8 +10,7 @@ from made_presses import indenter, observations
 
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.report.comparison_report import pattern_sentence
-from calibration.report.report import calibration_page
+from calibration.report.report import calibration_page, pattern_sentence
 from calibration.tasks.compare import Comparison, compare
 from tactilevision.records.certified import CertificationDetails, CertifiedPoint
 

@@ -13,8 +13,17 @@ import calibration
 from calibration.fit.least_squares import fit
 from calibration.noise.model import Noise
 from calibration.tasks.compare import base_model
-from calibration.tasks.forecast import Design, PressNoise, forecast, forecast_data, forecast_fit
-from calibration.tasks.plan import Goal, fewest_presses, least_repeats, plan
+from calibration.tasks.plan import (
+    Design,
+    Goal,
+    PressNoise,
+    fewest_presses,
+    forecast,
+    forecast_data,
+    forecast_fit,
+    least_repeats,
+    plan,
+)
 from tactilevision.errors import InputError
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel, Indenter

@@ -11,7 +11,7 @@ from made_recordings import HEIGHTS_MM, Truth, draw, points_of
 
 from calibration.inputs.observations import Measured
 from calibration.laws.theory import FLAG, GEL_MODULUS_MPA, NU_FLAG, outside_gels
-from calibration.report.verdict import verdict_sentence
+from calibration.report.diagnosis_report import verdict_sentence
 from calibration.result.material import RADII_FLAG as APART
 from calibration.tasks.calibrate import calibrate, observe
 from calibration.tasks.diagnose import diagnose
@@ -95,7 +95,7 @@ def of_three_radii(stated: dict[float, float]) -> Measured:
         name: replace(indenter, radius_mm=stated.get(indenter.radius_mm or 0.0, indenter.radius_mm))
         for name, indenter in measured.recording.indenters.items()
     }
-    return replace(measured, recording=replace(measured.recording, indenters=indenters))  # type: ignore[type-var]
+    return replace(measured, recording=replace(measured.recording, indenters=indenters))
 
 
 @each(

@@ -13,7 +13,7 @@ from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.score_test import ScoreTest
 from calibration.inputs.conditions import bins, covariates
 from calibration.inputs.observations import Observations
-from calibration.report.verdict import verdict_sentence
+from calibration.report.diagnosis_report import verdict_sentence
 from calibration.tasks.diagnose import diagnose
 
 HEIGHTS_MM = (0.14, 0.27, 0.41, 0.55)

@@ -8,8 +8,8 @@ from made_presses import indenter, observations
 from scipy.stats import spearmanr
 
 from calibration.diagnosis.covariates import press_trends
-from calibration.report.comparison_report import pattern_sentence
 from calibration.report.misfit import residual_strips
+from calibration.report.report import pattern_sentence
 from calibration.tasks.compare import Comparison, compare
 from tactilevision.plots.misfit import evidence
 

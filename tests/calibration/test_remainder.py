@@ -27,7 +27,7 @@ def test_a_remainder_matters_where_a_reading_leaves_its_interval(size_mm: float,
     found = remainder(with_wave(size_mm, presses(24)), FOUND, level=0.05)
     assert found is not None
     assert found.matters is matters
-    assert (found.over_reading > MATTERS) is matters
+    assert (found.over_std_of_a_reading > MATTERS) is matters
     if matters:
         assert found.rms_mm == pytest.approx(size_mm / np.sqrt(2), rel=0.4)
     assert f"{1e3 * found.rms_mm:.2g} µm" in found.sentence

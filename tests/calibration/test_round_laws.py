@@ -40,7 +40,7 @@ def forces(body: Ball | Cone) -> Floats:
 def measured(shape: str, force_N: Floats, gel: Gel = KNOWN) -> Measured:
     made = points_of(DEPTHS, force_N, gel=gel)
     names = {name: replace(BODIES[shape][1], name=name) for name in made.recording.indenters}
-    return replace(made, recording=replace(made.recording, indenters=names))  # type: ignore[type-var]
+    return replace(made, recording=replace(made.recording, indenters=names))
 
 
 @pytest.mark.parametrize("shape", BODIES)
@@ -90,7 +90,7 @@ def test_a_cone_needs_its_angle() -> None:
     made = measured("cone", forces(BODIES["cone"][0]))
     bare = {name: replace(one, half_angle_deg=None) for name, one in made.recording.indenters.items()}
     with pytest.raises(InputError, match="angle"):
-        calibrate(replace(made, recording=replace(made.recording, indenters=bare)))  # type: ignore[type-var]
+        calibrate(replace(made, recording=replace(made.recording, indenters=bare)))
 
 
 def test_a_ball_is_refused_where_a_flat_law_was_asked_for() -> None:
@@ -122,7 +122,7 @@ def test_a_gel_that_sticks_to_the_ball_lies_inside_the_interval() -> None:
     force = E_MPA * over_E(Ball(3.0), depth, nu=0.48)
     made = points_of(depth, force * (1 + surplus), gel=replace(KNOWN, poisson_ratio=0.48, poisson_ratio_std=1e-4))
     names = {name: replace(BODIES["sphere"][1], name=name) for name in made.recording.indenters}
-    result = calibrate(replace(made, recording=replace(made.recording, indenters=names)))  # type: ignore[type-var]
+    result = calibrate(replace(made, recording=replace(made.recording, indenters=names)))
     low, high = result.youngs_modulus.interval95 or (0.0, 0.0)
     assert result.youngs_modulus.value is not None
     assert result.youngs_modulus.value < 0.992 * E_MPA

@@ -12,11 +12,11 @@ from made_recordings import Truth, draw
 from calibration.inputs.observations import Measured
 from calibration.laws import theory as admissible_range
 from calibration.laws.flat_punch import SILICONE_NU
+from calibration.result.material import joint_region
 from calibration.result.poisson_routes import informed, of_beta
 from calibration.result.result import CalibrationResult
-from calibration.result.uncertainty import joint_picture
 from calibration.tasks.calibrate import calibrate, observe
-from calibration.tasks.compare import plain_law, prepare
+from calibration.tasks.compare import completed, plain_law, prepare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
@@ -94,7 +94,7 @@ def stated_wrongly() -> Measured:
     sensor = several.recording.sensor
     assert sensor.gel is not None
     gel = replace(sensor.gel, poisson_ratio=0.40, poisson_ratio_std=0.004)
-    return replace(several, recording=replace(several.recording, sensor=replace(sensor, gel=gel)))  # type: ignore[type-var]
+    return replace(several, recording=replace(several.recording, sensor=replace(sensor, gel=gel)))
 
 
 @lru_cache
@@ -103,7 +103,8 @@ def calibrated_wrongly() -> CalibrationResult:
 
 
 def test_a_comparison_reaches_to_each_route_as_a_calibration_does() -> None:
-    found = plain_law(prepare(observe([stated_wrongly()])), rng=None).models[0].material
+    compared = completed(plain_law(prepare(observe([stated_wrongly()]))), np.random.default_rng(0))
+    found = compared.models[0].material
     alone = calibrated_wrongly()
     assert found is not None
     assert any("widened to reach to each" in line for line in found.warnings)
@@ -188,9 +189,9 @@ def test_beta_is_shown_and_never_used() -> None:
 
 def test_the_joint_region_follows_the_curve_and_is_narrower_than_either_interval_says() -> None:
     result = calibrate(drawn(OPEN), bulge=bulge(0.478, 0.005))
-    seen = joint_picture(result)
-    assert seen.best is not None
-    nu, modulus = seen.region.T
+    _, region = joint_region(result)
+    assert result.material is not None
+    nu, modulus = region.T
     assert nu.min() < 0.478 < nu.max()
     assert np.corrcoef(nu, modulus)[0, 1] < -0.5, "E falls as nu grows"
     area = 0.5 * abs(float(nu @ np.roll(modulus, 1) - modulus @ np.roll(nu, 1)))
@@ -199,10 +200,12 @@ def test_the_joint_region_follows_the_curve_and_is_narrower_than_either_interval
 
 
 def test_the_joint_region_spans_what_silicones_span_where_nothing_fixes_nu() -> None:
-    seen = joint_picture(calibrate(drawn(OPEN)))
-    assert seen.best is None
-    assert (seen.region[:, 0].min(), seen.region[:, 0].max()) == pytest.approx((0.45, 0.4999))
-    assert [band.used for band in seen.bands] == [False], "beta is drawn, and not used"
+    result = calibrate(drawn(OPEN))
+    _, region = joint_region(result)
+    assert result.material is None
+    assert (region[:, 0].min(), region[:, 0].max()) == pytest.approx((0.45, 0.4999))
+    valued = [route for route in result.routes if route.poisson_ratio.value is not None]
+    assert [route.used for route in valued] == [False], "beta is drawn, and not used"
 
 
 def test_the_largest_beta_is_looked_for_over_the_whole_range_of_nu(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from calibration.diagnosis.score_statistics import Cast, Tail
 from calibration.diagnosis.score_test import score_test
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
-from calibration.fit.least_squares import Fit, fit, profile_interval
+from calibration.fit.least_squares import Fit, fit
 from calibration.fit.repeats import beyond_stated, refit_with_pure_noise, renewed_noise, repeat_noise
 from calibration.inputs.deadline import in_turn
 from calibration.inputs.observations import Observations
@@ -255,15 +255,6 @@ def test_the_smallest_visible_amplitude_is_indeed_seen() -> None:
     visible = score_test(fitted, [DepthZero()], rng=np.random.default_rng(0), draws=49).visible["depth_zero"]
     again = fit(MODEL + DepthZero(), data.with_force(fitted.force_N), noise=fitted.noise, tolerances=False)
     assert visible == pytest.approx(3.6 * again.std("depth_zero.offset_mm"), rel=0.1)
-
-
-def test_profile_and_covariance_agree_where_the_model_is_nearly_linear() -> None:
-    data = presses(8)
-    fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(7)))
-    low, high = profile_interval(fitted, "beta")
-    interval = fitted.estimate("beta").interval95
-    assert interval is not None
-    np.testing.assert_allclose([low, high], interval, rtol=0.02)
 
 
 @pytest.mark.parametrize(("stated_N", "said"), [(0.004, None), (0.0037, None), (0.002, 2.0)])

@@ -15,9 +15,9 @@ from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_pictur
 from calibration.effects.cast_shadow import CastShadow
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import EdgeDrop, Observations
-from calibration.report.comparison_report import fall_sentence
+from calibration.report.diagnosis_report import shown_size
 from calibration.report.misfit import error_fall_of_picture
-from calibration.report.verdict import shown_size
+from calibration.report.report import fall_sentence
 from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.profile import PunchCase, seen_profile

@@ -9,16 +9,14 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses
 
-from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
-from calibration.diagnosis.sensitivity import absent
+from calibration.diagnosis.sensitivity import UndetectedEffect, average_models
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import outlying_presses
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.report.diagnosis_report import summary
-from calibration.report.verdict import verdict_sentence
+from calibration.report.diagnosis_report import summary, verdict_sentence
 from calibration.result.material import determine_material
 from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.diagnose import diagnose
@@ -74,7 +72,7 @@ def test_an_edge_that_is_not_stated_is_to_be_expected() -> None:
     assert alone.value < 0.196
     assert _ends(wide)[0] < 0.2 < _ends(wide)[1]
     assert unseen[0].key == "edge_fillet"
-    assert not effect.to_be_expected(three_radii(0.0))  # type: ignore[attr-defined]
+    assert not effect.to_be_expected(three_radii(0.0))
 
 
 @pytest.mark.slow
@@ -97,9 +95,9 @@ def test_what_one_punch_cannot_show_keeps_its_chance_and_widens() -> None:
 
 def test_effects_of_another_depth_are_absent() -> None:
     data = presses(2)
-    assert absent(EFFECTS["backing_compliance"], data)
-    assert not absent(EFFECTS["backing_compliance"], replace(data, depth_source="stage"))
-    assert not absent(EFFECTS["tilt"], data)
+    assert EFFECTS["backing_compliance"].absent(data)
+    assert not EFFECTS["backing_compliance"].absent(replace(data, depth_source="stage"))
+    assert not EFFECTS["tilt"].absent(data)
 
 
 @pytest.mark.slow

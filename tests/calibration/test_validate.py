@@ -123,7 +123,7 @@ def test_few_depths_cannot_tell_a_trend(depth: Floats) -> None:
     trend = find_trend(depth, 0.02 * depth)
     assert trend.p_value is None
     assert not trend.found
-    assert "cannot be told" in trend.why
+    assert "cannot be distinguished" in trend.why
 
 
 @each("modulus, nu", [(-0.2, 0.48), (0.0, 0.48), (math.nan, 0.48), (0.2, 0.5), (0.2, -0.1), (0.2, math.nan)])

@@ -10,8 +10,7 @@ import pytest
 from contact_scenes import Scene, height_map
 from each import each
 
-from tactilevision.contact.footprint import find_footprint, relief_mm, shared_ring, unevenness_mm
-from tactilevision.heightmap.circular_edges import fit_circle
+from tactilevision.contact.footprint import find_footprint, fit_circle, relief_mm, shared_ring, unevenness_mm
 from tactilevision.records.maps import HeightMap
 
 SCENES: list[dict[str, Any]] = [

@@ -115,7 +115,7 @@ def test_a_covariance_that_is_none_is_refused_where_it_stands(
 ) -> None:
     path = tmp_path / "calibration.json"
     values = {"youngs_modulus_MPa": {"value": 0.2, "std": 0.01}, "poisson_ratio": {"value": 0.48, "std": 0.01}}
-    path.write_text(json.dumps(values | {"covariance": covariance}))
+    path.write_text(json.dumps(values | {"covariance": {"of": list(values), "matrix": covariance}}))
     with pytest.raises(InputError, match=why):
         read_material(path)
 

@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 from each import each
 
-from tactilevision.errors import InputError
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Bools, Floats, Pair
@@ -54,51 +52,3 @@ def test_a_free_border_keeps_the_depth_of_a_contact_that_it_cuts(centre_mm: Pair
     true, slopes, r = dent(centre_mm)
     everywhere = np.ones(SHAPE, np.bool_)
     assert off(integrate(slopes, (STEP, STEP)), true, everywhere, r > 4.0) < 0.01
-
-
-@each("centre_mm", [(0.0, 6.0), (1.0, 6.0), (8.0, 0.2), (1.5, 1.5)])
-def test_a_border_that_cuts_a_contact_is_not_called_flat(centre_mm: Pair) -> None:
-    with pytest.raises(InputError, match="not flat"):
-        integrate(dent(centre_mm)[1], (STEP, STEP), border="flat")
-
-
-def test_a_tilt_is_not_called_flat() -> None:
-    with pytest.raises(InputError, match="not flat"):
-        integrate(SlopeMap(np.full(SHAPE, 0.01), np.zeros(SHAPE)), (STEP, STEP), border="flat")
-
-
-@pytest.mark.parametrize("shape", [(120, 160), (101, 163)])
-def test_a_contact_within_a_flat_border_comes_out_whole(shape: tuple[int, int]) -> None:
-    true, slopes, _ = dent((8.0, 5.0), shape)
-    found = integrate(slopes, (STEP, STEP), border="flat")
-    assert np.abs(found - true).max() < 0.005 * DEEP
-    assert np.abs(found[[0, -1]]).max() == np.abs(found[:, [0, -1]]).max() == 0.0
-
-
-def test_its_error_falls_with_the_square_of_the_pixel() -> None:
-    misses = []
-    for finer in (1, 2, 4):
-        y, x = np.indices((40 * finer + 1, 60 * finer + 1)) * (0.1 / finer)
-        depth = np.sin(np.pi * x / 6.0) * np.sin(np.pi * y / 4.0)
-        p = np.pi / 6.0 * np.cos(np.pi * x / 6.0) * np.sin(np.pi * y / 4.0)
-        q = np.pi / 4.0 * np.sin(np.pi * x / 6.0) * np.cos(np.pi * y / 4.0)
-        found = integrate(SlopeMap(p, q), (0.1 / finer, 0.1 / finer), border="flat")
-        misses.append(float(np.abs(found - depth).max()))
-    assert np.log2(misses[0] / misses[1]) == pytest.approx(2.0, abs=0.1)
-    assert np.log2(misses[1] / misses[2]) == pytest.approx(2.0, abs=0.1)
-
-
-def test_slow_errors_of_slope_float_less_within_a_flat_border() -> None:
-    """A slope that is wrong by the same all over the picture: a free border takes it for a tilt."""
-    true, slopes, _ = dent((8.0, 6.0))
-    wrong = SlopeMap(slopes.dz_dx + 0.001, slopes.dz_dy)
-    assert np.abs(integrate(wrong, (STEP, STEP), border="flat") - true).max() < 0.01 * DEEP
-    free = integrate(wrong, (STEP, STEP))
-    assert np.abs(free - np.median(free) - true).max() > 0.015 * DEEP
-
-
-def test_slopes_that_are_not_there_are_refused() -> None:
-    _, slopes, _ = dent((8.0, 6.0))
-    slopes.dz_dx[4, 5] = np.nan
-    with pytest.raises(InputError, match="slopes everywhere"):
-        integrate(slopes, (STEP, STEP), border="flat")

@@ -8,7 +8,7 @@ from each import each
 from hypothesis import given, settings, strategies as st
 
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.heightmap.poisson import divergence, gradient, integrate, solve_edges, weighted
+from tactilevision.heightmap.poisson import divergence, gradient, integrate, solve_edges
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Floats
 
@@ -149,18 +149,11 @@ def test_a_hole_is_bridged_and_does_not_spoil_the_rest() -> None:
     assert np.abs(found - depth)[valid][: 190 * 320].max() < 0.03 * 5.0
 
 
-def test_equal_weights_are_no_weights() -> None:
-    _, slopes = punch()
-    plain = integrate(slopes, (0.1, 0.2))
-    assert integrate(slopes, (0.1, 0.2), weights=np.full(SHAPE, 0.3)) == pytest.approx(plain, abs=1e-5)
-
-
-def test_weights_silence_slopes_that_are_wrong() -> None:
+def test_slopes_known_to_be_wrong_are_silenced() -> None:
     depth, slopes = punch()
     wrong = np.array(slopes.dz_dx)
     wrong[100:140, 100:104] += 2.0
-    trust = np.where(wrong != slopes.dz_dx, 0.0, 1.0)
-    kept = integrate(SlopeMap(wrong, slopes.dz_dy), (1.0, 1.0), weights=trust)
+    kept = integrate(SlopeMap(wrong, slopes.dz_dy, wrong == slopes.dz_dx), (1.0, 1.0))
     spoiled = integrate(SlopeMap(wrong, slopes.dz_dy), (1.0, 1.0))
     error, without = (np.abs(z - np.median(z[:15]) - depth).max() for z in (kept, spoiled))
     assert error < 0.1 * without
@@ -170,26 +163,14 @@ def test_it_says_what_is_wrong() -> None:
     flat = np.zeros((8, 8))
     with pytest.raises(InputError, match="two fields"):
         integrate(SlopeMap(flat, np.zeros((8, 9))), (1.0, 1.0))
-    with pytest.raises(InputError, match="weights"):
-        integrate(SlopeMap(flat, flat), (1.0, 1.0), weights=np.ones((3, 3)))
     rng = np.random.default_rng(1)
     with pytest.raises(ConvergenceError, match="after 2 iterations"):
-        weighted(
-            rng.normal(size=(40, 40)),
-            rng.normal(size=(40, 40)),
-            weights=rng.uniform(size=(40, 40)) ** 8,
+        solve_edges(
+            rng.normal(size=(40, 39)),
+            rng.normal(size=(39, 40)),
+            w_x=rng.uniform(size=(40, 39)) ** 8,
+            w_y=rng.uniform(size=(39, 40)) ** 8,
             mm_per_px=(1.0, 1.0),
             tolerance=1e-9,
             max_iterations=2,
         )
-
-
-def test_it_starts_from_where_it_is_told() -> None:
-    rng = np.random.default_rng(2)
-    t_x, t_y = rng.normal(size=(20, 29)), rng.normal(size=(19, 30))
-    w_x, w_y = rng.uniform(0.1, 1, size=(20, 29)), rng.uniform(0.1, 1, size=(19, 30))
-    cold = solve_edges(t_x, t_y, w_x=w_x, w_y=w_y, mm_per_px=(1.0, 1.0), tolerance=1e-9)
-    warm = solve_edges(
-        t_x, t_y, w_x=w_x, w_y=w_y, mm_per_px=(1.0, 1.0), tolerance=1e-9, max_iterations=2, start=cold
-    )
-    assert warm == pytest.approx(cold, abs=1e-6)

@@ -9,7 +9,7 @@ from each import each
 
 from tactilevision.heightmap.circular_edges import find_circular_edges
 from tactilevision.heightmap.poisson import integrate
-from tactilevision.heightmap.walls import WallLaw, find_punch_edges, restore, restore_windows
+from tactilevision.heightmap.walls import PunchEdge, WallLaw, fit_edges, restore, restore_windows
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.tables.punch import TABULATED
 from tactilevision.records.certified import TaughtWalls
@@ -20,6 +20,10 @@ STEP = 0.06
 FINER = 3
 SHAPE = (200, 240)
 LIMIT = 0.5
+
+
+def find_punch_edges(slopes: SlopeMap, mm_per_px: tuple[float, float], *, law: WallLaw) -> list[PunchEdge]:
+    return fit_edges(find_circular_edges(slopes, mm_per_px, limit=law.limit), law, px=min(mm_per_px))
 
 
 def places(finer: int = 1, centre: tuple[float, float] = (7.3, 5.9)) -> tuple[Floats, Floats]:

@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 from each import each
 
-from tactilevision.heightmap.poisson import integrate
-from tactilevision.heightmap.two_grid_poisson import TwoGridPoisson, _solved
-from tactilevision.photometric.colour_change import Planes
-from tactilevision.photometric.windows import Window
+from tactilevision.heightmap.poisson import TwoGridPoisson, _solved, integrate
+from tactilevision.photometric.colour_change import Window
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Floats
+from tactilevision.records.measured import Floats, Picture
 
 SHAPE, STEP = (121, 163), (0.06, 0.07)
 
 
-def punch(centre: tuple[float, float], radius: float = 1.2) -> tuple[Floats, Planes]:
+def punch(centre: tuple[float, float], radius: float = 1.2) -> tuple[Floats, Picture]:
     """Depth of a tilted face of .3 mm, its wall a few pixels wide, gel beside it; and its slopes (2, H, W)."""
 
     def depth(x: Floats, y: Floats) -> Floats:
@@ -32,7 +30,7 @@ def punch(centre: tuple[float, float], radius: float = 1.2) -> tuple[Floats, Pla
     return depth(x, y), np.asarray(np.stack(slopes) / (2 * e), np.float32)
 
 
-def seen(slopes: Planes, px: int) -> Planes:
+def seen(slopes: Picture, px: int) -> Picture:
     height, width = (n // px for n in SHAPE)
     cells = slopes[:, : height * px, : width * px].reshape(2, height, px, width, px)
     return np.asarray(cells.mean(axis=(2, 4)), np.float32)

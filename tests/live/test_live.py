@@ -16,8 +16,8 @@ from each import each
 
 from tactilevision.batch.folder import measure
 from tactilevision.errors import InputError
+from tactilevision.heightmap.build import subtract_background
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import subtract_background
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.reference import make_reference
 from tactilevision.records.maps import Frame

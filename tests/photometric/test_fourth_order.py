@@ -9,9 +9,9 @@ import pytest
 
 from tactilevision.photometric.ball_samples import Samples
 from tactilevision.photometric.cross_validation import held_out, patch_error
-from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.polynomial import (
     POWERS,
+    AutoMethod,
     Polynomial,
     fit_fourth_order,
     fit_polynomial,

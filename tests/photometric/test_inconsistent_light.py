@@ -13,9 +13,9 @@ from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture
 from scipy.special import j0, j1
 from shared_scenes import shared
 
-from tactilevision.heightmap.inconsistent_light import MIN_AREA_MM2, RISE_MM, LightCheck, stands_out
+from tactilevision.heightmap.build import tuned
+from tactilevision.heightmap.inconsistent_light import MIN_AREA_MM2, RISE_MM, LightCheck, rises_too_much
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.mechanics.layer import layer_compliance
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls
@@ -86,7 +86,7 @@ def test_a_darker_shade_leaves_a_map_and_no_error(share: float) -> None:
     assert np.isfinite(height.depth_mm).all()
 
 
-def test_gel_that_stands_out_as_none_can_is_flagged_whatever_its_colours() -> None:
+def test_gel_that_rises_too_much_as_none_can_is_flagged_whatever_its_colours() -> None:
     """A hill of .35 mm beside a ball, drawn in the light that the balls showed: no colour contradicts it."""
     _, p, q = ball((-4.0, 2.0), 1.4, 4.0)
     rows, columns = np.indices(SHAPE)
@@ -98,11 +98,11 @@ def test_gel_that_stands_out_as_none_can_is_flagged_whatever_its_colours() -> No
 
 
 @pytest.mark.parametrize("contact_mm", [1.0, 1.9, 2.5])
-def test_no_gel_of_layer_theory_stands_out(contact_mm: float) -> None:
+def test_no_gel_of_layer_theory_rises_too_much(contact_mm: float) -> None:
     """The thinnest gel and nearly incompressible: up to .16 of the depth."""
     _, depth = BallPress(4.0, contact_mm, 1.5, 0.4999, (0.0, 0.0)).section()
-    assert not stands_out(np.asarray(2.0 * depth[None], np.float32))
-    assert stands_out(np.asarray(np.append(depth, -0.35 * depth.max() - RISE_MM)[None], np.float32))
+    assert not rises_too_much(np.asarray(2.0 * depth[None], np.float32))
+    assert rises_too_much(np.asarray(np.append(depth, -0.35 * depth.max() - RISE_MM)[None], np.float32))
 
 
 def test_gel_within_a_ring_may_stand_out() -> None:
@@ -113,9 +113,9 @@ def test_gel_within_a_ring_may_stand_out() -> None:
     section = np.trapezoid(layer_compliance(k * 3.0, 0.4999).normal * pressure * j0(r[:, None] * k), k)
     depth = np.interp(np.hypot(across, across[:, None]), r, section / section.max()).astype(np.float32)
     assert depth.min() < -0.6
-    assert not stands_out(depth)
+    assert not rises_too_much(depth)
     depth[:5, :5] = -0.6
-    assert stands_out(depth)
+    assert rises_too_much(depth)
 
 
 def test_single_noisy_pixels_do_not_count() -> None:
@@ -139,7 +139,7 @@ def test_the_law_of_light_travels_with_the_method(tmp_path: Path) -> None:
 def test_without_a_law_of_light_slopes_of_no_surface_are_flagged() -> None:
     method = reader().referenced
     assert method is not None
-    check = LightCheck(dataclasses.replace(method, light_law=None), SENSOR.mm_per_px)  # type: ignore[type-var]
+    check = LightCheck(dataclasses.replace(method, light_law=None), SENSOR.mm_per_px)
     frame = method.read(pressed(30)).frame
     assert check(frame).area_mm2 < MIN_AREA_MM2
     slopes = check.read(frame)[1]

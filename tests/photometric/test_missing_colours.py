@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.photometric.colour_change import ColourChange, MissingColoursFinder
+from tactilevision.photometric.colour_change import ColourChange, common, inside, outside
 from tactilevision.photometric.reference import SATURATED, Reference
-from tactilevision.photometric.windows import common, inside, outside
 from tactilevision.records.measured import Bytes
 
 SHAPE = (50, 66)
@@ -49,7 +48,7 @@ def test_what_a_frame_does_not_tell(overexposed: bool) -> None:
 @pytest.mark.parametrize("px", [1, 4, 7])
 def test_tiles_that_lack_a_colour(px: int) -> None:
     reference, rgb = scene(overexposed=True)
-    found = MissingColoursFinder(reference).find(rgb)
+    found = ColourChange(reference).find_missing(rgb)
     assert found is not None
     height, width = (n // px for n in SHAPE)
     lacking = np.asarray(((rgb >= SATURATED) | (reference.rgb >= SATURATED)).any(axis=2))[
@@ -61,7 +60,7 @@ def test_tiles_that_lack_a_colour(px: int) -> None:
 
 def test_a_frame_that_tells_all_colours_lacks_none() -> None:
     reference, rgb = scene(overexposed=False)
-    assert MissingColoursFinder(reference).find(np.minimum(rgb, SATURATED - 1)) is None
+    assert ColourChange(reference).find_missing(np.minimum(rgb, SATURATED - 1)) is None
 
 
 def test_a_lone_dark_pixel_is_found_in_a_bright_frame_alone() -> None:

@@ -11,15 +11,14 @@ from each import each
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
 from shared_scenes import shared
 
+from tactilevision.heightmap.build import subtract_background
 from tactilevision.heightmap.poisson import integrate
-from tactilevision.heightmap.untouched_frames import subtract_background
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
 from tactilevision.photometric.markers import Marks
-from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.multiresolution import TiledEvaluator
+from tactilevision.photometric.method import CalibratedMethod, SlopeReading, TiledEvaluator
 from tactilevision.photometric.network_training import NetworkFitter
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import make_reference
@@ -45,8 +44,13 @@ def cut(rgb: Bytes, odd: bool) -> Bytes:
     return np.ascontiguousarray(rgb[:-1, :-1]) if odd else rgb
 
 
+def tiled(method: CalibratedMethod, rgb: Bytes) -> SlopeReading:
+    assert method.tiled_evaluator is not None
+    return method.tiled_evaluator.read(rgb)
+
+
 def depth(method: CalibratedMethod, rgb: Bytes, *, whole: bool) -> Floats:
-    reading = method.read(rgb) if whole else method.evaluate_tiled(rgb)
+    reading = method.read(rgb) if whole else tiled(method, rgb)
     found = integrate(reading.slopes.__class__(reading.slopes.dz_dx, reading.slopes.dz_dy), SCALE)
     return np.asarray(found - np.median(found[:6]), np.float64)
 
@@ -55,7 +59,7 @@ def depth(method: CalibratedMethod, rgb: Bytes, *, whole: bool) -> Floats:
 def test_pressed_pixels_are_read_as_in_the_whole_picture(odd: bool) -> None:
     method, (_, p, q) = calibrated(odd=odd), ball((0.5, 0.5), 1.5, 4.0)
     rgb = cut(picture(p, q, np.random.default_rng(3)), odd)
-    whole, quick = method.read(rgb), method.evaluate_tiled(rgb)
+    whole, quick = method.read(rgb), tiled(method, rgb)
     steep = np.hypot(p, q)[: rgb.shape[0], : rgb.shape[1]] > 0.15
     assert np.array_equal(whole.slopes.dz_dx[steep], quick.slopes.dz_dx[steep])
     assert np.array_equal(whole.slopes.dz_dy[steep], quick.slopes.dz_dy[steep])
@@ -120,7 +124,7 @@ def test_calm_gel_is_calmer_and_follows_the_light() -> None:
     rng = np.random.default_rng(6)
     x = np.linspace(-1, 1, SHAPE[1])[None, :, None]
     warm = 1.0 + 0.03 * x**2 * np.array([1.0, -1.0, 0.5])
-    noise = [np.median(np.abs(f(flat(rng)).slopes.dz_dx)) for f in (method.read, method.evaluate_tiled)]
+    noise = [np.median(np.abs(f(method, flat(rng)).slopes.dz_dx)) for f in (CalibratedMethod.read, tiled)]
     assert noise[1] < 0.7 * noise[0]
     before = np.sqrt(np.mean(depth(method, flat(rng, gain=warm), whole=False) ** 2))
     for _ in range(60):

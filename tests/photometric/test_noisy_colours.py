@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tactilevision.photometric.ball_samples import Samples, with_noise
-from tactilevision.photometric.methods.inverse_shading import InverseShading
-from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
+from tactilevision.photometric.methods.polynomial import InverseShading, Polynomial, fit_polynomial
 
 LIGHTS = np.array([[1.0, -0.4, -0.5], [0.1, 0.8, -0.7]])  # x, y by channel
 

@@ -24,7 +24,7 @@ from tactilevision.heightmap.self_calibration import (
 from tactilevision.photometric.ball_pictures import BallPicture, locate
 from tactilevision.photometric.ball_samples import ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
-from tactilevision.photometric.colour_change import ColourChange, Planes
+from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.methods.network import find_model
 from tactilevision.photometric.reference import make_reference
 from tactilevision.photometric.storage import load_network
@@ -33,7 +33,7 @@ from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
 from tactilevision.recording.read import read_recording
 from tactilevision.records.maps import ASSUMED_SCALE, REFERENCE
-from tactilevision.records.measured import Floats
+from tactilevision.records.measured import Floats, Picture
 from tactilevision.records.rig import Sensor
 from tactilevision.sensors import get_sensor
 from tactilevision.sensors.rectification import rectify
@@ -60,7 +60,7 @@ def bumps(rng: np.random.Generator, *, many: int) -> tuple[Floats, Floats]:
     return p, q
 
 
-def shown(p: Floats, q: Floats, rng: np.random.Generator, *, noise: float = 0.01) -> Planes:
+def shown(p: Floats, q: Floats, rng: np.random.Generator, *, noise: float = 0.01) -> Picture:
     """Relative change (3, H, W) of colour under LIGHT, which turns a little over the picture."""
     x = np.linspace(-1, 1, SIZE[1])[None]
     turned = np.stack([p - 0.1 * x * q, q + 0.1 * x * p])

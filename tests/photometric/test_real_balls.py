@@ -21,21 +21,20 @@ from benchmarks.own_contacts import KINDS
 from benchmarks.ready_cards import SENSORS, by_network
 from benchmarks.real_frames import real_balls
 from tactilevision.batch.folder import measure
+from tactilevision.heightmap.build import tuned
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.photometric.ball_pictures import BallPicture, collect_balls
 from tactilevision.photometric.ball_samples import ball_samples, radii_from
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.colour_change import ColourChange
-from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.network import find_model
-from tactilevision.photometric.methods.polynomial import fit_polynomial
+from tactilevision.photometric.methods.polynomial import AutoMethod, fit_polynomial
 from tactilevision.photometric.reference import Reference, make_reference
 from tactilevision.photometric.storage import load_network
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes, Floats
 from tactilevision.sensors import get_sensor
-from tactilevision.sensors.rectification import maps_from_lookup, rectify
+from tactilevision.sensors.rectification import rectify
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
 pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not at hand")
@@ -53,7 +52,7 @@ def gelslim(folder: str) -> tuple[Bytes, tuple[BallPicture, ...]]:
     """The rectified reference and the ball presses of a set."""
     where = REAL / folder
     with np.load(where.parent / "abe_corr.npz", allow_pickle=False) as table:
-        sensor = get_sensor("gelslim3", rectification=maps_from_lookup(table["x"], table["y"]))
+        sensor = get_sensor("gelslim3", rectification=tuple(table[axis].astype(np.float32) for axis in ("y", "x")))
     names = sorted(where.glob("sample_*.jpg"))
     shots = tuple(BallPicture(rectify(sensor, read(name)), 3.8, name=name.name) for name in names)
     return rectify(sensor, read(where / "ref.jpg")), shots
@@ -189,7 +188,7 @@ def test_real_screws_and_balls_are_contacts_and_free_gel_is_none() -> None:
     flat, shots = gelslim(folder)
     reader = tuned(get_sensor("gelslim3"), calibrated(folder, True), pictures=shots, free=())
     with np.load(REAL / "gelslim3_mcubelab" / "abe_corr.npz", allow_pickle=False) as table:
-        sensor = get_sensor("gelslim3", rectification=maps_from_lookup(table["x"], table["y"]))
+        sensor = get_sensor("gelslim3", rectification=tuple(table[axis].astype(np.float32) for axis in ("y", "x")))
     screws = sorted((REAL / "gelslim3_mcubelab" / "markerless_objects").glob("*.jpg"))
     pressed = [rectify(sensor, read(name)) for name in screws] + [shot.rgb for shot in shots[::6]]
     assert all(measure(reader.rectified_map(rgb), reader.error)[1] > 0 for rgb in pressed)

@@ -166,8 +166,9 @@ def offsets() -> Figure:
 
 
 def overlay() -> Figure:
-    own = diagnosis.Overlay("the depth", "mm", (), "depth_zero", X, X, HALF, HALF, HALF, X)
-    return diagnosis.draw_overlay(own)
+    means, reach = np.array([X, HALF, X]), np.array([HALF, HALF, HALF])
+    own = misfit_records.Strip("w", "the depth", "mm", (), X, X, means, reach, (), ())
+    return diagnosis.draw_overlay(own, "depth zero")
 
 
 def sighting() -> Figure:

@@ -14,9 +14,9 @@ from each import each
 from tactilevision.cli import source
 from tactilevision.errors import InputError
 from tactilevision.heightmap.ball_validation import unfit
+from tactilevision.heightmap.build import tuned
 from tactilevision.heightmap.inconsistent_light import measured_light
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.card import MethodCard

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from each import each
 
-from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.build import build_reconstructor, tuned
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import tuned
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import calibrate_from_balls
 from tactilevision.photometric.catalogue import PHOTOMETRIC
@@ -227,9 +226,9 @@ def test_a_contact_that_the_calibration_saw_in_its_reference_is_flagged() -> Non
 def test_what_is_usual_is_told_by_the_calibration() -> None:
     method = made().referenced
     assert method is not None
-    assert 0.2 < method.card.to_json()["usual"]["misfit"] < 1.5
-    assert 0.0002 < method.card.to_json()["usual"]["zero_std_mm"] < 0.003
-    rough = method.with_card(method.card.extended({"usual": {"misfit": 40.0, "zero_std_mm": 0.2}}))
+    assert 0.2 < method.card.to_json()["baseline"]["misfit"] < 1.5
+    assert 0.0002 < method.card.to_json()["baseline"]["zero_std_mm"] < 0.003
+    rough = method.with_card(method.card.extended({"baseline": {"misfit": 40.0, "zero_std_mm": 0.2}}))
     level = np.zeros(SHAPE)
     still = picture(level, level, np.random.default_rng(SEED + 7), at=((-30.0, 14.0, 18.0), *LAMPS[1:]))
     assert LIGHT not in Reconstructor(SENSOR, rough).rectified_map(still).flags

@@ -15,10 +15,9 @@ from each import each
 from shared_scenes import rendered_reconstructor
 
 from tactilevision.errors import InputError
-from tactilevision.heightmap.build import build_reconstructor, with_flats
+from tactilevision.heightmap.build import build_reconstructor, free_frames, press_starts, with_flats
 from tactilevision.heightmap.reference_match import some_frames
 from tactilevision.heightmap.scene_faults import able_to_renew, check_order, scene_faults
-from tactilevision.heightmap.untouched_frames import free_frames, press_starts
 from tactilevision.photometric.reference import COLOURS, make_reference
 from tactilevision.recording.images import read_image
 from tactilevision.recording.read import read_recording

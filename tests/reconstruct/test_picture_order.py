@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from shared_scenes import SAMPLE
 
-from tactilevision.heightmap.build import build_reconstructor, curl_share, order_warnings
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.scene_faults import curl_share, order_warnings
 from tactilevision.photometric.methods.network import find_model
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.pictures import read_flats, read_frame, read_reference

@@ -16,9 +16,8 @@ from shared_scenes import SAMPLE, sample_reconstructor
 
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import InputError
-from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.build import build_reconstructor, subtract_background, tare, untouched_rms_mm
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.untouched_frames import subtract_background, tare, untouched_rms_mm
 from tactilevision.photometric.ball_pictures import BallPicture
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.catalogue import PHOTOMETRIC
@@ -28,7 +27,7 @@ from tactilevision.recording.read import read_recording
 from tactilevision.records.maps import BEYOND_BALLS, Frame, SlopeMap
 from tactilevision.records.measured import Bytes
 from tactilevision.sensors import get_sensor
-from tactilevision.sensors.rectification import maps_from_lookup, rectify
+from tactilevision.sensors.rectification import rectify
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import (
@@ -45,7 +44,7 @@ from lamp_room import (
 )
 
 from tactilevision.heightmap.ball_validation import held_out_depth
-from tactilevision.heightmap.deviation_terms import hidden_step_mm
+from tactilevision.heightmap.deviation import hidden_step_mm
 
 REAL = Path(__file__).parents[3] / "shared" / "real"
 
@@ -255,7 +254,7 @@ def test_real_gelslim_balls_held_out() -> None:
     # The ball's radius is not recorded with these frames: 3.8 mm, as the code they came with has it, is assumed.
     folder = REAL / "gelslim3_mcubelab"
     with np.load(folder / "abe_corr.npz", allow_pickle=False) as table:
-        maps = maps_from_lookup(table["x"], table["y"])
+        maps = tuple(table[axis].astype(np.float32) for axis in ("y", "x"))
     sensor = get_sensor("gelslim3", rectification=maps)
     reference = make_reference([rectify(sensor, read(folder / "markerless" / "ref.jpg"))])
     shots = [

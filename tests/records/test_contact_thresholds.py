@@ -8,7 +8,6 @@ import pytest
 from tactilevision.records.contact_thresholds import (
     CONTACT,
     cell_limit_mm,
-    colour_limit,
     depth_limit_mm,
     live_limit_mm,
     reading_limit,
@@ -18,7 +17,6 @@ from tactilevision.records.contact_thresholds import (
 
 
 def test_each_limit_is_its_equation() -> None:
-    assert colour_limit(2.0) == 32.0
     assert slope_limit(0.01) == pytest.approx(0.041)
     assert depth_limit_mm(0.001, 1.0) == 0.01
     assert depth_limit_mm(0.01, 1.0) == pytest.approx(0.05)

@@ -10,10 +10,10 @@ from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.methods.network import find_model
-from tactilevision.records.measured import Bytes
+from tactilevision.records.measured import Bytes, Picture
 from tactilevision.records.rig import Sensor
 from tactilevision.sensors import SENSORS, get_sensor
-from tactilevision.sensors.rectification import maps_from_corners, maps_from_grid, maps_from_lookup, rectify
+from tactilevision.sensors.rectification import rectify, sensor_from_corners, sensor_from_grid
 
 
 def ramp(height: int = 60, width: int = 80) -> Bytes:
@@ -61,17 +61,22 @@ def with_maps(maps: tuple[np.ndarray, np.ndarray]) -> Sensor:
     return get_sensor("custom", width_px=width, height_px=height, mm_per_px=0.1, rectification=maps)
 
 
+def maps_of(sensor: Sensor) -> tuple[Picture, Picture]:
+    assert sensor.rectification is not None
+    return sensor.rectification
+
+
 def test_a_table_of_rows_and_columns_is_followed() -> None:
     row, column = np.mgrid[10:50, 20:70]
-    straight = rectify(with_maps(maps_from_lookup(row, column)), ramp())
+    straight = rectify(with_maps((column.astype(np.float32), row.astype(np.float32))), ramp())
     assert np.array_equal(straight, ramp()[10:50, 20:70])
     with pytest.raises(InputError, match="reaches outside"):
-        rectify(with_maps(maps_from_lookup(row, column)), ramp(30, 80))
+        rectify(with_maps((column.astype(np.float32), row.astype(np.float32))), ramp(30, 80))
 
 
 def test_four_corners_span_the_picture() -> None:
     corners = [(10.0, 5.0), (70.0, 8.0), (66.0, 50.0), (14.0, 46.0)]
-    map_x, map_y = maps_from_corners(corners, (6.0, 4.0), mm_per_px=(0.1, 0.1))
+    map_x, map_y = maps_of(sensor_from_corners(corners, (6.0, 4.0), mm_per_px=(0.1, 0.1)))
     assert map_x.shape == (40, 60)
     half = 0.02  # the outermost pixels' centres lie half a pixel inside the corners
     for (row, column), corner in zip(((0, 0), (0, -1), (-1, -1), (-1, 0)), corners, strict=True):
@@ -90,7 +95,7 @@ def test_four_corners_span_the_picture() -> None:
     found = (map_x[19:21, 29:31].mean(), map_y[19:21, 29:31].mean())
     assert found == pytest.approx(tuple(cross), abs=0.05)
     with pytest.raises(InputError, match="four corners"):
-        maps_from_corners(corners[:3], (6.0, 4.0), mm_per_px=(0.1, 0.1))
+        sensor_from_corners(corners[:3], (6.0, 4.0))
 
 
 def test_a_grid_undoes_a_lens() -> None:
@@ -100,13 +105,13 @@ def test_a_grid_undoes_a_lens() -> None:
         return np.stack([40.0 + 30.0 * u * swell, 30.0 + 22.0 * v * swell], axis=-1)
 
     y, x = np.mgrid[:7, :9].astype(float)
-    map_x, map_y = maps_from_grid(bent(x, y), 1.0, mm_per_px=(0.1, 0.1))
+    map_x, map_y = maps_of(sensor_from_grid(bent(x, y), 1.0, mm_per_px=(0.1, 0.1)))
     fine_y, fine_x = np.mgrid[: map_x.shape[0], : map_x.shape[1]] * 0.1
     expected = bent(fine_x, fine_y)
     assert np.abs(map_x - expected[..., 0]).max() < 0.05
     assert np.abs(map_y - expected[..., 1]).max() < 0.05
     with pytest.raises(InputError, match="at least 2 by 2"):
-        maps_from_grid(np.zeros((1, 5, 2)), 1.0, mm_per_px=(0.1, 0.1))
+        sensor_from_grid(np.zeros((1, 5, 2)), 1.0)
 
 
 def test_many_sensors_do_not_pile_up() -> None:
@@ -114,7 +119,7 @@ def test_many_sensors_do_not_pile_up() -> None:
 
     row, column = np.mgrid[:20, :30]
     for _ in range(20):
-        rectify(with_maps(maps_from_lookup(row, column)), ramp())
+        rectify(with_maps((column.astype(np.float32), row.astype(np.float32))), ramp())
     assert len(rectification._fixed) <= rectification.KEPT
 
 

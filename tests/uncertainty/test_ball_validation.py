@@ -8,7 +8,7 @@ from each import each
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.ball_validation import Known, bands, conformal_factor, dent_mm, told
-from tactilevision.heightmap.deviation_terms import gain_std, place_gain_std
+from tactilevision.heightmap.deviation import gain_std, place_gain_std
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.card import MethodCard
 

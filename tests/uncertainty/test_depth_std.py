@@ -10,8 +10,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from shared_scenes import sample_reconstructor
 
+from tactilevision.heightmap.build import BLOCK_PX, untouched_std_mm
 from tactilevision.heightmap.deviation import DepthError
-from tactilevision.heightmap.deviation_terms import BLOCK_PX, untouched_std_mm
 from tactilevision.recording.pictures import read_frame
 from tactilevision.recording.read import read_recording
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.heightmap.deviation_terms import leakage_share
+from tactilevision.heightmap.build import leakage_share
 from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture

@@ -51,7 +51,7 @@ def bench(
     files: dict[str, str] | None = None,
     history: History | None = None,
 ) -> Bench:
-    """With its first model fitted; nothing asked of a diagnosis, nothing fitted beforehand."""
+    """With its first model fitted; nothing asked of a diagnosis."""
     listed = tuple(EFFECTS[key] for key in LOOKED_FOR)
     opened = Opened((), (), presses(), private=private, files=files or {}, listed=listed)
 
@@ -62,9 +62,7 @@ def bench(
     def keep(kept: History) -> None:
         kept.save(out / "history.json")
 
-    made = Bench(
-        opened, history or History(("made",)), export=export, keep=keep, out=out, asks=False, beforehand=False
-    )
+    made = Bench(opened, history or History(("made",)), export=export, keep=keep, out=out, asks=False)
     made.work(until_idle=True)
     return made
 

@@ -16,12 +16,11 @@ from calibration.effects.private import load_effect, new_effect
 from calibration.inputs.observations import leave_out, press_names
 from calibration.tasks.compare import compare
 from calibration.tasks.session import History, load_history
-from calibration.workbench import bench as bench_module, changes
+from calibration.workbench import bench as bench_module
 from calibration.workbench.analysis import Models, Verdict
-from calibration.workbench.bench import Bench
-from calibration.workbench.changes import Track
+from calibration.workbench.bench import Bench, Track
 from calibration.workbench.opened import file_marks
-from calibration.workbench.views import curve_view, state_view, tried_view
+from calibration.workbench.server import curve_view, state_view, tried_view
 from tactilevision.errors import InputError
 from tactilevision.files.writing import as_json
 
@@ -251,27 +250,17 @@ def test_a_file_that_changes_or_goes_is_said_and_nothing_is_lost(made: Bench, tm
     assert made.wait(0, 0).changed == ""
 
 
-def test_two_tabs_are_said_to_each_and_one_is_not(made: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert made.wait(0, 0, tab="a").tabs == 1
-    before = made.shown.version
-    assert made.wait(0, 0, tab="b").tabs == 2
-    assert made.shown.version > before, "the first tab is told, too"
-    assert "open in 2 tabs" in state_view(made)["warnings"][-1]
-    monkeypatch.setattr(bench_module, "GONE_S", 0.0)
-    assert made.wait(0, 0, tab="a").tabs == 1
-
-
 def test_the_error_falls_before_what_it_depends_on_is_drawn(made: Bench) -> None:
     models = Models(made.opened)
     quick = models.fitted((), ("force_bias",))
     assert quick.rng is None
     assert not quick.found.models[-1].covariates
     assert np.isfinite(quick.found.models[-1].held_out_N)
-    assert models.with_covariates((), ("force_bias",)).found.models[-1].covariates
+    assert models.completed((), ("force_bias",)).found.models[-1].covariates
 
 
 def test_a_change_that_takes_too_long_is_stopped_and_said(made: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(changes, "FIT_S", 0.02)
+    monkeypatch.setattr(bench_module, "FIT_S", 0.02)
     shown = do(made, "add", "thickness")
     assert "was stopped after" in shown.notice
     assert not shown.history.steps

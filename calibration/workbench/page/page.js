@@ -4,7 +4,6 @@
 const $ = (id) => document.getElementById(id);
 let state = null, curves = null, model = null, chosen = null, tried = null, seenSince = 0, sliding = null, watching = false;
 const FIRST = 4;  // cards that are shown at once
-const TAB = Math.random().toString(36).slice(2);  // so that the server can count its tabs
 const drawn = {};
 const open = new Set();
 
@@ -50,7 +49,7 @@ async function act(action, value = "") {
 async function follow() {
   for (;;) {
     try {
-      const news = await ask(`state?since=${state ? state.version : 0}&tab=${TAB}`);
+      const news = await ask(`state?since=${state ? state.version : 0}`);
       state = news;
       seenSince = performance.now() - 1000 * news.busy_s;
       show();

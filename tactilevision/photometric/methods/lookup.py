@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import Samples
-from tactilevision.photometric.protocols import StripEvaluator
-from tactilevision.photometric.windows import Window
-from tactilevision.records.measured import Floats
+from tactilevision.photometric.colour_change import Window
+from tactilevision.photometric.protocols import Evaluator
+from tactilevision.records.measured import Floats, Picture
 
 CELLS = 48  # entries along each colour
 FINE = 2 * CELLS - 1  # entries along each colour of the table that is read; at most 256, for byte indices
@@ -33,7 +33,7 @@ PRIOR = 4  # weight of the cubic in each cell, in samples
 class Lookup:
     """`table` (CELLS, CELLS, CELLS, 2) over changes from `lowest` (3,) to `highest` (3,)."""
 
-    table: npt.NDArray[np.float32]
+    table: Picture
     lowest: Floats
     highest: Floats
 
@@ -50,7 +50,7 @@ class Lookup:
         return (FINE - 1) / (self.highest - self.lowest)
 
     @cached_property
-    def fine(self) -> npt.NDArray[np.float32]:
+    def fine(self) -> Picture:
         """The table (FINE, FINE, FINE, 2) that is read: linear between entries, 0 for no change."""
         fine = self.table
         for axis in range(3):
@@ -95,7 +95,7 @@ def fit_lookup(contact: Samples, untouched_samples: Samples, *, ridge: float) ->
     return Lookup(table.reshape(CELLS, CELLS, CELLS, 2).astype(np.float32), lowest, highest)
 
 
-class LookupEvaluator(StripEvaluator):
+class LookupEvaluator(Evaluator):
     """The table over a whole picture, both slopes of an entry as the parts of one complex number."""
 
     def __init__(self, lookup: Lookup, shape: tuple[int, int]) -> None:
@@ -103,12 +103,12 @@ class LookupEvaluator(StripEvaluator):
         self.per, self.shift = lookup.per, -lookup.lowest * lookup.per
         self.lookup = lookup
 
-    def strip(self, change: npt.NDArray[np.float32], window: Window, out: npt.NDArray[np.float32]) -> None:
+    def strip(self, change: Picture, window: Window, out: Picture) -> None:
         """Write slopes (2, h, w) of the changes (3, h, w) of a window, one of `strips`, to `out`."""
         slopes = self.slopes.take(self._entries(change), mode="clip")
         out[0], out[1] = slopes.real, slopes.imag
 
-    def _entries(self, change: npt.NDArray[np.float32]) -> npt.NDArray[np.intp]:
+    def _entries(self, change: Picture) -> npt.NDArray[np.intp]:
         """Return the entries (h, w) for changes (3, h, w); float32 is exact up to FINE^3."""
         cells = np.empty(change.shape, np.uint8)
         for channel, cell, per, shift in zip(change, cells, self.per, self.shift, strict=True):
@@ -122,7 +122,7 @@ class LookupEvaluator(StripEvaluator):
         red += blue
         return np.asarray(red, np.intp)
 
-    def noise(self, noise: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    def noise(self, noise: Picture) -> Picture:
         """Return the standard deviation (H, W) of a slope on untouched gel from that of the changes (3, H, W)."""
         entry, table = _entry_of_zero(self.lookup), self.lookup.fine
         rates = []

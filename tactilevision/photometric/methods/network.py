@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import replacing
+from tactilevision.photometric.colour_change import Window
 from tactilevision.photometric.methods.polynomial import REACH
-from tactilevision.photometric.protocols import StripEvaluator
-from tactilevision.photometric.windows import Window
-from tactilevision.records.measured import Floats
+from tactilevision.photometric.protocols import Evaluator
+from tactilevision.records.measured import Floats, Picture
 
 if TYPE_CHECKING:
     import torch
@@ -33,7 +32,6 @@ _ALLOWED = (
 )
 OPERATORS = frozenset(_ALLOWED.split())
 MAX_STEP = 1_000_000  # numbers per pixel that a step of a network may give; ours give some tens
-Array = npt.NDArray[np.float32]
 
 
 def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
@@ -101,7 +99,7 @@ def _largest_step(model: Any) -> float:
     return max((math.prod(side.dim_value for side in shapes[name]) for name in names), default=0)
 
 
-def run_network(session: Any, *inputs: Array) -> Array:
+def run_network(session: Any, *inputs: Picture) -> Picture:
     """Return the first output for the inputs in order: slopes (1, 2, h, w) of colours and places (1, 5, h, w).
 
     Raises InputError where the network has other inputs.
@@ -161,8 +159,6 @@ def export_network(
 
 CHANGE_STEP = 0.05  # colour change of the finite difference at rest
 
-Picture = npt.NDArray[np.float32]
-
 
 @dataclass(frozen=True)
 class Network:
@@ -204,7 +200,7 @@ class Network:
         return {"steepest": np.array(self.steepest)}
 
 
-class NetworkEvaluator(StripEvaluator):
+class NetworkEvaluator(Evaluator):
     """The network over a whole picture, strip by strip."""
 
     def __init__(self, network: Network, shape: tuple[int, int]) -> None:

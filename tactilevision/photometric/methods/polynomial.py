@@ -24,13 +24,13 @@ from functools import lru_cache, reduce
 from itertools import combinations_with_replacement
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import KEPT, TYPICAL, Samples
-from tactilevision.photometric.protocols import StripEvaluator
-from tactilevision.photometric.windows import Window
+from tactilevision.photometric.colour_change import Window
+from tactilevision.photometric.protocols import ColourLaw, Evaluator
+from tactilevision.photometric.shading_law import PLACE_PENALTIES, colours_of, fit_light
 from tactilevision.records.constants import TINY
-from tactilevision.records.measured import Floats
+from tactilevision.records.measured import Floats, Picture
 
 PRODUCTS = tuple(pick for n in (1, 2, 3, 4) for pick in combinations_with_replacement(range(3), n))
 RAISED = tuple(  # a colour, the products of one order from it on, their products with it
@@ -51,8 +51,6 @@ AVERAGED = 450  # pixels of a contact of 12 px in radius, the smallest whose dep
 MAX_NOISE_SHARE = 0.5  # of a combination's power that is subtracted as noise
 REACH = 1.5  # of the steepest slope of the samples; beyond, a polynomial diverges
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # relative to the power of the terms; held-out balls choose
-
-Picture = npt.NDArray[np.float32]
 
 
 def _terms() -> list[tuple[int, int]]:
@@ -168,7 +166,7 @@ def _less_noise(power: Floats, noise: Floats) -> Floats:
     return np.asarray(power - (turned * np.clip(parts, 0.0, MAX_NOISE_SHARE)) @ turned.T)
 
 
-class PolynomialEvaluator(StripEvaluator):
+class PolynomialEvaluator(Evaluator):
     """The polynomial over a whole picture, row by row: in a row it is a polynomial of X alone.
 
     slope(X) = sum_i X^i sum_k c_ik(Y) phi_k(u), so that one small matrix product per row does most of the work.
@@ -225,3 +223,75 @@ def _design(change: Floats, place: Floats, order: int) -> Floats:
     for column, (k, m) in zip(columns, terms, strict=True):
         np.multiply(products[k], powers[m], out=column)
     return columns.T
+
+
+# Regularisation by the shading law.
+#
+#     (1 + u_c) sqrt(1 + p^2 + q^2) - 1 = sum_ij L_cij(X, Y) p^i q^j        1 <= i + j <= 4
+#
+# A matt surface under one far light makes the left side a plane through 0; higher terms are highlights, shadows
+# and several lights in one channel. Fitting colours to the known slopes of balls is well-posed where a polynomial
+# of slope in noisy colours has too much freedom. The law is then sampled over all slopes and places, and
+# `Polynomial` is fitted to the balls and, with a share of the weight, to these samples.
+#
+# On five simulated sensors with 8 or 14 balls the depth of held-out balls is off by 7 9 13 16 30 um, with the
+# direct fit by 19 14 15 27 38. As real light may deviate from the law, held-out balls choose the fit
+# (`AutoMethod`).
+
+SHARES = (0.1, 0.5)  # of the weight on the shading law; held-out balls choose
+LAW_SAMPLES = 8000  # of the law, about as many as of the balls (CONTACT)
+MAX_SLOPE_SHARE = 1.1  # of the steepest slope of the balls
+LAW_RIDGE = 1e-6  # of the polynomial through samples of the law, which cover all slopes and places
+
+
+@dataclass(frozen=True)
+class InverseShading:
+    """Fitter of a polynomial to balls and to samples of the shading law, which have `share` of the weight.
+
+    `uneven` penalises the change of the law over the picture.
+    """
+
+    uneven: float
+    share: float
+
+    ridges = (LAW_RIDGE,)
+
+    @property
+    def __name__(self) -> str:
+        return f"through_light: uneven {self.uneven:g}, share {self.share:g}"
+
+    def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> Polynomial:
+        simulated = _law_samples(contact, self.uneven)
+        return fit_polynomial(contact, untouched_samples, ridge=ridge, simulated=simulated, share=self.share)
+
+
+class AutoMethod:
+    """Fitters among which held-out balls choose: polynomials of third or fourth order, or `InverseShading`."""
+
+    ways = (
+        *((fit, ridge) for fit in (fit_polynomial, fit_fourth_order) for ridge in RIDGES),
+        *((InverseShading(uneven, share), LAW_RIDGE) for uneven in PLACE_PENALTIES for share in SHARES),
+    )
+
+    def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> ColourLaw:
+        return fit_polynomial(contact, untouched_samples, ridge=ridge)
+
+
+@lru_cache(maxsize=KEPT)
+def _law_samples(contact: Samples, uneven: float) -> Samples:
+    """Return samples of the shading law of `contact`, spread evenly over slopes and places."""
+    law = fit_light(contact, uneven)
+    even = _evenly(LAW_SAMPLES, 4)
+    steep = MAX_SLOPE_SHARE * np.hypot(*contact.slopes.T).max() * even[:, 0] ** 0.75
+    angle, place = 2 * np.pi * even[:, 1], 2.0 * even[:, 2:4] - 1.0
+    slopes = np.stack([steep * np.cos(angle), steep * np.sin(angle)], axis=1)
+    return Samples(colours_of(law, slopes, place=place), place, slopes, np.zeros(LAW_SAMPLES, np.int64))
+
+
+def _evenly(count: int, dimensions: int) -> Floats:
+    """Return points (count, dimensions) in the unit cube by Roberts' sequence, x^(d+1) = x + 1."""
+    root = 1.5
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    steps = root ** -np.arange(1.0, dimensions + 1)
+    return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)

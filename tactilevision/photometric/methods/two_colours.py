@@ -13,13 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.photometric.ball_samples import Samples
-from tactilevision.photometric.colour_change import MissingColours, Planes
 from tactilevision.photometric.cross_validation import FOLDS, Fitter, held_out, patch_error
-from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Picture, Polynomial, PolynomialEvaluator
+from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.photometric.reference import NOISE_LIMIT
-from tactilevision.photometric.windows import Patch, Window, common, inside, outside, window_of
-from tactilevision.records.measured import Bools, Floats
+from tactilevision.records.measured import Floats
 
 COLOURS = 3  # red, green, blue: channels of a frame
 THINNED = 4  # every fourth sample serves for the error
@@ -81,54 +78,3 @@ def fit_two_colours(
         laws.append(law)
         errors.append(float(np.sqrt(max(patch_error(slopes, few) ** 2 - error**2, 0.0))))
     return TwoColourLaws(tuple(laws), tuple(errors))
-
-
-class TwoColourReader:
-    """Read slopes of pixels with a missing colour, for pictures (H, W) of one size."""
-
-    def __init__(self, laws: TwoColourLaws, noise: Planes) -> None:
-        """`noise` (3, H, W) is the relative deviation of the changes."""
-        self.laws = laws
-        self.evaluators: list[PolynomialEvaluator] = [law.evaluator(noise.shape[1:]) for law in laws.laws]
-        self.noise: list[Picture] = []
-        for colour, evaluate in enumerate(self.evaluators):
-            known = noise.copy()
-            known[colour] = 0.0
-            self.noise.append(evaluate.noise(known))
-        self.kept_share: list[Picture] = [
-            np.asarray(1.0 / (1.0 + (noise / NOISE_LIMIT) ** 2), np.float32) for noise in self.noise
-        ]
-        self.clear = [kept > 0.5 for kept in self.kept_share]
-
-    def add_readable(self, valid: Bools, of: MissingColours) -> None:
-        """Set `valid` (H, W) where two colours give slopes above their noise."""
-        for colour in range(COLOURS):
-            if self.laws.errors[colour] < UNKNOWN:
-                valid[of.window] |= of.missing[colour] & of.partly & self.clear[colour][of.window]
-
-    def read_into(self, slopes: Planes, change: Planes, window: Window, of: MissingColours) -> None:
-        """Set `slopes` (2, h, w) of a window from changes (3, h, w) where one colour is missing, else 0."""
-        if (both := common(window, of.window)) is None:
-            return
-        seen, part = inside(both, of.window), (slice(None), *inside(both, window))
-        slopes, change = slopes[part], change[part]
-        slopes[:, of.blind[seen]] = 0.0
-        for colour in range(COLOURS):
-            where = of.missing[colour][seen] & of.partly[seen]
-            if (box := window_of(where)) is None:
-                continue
-            whole = outside(box, both)
-            known = change[:, *box].copy()
-            known[colour] = 0.0
-            read = np.empty((2, *known.shape[1:]), np.float32)
-            self.evaluators[colour].strip(known, whole, read)
-            read *= self.kept_share[colour][whole]
-            np.copyto(slopes[:, *box], read, where=where[box])
-
-    def lost_share(self, of: MissingColours) -> Patch:
-        """Return the relative error of slopes where colours are missing."""
-        errors = np.zeros(of.count.shape, np.float32)
-        for colour in range(COLOURS):
-            errors[of.missing[colour]] = self.laws.errors[colour]
-        errors[of.count > 1] = UNKNOWN
-        return Patch(of.window, errors)
