@@ -21,7 +21,6 @@ from tactilevision.heightmap.deviation_terms import (
     free_variance,
     gain_variance,
     hidden_step_mm,
-    leaked_variance,
     missing_colour_variance,
     noise_variance,
     scale_variance,
@@ -38,7 +37,7 @@ from tactilevision.robust import frame_mad_std, median
 
 # The uncertainty of a depth, pixel by pixel: `HeightMap.std_mm`.
 #
-#   std^2 = max(scale, leakage) + missing colour + free gel + zero plane + illumination + steep edges + cast shadow
+#   std^2 = scale + missing colour + free gel + zero plane + illumination + steep edges + cast shadow
 #           + steep slope + inconsistent light
 #
 # The terms, their equations and limits are in `deviation_terms.py`; here they are summed as independent. The sum
@@ -52,7 +51,6 @@ MAX_HIDDEN_SHARE = 0.2
 MAX_EXTRAPOLATED = 0.05  # of the depth, by lying beyond the balls; real sets' own balls have .01 (real_frames.md)
 TERMS = (
     "depth scale",
-    "leakage",
     "missing colour",
     "slope noise",
     "untouched gel",
@@ -93,7 +91,6 @@ class DepthError:
     def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
         self.method, self.mm_per_px = method, mm_per_px
         card = method.card
-        self.leakage = 1.0 if card.leakage_std is None else card.leakage_std
         self.steepest = STEEP_SHARE * (np.inf if card.steepest_slope is None else card.steepest_slope)
         every = self.every = max(2, round(GRID_MM / max(mm_per_px)))
         noise = noise_variance(
@@ -111,9 +108,8 @@ class DepthError:
     def std_mm(self, depth_mm: Array, evidence: MapEvidence) -> Picture:
         """Return the standard deviation (H, W) mm of `depth_mm` (H, W), by the `evidence` of the same map."""
         few = self._on_grid(depth_mm)
-        scale = scale_variance(few, self.gain_square)
+        total = scale_variance(few, self.gain_square)
         lost = self._lost(few, evidence)
-        total = np.asarray(cv2.max(self._leaked(scale), scale, dst=scale))
         if lost is not None:
             total += lost
         total += self.free_mm2
@@ -145,7 +141,6 @@ class DepthError:
         every frame: it takes as long as the sum again.
         """
         few = self._on_grid(depth_mm)
-        scale = scale_variance(few, self.gain_square)
         lost = self._lost(few, evidence)
         light, edges, steep = self._light(evidence, few.shape), np.zeros_like(few), np.zeros_like(few)
         shadow = np.zeros_like(few)
@@ -153,8 +148,7 @@ class DepthError:
         add_shadow_variance(shadow, evidence.edges, mm_per_point=self._step_mm)
         add_steep_variance(steep, few, hidden_mm=self._hidden_mm(few, evidence))
         variances = (
-            scale,
-            np.maximum(self._leaked(scale) - scale, 0.0),
+            scale_variance(few, self.gain_square),
             np.zeros_like(few) if lost is None else lost,
             self.noise_mm2,
             self.free_mm2 - self.noise_mm2,
@@ -201,9 +195,6 @@ class DepthError:
 
     def _on_grid(self, depth_mm: Array) -> Picture:
         return np.array(depth_mm[:: self.every, :: self.every], np.float32)
-
-    def _leaked(self, scale_mm2: Picture) -> Picture:
-        return leaked_variance(scale_mm2, self.leakage, every=self.every, mm_per_px=self.mm_per_px)
 
     def _lost(self, few: Picture, evidence: MapEvidence) -> Picture | None:
         if evidence.lost_share is None:

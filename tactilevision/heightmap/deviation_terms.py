@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -13,15 +13,11 @@ from tactilevision.heightmap.circular_edges import window_of
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.heightmap.walls import PunchEdge
 from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM, ZeroPlane, plane_terms
-from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_pictures import BallPicture
-from tactilevision.photometric.ball_samples import radii_from
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.cross_validation import jackknife_std
 from tactilevision.photometric.drift import SOFTENING_GREY
 from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.records.maps import SlopeMap
-from tactilevision.records.measured import Bytes, Floats, Pair
+from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.rig import SHADOW_ZONE
 from tactilevision.robust import MAD_TO_STD
 
@@ -73,79 +69,17 @@ def gain_std(card: MethodCard, relative_error: float) -> float:
     return seen if card.place_gain_std is not None else float(np.sqrt(seen * (held_out + seen)))
 
 
-# The term of leakage: slope errors under a contact spread to the gel outside it, where there is no depth.
-#
-#     variance(x, y) = max(k <g^2 depth^2> - g^2 depth^2, 0)      < >: mean over a thickness of gel
-#
-# g^2 depth^2 is the term of the depth scale. The share k is measured once, when a method is made. The change of a
-# map by holding out balls (photometric/cross_validation.py) is known everywhere in it, so that outside the
-# contacts
-#
-#     k = <std^2> / < <g^2 depth^2> >          from the contact's rim to a thickness of gel away from it
-#
-# Both means are over all balls: the ratio at a single ball is unreliable where both are small.
-# Vanishes where nothing within a thickness of gel is deep, and with the scale's own error.
-
-Depth = npt.NDArray[np.floating[Any]]
-Reader = Callable[[Bytes], Depth]
-RIM = 1.15  # contact radii: beyond it the gel is free
-MAX_BALLS = 8  # balls; more do not improve k
-COARSE = 4  # points per thickness of gel on which the smooth mean is taken
-
-
-def leaked_variance(scale_mm2: Picture, share: float, *, every: int, mm_per_px: Pair) -> Picture:
-    """Return the variance (h, w) mm² that the scale's, `scale_mm2` (h, w) mm², causes within a thickness of gel.
-
-    This term and that of the scale together are the larger of both. `scale_mm2` holds every `every`th pixel of a
-    picture at `mm_per_px` (x, y); `share` is k.
-    """
-    step = max(1, round(USUAL_THICKNESS_MM / (COARSE * every * max(mm_per_px))))
-    coarse = scale_mm2[::step, ::step]
-    reach = [USUAL_THICKNESS_MM / (step * every * px) for px in mm_per_px]
-    coarse = np.asarray(cv2.GaussianBlur(coarse, (0, 0), reach[0], sigmaY=reach[1]))
-    coarse *= np.float32(share)
-    return np.asarray(cv2.resize(coarse, scale_mm2.shape[::-1], interpolation=cv2.INTER_LINEAR))
-
-
-def leakage_share(
-    maps: Sequence[Reader],
-    pictures: Sequence[BallPicture],
-    *,
-    balls: Sequence[Ball | None],
-    gain: Depth,
-    mm_per_px: Pair,
-) -> float:
-    """Return the share k of a calibration; 1 where no ball determines it.
-
-    `maps` give the depth (H, W) mm of a rectified picture, the first by the calibration, the others each without
-    a group of balls; `gain` (h, w) is the resulting relative change of the depth scale.
-    """
-    beside_sum, nearby_sum = 0.0, 0.0
-    kept = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
-    for rgb, ball in kept[:: max(1, -(-len(kept) // MAX_BALLS))]:
-        depth, *others = (make(rgb) for make in maps)
-        variance = np.square(jackknife_std([other - depth for other in others]))
-        scale = np.square(cv2.resize(np.asarray(gain, np.float32), depth.shape[::-1]) * depth)
-        reach = [USUAL_THICKNESS_MM / step for step in mm_per_px]
-        nearby = cv2.GaussianBlur(scale, (0, 0), reach[0], sigmaY=reach[1])
-        radii = radii_from(ball, depth.shape, mm_per_px=mm_per_px)
-        away_mm = (radii - 1.0) * ball.contact_radius_px * mm_per_px[0]
-        beside = (radii > RIM) & (away_mm < USUAL_THICKNESS_MM)
-        beside_sum += float(variance[beside].mean())
-        nearby_sum += float(nearby[beside].mean())
-    return beside_sum / nearby_sum if nearby_sum else 1.0
-
-
 # The term of missing colours: slopes from two colours have larger errors, and so has the depth.
 #
 #     variance(x, y) = < e >^2 max(depth^2, < depth^2 >)      < >: means over REACH_MM, and over a thickness of gel
 #
 # e: relative error of a slope without that colour in excess of a slope by all colours, 0 where all are valid
 # (photometric/methods/two_colours.py). A few pixels without a colour hardly change the integral over them; the
-# error of many spreads, as under leakage.
+# error of many spreads to the gel around them.
 # Vanishes where all colours are valid, and where the depth is 0. Assumes errors proportional to the slope.
 
 BLUR = 4.0  # deviations at which OpenCV truncates a blur
+COARSE = 4  # points per thickness of gel on which the smooth mean is taken
 REACH_MM = 1.0  # mm, correlation length of integrated slope errors: half of a usual contact
 
 
@@ -161,10 +95,18 @@ def missing_colour_variance(depth_mm: Picture, lost_share: Picture, *, every: in
     columns = slice(max(left - across, 0), left + width + across)
     share = cv2.GaussianBlur(lost_share[rows, columns], (0, 0), reach[0], sigmaY=reach[1])
     square = np.square(depth_mm)
-    square = cv2.max(leaked_variance(square, 1.0, every=every, mm_per_px=mm_per_px), square)
+    square = cv2.max(_nearby_mean(square, every=every, mm_per_px=mm_per_px), square)
     variance = np.zeros(depth_mm.shape, np.float32)
     np.multiply(np.square(share), square[rows, columns], out=variance[rows, columns])
     return variance
+
+
+def _nearby_mean(square: Picture, *, every: int, mm_per_px: Pair) -> Picture:
+    """Return the mean (h, w) of values (h, w), every `every`th pixel, over a thickness of gel."""
+    step = max(1, round(USUAL_THICKNESS_MM / (COARSE * every * max(mm_per_px))))
+    reach = [USUAL_THICKNESS_MM / (step * every * px) for px in mm_per_px]
+    coarse = cv2.GaussianBlur(square[::step, ::step], (0, 0), reach[0], sigmaY=reach[1])
+    return np.asarray(cv2.resize(coarse, square.shape[::-1], interpolation=cv2.INTER_LINEAR))
 
 
 # The term of the camera's noise: the depth noise that pixel noise of the slopes causes.

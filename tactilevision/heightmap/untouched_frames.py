@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.ball_validation import held_out_depth, seen_gain_std
 from tactilevision.heightmap.deviation import contributions_mm
-from tactilevision.heightmap.deviation_terms import leakage_share, untouched_std_mm
+from tactilevision.heightmap.deviation_terms import untouched_std_mm
 from tactilevision.heightmap.inconsistent_light import measured_light
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.heightmap.reference_match import (
@@ -136,7 +134,6 @@ def tuned(
     factor = float(card.other.get("depth_coverage_factor", 1.0))
     place_gain = np.round(factor * np.array(card.place_gain_std), 5).tolist()
     card = dataclasses.replace(card, seen_gain_std=factor * gain, place_gain_std=place_gain)
-    card = dataclasses.replace(card, leakage_std=_spread(sensor, calibration, pictures))
     method = dataclasses.replace(calibration.method, card=card)
     settled = subtract_background(dataclasses.replace(method, reference=tare(method, free)), free)
     if settled.background is method.background:
@@ -170,19 +167,6 @@ def depth_terms_mm(
             seen = reader.read_rectified(picture.rgb)
             found.append(contributions_mm(seen.height, seen.terms_mm()))
     return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
-
-
-def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPicture]) -> float:
-    """Return the reach of slope errors outside a contact, by laws that exclude a third of the balls."""
-    method = calibration.method
-    others = [dataclasses.replace(method, law=law) for law in calibration.other_laws]
-    maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
-    gain = np.array(method.card.place_gain_std) / method.card.coverage_factor
-    return leakage_share(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
-
-
-def _depth(reader: Reconstructor, rgb: Bytes) -> npt.NDArray[Any]:
-    return reader.rectified_map(rgb).depth_mm
 
 
 def untouched_rms_mm(

@@ -59,7 +59,6 @@ def _ratios(value: Any, most: float = MAX_RATIO) -> Rows:
 
 _KEYS = {
     "coverage_factor": "place_gain_borne_out",
-    "leakage_std": "spread",
     "min_slope_noise": "slope_of_one_pixels_noise_best",
     "max_slope_noise": "slope_of_one_pixels_noise_worst",
     "baseline": "usual",
@@ -101,7 +100,6 @@ class MethodCard:
     place_gain_std: Rows | None = None
     extrapolated_gain_std: Rows | None = None  # beyond the outermost balls
     coverage_factor: float | None = None
-    leakage_std: float | None = None
     min_slope_noise: float | None = None  # best direction
     max_slope_noise: float | None = None  # worst direction
     frame_noise: float | None = None  # relative to the noise of the reference
