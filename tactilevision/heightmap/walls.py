@@ -274,8 +274,7 @@ def _blur(rows: Floats, sigma: float) -> Floats:
 # Outside the edge of a rigid flat face the gel's surface follows the wall's law. For two or three pixels it is
 # steeper than any calibrated slope, colours saturate, and a quarter of a deep face's height is hidden. Slopes
 # farther out, and those at the foot of the blurred wall inside, are gentle and well read. They determine the law's
-# unknowns, and the law gives the hidden depth. On a path tracer's faces of .3 to .6 mm (light passing through
-# the punch) this brought depths from .77-.98 of the truth to .86-1.04.
+# unknowns, and the law gives the hidden depth.
 #
 # Slopes farther out do not determine the edge itself: finite strain makes the wall steeper there than the law of
 # small slopes. By finite elements, rendered in the same light, the law gives less than the face's depth w by
