@@ -214,6 +214,13 @@ def _fitted_in_window(
     for _ in range(MAX_ITERATIONS):
         slope = np.stack([(misfit(unknown + step * axis) - residual) / step for axis in np.eye(3)], axis=-1)
         normal = slope.T @ slope
+        if not normal.any():
+            raise InputError(
+                "no colour that is known changes with the slopes of a ball",
+                where="ball press",
+                value=f"a contact at ({start[0]:.0f}, {start[1]:.0f}) px",
+                remedy="Leave the frame out of reference/ball, or check its place in ball.csv.",
+            )
         move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ residual)
         trial = np.clip(unknown + move, lowest, highest)
         after = misfit(trial)
