@@ -221,7 +221,8 @@ def _fitted_in_window(
                 value=f"a contact at ({start[0]:.0f}, {start[1]:.0f}) px",
                 remedy="Leave the frame out of reference/ball, or check its place in ball.csv.",
             )
-        move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ residual)
+        held = damping * np.maximum(np.diag(normal), TINY)
+        move = -np.linalg.solve(normal + np.diag(held), slope.T @ residual)
         trial = np.clip(unknown + move, lowest, highest)
         after = misfit(trial)
         if after @ after < residual @ residual:
