@@ -21,9 +21,7 @@ import numpy as np
 
 from tactilevision.force.calibrated import read_clock_offset, read_material
 from tactilevision.force.comparison import residuals
-from tactilevision.force.field import CUT
-from tactilevision.force.folder import force_folder, force_job
-from tactilevision.force.frame import FrameForce
+from tactilevision.force.frame import FrameForce, force_folder, force_job
 from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.recording.model import Recording
 from tactilevision.recording.read import read_recording
@@ -55,7 +53,7 @@ def report(rows: Sequence[FrameForce], accepted: Sequence[str]) -> None:
     pushed = np.array([row.resultant_N[2] for row in free])
     print(f"{len(free)} frames read below {FREE_N} N: {np.mean(pushed == 0):.0%} show no contact")
     print(f"    the largest force of the others, touched or not, {pushed.max():.3f} N")
-    left = residuals(rows, flagged=(CUT,))
+    left = residuals(rows)
     assert left is not None
     good = left.usable & np.isin(left.press, accepted) & (left.measured_N[:, 2] > MIN_N)
     pull = left.residual_N[:, 2] / left.std_N[:, 2]

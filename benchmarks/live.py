@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.vision import WIDTH_MM, calibrated
-from tactilevision.profile.make import stated_material, with_compliance
 from tactilevision.profile.model import Profile
-from tactilevision.profile.sensor import load_sensor
+from tactilevision.profile.sensor import load_sensor, stated_material, with_compliance
 from tactilevision.profile.storage import write_profile
 from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes

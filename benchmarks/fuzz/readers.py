@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from benchmarks.fuzz import seeds
 from calibration.tasks.session import load_history
-from tactilevision.batch.folder import COLUMNS, DepthJob, FrameResult
+from tactilevision.batch.folder import DepthJob, FrameResult
 from tactilevision.batch.jobs import Journal
 from tactilevision.files.arrays import read_archive, read_arrays
 from tactilevision.files.tiff import read_tiff
@@ -127,8 +127,7 @@ def _read_depth(folder: Path) -> Any:
 
 def _read_journal(folder: Path) -> Any:
     job = DepthJob(None, folder)  # type: ignore[arg-type]  # no map is made
-    rows = Journal(folder / "journal.csv", seeds.FINGERPRINT).read(job)
-    return [FrameResult.of(row) for row in rows.values()]
+    return list(Journal(folder / "journal", seeds.FINGERPRINT).read(FrameResult, job.kept).values())
 
 
 def _read_map(folder: Path) -> Any:
@@ -187,6 +186,5 @@ READERS: dict[str, Reader] = {
     "film": _dataset(f"videos/{TACTILE}/chunk-000/file-000.mp4"),
     "depth": Reader("depth.tiff", "tiff", seeds.depth, _read_depth),
     "map": Reader("map.npz", "npz", seeds.depth, _read_map),
-    "journal": Reader("journal.csv", "table", seeds.journal, _read_journal, _RESULT),
+    "journal": Reader("journal", "bytes", seeds.journal, _read_journal, _RESULT),
 }
-assert len(COLUMNS) == 7, "the seed of the journal has as many cells"

@@ -197,5 +197,4 @@ def journal(folder: Path) -> None:
     (folder / "depth").mkdir(exist_ok=True)
     (folder / "depth/a.tiff").touch()
     rows = [FrameResult("a.png", "ok", 0.3, 2.0, 5.0, 0.01, ("at_border",)), FrameResult("b.png", "unreadable: x")]
-    book = Journal(folder / "journal.csv", FINGERPRINT)
-    book.begin({row.frame: row.as_row() for row in rows})
+    Journal(folder / "journal", FINGERPRINT).begin(rows)

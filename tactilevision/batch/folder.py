@@ -11,18 +11,15 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.batch.jobs import Journal, Row, fingerprint_of, run_job, way_of_reading
-from tactilevision.cluster.connect import check_cluster
+from tactilevision.batch.jobs import run_job
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
-from tactilevision.files.opening import read_cells
-from tactilevision.files.runs import output_lock
 from tactilevision.files.tiff import masked, write_tiff
 from tactilevision.files.writing import make_folder, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
@@ -38,7 +35,7 @@ from tactilevision.robust import median
 TABLE = "depth.csv"
 MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"
 QUANTITIES = {MAPS: "depth into the gel", STDS: "standard deviation of the depth into the gel"}
-JOURNAL, SCRATCH = ".depth-journal.csv", ".depth.zarr-unfinished"
+JOURNAL, SCRATCH = ".depth-journal", ".depth.zarr-unfinished"
 COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms", "peak_std_mm", "flags")
 PEAK_SHARE = 1e-3  # of a map's depths is above its peak
 PEAK_SAMPLED = 31  # step of the depths that are sampled for a lower bound of the peak
@@ -58,21 +55,10 @@ class FrameResult:
     peak_std_mm: float = float("nan")
     flags: tuple[str, ...] = ()
 
-    @classmethod
-    def of(cls, row: Row) -> Self:
-        """Read a row of text. Raises InputError if a cell is not a number."""
-        peak_mm, area_mm2, ms, std_mm = read_cells(row[2:-1], where=row[0])
-        return cls(row[0], row[1], peak_mm, area_mm2, ms, std_mm, tuple(row[-1].split()))
-
-    def as_row(self) -> Row:
-        """Return the row as text, every digit kept."""
-        numbers = (self.peak_mm, self.contact_area_mm2, self.ms, self.peak_std_mm)
-        return (self.frame, self.status, *map(repr, numbers), " ".join(self.flags))
-
 
 @dataclass(frozen=True)
 class DepthJob:
-    """Job that writes the height map of a frame; `scratch` is the store that is being filled, None for TIFFs.
+    """Job that writes the height map of a frame.
 
     `names` are the maps' by frame. `with_std` writes the standard deviation too. `anchor` corrects the faces of
     certified presses.
@@ -80,37 +66,72 @@ class DepthJob:
 
     reconstructor: Reconstructor
     out: Path
-    scratch: Path | None = None
+    form: Form = "tiff"
     anchor: FaceDepthCorrection = NO_CORRECTION
     with_std: bool = False
     names: Mapping[str, str] = field(default_factory=dict)
-    columns: int = len(COLUMNS)
+    record: type[FrameResult] = FrameResult
+    journal: str = JOURNAL
 
-    def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """Write the map; return its row."""
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What is written of a frame."""
+        return (MAPS, STDS) if self.with_std else (MAPS,)
+
+    @property
+    def scratch(self) -> Path | None:
+        """The store that is being filled; None for TIFFs."""
+        return self.out / SCRATCH if self.form == "zarr" else None
+
+    def decides(self) -> tuple[object, ...]:
+        """Return what determines a map besides the frame and the method."""
+        return self.form, self.with_std, self.anchor.depth_scale, self.reconstructor.taught
+
+    def prepare(self, names: Sequence[str], *, anew: bool) -> None:
+        """Clean up after killed runs, and make the folders or an empty store."""
+        settle(self.out / STORE)
+        if self.scratch is None:
+            shutil.rmtree(self.out / SCRATCH, ignore_errors=True)  # of a killed run in the other form
+            for kind in self.kinds:
+                make_folder(self.out / kind)
+        elif anew:
+            sensor = self.reconstructor.sensor
+            about = {"mm_per_px": list(sensor.mm_per_px), "quantity": QUANTITIES[MAPS]}
+            fields = dict.fromkeys((f"{kind}_mm" for kind in self.kinds), "mm")
+            shape = (sensor.height_px, sensor.width_px)
+            begin_frames(self.scratch, names, fields=fields, shape=shape, about=about)
+
+    def end(self, done: Sequence[FrameResult]) -> tuple[FrameResult, ...]:
+        """Put the store in place, and write the table."""
+        if self.scratch is not None:
+            end_frames(self.scratch, self.out / STORE)
+        write_text(self.out / TABLE, table(done))
+        return tuple(done)
+
+    def __call__(self, frame: Frame | BadFrame, number: int) -> FrameResult:
+        """Write the map; return its record."""
         if isinstance(frame, BadFrame):
-            return FrameResult(frame.name, f"unreadable: {frame.why}").as_row()
+            return FrameResult(frame.name, f"unreadable: {frame.why}")
         try:
             start = time.perf_counter()
             height = self.anchor(self.reconstructor.height_map(frame))
             spent = KILO * (time.perf_counter() - start)
         except InputError as fault:
-            return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
+            return FrameResult(frame.name, f"rejected: {fault.what}")
         contact = find_contact(height, self.reconstructor.error)
         peak_mm, area_mm2 = peak_and_area(height, contact)
         flags = add(height.flags, contact_flags(contact, self.reconstructor.error))
         self.keep(replace(height, flags=flags), frame.name, number)
         std_mm = std_at(height, peak_mm)
-        return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags).as_row()
+        return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags)
 
-    def kept(self, row: Row) -> bool:
+    def kept(self, result: FrameResult) -> bool:
         """Return whether the map is there; a store that is being filled is there as a whole."""
-        FrameResult.of(row)
-        if row[1] != "ok":
+        if result.status != "ok":
             return True
         if self.scratch is not None:
             return self.scratch.exists()
-        return all(self._path(row[0], folder).exists() for folder in (MAPS, *((STDS,) if self.with_std else ())))
+        return all(self._path(result.frame, kind).exists() for kind in self.kinds)
 
     def keep(self, height: HeightMap, name: str, number: int) -> None:
         """Write the map of the frame `name`, the `number`th."""
@@ -148,54 +169,8 @@ def reconstruct_folder(
     method is resumed. `anchor` corrects the faces of certified presses (press/certified_faces.py).
     """
     place = Path(out).absolute()  # workers have another working directory
-    if cluster is not None:
-        check_cluster(cluster)
-    with output_lock(out):
-        return _reconstruct(
-            recording,
-            DepthJob(reconstructor, place, place / SCRATCH if form == "zarr" else None, anchor, with_std),
-            workers=workers,
-            cluster=cluster,
-            progress=progress,
-        )
-
-
-def _reconstruct(
-    recording: Recording,
-    job: DepthJob,
-    *,
-    workers: int | None,
-    cluster: str | None,
-    progress: Callable[[int, int], None] | None,
-) -> tuple[FrameResult, ...]:
-    out, scratch, sensor = job.out, job.scratch, job.reconstructor.sensor
-    kinds, names = (MAPS, STDS) if job.with_std else (MAPS,), recording.frame_names
-    job = replace(job, names=_map_names(recording))
-    settle(out / STORE)
-    if scratch is None:
-        shutil.rmtree(out / SCRATCH, ignore_errors=True)  # of a killed run in the other form
-        for kind in kinds:
-            make_folder(out / kind)
-    seen = way_of_reading(recording, job.reconstructor.height_map)
-    form = "tiff" if scratch is None else "zarr"
-    laws = job.anchor.depth_scale, job.reconstructor.taught
-    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, seen, laws, job.with_std))
-
-    def begin() -> None:
-        if scratch is not None:
-            about = {"mm_per_px": list(sensor.mm_per_px), "quantity": "depth into the gel"}
-            fields = dict.fromkeys((f"{kind}_mm" for kind in kinds), "mm")
-            begin_frames(scratch, names, fields=fields, shape=(sensor.height_px, sensor.width_px), about=about)
-
-    done = run_job(
-        recording, job, journal=journal, workers=workers, cluster=cluster, progress=progress, begin=begin
-    )
-    rows = tuple(FrameResult.of(row) for row in done)
-    if scratch is not None:
-        end_frames(scratch, out / STORE)
-    write_text(out / TABLE, table(rows))
-    journal.end()
-    return rows
+    job = DepthJob(reconstructor, place, form, anchor, with_std, _map_names(recording))
+    return run_job(recording, job, end=job.end, workers=workers, cluster=cluster, progress=progress)
 
 
 def _map_names(recording: Recording) -> dict[str, str]:

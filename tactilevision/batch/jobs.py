@@ -2,150 +2,185 @@
 
 from __future__ import annotations
 
-import csv
 import ctypes
 import hashlib
-import io
 import json
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from itertools import islice
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from tactilevision.cluster.pool import ClusterPool, EndsWorkers, cluster_pool
+from tactilevision.cluster.connect import check_cluster
+from tactilevision.cluster.pool import EndsWorkers, cluster_pool
 from tactilevision.errors import InputError
 from tactilevision.files.documents import read_text
-from tactilevision.files.runs import join_lock, worker_pool
+from tactilevision.files.runs import join_lock, output_lock, worker_pool
 from tactilevision.files.writing import append_text, write_text
+from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.model import BadFrame, Recording
 from tactilevision.recording.pictures import iter_frames
 from tactilevision.records.maps import Frame, HeightMap
 
 # A worker writes the result of a frame whole, then enters the frame in the journal at once. So killing any process
-# at any moment loses no frame, and a second run does only the rest, including the frames that workers were at.
+# at any moment loses no frame, and a second run does only the rest, including frames that workers were at. Of a
+# cluster's frames this process writes the journal.
 
-Row = tuple[str, ...]
-Timed = tuple[list[Row], float]  # rows of a task, and the seconds that it took
 Progress = Callable[[int, int], None]
-CHUNK = 16  # largest number of frames in a task
-MIN_CHUNK = 4  # frames of a task in a short run, so that each worker has some
-SHIPMENT = 4  # frames of the first tasks for a cluster, until the time of one is known
-TASK_S = 1.0  # s of work in a task for a cluster: submitting it costs some ten milliseconds
-MAX_SHIPMENT = 256  # largest number of frames in a task for a cluster
+T = TypeVar("T")
+FIRST = 4  # frames of the first tasks, until the time of one is known
+TASK_S = 1.0  # s of work in a task: submitting it to a cluster costs some ten milliseconds
+MOST = 256  # largest number of frames in a task
 AHEAD = 3  # tasks queued for each worker
 KEPT_BYTES = 31 << 20  # just below the 32 MB from which glibc maps every array anew (mallopt(3))
 GLIBC_KEEPS = ((-3, KEPT_BYTES), (-1, 2 * KEPT_BYTES))  # M_MMAP_, M_TRIM_THRESHOLD: a Dask nanny sets low ones
 FEW = 12  # frames done faster than a second process starts
 
 
-class Job(Protocol):
+class Result(Protocol):
+    """Record of one frame: a dataclass of words, numbers and tuples of them."""
+
+    @property
+    def frame(self) -> str:
+        """The frame's name."""
+        ...
+
+
+R = TypeVar("R", bound=Result)
+
+
+class Job(Protocol[R]):
     """Work on each frame; it is pickled and sent to every worker once.
 
-    A call writes the frame's result whole and returns its row of text, the frame's name first, also for a frame
-    that cannot be used.
+    A call writes what it computes whole and returns its record, also for a frame that cannot be used.
     """
 
     @property
-    def columns(self) -> int:
-        """Number of cells of a row."""
+    def out(self) -> Path:
+        """Folder of the results."""
         ...
 
-    def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """Compute one row; `number` is the frame's place among `Recording.frame_names`."""
+    @property
+    def reconstructor(self) -> Reconstructor:
+        """What reads the frames."""
         ...
 
-    def kept(self, row: Row) -> bool:
-        """Return whether what the row promises is still on disk.
+    @property
+    def record(self) -> type[R]:
+        """Class of the records."""
+        ...
 
-        Raises InputError for a row that no call returned.
-        """
+    @property
+    def journal(self) -> str:
+        """Name of the journal in the folder."""
+        ...
+
+    def decides(self) -> tuple[object, ...]:
+        """Return what determines a result besides the frame and its height map."""
+        ...
+
+    def prepare(self, names: Sequence[str], *, anew: bool) -> None:
+        """Clean up after killed runs; where nothing is resumed, `anew`, make an empty place for the results."""
+        ...
+
+    def __call__(self, frame: Frame | BadFrame, number: int) -> R:
+        """Compute one result; `number` is the frame's place among `Recording.frame_names`."""
+        ...
+
+    def kept(self, result: R) -> bool:
+        """Return whether what the record promises is still on disk."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Journal:
-    """File of finished frames: a fingerprint of the run, then one row of text for each frame."""
+    """File of finished frames: a fingerprint of the run, then one record in JSON for each frame."""
 
     path: Path
     fingerprint: str
 
-    def read(self, job: Job) -> dict[str, Row]:
-        """Read rows of an earlier run of this fingerprint, by frame; a row cut off in writing is skipped."""
+    def read(self, record: type[R], kept: Callable[[R], bool] = lambda result: True) -> dict[str, R]:
+        """Read records of an earlier run of this fingerprint, by frame; one cut off in writing is skipped."""
         try:
-            lines = read_text(self.path).split("\n")
-            rows = [tuple(row) for row in csv.reader(lines[1:-1])]
-        except (OSError, InputError, csv.Error):
+            fingerprint, *lines = read_text(self.path).split("\n")
+        except (OSError, InputError):
             return {}
-        if lines[0] != self.fingerprint:
-            return {}
-        return {row[0]: row for row in rows if len(row) == job.columns and _holds(job, row)}
+        found: dict[str, R] = {}
+        for line in lines[:-1] if fingerprint == self.fingerprint else ():
+            with suppress(OSError, ValueError, TypeError, AttributeError):  # damaged
+                if kept(result := _restored(record, line)):
+                    found[result.frame] = result
+        return found
 
-    def begin(self, done: dict[str, Row]) -> None:
-        """Write the journal anew with the valid rows."""
-        write_text(self.path, self.fingerprint + "\n" + "".join(map(as_line, done.values())))
+    def begin(self, done: Iterable[Result]) -> None:
+        """Write the journal anew with the valid records."""
+        write_text(self.path, self.fingerprint + "\n" + "".join(map(as_line, done)))
 
-    def add(self, row: Row) -> None:
-        """Append one row; many processes may do so at a time."""
-        append_text(self.path, as_line(row))
+    def add(self, result: Result) -> None:
+        """Append one record; many processes may do so at a time."""
+        append_text(self.path, as_line(result))
 
     def end(self) -> None:
         """Delete the journal: the results are in place."""
         self.path.unlink(missing_ok=True)
 
 
-def _holds(job: Job, row: Row) -> bool:
-    try:
-        return job.kept(row)
-    except (OSError, InputError):  # damaged: a name that is too long, or text for a number
-        return False
+def as_line(result: Any) -> str:
+    """Return a record as a line of JSON."""
+    return json.dumps(asdict(result)) + "\n"
+
+
+def _restored(record: type[R], line: str) -> R:
+    """Return the record of a line; raise ValueError, TypeError or AttributeError where it is damaged."""
+    parts = {name: tuple(one) if isinstance(one, list) else one for name, one in json.loads(line).items()}
+    result, kinds = record(**parts), {"str": str, "float": float, "bool": bool}
+    for part in fields(result):  # type: ignore[arg-type]  # a dataclass
+        if not isinstance(getattr(result, part.name), kinds.get(str(part.type), tuple)):
+            raise TypeError(part.name)
+    return result
 
 
 def run_job(
     recording: Recording,
-    job: Job,
+    job: Job[R],
     *,
-    journal: Journal,
+    end: Callable[[list[R]], T],
     workers: int | None = None,
     cluster: str | None = None,
     progress: Progress | None = None,
-    begin: Callable[[], None] | None = None,
-) -> list[Row]:
-    """Compute every frame's row in the order of the frames; those in the journal are not computed again.
+) -> T:
+    """Compute every frame's record, and return what `end` makes of them in the order of the frames.
 
-    `begin` is called first unless an earlier run is resumed. `progress` is called with the frames of the earlier
-    run, then after each frame. `cluster` is the address of a Dask scheduler, or its file: its workers see the same
-    folders, and only this process writes the journal.
+    Those in the journal of an unfinished run with the same result are not computed again. `progress` is called
+    with the frames of the earlier run, then after each frame. `workers` is the number of processes (None: one a
+    core); `cluster` the address of a Dask scheduler, or its file, whose workers see the same folders.
     """
-    done = journal.read(job)
-    if not done:
-        journal.end()  # its rows belong to another run's scratch
-        if begin is not None:
-            begin()
-    journal.begin(done)
-    names = recording.frame_names
-    left = [number for number, name in enumerate(names) if name not in done]
-    report = progress or (lambda done, total: None)
-    report(len(done), len(names))
-    bare = _bare(recording)
-    rows = (
-        _rows(bare, left, (job, journal), workers or os.cpu_count() or 1)
-        if cluster is None
-        else _rows_of_cluster(bare, left, job, cluster)
-    )
-    for row in rows:
-        if cluster is not None:
-            journal.add(row)
-        done[row[0]] = row
+    if cluster is not None:
+        check_cluster(cluster)
+    with output_lock(job.out):
+        seen = way_of_reading(recording, job.reconstructor.height_map)
+        journal = Journal(job.out / job.journal, fingerprint_of(recording, seen, *job.decides()))
+        done = journal.read(job.record, job.kept)
+        if not done:
+            journal.end()  # its records belong to another run's scratch
+        job.prepare(recording.frame_names, anew=not done)
+        journal.begin(done.values())
+        names = recording.frame_names
+        left = [number for number, name in enumerate(names) if name not in done]
+        report = progress or (lambda done, total: None)
         report(len(done), len(names))
-    return [done[name] for name in names]
+        for result in _results(_bare(recording), left, job, journal, workers=workers, cluster=cluster):
+            done[result.frame] = result
+            report(len(done), len(names))
+        made = end([done[name] for name in names])
+        journal.end()
+        return made
 
 
 def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
@@ -158,28 +193,16 @@ def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap
     return ""
 
 
-def as_line(row: Row) -> str:
-    """Return a row as a line of CSV."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(row)
-    return text.getvalue()
+# of this process: sent once, not with each frame
+_at_work: tuple[Recording, Job[Any], Journal | None] | None = None
 
 
-_at_work: tuple[Recording, Job, Journal | None] | None = None  # of this process: sent once, not with each frame
-
-
-def _start_worker(recording: Recording, job: Job, journal: Journal) -> None:
+def _start_worker(recording: Recording, job: Job[Any], journal: Journal | None) -> None:
     global _at_work
-    if not join_lock(journal.path.parent):
+    if journal is not None and not join_lock(job.out):
         os._exit(1)  # the parent has ended, and another run may have the lock
     _on_one_thread()
     _at_work = recording, job, journal
-
-
-def _start_on_cluster(recording: Recording, job: Job) -> None:
-    global _at_work
-    _on_one_thread()
-    _at_work = recording, job, None
 
 
 def _on_one_thread() -> None:
@@ -194,13 +217,6 @@ def _on_one_thread() -> None:
             ctypes.CDLL(None).mallopt(name, size)
 
 
-def _read_and_do(numbers: list[int]) -> list[Row]:
-    assert _at_work is not None
-    recording, job, journal = _at_work
-    frames = _frames(recording, numbers)
-    return [_do(number, frame, job, journal) for number, frame in zip(numbers, frames, strict=True)]
-
-
 def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | BadFrame]:
     """Yield the frames of these numbers; one of another kind or size, or beyond a limit, is a bad one alone."""
     left = deque(numbers)
@@ -210,124 +226,119 @@ def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | Ba
                 yield frame
                 left.popleft()
         except InputError as fault:
-            number = left.popleft()
-            yield BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), fault.what)
+            yield _bad(recording, left.popleft(), fault.what)
 
 
-def _do(number: int, frame: Frame | BadFrame, job: Job, journal: Journal | None) -> Row:
-    row = job(frame, number)
-    if journal is not None:
-        journal.add(row)
-    return row
+def _bad(recording: Recording, number: int, why: str) -> BadFrame:
+    return BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), why)
 
 
-def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], workers: int) -> Iterator[Row]:
-    if not left:
-        return
-    if workers == 1 or len(left) <= FEW:
-        _on_one_thread()
-        for number, frame in zip(left, _frames(recording, left), strict=True):
-            yield _do(number, frame, *what)
-        return
-    with worker_pool(min(workers, -(-len(left) // MIN_CHUNK)), _start_worker, recording, *what) as pool:
-        tasks = _tasks(pool, recording, left, chunk=_chunk(len(left), workers))
-        pending = set(islice(tasks, AHEAD * workers))
-        while pending:
-            ready, pending = wait(pending, return_when=FIRST_COMPLETED)
-            pending |= set(islice(tasks, len(ready)))
-            for one in ready:
-                yield from one.result()
-
-
-def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: str) -> Iterator[Row]:
-    """Yield rows from the cluster.
+def _results(
+    recording: Recording,
+    left: list[int],
+    job: Job[R],
+    journal: Journal,
+    *,
+    workers: int | None,
+    cluster: str | None,
+) -> Iterator[R]:
+    """Yield the records of the frames `left`, as they are done and in the journal.
 
     Frames whose task ended its workers are tried once more, each alone, then named.
     """
     if not left:
         return
+    count = min(workers or os.cpu_count() or 1, -(-len(left) // FIRST))
+    if cluster is None and (count == 1 or len(left) <= FEW):
+        _on_one_thread()
+        for result in map(job, _frames(recording, left), left):
+            journal.add(result)
+            yield result
+        return
+    with _start_pool(recording, job, journal, count=count, cluster=cluster) as tasks:
+        for result in tasks.results(left):
+            if cluster is not None:
+                journal.add(result)
+            yield result
+
+
+@contextmanager
+def _start_pool(
+    recording: Recording, job: Job[R], journal: Journal, *, count: int, cluster: str | None
+) -> Iterator[_Tasks[R]]:
+    """Start `count` processes here, or connect to a cluster."""
+    if cluster is None:
+        with worker_pool(count, _start_worker, recording, job, journal) as local:
+            yield _Tasks(local, recording, job, lambda: count)
+        return
     frames_path = recording.frames_path and recording.frames_path.absolute()
     recording = replace(recording, path=recording.path.absolute(), frames_path=frames_path)
-    with cluster_pool(cluster, _start_on_cluster, recording, job) as pool:
-        flight = _Flight()
-        for numbers, future in _shipments(pool, recording, left, flight=flight):
-            flight.pending[future] = numbers
-            while len(flight.pending) >= AHEAD * pool.width:
-                yield from flight.landed()
-        while flight.pending:
-            yield from flight.landed()
-        for number in sorted(flight.suspects):
-            ((_, alone),) = _shipments(pool, recording, [number], flight=flight)
-            try:
-                yield from alone.result()[0]
-            except EndsWorkers:
-                why = "it ended every process that worked on it"
-                yield job(
-                    BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), why), number
-                )
+    with cluster_pool(cluster, _start_worker, recording, job, None) as remote:
+        yield _Tasks(remote, recording, job, lambda: remote.width)
 
 
 @dataclass
-class _Flight:
+class _Tasks(Generic[R]):
     """Submitted tasks, frames whose task ended its workers, and the number of frames in a task of TASK_S."""
 
-    pending: dict[Future[Timed], list[int]] = field(default_factory=dict)
+    pool: Executor
+    recording: Recording
+    job: Job[R]
+    width: Callable[[], int]  # number of workers
+    pending: dict[Future[tuple[list[R], float]], list[int]] = field(default_factory=dict)
     suspects: list[int] = field(default_factory=list)
-    size: int = SHIPMENT
+    size: int = FIRST
 
-    def landed(self) -> Iterator[Row]:
-        """Return rows of the tasks that are done, one at least."""
+    def results(self, left: list[int]) -> Iterator[R]:
+        """Yield the records of the frames `left`."""
+        for numbers, frames in self.parts(left):
+            self.pending[self.pool.submit(_do, numbers, frames)] = numbers
+            while len(self.pending) >= AHEAD * self.width():
+                yield from self.finished()
+        while self.pending:
+            yield from self.finished()
+        for number in sorted(self.suspects):
+            ((numbers, frames),) = self.parts([number])
+            try:
+                yield from self.pool.submit(_do, numbers, frames).result()[0]
+            except EndsWorkers:
+                yield self.job(_bad(self.recording, number, "it ended every process that worked on it"), number)
+
+    def parts(self, left: list[int]) -> Iterator[tuple[list[int], list[Frame | BadFrame] | None]]:
+        """Yield tasks: pictures are read by the workers themselves; of a video each frame is sent."""
+        assert self.recording.frames_path is not None
+        if not self.recording.frames_path.is_dir():
+            for number, frame in zip(left, _frames(self.recording, left), strict=True):
+                yield [number], [frame]
+            return
+        rest = deque(left)
+        while rest:  # smaller towards the end, so that workers end at about the same time
+            size = min(self.size, -(-len(rest) // (2 * self.width())))
+            yield [rest.popleft() for _ in range(size)], None
+
+    def finished(self) -> Iterator[R]:
+        """Yield the records of the tasks that are done, one at least."""
         for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
             numbers = self.pending.pop(future)
             try:
-                rows, seconds = future.result()
+                done, seconds = future.result()
             except EndsWorkers:
                 self.suspects.extend(numbers)
             else:
-                self.size = min(max(1, int(TASK_S * len(rows) / seconds)), 2 * self.size, MAX_SHIPMENT)
-                yield from rows
+                self.size = min(max(1, int(TASK_S * len(done) / seconds)), 2 * self.size, MOST)
+                yield from done
 
 
-def _shipments(
-    pool: ClusterPool, recording: Recording, left: list[int], *, flight: _Flight
-) -> Iterator[tuple[list[int], Future[Timed]]]:
-    """Yield tasks: pictures are read by the workers themselves; of a video each frame is sent."""
-    assert recording.frames_path is not None
-    if recording.frames_path.is_dir():
-        rest = deque(left)
-        while rest:
-            numbers = [rest.popleft() for _ in range(min(flight.size, len(rest)))]
-            yield numbers, pool.submit(_timed, _read_and_do, numbers)
-        return
-    for number, frame in zip(left, _frames(recording, left), strict=True):
-        yield [number], pool.submit(_timed, _do_all, number, frame)
-
-
-def _timed(do: Callable[..., list[Row]], *given: Any) -> Timed:
-    start = time.perf_counter()
-    return do(*given), time.perf_counter() - start
-
-
-def _chunk(count: int, workers: int) -> int:
-    """Return the number of frames of a task, so that workers end at about the same time."""
-    return min(max(MIN_CHUNK, count // (4 * workers)), CHUNK)
-
-
-def _tasks(pool: Executor, recording: Recording, left: list[int], *, chunk: int) -> Iterator[Future[list[Row]]]:
-    """Return tasks: pictures are read by the workers themselves; a video can be read by one process only."""
-    assert recording.frames_path is not None
-    if recording.frames_path.is_dir():
-        for start in range(0, len(left), chunk):
-            yield pool.submit(_read_and_do, left[start : start + chunk])
-        return
-    for number, frame in zip(left, _frames(recording, left), strict=True):
-        yield pool.submit(_do_all, number, frame)
-
-
-def _do_all(number: int, frame: Frame | BadFrame) -> list[Row]:
+def _do(numbers: list[int], frames: list[Frame | BadFrame] | None) -> tuple[list[Any], float]:
+    """Return the records of the frames of these numbers, and the seconds that they took."""
     assert _at_work is not None
-    _, job, journal = _at_work
-    return [_do(number, frame, job, journal)]
+    recording, job, journal = _at_work
+    start, done = time.perf_counter(), []
+    for result in map(job, _frames(recording, numbers) if frames is None else frames, numbers):
+        if journal is not None:
+            journal.add(result)
+        done.append(result)
+    return done, time.perf_counter() - start
 
 
 def _part(recording: Recording, numbers: list[int]) -> Recording:

@@ -5,8 +5,6 @@ A recording or frame that cannot be read is listed with the reason and skipped.
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,10 +12,10 @@ from functools import partial
 from pathlib import Path
 
 from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, cells, reconstruct_folder
-from tactilevision.batch.jobs import fingerprint_of
+from tactilevision.batch.jobs import Journal, fingerprint_of
 from tactilevision.cluster.connect import check_cluster
 from tactilevision.errors import ClusterError, InputError, OutputError, RecordingError
-from tactilevision.files.documents import cell_text, csv_text, read_text
+from tactilevision.files.documents import csv_text
 from tactilevision.files.runs import output_lock
 from tactilevision.files.writing import write_text
 from tactilevision.heightmap.reconstructor import Reconstructor
@@ -25,6 +23,7 @@ from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import find_frames
 
+FINISHED = ".depth-finished"  # in a folder of results until the whole tree is done
 REFERENCE = layout.FLATS.split("/")[0]  # folder of the untouched gel's pictures and the balls
 Open = Callable[[Path], Recording]
 Light = Callable[[Recording], Reconstructor]
@@ -74,59 +73,42 @@ def reconstruct_tree(
     """Write height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
 
     `read` opens a source; `light` makes its reconstructor; `method` names their way of reading. An interrupted run
-    is resumed: finished sources are known by their depth.csv. Raises InputError if no source is found.
+    is resumed: results of finished sources are kept next to their table. Raises InputError if no source is found.
     """
     if cluster is not None:
         check_cluster(cluster)
+    root, out, report = Path(root), Path(out), progress or (lambda done, total, what: None)
+    run = partial(reconstruct_folder, workers=workers, cluster=cluster, form=form, with_std=with_std)
+    way = " ".join((form, "with std" if with_std else "", method))
     with output_lock(out):
-        return _reconstruct(
-            Path(root),
-            Path(out),
-            read=read,
-            light=light,
-            run=partial(reconstruct_folder, workers=workers, cluster=cluster, form=form, with_std=with_std),
-            way=" ".join((form, "with std" if with_std else "", method)),
-            progress=progress,
-        )
+        found, branches = _opened(root, out, read)
+        finished = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
+        branches += [Branch(name, rows) for name, rows in finished.items() if rows is not None]
+        total, before = sum(len(one.frame_names) for one in found.values()), sum(len(b.rows) for b in branches)
+        report(before, total, "")
+        for name, recording in found.items():
+            if finished[name] is None:
+                so_far = partial(_forward, report, before, total, name)
+                branches.append(
+                    _branch(name, recording, out, light=light, run=partial(run, progress=so_far), way=way)
+                )
+                before += len(recording.frame_names)
+        branches.sort(key=lambda branch: branch.name)
+        if all(branch.why for branch in branches):
+            raise InputError(
+                "none of its recordings, folders and videos can be read",
+                where=root,
+                remedy=f"The first of {len(branches)}: {branches[0].why}",
+            )
+        write_text(out / TABLE, _table(branches))
+        for name in found:
+            (out / name / FINISHED).unlink(missing_ok=True)
+    return tuple(branches)
 
 
-def _reconstruct(
-    root: Path, out: Path, *, read: Open, light: Light, run: Run, way: str, progress: Progress | None
-) -> tuple[Branch, ...]:
-    found, refused = _opened(root, out, read)
-    total = sum(len(recording.frame_names) for recording in found.values())
-    rows_of = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
-    finished = {name: rows for name, rows in rows_of.items() if rows is not None}
-    branches = [Branch(name, rows) for name, rows in finished.items()]
-    before = sum(len(branch.rows) for branch in branches)
-    if progress is not None:
-        progress(before, total, "")
-    for name, recording in found.items():
-        if name in finished:
-            continue
-
-        def report(done: int, of: int, before: int = before, name: str = name) -> None:
-            if progress is not None:
-                progress(before + done, total, name)
-
-        branches.append(_branch(name, recording, out, light=light, run=partial(run, progress=report), way=way))
-        before += len(recording.frame_names)
-    every = _checked(root, sorted((*branches, *refused), key=lambda branch: branch.name))
-    write_text(out / TABLE, _table(every))
-    for name in found:
-        _finished(out / name).unlink(missing_ok=True)
-    return every
-
-
-def _checked(root: Path, every: Sequence[Branch]) -> tuple[Branch, ...]:
-    """Return all branches. Raises InputError if none of them could be read."""
-    if all(branch.why for branch in every):
-        raise InputError(
-            "none of its recordings, folders and videos can be read",
-            where=root,
-            remedy=f"The first of {len(every)}: {every[0].why}",
-        )
-    return tuple(every)
+def _forward(report: Progress, before: int, total: int, name: str, done: int, of: int) -> None:
+    """Report the progress of one source as that of the tree."""
+    report(before + done, total, name)
 
 
 def _opened(root: Path, out: Path, read: Open) -> tuple[dict[str, Recording], list[Branch]]:
@@ -152,26 +134,19 @@ def _branch(name: str, recording: Recording, out: Path, *, light: Light, run: Ru
         raise
     except InputError as fault:
         return Branch(name, why=str(fault))
-    write_text(_finished(place), fingerprint_of(recording, way))
+    _finished(place, recording, way).begin(rows)
     return Branch(name, rows)
 
 
-def _finished(place: Path) -> Path:
-    """Return the file that marks this branch as done until the whole tree is."""
-    return place / ".depth-finished"
+def _finished(place: Path, recording: Recording, way: str) -> Journal:
+    """Return the file that holds the results of a finished branch until the whole tree is."""
+    return Journal(place / FINISHED, fingerprint_of(recording, way))
 
 
 def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[FrameResult, ...] | None:
-    try:
-        fingerprint = read_text(_finished(place))
-        header, *rows = [
-            tuple(map(cell_text, row)) for row in csv.reader(io.StringIO(read_text(place / TABLE), newline=""))
-        ]
-        if header != COLUMNS or fingerprint != fingerprint_of(recording, way):
-            return None
-        return tuple(FrameResult.of(row) for row in rows)
-    except (OSError, ValueError, InputError, csv.Error):
-        return None
+    rows = tuple(_finished(place, recording, way).read(FrameResult).values())
+    whole = len(rows) == len(recording.frame_names) and (place / TABLE).is_file()
+    return rows if whole else None
 
 
 def _walk(folder: Path, leave: set[Path]) -> Iterator[Path]:

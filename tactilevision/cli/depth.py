@@ -157,14 +157,14 @@ def _draw(
     """Draw the deepest frame of each of the deepest presses, or of parts of the frames where there are none."""
     from tactilevision.batch.selection import strongest_frames
     from tactilevision.plots import style
-    from tactilevision.plots.height import draw_height_and_frame
+    from tactilevision.plots.height import draw_height
     from tactilevision.recording.pictures import read_frame
 
     depth = [row.peak_mm if row.status == "ok" else float("nan") for row in rows]
     for number in strongest_frames(recording, depth, most=most):
         frame = read_frame(recording, number)
         height = anchor(reconstructor.height_map(frame))
-        figure = draw_height_and_frame(reconstructor.rectified(frame), height)
+        figure = draw_height(height, reconstructor.rectified(frame))
         path = folder / f"{Path(frame.name).stem}_depth.png"
         style.save_figure(figure, path)
         console.say(f"wrote {path}")
@@ -197,8 +197,8 @@ def force(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
-    from tactilevision.force.comparison import shear_summary, whole_residuals, write_comparison
-    from tactilevision.force.folder import force_folder, with_gel
+    from tactilevision.force.comparison import residuals, shear_summary, write_comparison
+    from tactilevision.force.frame import force_folder, with_gel
 
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     known = _known_material(chosen, calibration)
@@ -216,7 +216,7 @@ def force(
     content = {"frames": len(rows), "read": len(read), "material": known.material.as_json()}
     content |= {"faces_certified": anchor.depth_scale is not None}
     content |= {"warnings": list(reconstructor.warnings)}
-    shear, compared = shear_summary(read), whole_residuals(rows, recording.force_std_N)
+    shear, compared = shear_summary(read), residuals(rows, recording.force_std_N)
     _say_shear(shear)
     content |= {"shear": shear, "measured": _say_residuals(compared, has_offset=not recording.presses)}
     written = write_comparison(recording, rows, folder=out / "beside")
@@ -255,7 +255,7 @@ def _known_material(chosen: source.Choice, calibration: Path | None) -> _Known:
 
 def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, form: TractionFormat) -> ForceJob:
     """Return the job that solves forces, by the named profile or by the recording's own light."""
-    from tactilevision.force.folder import force_job
+    from tactilevision.force.frame import force_job
 
     sensor = chosen.calibrated(recording)
     reconstructor = chosen.light(recording)
@@ -268,7 +268,7 @@ def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, 
         out=out,
         form=form.value,
         untouched=sensor.untouched if sensor else None,
-        compliance=sensor.compliance if sensor and fits else None,
+        compliance=sensor.profile.compliance if sensor and fits else None,
     )
     return replace(job, anchor=anchor)
 
@@ -317,6 +317,7 @@ def _figures(
 ) -> list[dict[str, Any]]:
     """Draw the strongest frames, the resultant over time, its sensitivity to E and nu, and its residual."""
     from tactilevision.batch.selection import strongest_frames
+    from tactilevision.force.calibrated import material_sensitivity
     from tactilevision.force.comparison import strength_N
     from tactilevision.plots import force as draw, style
     from tactilevision.recording.pictures import read_frame
@@ -330,7 +331,8 @@ def _figures(
     best = int(np.nanargmax(strength)) if np.isfinite(strength).any() else -1
     if best >= 0 and strength[best] > 0:
         solved = job.solve(read_frame(recording, best))
-        sensitivity = _sensitivity(solved.found, job.sensitivity(solved), folder)
+        ranges = material_sensitivity(job.field, solved.found, solved.height, solved.shear)
+        sensitivity = _sensitivity(solved.found, ranges, folder)
     style.save_figure(draw.draw_resultants(rows, recording.presses), folder / "resultants.png")
     if compared is not None:
         style.save_figure(draw.draw_residuals(compared), folder / "residuals.png")

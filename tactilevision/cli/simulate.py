@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from contextlib import nullcontext
 from dataclasses import replace
 from enum import StrEnum
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
     from calibration.tasks.validate import Validation
     from tactilevision.mechanics.tables.cases import Grid
-    from tactilevision.mechanics.tables.solve import Progress
 
 
 # `tactilevision simulate OUT`: a recording with known truth.
@@ -102,12 +102,8 @@ def tabulate(
 
     grid = _grid(law, friction, poisson_ratio, a_over_h, edge_over_h)
     cases, folder = list(grid.cases()), out / "cases"
-    with _workers(processes, cluster) as workers, console.progress_bar("solving") as bar:
-
-        def report(progress: Progress) -> None:
-            bar(progress.done, progress.total, f"({_words(progress.left_s)} left)")
-
-        now = solve(cases, folder, workers=workers, report=report)
+    with _workers(processes, cluster) as workers, console.progress_bar("solving") as progress:
+        now = solve(cases, folder, workers=workers, report=progress)
     merge(cases, folder, out=out / "punch.npz", notes={"grid": _card(grid)})
     console.say(f"{len(cases)} cases, {now} of them solved now; wrote {out / 'punch.npz'}, its card and punch.csv")
     console.hand_over({"cases": len(cases), "solved_now": now, "table": str(out / "punch.npz")}, json)
@@ -115,11 +111,11 @@ def tabulate(
 
 def _workers(processes: int | None, cluster: str | None) -> AbstractContextManager[Executor | None]:
     from tactilevision.cluster.pool import cluster_pool
-    from tactilevision.mechanics.tables import solve as method
+    from tactilevision.files.runs import worker_pool
 
     if cluster is not None:
         return cluster_pool(cluster)
-    return nullcontext() if processes == 1 else method.processes(processes)
+    return nullcontext() if processes == 1 else worker_pool(processes or len(os.sched_getaffinity(0)))
 
 
 def _grid(
@@ -160,10 +156,6 @@ def _numbers(
     if not all(bounds[0] <= value <= bounds[1] for value in values):
         raise InputError(f"lies beyond {bounds[0]:g} to {bounds[1]:g}", where=name, value=text)
     return values
-
-
-def _words(seconds: float) -> str:
-    return f"about {seconds / 3600:.1f} h" if seconds > 5400 else f"about {math.ceil(seconds / 60)} min"
 
 
 def _card(grid: Grid) -> dict[str, object]:

@@ -102,7 +102,7 @@ def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, 
 
 def _save_profile(source: Recording, made: Reconstructor, out: Path) -> None:
     """Write the sensor's profile, without E and nu, next to the method."""
-    from tactilevision.profile.make import make_profile
+    from tactilevision.profile.sensor import make_profile
     from tactilevision.profile.storage import SUFFIX, write_profile
 
     try:
@@ -178,7 +178,7 @@ def calibrate_sensor(
     json: console.JsonOption = None,
 ) -> None:
     """Write a sensor profile for --sensor FILE.tvs: light, rectification, untouched gel, E and nu."""
-    from tactilevision.profile.make import make_profile
+    from tactilevision.profile.sensor import make_profile
     from tactilevision.profile.storage import check_name, read_profile, write_profile
 
     check_name(out)

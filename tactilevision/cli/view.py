@@ -142,7 +142,7 @@ def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict
         "normals": draw.draw_normals(height),
     }
     if rgb is not None:
-        figures["frame"] = draw.draw_overlay(rgb, height, footprint=None)
+        figures["frame"] = draw.draw_overlay(rgb, height)
     if other is not None:
         title = f"{height.name} minus {other.name}"
         figures[f"minus_{Path(other.name).stem}"] = draw.draw_difference(other, height, title=title)
@@ -232,7 +232,7 @@ def _filmed(opened: _Opened | Maps, what: str) -> list[int]:
 
 
 def _film(opened: _Opened | Maps | None, what: str, numbers: list[int], out: Path) -> None:
-    from tactilevision.force.comparison import Readings
+    from tactilevision.force.frame import Readings
     from tactilevision.plots.viewer import Shot, draw_film, write_film
     from tactilevision.recording.pictures import iter_frames
     from tactilevision.records.maps import Frame

@@ -13,7 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.documents import read_json
 from tactilevision.files.opening import check_numbers, number
 from tactilevision.force.field import ForceField
-from tactilevision.records.constants import NU_MAX, TINY, Z95
+from tactilevision.records.constants import MICRO, NU_MAX, TINY, Z95
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
 from tactilevision.records.measured import Floats, Material
 from tactilevision.records.rig import Gel
@@ -81,17 +81,12 @@ def material_sensitivity(
     """Return the resultants (N) of a map (H, W) with E, then nu, at the ends of the material's own 95 % interval.
 
     Each is varied alone, then both together by their covariance (to first order). `found` is what `field` computed
-    from the maps; it is proportional to E, and a compliance is computed for each end of nu.
-
-    Raises InputError if the material has no covariance.
+    from the maps; it is proportional to E, and a compliance is computed for each end of nu. Empty where the
+    material has no covariance.
     """
     material = field.material
     if material.covariance is None:
-        raise InputError(
-            "the material has no covariance",
-            where="material_sensitivity",
-            remedy="Take it from calibration.json, or give Material a covariance.",
-        )
+        return ()
     half = Z95 * np.sqrt(np.diag(material.covariance))
     moduli = tuple(max(material.youngs_modulus_MPa + s * half[0], TINY) for s in (-1, 1))
     ratios = tuple(float(np.clip(material.poisson_ratio + s * half[1], 0.0, NU_MAX)) for s in (-1, 1))
@@ -115,7 +110,7 @@ def _both(ends_N: Floats, values: Floats, covariance: Floats) -> Sensitivity:
 
     The change is small where the stiffness is well known although E and nu are not.
     """
-    slope = (ends_N[:, 1] - ends_N[:, 0]) / np.maximum(values[:, 1] - values[:, 0], 1e-12)[:, None]
+    slope = (ends_N[:, 1] - ends_N[:, 0]) / np.maximum(values[:, 1] - values[:, 0], TINY)[:, None]
     half = Z95 * np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", slope, covariance, slope), 0))
     now = ends_N[0].mean(axis=0)  # the force is proportional to E
     return Sensitivity("both together", "", (float("nan"), float("nan")), np.stack([now - half, now + half]))
@@ -157,25 +152,19 @@ def read_calibration(path: Path | str) -> dict[str, Any]:
 
 
 def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
-    """Read (2, 2) of E and nu, from {"of": names, "matrix": rows} or from the rows alone with E and nu first."""
+    """Read the covariance (2, 2) of E and nu from {"of": names, "matrix": rows}; None where it is not stated."""
     entry = content.get("covariance")
-    names = ["youngs_modulus_MPa", "poisson_ratio"]
-    if isinstance(entry, dict):
-        of, entry = entry.get("of"), entry.get("matrix")
-        if not isinstance(of, list) or not all(name in of for name in names):
-            return None
-        places = [of.index(name) for name in names]
-    else:
-        places = [0, 1]
+    if not isinstance(entry, dict) or not all(name in entry.get("of", ()) for name in _UNITS):
+        return None
+    places = [entry["of"].index(name) for name in _UNITS]
     try:
-        matrix = np.asarray(entry, dtype=float)[np.ix_(places, places)]
+        matrix = np.asarray(entry.get("matrix"), dtype=float)[np.ix_(places, places)]
     except (TypeError, ValueError, IndexError) as fault:
-        if entry is None:
-            return None
-        raise InputError("the covariance is not a matrix of numbers", where=path, value=str(entry)[:40]) from fault
+        value = str(entry.get("matrix"))[:40]
+        raise InputError("the covariance is not a matrix of numbers", where=path, value=value) from fault
     if not np.isfinite(matrix).all():
         return None
-    if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > 1.000001 * np.sqrt(matrix[0, 0] * matrix[1, 1]):
+    if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > (1 + MICRO) * np.sqrt(matrix[0, 0] * matrix[1, 1]):
         raise InputError(
             "the covariance of E and nu is not positive semidefinite",
             where=path,
@@ -199,9 +188,7 @@ def check_gel(path: Path | str, gel: Gel) -> None:
 
 def read_thickness_mm(path: Path | str) -> float | None:
     """Read the thickness of the gel from calibration.json; None if it is not in it."""
-    made_on = read_calibration(path).get("gel")
-    thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else made_on
-    return number(thickness, what="the thickness of the gel", where=path)
+    return _stated(path, "gel", "thickness_mm")
 
 
 def read_clock_offset(path: Path | str) -> float | None:
@@ -209,6 +196,9 @@ def read_clock_offset(path: Path | str) -> float | None:
 
     None if it is not in it.
     """
-    stated = read_calibration(path).get("clock_offset_s")
-    value = stated.get("value") if isinstance(stated, dict) else stated
-    return number(value, what="clock_offset_s", where=path)
+    return _stated(path, "clock_offset_s", "value")
+
+
+def _stated(path: Path | str, table: str, key: str) -> float | None:
+    found = read_calibration(path).get(table)
+    return number(found.get(key) if isinstance(found, dict) else found, what=table, where=path)

@@ -18,71 +18,6 @@ from tactilevision.records.constants import Z95
 from tactilevision.records.measured import Curve, Floats
 from tactilevision.records.rig import Press
 
-STUCK = 5  # equal readings at the extreme: a sensor at the end of its range
-
-
-class Readings:
-    """Force/torque readings at camera times, zeroed between presses.
-
-    `clock_offset_s` (F/T minus camera) is used if the recording states none.
-    """
-
-    def __init__(self, recording: Recording, clock_offset_s: float | None = None) -> None:
-        stated = recording.clock_offset_s
-        self.forces, self.offset = recording.forces, (stated if stated is not None else clock_offset_s) or 0.0
-        self.presses = recording.presses
-        self._zero = None if recording.forces is None else self._free(recording)
-
-    def at(self, time_s: float) -> Floats:
-        """Return the force (3,) at a camera time, NaN outside the readings."""
-        if self.forces is None or not np.isfinite(time_s):
-            return np.full(3, np.nan)
-        now, times = time_s + self.offset, self.forces.time_s
-        if len(times) == 0 or not times[0] <= now <= times[-1]:
-            return np.full(3, np.nan)
-        read = np.array([np.interp(now, times, self.forces.force_N[:, k]) for k in range(3)])
-        if self._zero is None:
-            return read
-        zero = [np.interp(now, self._zero[:, 0], self._zero[:, 1 + k]) for k in range(3)]
-        return np.asarray(read - np.array(zero))
-
-    def press_at(self, time_s: float) -> Press | None:
-        """Return the press under way at a time."""
-        return next((press for press in self.presses if press.start_s <= time_s <= press.end_s), None)
-
-    def clipped(self, press: Press) -> bool:
-        """Return whether the F/T sensor stood at the end of its range: STUCK and more equal readings at its
-        extreme.
-
-        Noise does not repeat a number so often, and a sensor at rest is not at its extreme.
-        """
-        if self.forces is None:
-            return False
-        times, force = self.forces.time_s, self.forces.force_N
-        under_way = (times > press.start_s + self.offset) & (times < press.end_s + self.offset)
-        ends = np.abs(force).max(axis=0)
-        at_end = (np.abs(force[under_way]) == ends) & (ends > 0)
-        return bool((at_end.sum(axis=0) >= STUCK).any())
-
-    def _free(self, recording: Recording) -> Floats | None:
-        """Return (G, 4) middle time and median force of every gap between presses.
-
-        None if presses are not listed.
-        """
-        assert recording.forces is not None
-        if not recording.presses:
-            return None
-        times, force = recording.forces.time_s, recording.forces.force_N
-        busy = sorted((p.start_s + self.offset, p.end_s + self.offset) for p in recording.presses)
-        starts, ends = [-np.inf, *(end for _, end in busy)], [*(start for start, _ in busy), np.inf]
-        rows = []
-        for start, end in zip(starts, ends, strict=True):
-            free = (times > start) & (times < end)
-            if free.any():
-                rows.append([float(times[free].mean()), *np.median(force[free], axis=0)])
-        return np.array(rows) if rows else None
-
-
 # Resultants compared with the force/torque sensor's.
 #
 #     residual = force from the picture - reading;   pull = residual / standard deviation of both
@@ -99,17 +34,15 @@ AT_ITS_END = "the force sensor was at the end of its range in their press"
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Frames with both forces: `row` (N,) in the recording; `force_N`, `measured_N` and `std_N` of their
-    difference (N, 3), NaN: unknown; `depth_mm`, `time_s`, `press` (N,), `place_mm` (N, 2); `usable` (N,): not
-    flagged. `left_out`: how many of the `touched` frames are not compared, by reason."""
+    """Frames with both forces: `force_N`, `measured_N` and `std_N` of their difference (N, 3), NaN: unknown;
+    `depth_mm`, `press` (N,), `place_mm` (N, 2); `usable` (N,): compared. `left_out`: how many of the `touched`
+    frames are not compared, by reason."""
 
-    row: npt.NDArray[np.intp]
     force_N: Floats
     std_N: Floats
     measured_N: Floats
     depth_mm: Floats
     place_mm: Floats
-    time_s: Floats
     press: npt.NDArray[np.str_]
     usable: npt.NDArray[np.bool_]
     touched: int
@@ -134,44 +67,34 @@ class Residuals:
         return np.where(np.hypot(x, y) > MIN_N, np.degrees(np.arctan2(y, x)), np.nan)
 
 
-def residuals(
-    rows: Sequence[FrameForce], *, flagged: Sequence[str] = (), reading_std_N: Sequence[float] | None = None
-) -> Residuals | None:
-    """Return what can be compared; None if nothing can. `flagged`: words that make a frame unusable.
+def residuals(rows: Sequence[FrameForce], reading_std_N: Sequence[float] | None = None) -> Residuals | None:
+    """Return what can be compared, without contacts cut by the border unless there are no others.
 
-    `reading_std_N` (3,) of one reading, None if unknown.
+    None if nothing can; `reading_std_N` (3,) of one reading, None if unknown.
     """
-    touched = [(number, row, _why_not(row, flagged)) for number, row in enumerate(rows) if touches(row)]
-    kept = [(number, row) for number, row, why in touched if why != NO_READING]
-    if not kept:
+    touched = [row for row in rows if touches(row)]
+    both = [row for row in touched if np.isfinite(row.measured_N[2])]
+    if not both:
         return None
-    why_not = [why for *_, why in touched]
-    taken = [row for _, row in kept]
+    why = [AT_ITS_END if row.reading_clipped else CUT if CUT in row.flags else "" for row in both]
+    if all(why):
+        why = [AT_ITS_END if row.reading_clipped else "" for row in both]
     return Residuals(
-        row=np.array([number for number, _ in kept]),
-        force_N=np.array([row.resultant_N for row in taken]),
-        std_N=np.hypot([row.resultant_std_N for row in taken], reading_std_N or 0.0),
-        measured_N=np.array([row.measured_N for row in taken]),
-        depth_mm=np.array([row.depth_mm for row in taken]),
-        place_mm=np.array([row.place_mm for row in taken]),
-        time_s=np.array([row.time_s for row in taken]),
-        press=np.array([row.press for row in taken]),
-        usable=np.array([not why for why in why_not if why != NO_READING]),
+        force_N=np.array([row.resultant_N for row in both]),
+        std_N=np.hypot([row.resultant_std_N for row in both], reading_std_N or 0.0),
+        measured_N=np.array([row.measured_N for row in both]),
+        depth_mm=np.array([row.depth_mm for row in both]),
+        place_mm=np.array([row.place_mm for row in both]),
+        press=np.array([row.press for row in both]),
+        usable=np.array([not one for one in why]),
         touched=len(touched),
-        left_out=Counter(why for why in why_not if why),
+        left_out=Counter([NO_READING] * (len(touched) - len(both)) + [one for one in why if one]),
     )
 
 
 def touches(row: FrameForce) -> bool:
     """Return whether the frame was read, and something touches in it."""
     return row.read and not nothing_touches(row) and bool(np.isfinite(row.resultant_N[2]))
-
-
-def _why_not(row: FrameForce, flagged: Sequence[str]) -> str:
-    """Return why a frame that touches is not compared; empty if it is."""
-    if not np.isfinite(row.measured_N[2]):
-        return NO_READING
-    return AT_ITS_END if row.reading_clipped else next((word for word in flagged if word in row.flags), "")
 
 
 def summary(found: Residuals) -> dict[str, dict[str, float | int | None]]:
@@ -196,12 +119,6 @@ def summary(found: Residuals) -> dict[str, dict[str, float | int | None]]:
         "ratio_deepest_third": _median(ratio[deep & found.usable]),
     }
     return by_axis
-
-
-def whole_residuals(rows: Sequence[FrameForce], reading_std_N: Sequence[float] | None = None) -> Residuals | None:
-    """Return `residuals` without contacts cut by the border, unless there are no others."""
-    found = residuals(rows, flagged=(CUT,), reading_std_N=reading_std_N)
-    return found if found is None or found.usable.any() else residuals(rows, reading_std_N=reading_std_N)
 
 
 def strength_N(rows: Sequence[FrameForce]) -> list[float]:
@@ -252,8 +169,8 @@ def write_comparison(recording: Recording, rows: Sequence[FrameForce], *, folder
 
 def _whole(row: FrameForce) -> bool:
     """Return whether both forces are known, the contact is not cut, and the map of a free gel did not slip."""
-    touches = row.read and not nothing_touches(row) and CUT not in row.flags
-    return touches and bool(np.isfinite([row.depth_mm, *row.measured_N]).all()) and row.measured_N[2] > MIN_N
+    known = bool(np.isfinite([row.depth_mm, *row.measured_N]).all())
+    return touches(row) and CUT not in row.flags and known and row.measured_N[2] > MIN_N
 
 
 def _curve(press: str, seen: Sequence[FrameForce]) -> Curve:

@@ -1,31 +1,35 @@
-"""Convert a frame of a recording to tractions, and store the tractions of many frames."""
+"""Tractions and resultants of the frames of a recording, stored, with the readings of a force/torque sensor."""
 
 from __future__ import annotations
 
 import os
 import shutil
-import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
+from scipy.ndimage import center_of_mass
 
-from tactilevision.batch.jobs import Row
+from tactilevision.batch.jobs import run_job
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.files.opening import read_cells
-from tactilevision.files.writing import output_errors, replacing
-from tactilevision.files.zarr_store import Singles, begin_frames, end_frames, settle, write_frame
-from tactilevision.force.calibrated import Sensitivity, material_sensitivity
-from tactilevision.force.field import NO_CONTACT, ForceField
+from tactilevision.files.documents import csv_text
+from tactilevision.files.writing import output_errors, replacing, write_text
+from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
+from tactilevision.force.calibrated import check_gel
+from tactilevision.force.compliance import GelCompliance
+from tactilevision.force.field import NO_CONTACT, ForceField, ForceSettings, Triple, triple
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
-from tactilevision.recording.model import BadFrame
+from tactilevision.recording.model import BadFrame, Recording, is_bare
+from tactilevision.recording.write import table_cell
 from tactilevision.records.maps import BEYOND_BALLS, MEANING, Frame, HeightMap, ShearMap, TractionMap, add
-from tactilevision.shear.displacement import NOTHING_TO_FOLLOW, Untouched
+from tactilevision.records.measured import Floats, Material
+from tactilevision.records.rig import Gel, Press
+from tactilevision.shear.displacement import NOTHING_TO_FOLLOW, Untouched, read_untouched, untouched_frame
 
 # Tractions of many frames on disk, written by many processes a frame at a time, then moved to their place.
 #
@@ -55,59 +59,47 @@ class TractionStore:
         """The store that is being filled."""
         return self.out / f".tractions.{self.form}-unfinished"
 
-    def settle(self) -> None:
-        """Clean up after killed runs, also those in the other form."""
+    def prepare(self, frames: Sequence[str], *, anew: bool) -> None:
+        """Clean up after killed runs, also those in the other form, and make an empty scratch where `anew`."""
         if self.form == "zarr":
             settle(self.path)
             replace(self, form="npz").scratch.unlink(missing_ok=True)
-        else:
-            shutil.rmtree(replace(self, form="zarr").scratch, ignore_errors=True)
-
-    def begin(self, frames: Sequence[str]) -> None:
-        """Make the scratch, empty."""
-        if self.form == "zarr":
-            units = dict.fromkeys(FIELDS, "MPa")
-            begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
+            if anew:
+                units = dict.fromkeys(FIELDS, "MPa")
+                begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
             return
-        shape = (len(frames), len(FIELDS), *self.grid.shape)
-        with output_errors(self.scratch):
-            np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
-            if hasattr(os, "posix_fallocate"):  # a full disk raises here instead of killing a worker by a signal
-                with self.scratch.open("r+b") as file:
-                    os.posix_fallocate(file.fileno(), 0, self.scratch.stat().st_size)
+        shutil.rmtree(replace(self, form="zarr").scratch, ignore_errors=True)
+        if anew:
+            shape = (len(frames), len(FIELDS), *self.grid.shape)
+            with output_errors(self.scratch):
+                np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
+                if hasattr(
+                    os, "posix_fallocate"
+                ):  # a full disk raises here instead of killing a worker by a signal
+                    with self.scratch.open("r+b") as file:
+                        os.posix_fallocate(file.fileno(), 0, self.scratch.stat().st_size)
 
-    def write(self, number: int, fields: dict[str, Singles]) -> None:
-        """Write one frame's fields, (rows, columns) each."""
+    def write(self, number: int, found: TractionMap) -> None:
+        """Write one frame's tractions."""
+        fields = {name: getattr(found, name).astype(np.float32) for name in FIELDS}
         if self.form == "zarr":
             write_frame(self.scratch, number, fields=fields)
             return
         stack = np.lib.format.open_memmap(self.scratch, mode="r+")
-        stack[number] = np.stack([fields[name] for name in FIELDS])
+        stack[number] = np.stack(list(fields.values()))
         stack.flush()
-
-    def exists(self) -> bool:
-        """Return whether the scratch is there."""
-        return self.scratch.exists()
 
     def end(self, frames: Sequence[str], good: Sequence[int]) -> None:
         """Put the store in place; `good` are the numbers of the frames that have tractions."""
         if self.form == "zarr":
             end_frames(self.scratch, self.path)
             return
-        stack = np.lib.format.open_memmap(self.scratch, mode="r")
-        with replacing(self.path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as packed:
-            whole = {"frame": np.array([frames[number] for number in good], dtype=np.str_)} | {
-                name: np.array(value) for name, value in self._about().items()
-            }
-            for name, values in whole.items():
-                with packed.open(f"{name}.npy", "w") as file:
-                    np.lib.format.write_array(file, values, allow_pickle=False)
-            for part, name in enumerate(FIELDS):
-                header = {"descr": "<f4", "fortran_order": False, "shape": (len(good), *self.grid.shape)}
-                with packed.open(f"{name}.npy", "w", force_zip64=True) as file:
-                    np.lib.format.write_array_header_1_0(file, header)
-                    for number in good:  # never more than one frame in memory
-                        file.write(stack[number, part].tobytes())
+        every = np.lib.format.open_memmap(self.scratch, mode="r")
+        kept = every if len(good) == len(frames) else every[good]
+        arrays = {name: kept[:, part] for part, name in enumerate(FIELDS)} | self._about()
+        names = np.array([frames[number] for number in good], dtype=np.str_)
+        with replacing(self.path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, frame=names, **arrays)
         self.scratch.unlink()
 
     def _about(self) -> dict[str, Any]:
@@ -117,7 +109,7 @@ class TractionStore:
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
 NOTHING = (float("nan"),) * 3  # N: a force that is not known
-Triple = tuple[float, float, float]
+JOURNAL = ".force-journal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,25 +139,6 @@ class FrameForce:
         """Whether there is a force, also 0."""
         return not self.why
 
-    def as_row(self) -> Row:
-        """Return the row as text, every digit kept, without what is added later."""
-        numbers = (
-            self.time_s,
-            *self.resultant_N,
-            *self.resultant_std_N,
-            *self.moment_Nmm,
-            self.depth_mm,
-            *self.place_mm,
-        )
-        return (self.frame, *(repr(float(number)) for number in numbers), self.flags, self.why)
-
-    @classmethod
-    def of(cls, row: Row) -> Self:
-        """Read a row of text. Raises InputError if a cell is not a number."""
-        n = read_cells(row[1:14], where=row[0])
-        return cls(row[0], n[0], (n[1], n[2], n[3]), (n[4], n[5], n[6]), (n[7], n[8], n[9]), n[10], (n[11], n[12]),
-                   row[14], row[15])  # fmt: skip
-
 
 @dataclass(frozen=True, slots=True)
 class Solved:
@@ -178,7 +151,7 @@ class Solved:
 
 @dataclass(frozen=True)
 class ForceJob:
-    """Job that computes the forces of frames. Not thread-safe, as the reconstructor is not.
+    """Job that computes the forces of frames.
 
     `untouched` None: no reference, so fx and fy are unknown. `anchor` corrects the depth of certified faces. Shear
     is computed only for frames with contact.
@@ -188,79 +161,72 @@ class ForceJob:
     reconstructor: Reconstructor
     untouched: Untouched | None
     store: TractionStore
-    columns: int = 16
+    record: type[FrameForce] = FrameForce
+    journal: str = JOURNAL
     anchor: FaceDepthCorrection = NO_CORRECTION
 
-    def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
-        """Store the tractions; return the row of the resultant, or why there is none."""
+    @property
+    def out(self) -> Path:
+        """Folder of the results."""
+        return self.store.out
+
+    def decides(self) -> tuple[object, ...]:
+        """Return what determines a force besides the frame and its height map."""
+        material = self.field.material
+        covariance = None if material.covariance is None else material.covariance.tolist()
+        follows = self.untouched is not None and self.untouched.shows
+        return (self.store, material.youngs_modulus_MPa, material.poisson_ratio, covariance, self.field.settings,
+                self.field.gel, follows, self.anchor.depth_scale, self.reconstructor.taught)  # fmt: skip
+
+    def prepare(self, names: Sequence[str], *, anew: bool) -> None:
+        """Prepare the store."""
+        self.store.prepare(names, anew=anew)
+
+    def __call__(self, frame: Frame | BadFrame, number: int) -> FrameForce:
+        """Store the tractions; return the resultant, or why there is none."""
         if isinstance(frame, BadFrame):
-            return FrameForce(frame.name, frame.time_s, why=f"unreadable: {frame.why}").as_row()
+            return FrameForce(frame.name, frame.time_s, why=f"unreadable: {frame.why}")
         try:
             found = self.solve(frame).found
         except InputError as fault:
-            return FrameForce(frame.name, frame.time_s, why=f"rejected: {fault.what}").as_row()
+            return FrameForce(frame.name, frame.time_s, why=f"rejected: {fault.what}")
         except ConvergenceError as fault:
-            return FrameForce(frame.name, frame.time_s, why=f"not solved: {fault}").as_row()
-        self.store.write(number, {name: getattr(found, name).astype(np.float32) for name in FIELDS})
-        return as_force(found, frame).as_row()
+            return FrameForce(frame.name, frame.time_s, why=f"not solved: {fault}")
+        self.store.write(number, found)
+        return as_force(found, frame)
 
     def solve(self, frame: Frame) -> Solved:
         """Solve for the forces.
 
         Raises InputError for a frame that cannot be read, ConvergenceError if the contact does not settle.
         """
-        solved = self._solved(frame, self.reconstructor.height_map(frame))
-        doubts = tuple(MEANING[flag] for flag in add(solved.height.flags, self._beyond_balls(solved.height)))
-        return replace(solved, found=replace(solved.found, flags=(*solved.found.flags, *doubts)))
+        height, shear, why = self.reconstructor.height_map(frame), None, []
+        doubts: tuple[str, ...] = ()
+        if self.field.touched(height):
+            height = self.anchor(height)
+            if self.untouched is None or not self.untouched.shows:
+                why = [NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW]
+            else:
+                shear = self.untouched.shear(self.reconstructor.rectified(frame))
+            error = self.reconstructor.error
+            doubts = contact_flags(find_contact(height, error), error)
+        found = self.field(height, shear)
+        # a contact cut by the border is flagged by the field itself
+        doubts = add(height.flags, tuple(flag for flag in doubts if flag == BEYOND_BALLS))
+        flags = (*dict.fromkeys((*found.flags, *why)), *(MEANING[flag] for flag in doubts))
+        return Solved(height, shear, replace(found, flags=flags))
 
-    def _beyond_balls(self, height: HeightMap) -> tuple[str, ...]:
-        """Return the flag of a contact whose depth is extrapolated.
-
-        A cut by the border is flagged by the field itself.
-        """
-        if not self.field.touched(height):
-            return ()
-        error = self.reconstructor.error
-        return tuple(flag for flag in contact_flags(find_contact(height, error), error) if flag == BEYOND_BALLS)
-
-    def _solved(self, frame: Frame, height: HeightMap) -> Solved:
-        if not self.field.touched(height):
-            return self._without_shear(height, "")
-        height = self.anchor(height)
-        if self.untouched is None or not self.untouched.shows:
-            return self._without_shear(height, NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW)
-        shear = self.untouched.shear(self.reconstructor.rectified(frame))
-        return Solved(height, shear, self.field(height, shear))
-
-    def sensitivity(self, solved: Solved) -> tuple[Sensitivity, ...]:
-        """Return how the material's 95 % interval changes the force; nothing if it states none."""
-        if self.field.material.covariance is None:
-            return ()
-        return material_sensitivity(self.field, solved.found, solved.height, solved.shear)
-
-    def _without_shear(self, height: HeightMap, why: str) -> Solved:
-        found = self.field(height)
-        flags = tuple(dict.fromkeys((*found.flags, why))) if why else found.flags
-        return Solved(height, None, replace(found, flags=flags))
-
-    def kept(self, row: Row) -> bool:
+    def kept(self, result: FrameForce) -> bool:
         """Return whether the store that holds the frame's tractions is there."""
-        FrameForce.of(row)
-        return bool(row[15]) or self.store.exists()
+        return not result.read or self.store.scratch.exists()
 
 
 def as_force(found: TractionMap, frame: Frame) -> FrameForce:
     """Return the numbers of a map of tractions."""
-    pressure = np.maximum(np.nan_to_num(found.t_z), 0)
-    total = float(pressure.sum())
-    place = NOTHING[:2]
-    if total > 0:
-        rows, columns = np.indices(pressure.shape)
-        step_x, step_y = found.mm_per_px
-        place = (
-            found.first_mm[0] + step_x * float((columns * pressure).sum()) / total,
-            found.first_mm[1] + step_y * float((rows * pressure).sum()) / total,
-        )
+    pressure, place = np.maximum(np.nan_to_num(found.t_z), 0), NOTHING[:2]
+    if pressure.any():
+        row, column = center_of_mass(pressure)
+        place = found.first_mm[0] + found.mm_per_px[0] * column, found.first_mm[1] + found.mm_per_px[1] * row
     return FrameForce(frame.name, frame.time_s, found.resultant_N, found.resultant_std_N,
                       found.moment_Nmm or NOTHING, found.depth_mm, place, "; ".join(found.flags))  # fmt: skip
 
@@ -268,3 +234,187 @@ def as_force(found: TractionMap, frame: Frame) -> FrameForce:
 def nothing_touches(row: FrameForce) -> bool:
     """Return whether the frame was read and shows a gel that is free."""
     return row.read and NO_CONTACT in row.flags
+
+
+# Readings of the force/torque sensor.
+
+STUCK = 5  # equal readings at the extreme: a sensor at the end of its range
+
+
+class Readings:
+    """Force/torque readings at camera times, zeroed between presses.
+
+    `clock_offset_s` (F/T minus camera) is used if the recording states none.
+    """
+
+    def __init__(self, recording: Recording, clock_offset_s: float | None = None) -> None:
+        stated = recording.clock_offset_s
+        self.forces, self.offset = recording.forces, (stated if stated is not None else clock_offset_s) or 0.0
+        self.presses = recording.presses
+        self._zero = None if recording.forces is None else self._free(recording)
+
+    def at(self, time_s: float) -> Floats:
+        """Return the force (3,) at a camera time, NaN outside the readings."""
+        if self.forces is None or not np.isfinite(time_s):
+            return np.full(3, np.nan)
+        now, times = time_s + self.offset, self.forces.time_s
+        if len(times) == 0 or not times[0] <= now <= times[-1]:
+            return np.full(3, np.nan)
+        read = np.array([np.interp(now, times, self.forces.force_N[:, k]) for k in range(3)])
+        if self._zero is None:
+            return read
+        zero = [np.interp(now, self._zero[:, 0], self._zero[:, 1 + k]) for k in range(3)]
+        return np.asarray(read - np.array(zero))
+
+    def press_at(self, time_s: float) -> Press | None:
+        """Return the press under way at a time."""
+        return next((press for press in self.presses if press.start_s <= time_s <= press.end_s), None)
+
+    def clipped(self, press: Press) -> bool:
+        """Return whether the F/T sensor stood at the end of its range: STUCK and more equal readings at its
+        extreme.
+
+        Noise does not repeat a number so often, and a sensor at rest is not at its extreme.
+        """
+        if self.forces is None:
+            return False
+        times, force = self.forces.time_s, self.forces.force_N
+        under_way = (times > press.start_s + self.offset) & (times < press.end_s + self.offset)
+        ends = np.abs(force).max(axis=0)
+        at_end = (np.abs(force[under_way]) == ends) & (ends > 0)
+        return bool((at_end.sum(axis=0) >= STUCK).any())
+
+    def _free(self, recording: Recording) -> Floats | None:
+        """Return (G, 4) middle time and median force of every gap between presses.
+
+        None if presses are not listed.
+        """
+        assert recording.forces is not None
+        if not recording.presses:
+            return None
+        times, force = recording.forces.time_s, recording.forces.force_N
+        busy = sorted((p.start_s + self.offset, p.end_s + self.offset) for p in recording.presses)
+        starts, ends = [-np.inf, *(end for _, end in busy)], [*(start for start, _ in busy), np.inf]
+        rows = []
+        for start, end in zip(starts, ends, strict=True):
+            free = (times > start) & (times < end)
+            if free.any():
+                rows.append([float(times[free].mean()), *np.median(force[free], axis=0)])
+        return np.array(rows) if rows else None
+
+
+# Tractions and resultants of all frames of a recording, with the F/T readings: streamed on all cores and resumed
+# where a run was interrupted (batch/jobs.py).
+
+TABLE = "resultants.csv"
+AXES = ("fx", "fy", "fz")
+COLUMNS = ("frame", "time_s", *(f"{a}_N" for a in AXES), *(f"{a}_std_N" for a in AXES), "mx_Nmm", "my_Nmm",
+           "mz_Nmm", "depth_mm", "x_mm", "y_mm", "flags", "press", *(f"ft_{a}_N" for a in AXES))  # fmt: skip
+
+
+def force_folder(
+    recording: Recording,
+    job: ForceJob,
+    *,
+    clock_offset_s: float | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[FrameForce, ...]:
+    """Write the tractions of every frame and resultants.csv; return its rows in the frames' order.
+
+    `job` comes from `force_job`. `clock_offset_s` (F/T minus camera) is used if the recording states none.
+    `cluster` as in batch/jobs.py. A frame that cannot be read is listed with the reason. An unfinished run of
+    the same job is resumed.
+    """
+    readings = Readings(recording, clock_offset_s)
+
+    def end(done: list[FrameForce]) -> tuple[FrameForce, ...]:
+        rows = tuple(with_reading(row, readings) for row in done)
+        job.store.end(recording.frame_names, [number for number, row in enumerate(rows) if row.read])
+        write_text(job.out / TABLE, table(rows))
+        return rows
+
+    return run_job(recording, job, end=end, workers=workers, cluster=cluster, progress=progress)
+
+
+def force_job(
+    recording: Recording,
+    reconstructor: Reconstructor,
+    *,
+    material: Material,
+    out: Path | str,
+    settings: ForceSettings | None = None,
+    form: Form = "npz",
+    untouched: Untouched | None = None,
+    compliance: GelCompliance | None = None,
+) -> ForceJob:
+    """Prepare what every frame needs: compliance, the untouched gel, and where tractions go.
+
+    Shear is measured from the first frame of the untouched gel among the recording's references, or from
+    `untouched`; without one, fx and fy are unknown. `compliance` is the gel's if it was computed before. Raises
+    InputError if the sensor's gel is not described.
+    """
+    sensor = recording.sensor
+    if sensor.gel is None:
+        bare = is_bare(recording)
+        raise InputError(
+            "forces need the gel's thickness",
+            where=recording.path if bare else recording.path / "recording.toml",
+            remedy="Name a TOML file with [sensor.gel] thickness_mm, shape and size, or a profile, with --sensor."
+            if bare
+            else "Add [sensor.gel] with thickness_mm, shape and size.",
+        )
+    view = (sensor.height_px, sensor.width_px)
+    field = ForceField(
+        sensor.gel, material, sensor.mm_per_px, view_px=view, settings=settings, compliance=compliance
+    )
+    assert field.compliance is not None
+    store = TractionStore(Path(out).absolute(), form, field.compliance.grid)
+    return ForceJob(field, reconstructor, untouched or _untouched(recording), store)
+
+
+def with_gel(recording: Recording, calibration: Path | None, thickness_mm: float | None) -> Recording:
+    """Return the recording with a gel as thick as the calibration's, and a warning, where it describes none.
+
+    Raises InputError where its own gel is not that of the file `calibration`.
+    """
+    gel = recording.sensor.gel
+    if gel is not None:
+        if calibration is not None:
+            check_gel(calibration, gel)
+        return recording
+    if thickness_mm is None:
+        return recording
+    guess = f"guessed: the gel is {thickness_mm:g} mm thick, as the calibration's, and has no sides nearby"
+    sensor = replace(recording.sensor, gel=Gel(thickness_mm))
+    return replace(recording, sensor=sensor, warnings=(*recording.warnings, guess))
+
+
+def with_reading(row: FrameForce, readings: Readings) -> FrameForce:
+    """Add the F/T reading and the press of its time to a row."""
+    press, measured = readings.press_at(row.time_s), triple(readings.at(row.time_s))
+    if press is None:
+        return replace(row, measured_N=measured)
+    return replace(row, measured_N=measured, press=press.press, reading_clipped=readings.clipped(press))
+
+
+def table(rows: Sequence[FrameForce]) -> str:
+    """Return resultants.csv; what is not known is left empty."""
+    return csv_text([COLUMNS, *map(_cells, rows)])
+
+
+def _cells(row: FrameForce) -> tuple[str, ...]:
+    numbers = (*row.resultant_N, *row.resultant_std_N, *row.moment_Nmm, row.depth_mm, *row.place_mm)
+    about = (row.why or row.flags, row.press)
+    return (row.frame, table_cell(row.time_s), *map(_cell, numbers), *about, *map(_cell, row.measured_N))
+
+
+def _untouched(recording: Recording) -> Untouched | None:
+    frame = untouched_frame(recording)
+    sensor = recording.sensor
+    return None if frame is None else read_untouched(frame, sensor.mm_per_px, markers=sensor.has_markers or None)
+
+
+def _cell(value: float) -> str:
+    return f"{value:.7g}" if np.isfinite(value) else ""

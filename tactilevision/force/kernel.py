@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from tactilevision.force.nodes import NodeGrid
+from tactilevision.force.nodes import Cells, NodeGrid
 from tactilevision.mechanics.layer import surface_compliance
 from tactilevision.records.measured import Floats
 
@@ -35,26 +36,19 @@ class CellCompliance:
     grid: NodeGrid
     table: Floats
 
-    def block(self, receivers: npt.NDArray[np.intp], sources: npt.NDArray[np.intp]) -> Floats:
-        """Return the block (3 R, 3 S): displacement (x of all, y of all, z of all) by traction, for flat indices
-        of cells.
-        """
-        rows, columns = self.grid.shape
-        r_row, r_column = np.divmod(receivers, columns)
-        s_row, s_column = np.divmod(sources, columns)
-        wide = 2 * columns - 1
-        offset = (r_row * wide + r_column + (rows - 1) * wide + columns - 1)[:, None] - (s_row * wide + s_column)
-        entries = self.table.take(offset.ravel(), axis=0).reshape(len(receivers), len(sources), 3, 3)
-        return np.asarray(entries.transpose(2, 0, 3, 1).reshape(3 * len(receivers), 3 * len(sources)))
+    def block(self, cells: Cells, parts: int = 3) -> Floats:
+        """Return displacement by traction between cells, flat indices, (parts C, parts C).
 
-    def normal_block(self, cells: npt.NDArray[np.intp]) -> Floats:
-        """Return the block (C, C) of depth by pressure alone."""
+        For 3 parts x of all, then y of all, then z of all; for 1 part depth by pressure alone.
+        """
         rows, columns = self.grid.shape
         row, column = np.divmod(cells, columns)
         wide = 2 * columns - 1
         place = row * wide + column
         offset = (place + (rows - 1) * wide + columns - 1)[:, None] - place
-        return np.asarray(np.ascontiguousarray(self.table[:, 8]).take(offset))
+        table = np.ascontiguousarray(self.table.reshape(-1, 3, 3)[:, -parts:, -parts:]).reshape(-1, parts**2)
+        entries = table.take(offset.ravel(), axis=0).reshape(*offset.shape, parts, parts)
+        return np.asarray(entries.transpose(2, 0, 3, 1).reshape(parts * len(cells), parts * len(cells)))
 
 
 def layer_cells(grid: NodeGrid, *, thickness_mm: float, poisson_ratio: float) -> CellCompliance:
@@ -63,13 +57,11 @@ def layer_cells(grid: NodeGrid, *, thickness_mm: float, poisson_ratio: float) ->
     counts = [
         WAVES * fft.next_fast_len(2 * n + int(np.ceil(REACH * thickness_mm / grid.spacing_mm))) for n in grid.shape
     ]
-    k_x = 2 * np.pi * np.fft.fftfreq(counts[1], fine)[None, : counts[1] // 2 + 1]
-    k_y = 2 * np.pi * np.fft.fftfreq(counts[0], fine)[:, None]
+    k_x, k_y = _wave_numbers(counts, fine)
     compliance = surface_compliance(
         k_x, k_y, youngs_modulus_MPa=1.0, poisson_ratio=poisson_ratio, thickness_mm=thickness_mm
     )
-    box = np.sinc(k_x * grid.spacing_mm / (2 * np.pi)) * np.sinc(k_y * grid.spacing_mm / (2 * np.pi))
-    weight = box**2 * WAVES**2
+    weight = _box(k_x, k_y, grid.spacing_mm) ** 2 * WAVES**2
     steps = [np.arange(-n + 1, n) * WAVES % c for n, c in zip(grid.shape, counts, strict=True)]
     table = np.empty((len(steps[0]), len(steps[1]), 3, 3))
     for i in range(3):
@@ -77,6 +69,17 @@ def layer_cells(grid: NodeGrid, *, thickness_mm: float, poisson_ratio: float) ->
             field = fft.irfft2(compliance[..., i, j] * weight, counts)
             table[..., i, j] = field[np.ix_(*steps)]
     return CellCompliance(grid, np.ascontiguousarray(table.reshape(-1, 9)))
+
+
+def _wave_numbers(counts: Sequence[int], step_mm: float) -> tuple[Floats, Floats]:
+    """Return (1, kx) and (ky, 1) of a real transform over `counts` (y, x) places, 1/mm."""
+    k_y, k_x = (np.asarray(2 * np.pi * np.fft.fftfreq(count, step_mm), dtype=float) for count in counts)
+    return k_x[None, : counts[1] // 2 + 1], k_y[:, None]
+
+
+def _box(k_x: Floats, k_y: Floats, width_mm: float) -> Floats:
+    """Return the transform of a square cell of constant traction over its area."""
+    return np.asarray(np.sinc(k_x * width_mm / (2 * np.pi)) * np.sinc(k_y * width_mm / (2 * np.pi)))
 
 
 # Stress inside an unbounded bonded layer under a loaded cell on its face, at modulus 1 MPa.
@@ -94,8 +97,8 @@ def layer_cells(grid: NodeGrid, *, thickness_mm: float, poisson_ratio: float) ->
 
 STEP_MM_OF_CELL = 0.5  # of a cell: step of the table over distance
 Waves = npt.NDArray[np.inexact[Any]]
-# components of a symmetric tensor, in Voigt's order but for the shears
-PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+PAIRS = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])  # xx yy zz xy xz yz
+VOIGT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # place of each component among them
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,22 +110,11 @@ class LayerStress:
 
     def at(self, level: int, offset_mm: Floats) -> Floats:
         """Return the stress (P, 3 loads, 3, 3) at `offset_mm` (P, 2) from the load; 0 beyond the grid."""
-        half = self.stress.shape[1] // 2
-        place = offset_mm / self.step_mm + half
-        low = np.floor(place).astype(np.intp)
-        inside = ((low >= 0) & (low < 2 * half - 1)).all(axis=1)
-        low = np.where(inside[:, None], low, 0)
-        part = np.where(inside[:, None], place - low, 0.0)
-        field = self.stress[level]
-        total = np.zeros((len(offset_mm), 3, 6))
-        for dy in (0, 1):
-            for dx in (0, 1):
-                weight = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) * inside
-                total += weight[:, None, None] * field[low[:, 1] + dy, low[:, 0] + dx]
-        tensor = np.empty((len(offset_mm), 3, 3, 3))
-        for k, (i, j) in enumerate(PAIRS):
-            tensor[:, :, i, j] = tensor[:, :, j, i] = total[:, :, k]
-        return tensor
+        from scipy.interpolate import RegularGridInterpolator
+
+        axis = (np.arange(self.stress.shape[1]) - self.stress.shape[1] // 2) * self.step_mm
+        field = RegularGridInterpolator((axis, axis), self.stress[level], bounds_error=False, fill_value=0.0)
+        return np.asarray(field(offset_mm[:, ::-1])[:, :, VOIGT])
 
 
 def layer_stress(
@@ -133,20 +125,17 @@ def layer_stress(
     """
     step = STEP_MM_OF_CELL * cell_mm
     count = fft.next_fast_len(2 * int(np.ceil(1.5 * reach_mm / step)))
-    k_y = 2 * np.pi * np.fft.fftfreq(count, step)[:, None]
-    k_x = 2 * np.pi * np.fft.fftfreq(count, step)[None, : count // 2 + 1]
+    k_x, k_y = _wave_numbers((count, count), step)
     k = np.hypot(k_x, k_y)
     k[0, 0] = 1e-2 / thickness_mm  # the mean wave: as long as accuracy allows
     cosine, sine = k_x / k, k_y / k
     cosine[0, 0], sine[0, 0] = 1.0, 0.0
-    box = np.sinc(k_x * cell_mm / (2 * np.pi)) * np.sinc(k_y * cell_mm / (2 * np.pi)) / step**2
+    box = _box(k_x, k_y, cell_mm) / step**2
     field = np.empty((len(depths_mm), count, count, 3, 6))
     for level, depth in enumerate(depths_mm):
-        waves = wave_stress(k, depth, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-        across = _across(k, depth, thickness_mm)
-        for load, entries in enumerate(_turned(waves, across, cosine, sine)):
-            for which, entry in enumerate(entries):
-                field[level, :, :, load, which] = np.fft.fftshift(fft.irfft2(entry * box, (count, count)))
+        waves = _stress_waves(k, cosine, sine, depth, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+        entries = fft.irfft2(waves[:, *PAIRS] * box, (count, count))
+        field[level] = np.moveaxis(np.fft.fftshift(entries, axes=(-2, -1)), (0, 1), (2, 3))
     return LayerStress(field, step)
 
 
@@ -181,29 +170,18 @@ def wave_stress(k: Floats, depth_mm: float, *, thickness_mm: float, poisson_rati
     return np.stack([*parts[0], *parts[1]])
 
 
-def _turned(waves: Floats, across: tuple[Floats, Floats], c: Floats, s: Floats) -> list[list[Waves]]:
-    """Return the stress entries (as PAIRS) in x, y, z for loads along x, y, z, complex."""
-    zero = np.zeros_like(waves[0])
-    normal = _rotated(waves[0], waves[1], waves[2], zero, 1j * waves[3], zero, c, s)
-    along = _rotated(-1j * waves[4], -1j * waves[5], -1j * waves[6], zero, waves[7], zero, c, s)
-    sideways = _rotated(zero, zero, zero, 1j * across[0], zero, across[1], c, s)
-    by_x = [c * one - s * other for one, other in zip(along, sideways, strict=True)]
-    by_y = [s * one + c * other for one, other in zip(along, sideways, strict=True)]
-    return [by_x, by_y, normal]
-
-
-def _rotated(
-    ll: Waves, tt: Waves, zz: Waves, lt: Waves, lz: Waves, tz: Waves, c: Floats, s: Floats
-) -> list[Waves]:
-    """Return xx yy zz xy xz yz of a tensor given along L = (c, s) and T = (-s, c)."""
-    return [
-        c * c * ll + s * s * tt - 2 * c * s * lt,
-        s * s * ll + c * c * tt + 2 * c * s * lt,
-        zz,
-        c * s * (ll - tt) + (c * c - s * s) * lt,
-        c * lz - s * tz,
-        s * lz + c * tz,
-    ]
+def _stress_waves(
+    k: Floats, c: Floats, s: Floats, depth_mm: float, *, thickness_mm: float, poisson_ratio: float
+) -> Waves:
+    """Return the stress (3 loads, 3, 3, ky, kx) in x, y, z, from that along L = (c, s), T = (-s, c) and z."""
+    p = wave_stress(k, depth_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+    (lt, tz), o = _across(k, depth_mm, thickness_mm), np.zeros_like(k)
+    along = [[-1j * p[4], o, p[7]], [o, -1j * p[5], o], [p[7], o, -1j * p[6]]]
+    across = [[o, 1j * lt, o], [1j * lt, o, tz], [o, tz, o]]
+    normal = [[p[0], o, 1j * p[3]], [o, p[1], o], [1j * p[3], o, p[2]]]
+    turn = np.array([[c, -s, o], [s, c, o], [o, o, np.ones_like(k)]])
+    turned = np.einsum("la...,im...,jn...,amn...->lij...", turn, turn, turn, np.array([along, across, normal]))
+    return np.asarray(turned)
 
 
 def _across(k: Floats, depth_mm: float, thickness_mm: float) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""Tabulate the contribution of the gel's free sides to its compliance, and cache the tables."""
+"""Contribution of the gel's free sides to its compliance, by finite elements, as a table in a cache."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files.arrays import read_arrays
 from tactilevision.files.writing import replacing
-from tactilevision.force.hexahedra import GelMesh, WallPoints, face_values, gel_mesh, stiffness, wall_points
-from tactilevision.force.inverse import Cells
 from tactilevision.force.kernel import LayerStress, layer_stress
-from tactilevision.force.nodes import NodeGrid
+from tactilevision.force.nodes import Cells, NodeGrid
+from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Gel
 
@@ -63,6 +63,269 @@ def _read(path: Path, key: str) -> npt.NDArray[Any] | None:
         return None
 
 
+# Triquadratic hexahedra for a nearly incompressible solid: displacement Q2, discontinuous pressure P1.
+#
+#     K = Int 2 mu eps : eps + B^T (M/lambda)^-1 B,      B = Int p div u,  M = Int p p
+#
+# The pressure (1, x, y, z about the element's middle) is condensed inside each element; the pair is stable and
+# does not lock as nu -> .5. Modulus 1 MPa. Quadrature 3 x 3 x 3. Nodes of an element: index = a + 3 b + 9 c for
+# the places (a, b, c) in {0, 1, 2}^3 along its own axes.
+#
+# Source: Hughes, The Finite Element Method (1987), section 4.4 and table 4.3; Boffi, Brezzi, Fortin, Mixed Finite
+# Element Methods (2013), section 8.7 (Q2/P-1).
+
+Indices = npt.NDArray[np.intp]
+GAUSS, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(3)  # on (-1, 1)
+
+
+def quadratic(xi: Floats) -> tuple[Floats, Floats]:
+    """Return the values and slopes (3, N) of the three quadratic functions on [-1, 1] at `xi` (N,)."""
+    values = np.stack([xi * (xi - 1) / 2, 1 - xi**2, xi * (xi + 1) / 2])
+    return values, np.stack([xi - 0.5, -2 * xi, xi + 0.5])
+
+
+def shape_functions() -> tuple[Floats, Floats, Floats]:
+    """Return values (27 points, 27 nodes), slopes (27, 27, 3) by the element's own axes and weights (27,) at the
+    27 points.
+    """
+    value, slope = quadratic(GAUSS)
+    values = np.einsum("ip,jq,kr->rqpkji", value, value, value).reshape(27, 27)
+    slopes = [
+        np.einsum("ip,jq,kr->rqpkji", *parts).reshape(27, 27)
+        for parts in ((slope, value, value), (value, slope, value), (value, value, slope))
+    ]
+    weights = np.einsum("i,j,k->kji", GAUSS_WEIGHT, GAUSS_WEIGHT, GAUSS_WEIGHT).ravel()
+    return values, np.stack(slopes, axis=-1), weights
+
+
+def stiffness(nodes_mm: Floats, elements: Indices, *, poisson_ratio: float) -> sparse.csc_matrix:
+    """Return K (3 N, 3 N) of `nodes_mm` (N, 3) and `elements` (M, 27) at modulus 1 MPa.
+
+    Unknown 3 n + i is node n along i.
+    """
+    chunks = np.array_split(elements, max(1, len(elements) // 200))
+    blocks = np.concatenate([_element_matrices(nodes_mm[chunk], poisson_ratio) for chunk in chunks])
+    dofs = (3 * elements[:, :, None] + np.arange(3)).reshape(len(elements), 81)
+    rows, columns = np.repeat(dofs, 81, axis=1).ravel(), np.tile(dofs, (1, 81)).ravel()
+    size = 3 * len(nodes_mm)
+    return sparse.csc_matrix(sparse.coo_matrix((blocks.ravel(), (rows, columns)), shape=(size, size)))
+
+
+def _element_matrices(corners: Floats, poisson_ratio: float) -> Floats:
+    """Return (m, 81, 81) of elements with node places `corners` (m, 27, 3)."""
+    values, slopes, weights = shape_functions()
+    jacobian = np.einsum("pna,mni->mpia", slopes, corners)
+    measure = np.linalg.det(jacobian) * weights
+    gradient = np.einsum("pna,mpai->mpni", slopes, np.linalg.inv(jacobian))
+    mu = 1 / (2 * (1 + poisson_ratio))
+    lame = poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+    weighted = gradient * measure[..., None, None]
+    m = len(corners)
+    # 2 mu eps(u):eps(v) = mu (u_i,j v_i,j + u_i,j v_j,i): `same` is the first, `cross` the second
+    same = np.einsum("mpna,mpka->mnk", weighted, gradient, optimize=True)
+    cross = np.matmul(weighted.transpose(0, 2, 3, 1).reshape(m, 81, 27), gradient.reshape(m, 27, 81))
+    matrix = mu * cross.reshape(m, 27, 3, 27, 3).transpose(0, 1, 4, 3, 2)
+    for i in range(3):
+        matrix[:, :, i, :, i] += mu * same
+    matrix = matrix.reshape(m, 81, 81)
+    place = np.einsum("pn,mni->mpi", values, corners) - corners.mean(axis=1)[:, None]
+    basis = np.concatenate([np.ones((m, 27, 1)), place], axis=2)
+    mass = np.einsum("mp,mpa,mpb->mab", measure, basis, basis, optimize=True)
+    divergence = np.einsum("mpa,mpni->mani", basis, weighted, optimize=True).reshape(m, 4, 81)
+    projected = np.matmul(divergence.transpose(0, 2, 1), np.linalg.solve(mass, divergence))
+    return np.asarray(matrix + lame * projected)
+
+
+# Mesh of a gel: a rectangle in rows and columns, a disc as a square core with four petals round it. Nodes are
+# numbered layer by layer, from the free face z = 0 to the base z = h. Elements are smaller towards the free face
+# and the sides; geometry is quadratic, so that a disc's side is round.
+
+DEPTHS = np.array([0.0, 0.15, 0.45, 1.0])  # ends of the elements through the thickness
+CORE = 0.55  # of the disc's radius: what the elements of a petal leave to its core
+SQUARE = 0.75 * CORE  # half side of that square core, of the radius
+
+
+@dataclass(frozen=True, slots=True)
+class GelMesh:
+    """`nodes_mm` (N, 3), `elements` (M, 27); `per_layer` nodes in each of the `layers` levels (base last);
+    `edges` (S, 3) nodes of one layer along each element's side on the wall, the gel on the left hand going
+    along."""
+
+    nodes_mm: Floats
+    elements: Indices
+    per_layer: int
+    depths_mm: Floats
+    edges: Indices
+
+    @property
+    def free(self) -> Indices:
+        """Unknowns that are not fixed at the base."""
+        return np.arange(3 * self.per_layer * (len(self.depths_mm) - 1))
+
+
+def gel_mesh(gel: Gel, element_mm: float) -> GelMesh:
+    """Mesh a gel that has sides (disc or rectangle) with elements about `element_mm` wide."""
+    if gel.shape == "disc" and gel.radius_mm is not None:
+        patches = _disc(gel.radius_mm, element_mm)
+    elif gel.size_mm is not None:
+        patches = [_rectangle(gel.size_mm, element_mm)]
+    else:
+        raise ValueError("an unbounded gel has no sides")
+    places, quads = _merge(patches)
+    ends = DEPTHS * gel.thickness_mm
+    depths = _with_middles(ends)
+    nodes = np.concatenate([np.column_stack([places, np.full(len(places), z)]) for z in depths])
+    layers = [
+        np.concatenate([quads + (2 * k + level) * len(places) for level in range(3)], axis=1)
+        for k in range(len(ends) - 1)
+    ]
+    return GelMesh(nodes, np.concatenate(layers), len(places), depths, _outline(quads))
+
+
+def _rectangle(size_mm: tuple[float, float], element_mm: float) -> Floats:
+    """Return the node places (2 n + 1, 2 m + 1, 2) of the whole plane, x fastest."""
+    axes = [_graded(max(4, int(np.ceil(length / element_mm)))) * length / 2 for length in size_mm]
+    x, y = np.meshgrid(*axes)
+    return np.stack([x, y], axis=-1)
+
+
+def _graded(count: int) -> Floats:
+    """Return the places of quadratic nodes on [-1, 1], closer together towards both ends."""
+    even = np.linspace(-1, 1, count + 1)
+    return _with_middles(even + 0.6 * np.sin(np.pi * even) / np.pi)
+
+
+def _with_middles(ends: Floats) -> Floats:
+    """Return the ends of elements (n,) with the middle of each between them (2 n - 1,)."""
+    return np.interp(np.arange(2 * len(ends) - 1) / 2, np.arange(len(ends)), ends)
+
+
+def _disc(radius_mm: float, element_mm: float) -> list[Floats]:
+    side = max(4, int(np.ceil(np.pi / 2 * radius_mm / element_mm)))
+    out = max(3, int(np.ceil((1 - CORE) * radius_mm / element_mm)) + 1)
+    flat = np.linspace(-1, 1, 2 * side + 1)
+    inner = np.stack([np.full_like(flat, 1.0), flat], axis=-1) * SQUARE * radius_mm
+    patches = [np.stack(np.meshgrid(inner[:, 1], inner[:, 1]), axis=-1)]
+    step = _with_middles(1 - np.linspace(1, 0, out + 1) ** 1.4)
+    angle = flat * np.pi / 4
+    outer = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * radius_mm
+    petal = inner[:, None, :] * (1 - step)[None, :, None] + outer[:, None, :] * step[None, :, None]
+    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    return patches + [petal @ np.linalg.matrix_power(quarter, turns) for turns in range(4)]
+
+
+def _merge(patches: list[Floats]) -> tuple[Floats, Indices]:
+    """Merge equal places (N, 2); return them and nine-node quads (M, 9), x fastest within each."""
+    places = np.concatenate([p.reshape(-1, 2) for p in patches])
+    scale = np.abs(places).max()
+    _, first, number = np.unique(np.round(places / scale, 9) + 0.0, axis=0, return_index=True, return_inverse=True)
+    quads, start = [], 0
+    for patch in patches:
+        rows, columns = patch.shape[:2]
+        grid = number.ravel()[start + np.arange(rows * columns)].reshape(rows, columns)
+        start += rows * columns
+        corners = (grid[j : rows - 2 + j : 2, i : columns - 2 + i : 2] for j in range(3) for i in range(3))
+        quads.append(np.stack([corner.ravel() for corner in corners], axis=1))
+    return places[first], np.concatenate(quads)
+
+
+def _outline(quads: Indices) -> Indices:
+    """Return the sides (S, 3) of the quads that no other quad shares, counter-clockwise (x right, y up) round the
+    element.
+    """
+    sides = np.concatenate([quads[:, list(side)] for side in ((0, 1, 2), (2, 5, 8), (8, 7, 6), (6, 3, 0))])
+    _, number, count = np.unique(sides[:, 1], return_inverse=True, return_counts=True)
+    return np.asarray(sides[count[number] == 1])
+
+
+def face_values(mesh: GelMesh, places_mm: Floats) -> tuple[Indices, Floats]:
+    """Return the nodes (P, 9) of the face's element that each place lies in, and their shape functions (P, 9)
+    there.
+
+    Raises ValueError for a place outside the mesh.
+    """
+    quads = mesh.elements[mesh.elements[:, 0] < mesh.per_layer][:, :9]
+    corners = mesh.nodes_mm[quads][:, :, :2]
+    nodes, values = np.empty((len(places_mm), 9), dtype=np.intp), np.empty((len(places_mm), 9))
+    middle, reach = corners[:, 4], np.abs(corners - corners[:, 4:5]).max(axis=(1, 2))
+    for p, place in enumerate(places_mm):
+        for quad in np.argsort(np.hypot(*(middle - place).T) / reach)[:12]:
+            local = _local(corners[quad], place)
+            if np.abs(local).max() < 1 + MICRO:
+                nodes[p], values[p] = quads[quad], _face_functions(local)[0]
+                break
+        else:
+            raise ValueError(f"the place {place} lies outside the mesh")
+    return nodes, values
+
+
+def _local(corners: Floats, place: Floats) -> Floats:
+    """Return the coordinates in [-1, 1]^2 of a place in a nine-node quad, by Newton's method."""
+    local = np.zeros(2)
+    for _ in range(12):
+        shape, *slopes = _face_functions(local) @ corners
+        step = np.linalg.solve(np.transpose(slopes), place - shape)
+        local = np.clip(local + step, -2, 2)
+        if np.abs(step).max() < 1e-10:
+            break
+    return local
+
+
+def _face_functions(local: Floats) -> Floats:
+    """Return the nine shape functions, and their slopes along both axes, (3, 9), at a place in [-1, 1]^2."""
+    ((x, y), (dx, dy)) = (part.T for part in quadratic(local))
+    return np.stack([np.outer(y, x).ravel(), np.outer(y, dx).ravel(), np.outer(dy, x).ravel()])
+
+
+@dataclass(frozen=True, slots=True)
+class WallPoints:
+    """`places_mm` (Q, 2) and outward `normals` (Q, 2) along the outline; `depths_mm` (L,) of the levels.
+
+    `weights` (L, U, Q, 3): nodal force on the wall's unknown u by a unit traction along i at point q of level l.
+    `unknowns` (U,): numbers of those unknowns in the mesh.
+    """
+
+    places_mm: Floats
+    normals: Floats
+    depths_mm: Floats
+    weights: Floats
+    unknowns: npt.NDArray[np.intp]
+
+
+def wall_points(mesh: GelMesh) -> WallPoints:
+    """Return three by three points on every element's side on the wall."""
+    value, slope = quadratic(GAUSS)
+    corners = mesh.nodes_mm[mesh.edges, :2]
+    places = np.einsum("np,eni->epi", value, corners).reshape(-1, 2)
+    along = np.einsum("np,eni->epi", slope, corners).reshape(-1, 2)
+    length = np.hypot(*along.T)
+    normals = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[:, None]
+    nodes = np.unique(mesh.edges)
+    spread = np.zeros((len(nodes), len(places)))  # nodal share of a unit line load at each point
+    node, point = np.searchsorted(nodes, mesh.edges)[:, :, None], np.arange(len(places)).reshape(-1, 1, 3)
+    spread[node, point] = value * GAUSS_WEIGHT * length.reshape(-1, 1, 3)
+    depths, level_share = _levels(mesh.depths_mm)
+    free = len(mesh.depths_mm) - 1
+    weights = np.zeros((len(depths), free, len(nodes), 3, len(places), 3))
+    for i in range(3):
+        weights[:, :, :, i, :, i] = level_share[:, :free, None, None] * spread
+    unknowns = 3 * (np.arange(free)[:, None] * mesh.per_layer + nodes)[:, :, None] + np.arange(3)
+    return WallPoints(places, normals, depths, weights.reshape(len(depths), -1, len(places), 3), unknowns.ravel())
+
+
+def _levels(depths_mm: Floats) -> tuple[Floats, Floats]:
+    """Return the quadrature depths (L,) and the share (L, node levels) of each in the nodal levels, times its
+    length.
+    """
+    value, _ = quadratic(GAUSS)
+    ends = depths_mm[::2]
+    half = np.diff(ends) / 2
+    share = np.zeros((len(half), 3, len(depths_mm)))
+    for element, size in enumerate(half):
+        share[element, :, 2 * element : 2 * element + 3] = size * (value * GAUSS_WEIGHT).T
+    return ((ends[:-1] + half)[:, None] + np.outer(half, GAUSS)).ravel(), share.reshape(-1, len(depths_mm))
+
+
 # The sides' part of the compliance, as a table between stations on the gel's face.
 #
 # For a load at station p the unbounded layer has the traction s(p) at the gel's side. The side is free, so -s(p)
@@ -85,45 +348,36 @@ MAX_ELEMENTS = 280  # squares of an element's width in the gel's face
 
 @dataclass(frozen=True, slots=True)
 class SideTable:
-    """`table` (3 S, 3 S), x y z of each station in turn, mm/N at modulus 1 MPa; `rows`, `columns` of stations;
-    `spacing_mm`. Stations are centred on the pad."""
+    """`table` (3 S, 3 S), x y z of each station over `grid` in turn, mm/N at modulus 1 MPa."""
 
+    grid: NodeGrid
     table: Singles
-    rows: int
-    columns: int
-    spacing_mm: float
 
-    def add(self, block: Floats, grid: NodeGrid, receivers: Cells, sources: Cells) -> Floats:
-        """Add the sides' part to `block` (3 R, 3 S) of the layer; the load is a cell's, 1 MPa over its area."""
-        to, to_weights = self._stations(grid, receivers)
-        of, of_weights = self._stations(grid, sources)
-        part = self._cut(to, of)
+    def block(self, cells: Cells, parts: int) -> Floats:
+        """Return the sides' part of the compliance between cells (parts C, parts C), 1 MPa over a cell's area.
+
+        (1, 1), a 0, where no side is near.
+        """
+        used, weights = self._stations(cells)
+        count = len(self.table) // 3
+        part = self.table.reshape(count, 3, count, 3)[used][:, -parts:, used, -parts:].astype(np.float64)
         if not part.any():
-            return block
-        inner = np.einsum("rp,piqj,sq->irjs", to_weights, part, of_weights, optimize=True)
-        return np.asarray(block + grid.cell_mm2 * inner.reshape(block.shape))
+            return np.zeros((1, 1))
+        inner = np.einsum("rp,piqj,sq->irjs", weights, part, weights, optimize=True)
+        return np.asarray(self.grid.cell_mm2 * inner.reshape(parts * len(cells), parts * len(cells)))
 
-    def add_normal(self, block: Floats, grid: NodeGrid, *, cells: Cells) -> Floats:
-        """Add the sides' part for depth by pressure alone."""
-        used, weights = self._stations(grid, cells)
-        part = self._cut(used, used)[:, 2, :, 2]
-        return block + grid.cell_mm2 * (weights @ part @ weights.T) if part.any() else block
-
-    def _cut(self, to: Cells, of: Cells) -> Floats:
-        count = self.rows * self.columns
-        return np.asarray(self.table.reshape(count, 3, count, 3)[to][:, :, of], dtype=np.float64)
-
-    def _stations(self, grid: NodeGrid, cells: Cells) -> tuple[Cells, Floats]:
+    def _stations(self, cells: Cells) -> tuple[Cells, Floats]:
         """Return the stations that `cells` lie between and the weights (cells, stations) of linear
         interpolation.
         """
-        row, column = np.divmod(cells, grid.shape[1])
-        y = np.clip(grid.y_mm[row] / self.spacing_mm + (self.rows - 1) / 2, 0, self.rows - 1.001)
-        x = np.clip(grid.x_mm[column] / self.spacing_mm + (self.columns - 1) / 2, 0, self.columns - 1.001)
+        rows, columns = station_shape(self.grid)
+        row, column = np.divmod(cells, self.grid.shape[1])
+        y = np.clip(self.grid.y_mm[row] / STATION_MM + (rows - 1) / 2, 0, rows - 1.001)
+        x = np.clip(self.grid.x_mm[column] / STATION_MM + (columns - 1) / 2, 0, columns - 1.001)
         low_y, low_x = y.astype(np.intp), x.astype(np.intp)
         part_y, part_x = y - low_y, x - low_x
-        corner = low_y * self.columns + low_x
-        steps = (0, 1, self.columns, self.columns + 1)
+        corner = low_y * columns + low_x
+        steps = (0, 1, columns, columns + 1)
         shares = ((1 - part_y) * (1 - part_x), (1 - part_y) * part_x, part_y * (1 - part_x), part_y * part_x)
         used, place = np.unique(np.concatenate([corner + step for step in steps]), return_inverse=True)
         weights = np.zeros((len(cells), len(used)))
@@ -131,19 +385,25 @@ class SideTable:
         return used, weights
 
 
+def station_shape(grid: NodeGrid) -> tuple[int, int]:
+    """Return the rows and columns of stations over a grid, centred on the pad."""
+    rows, columns = (int(np.ceil((n - 1) * grid.spacing_mm / STATION_MM)) + 1 for n in grid.shape)
+    return rows, columns
+
+
 def side_table(gel: Gel, grid: NodeGrid, *, poisson_ratio: float) -> SideTable | None:
     """Return the table for the stations over `grid`, computed or from the cache.
 
     None if no side is near the view.
     """
-    rows, columns = (int(np.ceil((n - 1) * grid.spacing_mm / STATION_MM)) + 1 for n in grid.shape)
-    places = _admissible(gel, _station_places(rows, columns))
-    if gel.shape == "unbounded" or not (_distance(gel, places) < FORGETS * gel.thickness_mm).any():
+    rows, columns = station_shape(grid)
+    x, y = ((np.arange(count) - (count - 1) / 2) * STATION_MM for count in (columns, rows))
+    places = _admissible(gel, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    if not (from_side(gel, places) < FORGETS * gel.thickness_mm).any():
         return None
     key = (gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, round(poisson_ratio, 9), rows, columns,
            STATION_MM, LOAD_MM)  # fmt: skip
-    table = kept("sides", key, make=lambda: solve_sides(gel, places, poisson_ratio=poisson_ratio))
-    return SideTable(table, rows, columns, STATION_MM)
+    return SideTable(grid, kept("sides", key, make=lambda: solve_sides(gel, places, poisson_ratio=poisson_ratio)))
 
 
 def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm: float | None = None) -> Singles:
@@ -152,7 +412,7 @@ def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm
     """
     mesh = gel_mesh(gel, element_mm or _element_mm(gel))
     wall = wall_points(mesh)
-    near = _distance(gel, places_mm) < FORGETS * gel.thickness_mm
+    near = from_side(gel, places_mm) < FORGETS * gel.thickness_mm
     field = layer_stress(
         wall.depths_mm,
         LOAD_MM,
@@ -206,19 +466,13 @@ def _wall_forces(mesh: GelMesh, wall: WallPoints, field: LayerStress, places_mm:
     return total.reshape(len(wall.unknowns), 3 * count)
 
 
-def _station_places(rows: int, columns: int) -> Floats:
-    x = (np.arange(columns) - (columns - 1) / 2) * STATION_MM
-    y = (np.arange(rows) - (rows - 1) / 2) * STATION_MM
-    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-
-
-def _distance(gel: Gel, places_mm: Floats) -> Floats:
-    """Return the distance of each place from the nearest side; below 0 outside."""
-    if gel.shape == "disc" and gel.radius_mm is not None:
-        return np.asarray(gel.radius_mm - np.hypot(*places_mm.T))
-    if gel.shape == "rectangle" and gel.size_mm is not None:
-        return np.asarray((np.array(gel.size_mm) / 2 - np.abs(places_mm)).min(axis=1))
-    return np.full(len(places_mm), np.inf)
+def from_side(gel: Gel, places_mm: Floats) -> Floats:
+    """Return the distance in mm of places (..., 2) from the nearest side; below 0 outside."""
+    if gel.radius_mm is not None and gel.shape == "disc":
+        return np.asarray(gel.radius_mm - np.linalg.norm(places_mm, axis=-1))
+    if gel.size_mm is not None and gel.shape == "rectangle":
+        return np.asarray((np.array(gel.size_mm) / 2 - np.abs(places_mm)).min(axis=-1))
+    return np.full(places_mm.shape[:-1], np.inf)
 
 
 def _admissible(gel: Gel, places_mm: Floats) -> Floats:
@@ -227,7 +481,7 @@ def _admissible(gel: Gel, places_mm: Floats) -> Floats:
     if gel.shape == "disc" and gel.radius_mm is not None:
         distance = np.hypot(*places_mm.T)
         return np.asarray(
-            places_mm * np.minimum(1.0, (gel.radius_mm - keep) / np.maximum(distance, 1e-9))[:, None]
+            places_mm * np.minimum(1.0, (gel.radius_mm - keep) / np.maximum(distance, TINY))[:, None]
         )
     if gel.shape == "rectangle" and gel.size_mm is not None:
         most = np.array(gel.size_mm) / 2 - keep

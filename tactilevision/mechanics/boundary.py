@@ -10,9 +10,6 @@ s.
 
 A sticking face and a deep one displace less gel: `rim_share` is s times a tabulated ratio, mostly .4 to 1, from
 finite elements of a neo-Hookean gel at four frictions and w/h to .25.
-
-Off the centre of the pad `off_centre_softening` averages s over the directions. That is first order in s; where it
-exceeds a few per cent, check it by presses at several places.
 """
 
 from __future__ import annotations
@@ -28,18 +25,17 @@ from tactilevision.mechanics.flat_contact import WIDE, FlatContact, friction_pla
 from tactilevision.mechanics.kappa import load_table
 from tactilevision.mechanics.material import positive
 from tactilevision.records.constants import ROUNDING
-from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.measured import Floats
 
 TABLE = Path(__file__).with_name("boundary_table.npz")
 DISTANCES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)  # d/h, nodes of the table
 POISSON_NODES = (0.3, 0.4, 0.45, 0.48, 0.499)  # Poisson's ratio, nodes of the table
 A_OVER_H_NODES = (0.4, 0.6, 2.5 / 3, 1.2, 1.5)  # a/h, nodes of the table
-RATIO_DISTANCES = (0.25, 0.5, 1.0, 2.0)  # d/h; beyond, where s is small, the last value is kept
-RATIO_POISSON = (0.3, 0.45, 0.48, 0.499)  # Poisson's ratio, nodes of the ratios
-RATIO_A_OVER_H = (0.4, 2.5 / 3, 1.5)  # a/h, nodes of the ratios
+RATIO_DISTANCES = tuple(2.0**k for k in range(-2, 2))  # d/h; beyond, where s is small, the last value is kept
+RATIO_POISSON = (POISSON_NODES[0], *POISSON_NODES[2:])  # Poisson's ratio, nodes of the ratios
+RATIO_A_OVER_H = A_OVER_H_NODES[::2]  # a/h, nodes of the ratios
 RATIO_FRICTIONS = (0.0, 0.15, 0.3, np.inf)  # Coulomb's coefficient, nodes of the ratios
 RATIO_DEPTHS = (0.01, 0.05, 0.1, 0.15, 0.2, 0.25)  # w/h, nodes of the ratios
-DIRECTIONS = 180  # azimuths of the boundary's mean
 
 
 def softening(
@@ -88,22 +84,6 @@ def rim_share(depth_mm: npt.ArrayLike, contact: FlatContact, *, poisson_ratio: f
     ):
         ratio = np.tensordot(_weights(nodes, at), ratio, 1)
     return np.asarray((near - wide) * np.interp(np.asarray(depth_mm, dtype=float) / h, RATIO_DEPTHS, ratio))
-
-
-def off_centre_softening(
-    place_mm: Pair, *, pad_radius_mm: float, radius_mm: float, thickness_mm: float, poisson_ratio: float
-) -> float:
-    """Return the mean of s over all directions from a punch at `place_mm` (x, y from the pad's centre) to a disc's
-    rim.
-    """
-    away = float(np.hypot(*place_mm))
-    angle = (np.arange(DIRECTIONS) + 0.5) * (2 * np.pi / DIRECTIONS)
-    inside = pad_radius_mm**2 - (away * np.sin(angle)) ** 2
-    if not (away + radius_mm < pad_radius_mm and (inside > 0).all()):
-        raise InputError("the punch is not on the pad", where="off_centre_softening", value=place_mm)
-    rim = np.sqrt(inside) - away * np.cos(angle)
-    part = softening(rim - radius_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    return float(part.mean())
 
 
 @lru_cache(maxsize=1)

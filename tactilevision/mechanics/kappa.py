@@ -27,13 +27,8 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_equation import (
     A_OVER_H_RANGE,
-    KERNEL_END,
-    KERNEL_NODES,
     POISSON_RANGE,
     check_range,
-    gauss,
-    layer_defect,
-    layer_defect_slope,
     solve_punch,
 )
 from tactilevision.records.measured import Floats
@@ -61,39 +56,11 @@ def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floa
     return values[0] if nu.ndim == 0 else np.array(values).reshape(nu.shape)
 
 
-def kappa_gradient(poisson_ratio: float, a_over_h: float) -> tuple[float, float]:
-    """Return (d kappa/d nu, d kappa/d(a/h)), as accurate as kappa itself.
-
-    With Phi(xi) = Int_0^1 phi cos(xi x) dx and g = 1 - K, symmetry of M gives
-    d kappa/d nu = (2/pi) alpha Int g_nu Phi(alpha u)^2 du and
-    d kappa/d alpha = (2/pi) Int g (Phi^2 + 2 alpha u Phi Phi') du.
-    """
-    punch = solve_punch(poisson_ratio, a_over_h)
-    u, weights = gauss(KERNEL_NODES, KERNEL_END)
-    xi = a_over_h * u
-    phi = punch.transform(xi)
-    phi_slope = -np.sin(np.multiply.outer(xi, punch.x)) @ (punch.weights * punch.phi * punch.x)
-    along_nu = a_over_h * weights @ (layer_defect_slope(u, poisson_ratio) * phi**2)
-    along_alpha = weights @ (layer_defect(u, poisson_ratio) * (phi**2 + 2 * xi * phi * phi_slope))
-    return float(2 / np.pi * along_nu), float(2 / np.pi * along_alpha)
-
-
 def fast_kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> Floats:
     """Return kappa from the shipped table, of the arguments' broadcast shape; relative error below 1e-7."""
-    nu, alpha = _checked(poisson_ratio, a_over_h)
+    check_range(poisson_ratio, a_over_h, where="fast_kappa")
+    nu, alpha = np.broadcast_arrays(np.asarray(poisson_ratio, float), np.asarray(a_over_h, float))
     return np.asarray(np.exp(_spline().ev(_stretched(nu), np.log(alpha))))
-
-
-def fast_kappa_gradient(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> tuple[Floats, Floats]:
-    """Return (d kappa/d nu, d kappa/d(a/h)) of fast_kappa, dimensionless, of their broadcast shape.
-
-    Within 3e-5 of kappa_gradient.
-    """
-    nu, alpha = _checked(poisson_ratio, a_over_h)
-    s, t = _stretched(nu), np.log(alpha)
-    value = np.exp(_spline().ev(s, t))
-    along_nu = value * _spline().ev(s, t, dx=1) / (0.5 + OFFSET - nu)
-    return np.asarray(along_nu), np.asarray(value * _spline().ev(s, t, dy=1) / alpha)
 
 
 def write_table(path: Path = TABLE) -> None:
@@ -128,12 +95,6 @@ def _axes() -> tuple[Floats, Floats]:
 
 def _stretched(nu: Floats) -> Floats:
     return np.asarray(-np.log(0.5 + OFFSET - nu))
-
-
-def _checked(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> tuple[Floats, Floats]:
-    check_range(poisson_ratio, a_over_h, where="fast_kappa")
-    nu, alpha = np.broadcast_arrays(np.asarray(poisson_ratio, float), np.asarray(a_over_h, float))
-    return nu, alpha
 
 
 def fingerprint(*arrays: Floats) -> str:

@@ -10,48 +10,10 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files.writing import write_json, write_text
-from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.records.measured import Floats, Material
 
-# Moduli of an isotropic gel, and Young's modulus from a punch's initial stiffness.
-#
-#     c = P/w at w -> 0 = 2 a E kappa(nu, a/h) / (1 - nu^2)
-#
-# c in N/mm, E in MPa, a punch radius and h layer thickness in mm; numbers or arrays that broadcast. As for kappa:
-# small strain, no friction, a sharp edge, a wide layer bonded to a rigid base. Sticking raises c by 1.5 to 4.7 %
-# (nu .45 to .495 at a/h = .83); a rounded edge of .02 a lowers it by 4 %. nu in [0, .5], without .5 for the bulk
-# and constrained modulus. InputError outside.
-#
-# Source: Hayes et al., J. Biomech. 5 (1972) 541, eq. 21; Landau, Lifshitz, Theory of Elasticity, section 5.
-
-
-def contact_stiffness(
-    youngs_modulus_MPa: npt.ArrayLike,
-    poisson_ratio: npt.ArrayLike,
-    *,
-    radius_mm: npt.ArrayLike,
-    thickness_mm: npt.ArrayLike,
-) -> Floats:
-    """Return c = 2 a E kappa / (1 - nu^2), N/mm, any shape."""
-    modulus = positive("youngs_modulus_MPa", youngs_modulus_MPa)
-    return np.asarray(modulus * _stiffness_of_unit_modulus(poisson_ratio, radius_mm, thickness_mm))
-
-
-def youngs_modulus(
-    c_N_per_mm: npt.ArrayLike,
-    poisson_ratio: npt.ArrayLike,
-    *,
-    radius_mm: npt.ArrayLike,
-    thickness_mm: npt.ArrayLike,
-) -> Floats:
-    """Return E = c (1 - nu^2) / (2 a kappa), MPa, any shape."""
-    stiffness = positive("c_N_per_mm", c_N_per_mm)
-    return np.asarray(stiffness / _stiffness_of_unit_modulus(poisson_ratio, radius_mm, thickness_mm))
-
-
-def reduced_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """Return E* = E / (1 - nu^2), MPa, any shape: what contact on a half-space feels."""
-    return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (1 - _poisson(poisson_ratio) ** 2))
+# Moduli of an isotropic gel: numbers or arrays that broadcast. Source: Landau, Lifshitz, Theory of Elasticity,
+# section 5.
 
 
 def shear_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
@@ -61,18 +23,15 @@ def shear_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLik
 
 def bulk_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
     """Return K = E / (3 (1 - 2 nu)), MPa, any shape; nu < .5."""
-    nu = _compressible(poisson_ratio)
+    nu = _poisson(poisson_ratio)
+    if (nu >= 0.5).any():
+        raise InputError(
+            "the bulk modulus is infinite at nu = .5",
+            where="mechanics",
+            value=0.5,
+            remedy="For a nearly incompressible gel take .4999.",
+        )
     return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (3 * (1 - 2 * nu)))
-
-
-def constrained_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """Return M = E (1 - nu) / ((1 + nu) (1 - 2 nu)), MPa, any shape: a layer compressed all over gives by h/M.
-
-    nu < .5.
-    """
-    nu = _compressible(poisson_ratio)
-    modulus = positive("youngs_modulus_MPa", youngs_modulus_MPa)
-    return np.asarray(modulus * (1 - nu) / ((1 + nu) * (1 - 2 * nu)))
 
 
 def neo_hooke(youngs_modulus_MPa: float, poisson_ratio: float) -> tuple[float, float]:
@@ -84,12 +43,6 @@ def neo_hooke(youngs_modulus_MPa: float, poisson_ratio: float) -> tuple[float, f
         float(shear_modulus(youngs_modulus_MPa, poisson_ratio)) / 2,
         2 / float(bulk_modulus(youngs_modulus_MPa, poisson_ratio)),
     )
-
-
-def moduli_of_neo_hooke(c10_MPa: float, d1_per_MPa: float) -> tuple[float, float]:
-    """Return (E in MPa, nu) of C10 and D1, the way back: E = 9 K mu/(3K + mu), nu = (3K - 2 mu)/(2 (3K + mu))."""
-    mu, bulk = 2 * float(positive("C10", c10_MPa)), 2 / float(positive("D1", d1_per_MPa))
-    return 9 * bulk * mu / (3 * bulk + mu), (3 * bulk - 2 * mu) / (2 * (3 * bulk + mu))
 
 
 def positive(name: str, value: npt.ArrayLike) -> Floats:
@@ -105,30 +58,10 @@ def positive(name: str, value: npt.ArrayLike) -> Floats:
     return numbers
 
 
-def _stiffness_of_unit_modulus(
-    poisson_ratio: npt.ArrayLike, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
-) -> Floats:
-    nu, radius = _poisson(poisson_ratio), positive("radius_mm", radius_mm)
-    alpha = radius / positive("thickness_mm", thickness_mm)
-    return np.asarray(2 * radius * fast_kappa(nu, alpha) / (1 - nu**2))
-
-
 def _poisson(value: npt.ArrayLike) -> Floats:
     nu = np.asarray(value, dtype=float)
     if not ((nu >= 0) & (nu <= 0.5)).all():
         raise InputError("Poisson's ratio lies in [0, .5]", where="mechanics", value=np.ravel(nu).tolist())
-    return nu
-
-
-def _compressible(value: npt.ArrayLike) -> Floats:
-    nu = _poisson(value)
-    if (nu >= 0.5).any():
-        raise InputError(
-            "this modulus is infinite at nu = .5",
-            where="mechanics",
-            value=0.5,
-            remedy="For a nearly incompressible gel take .4999.",
-        )
     return nu
 
 

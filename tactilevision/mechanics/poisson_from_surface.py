@@ -59,31 +59,26 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """A view's blocks, with the face's `depth_mm` on the map's scale, the blur, `step_std` of that depth, and the
-    curvature that the zero plane may have."""
+    """A view's blocks, with the face's `depth_mm` on the map's scale, and the curvature that the zero plane may
+    have."""
 
     blocks: Blocks
     depth_mm: float
-    blur_mm: float
-    step_std: float
     bowl_std_per_mm: float
 
 
-def prepare(blocks: Blocks, *, blur_mm: float, step_std: float, bowl_std_per_mm: float) -> Press | None:
+def prepare(blocks: Blocks, bowl_std_per_mm: float) -> Press | None:
     """Return the view, or None if it shows too little gel outside the punch, or neither the face nor a known
     depth.
     """
-    outside = ~blocks.face
+    outside, depth = ~blocks.face, blocks.view.certified_depth_mm
     if outside.sum() < MIN_BLOCKS:
         return None
-    step_std, bowl_std_per_mm = max(step_std, PINNED), max(bowl_std_per_mm, PINNED / 10)
-    if not blocks.face.any():
-        depth = blocks.view.certified_depth_mm
-        return Press(blocks, depth, blur_mm, step_std, bowl_std_per_mm) if depth > 0 else None
-    far = outside & (np.hypot(blocks.x_mm, blocks.y_mm) > np.quantile(blocks.r_mm, 0.6))
-    floor = np.median(blocks.depth_mm[far]) if far.any() else 0.0
-    depth = float(np.median(blocks.depth_mm[blocks.face]) - floor)
-    return Press(blocks, depth, blur_mm, step_std, bowl_std_per_mm) if depth > 0 else None
+    if blocks.face.any():
+        far = outside & (np.hypot(blocks.x_mm, blocks.y_mm) > np.quantile(blocks.r_mm, 0.6))
+        floor = np.median(blocks.depth_mm[far]) if far.any() else 0.0
+        depth = float(np.median(blocks.depth_mm[blocks.face]) - floor)
+    return Press(blocks, depth, max(bowl_std_per_mm, PINNED / 10)) if depth > 0 else None
 
 
 def true_depth(press: Press, gain: float) -> float:
@@ -93,7 +88,7 @@ def true_depth(press: Press, gain: float) -> float:
 
 
 def profile(press: Press, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
-    """Return the depth over the face's depth, a ratio, on the press's radial grid (n,), blurred.
+    """Return the depth over the face's depth, a ratio, on the press's radial grid (n,).
 
     `rise_factor` scales the gel outside the face.
     """
@@ -104,13 +99,7 @@ def profile(press: Press, joint: Joint, *, model: ProfileModel, rise_factor: flo
         w_over_h = DEPTH_STEP * round(w_over_h / DEPTH_STEP)
     case = PunchCase(joint.poisson_ratio, a_over_h, w_over_h, friction_of_share(joint.friction_share))
     depth = -_seen(case, model.source, float(r[1] / radius), len(r))
-    depth = np.where(r > radius, rise_factor * depth - _shape(r, press, joint, model), depth)
-    if press.blur_mm == 0:
-        return np.asarray(depth)
-    step = r[1] - r[0]
-    slope = np.gradient(depth, step)
-    curvature = np.gradient(slope, step) + slope / np.maximum(r, step)
-    return np.asarray(depth + press.blur_mm**2 / 2 * curvature)  # to second order in the blur
+    return np.where(r > radius, rise_factor * depth - _shape(r, press, joint, model), depth)
 
 
 @lru_cache(maxsize=256)
@@ -160,7 +149,7 @@ def whiten(press: Press, noise: NoiseModel) -> WhitePress:
     x, y = blocks.x_mm, blocks.y_mm
     plain = [face * press.depth_mm, *turning, np.ones(len(face)), x, y, x**2 / 2, x * y, y**2 / 2]
     centre, bowl = max(blocks.view.centre_std_mm, PINNED), press.bowl_std_per_mm
-    face_std = (press.step_std, FACE_TILT_STD, FACE_TILT_STD)
+    face_std = (PINNED, FACE_TILT_STD, FACE_TILT_STD)  # the step at the wall is as good as the rest of the map
     std = np.array([FREE_DEPTH_STD, *face_std, *PLANE_STD, bowl, bowl, bowl, centre, centre])
     mean, mean_x, mean_y = (inverse @ part.toarray() for part in (blocks.mean, blocks.mean_x, blocks.mean_y))
     return WhitePress(
@@ -230,43 +219,31 @@ class SurfaceFitSettings:
     """Settings of the fit. Lengths in mm.
 
     `guard_mm` on either side of the punch's edge is excluded; the profile is used to `reach` thicknesses beyond
-    it. `blur_mm` is the standard deviation of the map's blur, `step_std` that of the face's depth as a share of it
-    (0: the step at the wall is as good as the rest of the map), `gain_std` that of the map's gain,
-    `bowl_std_per_mm` that of the zero plane's curvature.
+    it. `gain_std` is the standard deviation of the map's gain, `bowl_std_per_mm` that of the zero plane's
+    curvature.
     """
 
     block_mm: float = 1.0
     guard_mm: float = 0.6
     reach: float = 2.2
-    blur_mm: float = 0.0
-    step_std: float = 0.0
     gain_std: float = 0.05
     bowl_std_per_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceFit:
-    """nu from the picture, with the other fitted parameters.
+    """nu from the picture.
 
-    `names` and `values`, `covariance` of the joint parameters: poisson_ratio, log_thickness (over the stated one),
-    friction_share (of friction's full effect), gain, then the model's errors of shape. `press_estimates` (n,): nu
-    by each press alone, to first order; `effective_samples` counts independent readings; `residual_mm` is the rms
-    of the block means' misfit; `left_out` names the unused views.
+    `values` of the joint parameters: Poisson's ratio, logarithm of the thickness over the stated one, share of
+    friction's full effect, gain, then the model's errors of shape. `left_out` names the unused views.
     """
 
     poisson_ratio: Estimate
-    names: tuple[str, ...]
     values: Floats
-    covariance: Floats
-    press_estimates: Floats
-    effective_samples: float
-    residual_mm: float
-    noise: NoiseModel
     model: str
-    left_out: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
 
 
-NAMES = ("poisson_ratio", "log_thickness", "friction_share", "gain")
 LOWER = (-0.5, 0.0, 0.5)  # of all but nu, whose bounds are the model's
 UPPER = (0.5, 1.0, 2.0)  # of all but nu, whose bounds are the model's
 
@@ -303,10 +280,6 @@ def fit_poisson_ratio(
     settings = settings or SurfaceFitSettings()
     if not (thickness_mm > 0 and thickness_std_mm >= 0):
         raise InputError("the gel's thickness must be above 0 mm", where="fit_poisson_ratio", value=thickness_mm)
-    if settings.guard_mm < 3 * settings.blur_mm:
-        raise InputError(
-            "the guard band spans three times the blur", where="fit_poisson_ratio", value=settings.guard_mm
-        )
     thickness = (thickness_mm, thickness_std_mm)
     if model is not None:
         return _fit(views, thickness, model, settings)
@@ -328,7 +301,7 @@ def _fit(
     misfits = [residual(w, _joint(task, rough), model=model)[: len(w.goal)] * WHITE.white_mm for w in white]
     noise = estimate_noise([press.blocks for press in task.presses], misfits, block_mm=settings.block_mm)
     white = [whiten(press, noise) for press in task.presses]
-    fit = _report(task, _solve(task, rough, white), white, noise)
+    fit = _report(task, _solve(task, rough, white), white)
     used = {press.blocks.view.name for press in task.presses}
     return replace(fit, left_out=tuple(view.name for view in views if view.name not in used))
 
@@ -340,9 +313,7 @@ def _presses(
     for view in views:
         reach = view.radius_mm + settings.reach * thickness_mm
         blocks = reduce_view(view, block_mm=settings.block_mm, guard_mm=settings.guard_mm, reach_mm=reach)
-        press = prepare(
-            blocks, blur_mm=settings.blur_mm, step_std=settings.step_std, bowl_std_per_mm=settings.bowl_std_per_mm
-        )
+        press = prepare(blocks, settings.bowl_std_per_mm)
         low, high = model.a_over_h_range
         if press is None or not low <= view.radius_mm / thickness_mm <= high:
             continue
@@ -409,7 +380,7 @@ def _solve(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> Floats:
     return np.asarray(found.x)
 
 
-def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: NoiseModel) -> SurfaceFit:
+def _report(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> SurfaceFit:
     now = _residuals(task, theta, white)
     slopes = _slopes(task, theta, white)
     information = np.diag(task.prior_std**-2.0)
@@ -427,18 +398,9 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
     own_nu = np.array([part[0, 0] for part in own])
     alone = theta[0] - scores[:, 0] / own_nu
     systematic = float(np.hypot(systematic, _trend(task.presses, alone, own_nu)))
-    return SurfaceFit(
-        poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic, task.model.poisson_range),
-        names=NAMES,
-        values=theta,
-        covariance=covariance,
-        press_estimates=alone,
-        effective_samples=sum(noise.effective_samples(press.blocks) for press in task.presses),
-        residual_mm=float(np.hypot(noise.std_mm, noise.white_mm)),
-        noise=noise,
-        model=task.model.name,
-        left_out=(),
-    )
+    std = np.sqrt(covariance[0, 0])
+    nu = _estimate(theta[0], std, shown, systematic, task.model.poisson_range)
+    return SurfaceFit(nu, theta, task.model.name)
 
 
 def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Floats]:

@@ -1,14 +1,10 @@
-"""The gel's surface around a flat punch, and the pressure under it, in linear theory: exact up to quadrature.
+"""The gel's surface around a flat punch in linear theory: exact up to quadrature.
 
 With phi and Phi(xi) = Int_0^1 phi cos(xi x) dx of punch_equation.py, lengths in punch radii, alpha = a/h, r > 1:
 
     u_z/w = (2/pi) [Int_0^1 phi(x)/sqrt(r^2 - x^2) dx - alpha Int (1 - K(u)) Phi(alpha u) J0(alpha u r) du],
     u_r/w = -(2/pi) [L_inf kappa/r - alpha Int (L_inf - L(u)) Phi(alpha u) J1(alpha u r) du],
-    L(u) = [2k (1 - 2 nu)(cosh 2u - 1) - 4u^2] / [2 (1 - nu) D(u)],   L_inf = (1 - 2 nu)/(2 (1 - nu)),
-
-and for r < 1
-
-    p/p_mean = [phi(1)/sqrt(1 - r^2) - Int_r^1 phi'(t)/sqrt(t^2 - r^2) dt] / (2 kappa).
+    L(u) = [2k (1 - 2 nu)(cosh 2u - 1) - 4u^2] / [2 (1 - nu) D(u)],   L_inf = (1 - 2 nu)/(2 (1 - nu)).
 
 u_z is into the gel: the *rise* around the punch is -u_z. Frictionless, sharp edge, small strain, a wide layer; the
 rise at r = 2a is .097 w at nu = .48, a/h = .83, and .011 w more for each .01 of nu. Depth enters only as a factor;
@@ -21,6 +17,7 @@ Source: Hayes et al., J. Biomech. 5 (1972) 541, eqs. 13-20; layer.py for L; Sned
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
@@ -28,8 +25,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError
-from tactilevision.mechanics.material import positive
+from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.punch_equation import (
     A_OVER_H_RANGE,
     KERNEL_END,
@@ -40,14 +36,17 @@ from tactilevision.mechanics.punch_equation import (
 )
 from tactilevision.records.constants import NU_MAX
 from tactilevision.records.measured import Floats
+from tactilevision.records.rig import Indenter
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 FULL_FRICTION = 0.3  # Coulomb's coefficient of full friction
+SATURATION = 0.4  # how much the effect of friction saturates below that
 LIKELY_SHARE = 0.7  # prior mean of the share of friction's full effect: silicone sticks to most things
 SHARE_STD = 0.3  # prior standard deviation of that share
 REACH = 20  # thicknesses: the spline ends at r = a + 20 h, where the rise is below 1e-6 w
+SHAPE_PLACES = (0.1, 0.25, 0.5, 0.9, 1.6)  # (r - a)/h at which a model states the error of its shape
 SPLINE_NODES = 100  # of the profile's spline
 
 
@@ -138,57 +137,20 @@ LINEAR = ProfileModel(
     linear_profile,
     "linear layer theory, frictionless",
     relative_error=0.06,
-    shape_error=((0.1, 0.03), (0.25, 0.025), (0.5, 0.015), (0.9, 0.006), (1.6, 0.004)),
+    shape_error=tuple(zip(SHAPE_PLACES, (0.03, 0.025, 0.015, 0.006, 0.004), strict=True)),
     single_depth_std=0.01,
 )
 
 
-def friction_share(friction: float) -> float:
-    """Return the share of friction's full effect on the profile at a coefficient mu >= 0: 0 at none, 1 from mu =
-    .3 on.
-
-    With x = mu/.3 below 1: x (1.4 - .4 x), which agrees with finite elements at mu = .15 (.5 to .7); above, more
-    friction changes the profile by less than a few parts in ten thousand of the depth.
-    """
-    part = min(friction / FULL_FRICTION, 1.0)
-    return part * (1.4 - 0.4 * part)
-
-
 def friction_of_share(share: float) -> float:
-    """Return the least coefficient of friction that has this share, in [0, 1], of the full effect."""
-    return FULL_FRICTION * (1.4 - float(np.sqrt(1.96 - 1.6 * min(share, 1.0)))) / 0.8
+    """Return the least coefficient of friction mu that has this share, in [0, 1], of the full effect.
 
-
-def surface_rise(
-    r_mm: npt.ArrayLike,
-    depth_mm: float,
-    *,
-    radius_mm: float,
-    thickness_mm: float,
-    poisson_ratio: float,
-    source: ProfileSource = linear_profile,
-) -> Floats:
-    """Return the rise of the gel (mm, positive out of it; -depth under the face) at *material* radius r >= 0 (any
-    shape).
+    With x = mu/.3 the share is x (1 + s - s x) up to x = 1, s = SATURATION, which agrees with finite elements at
+    mu = .15 (.5 to .7); beyond, more friction changes the profile by less than a few parts in ten thousand of the
+    depth.
     """
-    r = np.asarray(r_mm, dtype=float)
-    case = punch_case(depth_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    rise, _ = source(np.maximum(r / radius_mm, 1.0), case)
-    return np.where(r > radius_mm, depth_mm * rise, -depth_mm)
-
-
-def seen_rise(
-    r_mm: npt.ArrayLike,
-    depth_mm: float,
-    *,
-    radius_mm: float,
-    thickness_mm: float,
-    poisson_ratio: float,
-    source: ProfileSource = linear_profile,
-) -> Floats:
-    """Return the rise (mm) at the radius r_mm (any shape) where a camera sees it, as a height map shows it."""
-    case = punch_case(depth_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    return depth_mm * seen_profile(np.asarray(r_mm, dtype=float) / radius_mm, case, source=source)
+    most = 1 + SATURATION
+    return FULL_FRICTION * (most - float(np.sqrt(most**2 - 4 * SATURATION * min(share, 1.0)))) / (2 * SATURATION)
 
 
 def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = linear_profile) -> Floats:
@@ -207,34 +169,6 @@ def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = l
     forward = np.concatenate([[True], np.diff(np.maximum.accumulate(seen)) > 0])
     place = PchipInterpolator(seen[forward], rise[forward])
     return np.where(r_over_a > 1, place(np.maximum(r_over_a, seen[0])), -1.0)
-
-
-def punch_case(depth_mm: float, *, radius_mm: float, thickness_mm: float, poisson_ratio: float) -> PunchCase:
-    """Return the case of a punch in mm.
-
-    Raises InputError if a length is not above 0 or the depth reaches the thickness.
-    """
-    radius, thickness = float(positive("radius_mm", radius_mm)), float(positive("thickness_mm", thickness_mm))
-    if not 0 <= depth_mm < thickness:
-        raise InputError("a depth lies in [0, thickness)", where="punch_case", value=depth_mm)
-    return PunchCase(float(poisson_ratio), radius / thickness, depth_mm / thickness)
-
-
-def punch_pressure(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: float) -> Floats:
-    """Return the pressure over its mean, p/p_mean, at r/a in [0, 1) (any shape); it grows like 1/sqrt(1 - r) to
-    the edge.
-
-    The mean is P/(pi a^2) = 2 E* kappa w/(pi a).
-    """
-    r = np.asarray(r_over_a, dtype=float)
-    if not ((r >= 0) & (r < 1)).all():
-        raise InputError("the pressure under the punch is for r/a in [0, 1)", where="punch_pressure")
-    punch = solve_punch(poisson_ratio, a_over_h)
-    share, weights = gauss(32)
-    t = np.sqrt(r[..., None] ** 2 + (1 - r[..., None] ** 2) * share**2)
-    root = np.sqrt(1 - r**2)
-    slope_over_t = punch.series.deriv()(t) / t
-    return np.asarray((punch.series(1.0) / root - root * (slope_over_t @ weights)) / (2 * punch.kappa))
 
 
 def _kernel_nodes(reach_over_h: float) -> int:
@@ -265,3 +199,115 @@ def _profile_spline(poisson_ratio: float, a_over_h: float) -> BSpline:
     s = np.linspace(0, np.sqrt(REACH), SPLINE_NODES)
     rise, outward = exact_profile(1 + s**2 / a_over_h, poisson_ratio, a_over_h=a_over_h)
     return make_interp_spline(s, np.stack([rise, outward], axis=-1), k=5)
+
+
+# Depth of the punch when its bevel first touches the gel.
+#
+# A bevel whose nearest edge is a height H behind the punch's face, at the distance d from its axis, meets the gel
+# when
+#
+#     w + rise(d, w) = H,     rise = rho(d, w) w at the seen radius,     so  w = H/(1 + rho).
+#
+# For d beyond about 1.3 a the gel has risen, and the touch is early: w < H, by 9 % at d = 2a, nu = .48, a/h = .83;
+# close to the punch the gel sinks in and the touch is late. The nearest edge touches first as long as the bevel
+# falls away faster than the gel does beyond it; the profile's steepest rise is .15 w per mm, a bevel of 10 degrees
+# .18. Valid for d > a and H below a quarter of the thickness.
+
+STEPS = 50  # of the fixed-point iteration
+TOLERANCE = 1e-10  # change of the depth over the height at which the iteration ends
+PLACE_STEP_MM = 0.05  # mm, of the derivative by the bevel's distance
+FRICTIONS = (0.0, FULL_FRICTION, float("inf"))  # Coulomb's coefficients that span the effect of friction
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """Depth of the punch at first touch, mm, and the gel's rise at the bevel over that depth, each with its
+    std.
+    """
+
+    depth_mm: float
+    depth_std_mm: float
+    rise_over_depth: float
+    rise_over_depth_std: float
+
+
+@lru_cache(maxsize=256)  # presses of one indenter ask for the same
+def touch_depth(
+    indenter: Indenter,
+    *,
+    thickness_mm: float,
+    poisson_ratio: float,
+    poisson_ratio_std: float,
+    distance_std_mm: float = 0.1,
+    model: ProfileModel = LINEAR,
+) -> Touch:
+    """Solve w (1 + rho) = H for an indenter whose height and bevel distance are known; friction unknown.
+
+    The standard deviations of nu, distance, height and the profile's source, and half the span over friction (if
+    the source depends on it), are propagated to the depth. Raises InputError if the indenter has no height or
+    bevel distance, or the bevel would be under the face.
+    """
+    height, distance = _placed(indenter, thickness_mm)
+
+    def rise(nu: float, place_mm: float, friction: float) -> tuple[float, float]:
+        return _solve(height, lambda w: _rho(indenter.radius_mm, place_mm, thickness_mm, nu, (w, friction), model))
+
+    middle = FULL_FRICTION if model.frictional else 0.0
+    depth, rho = rise(poisson_ratio, distance, middle)
+    step = 0.002 * (1 if poisson_ratio < 0.49 else -1)
+    by_nu = (rise(poisson_ratio + step, distance, middle)[1] - rho) / step
+    by_place = (rise(poisson_ratio, distance + PLACE_STEP_MM, middle)[1] - rho) / PLACE_STEP_MM
+    spread = [rise(poisson_ratio, distance, mu)[1] for mu in FRICTIONS] if model.frictional else [rho]
+    parts = (
+        by_nu * poisson_ratio_std,
+        by_place * distance_std_mm,
+        model.relative_error * rho,
+        (max(spread) - min(spread)) / 2,
+    )
+    rho_std = float(np.linalg.norm(parts))
+    depth_std = float(np.hypot(indenter.height_std_mm, depth * rho_std)) / (1 + rho)
+    return Touch(depth, depth_std, rho, rho_std)
+
+
+def _placed(indenter: Indenter, thickness_mm: float) -> tuple[float, float]:
+    """Check and return the height of the face over the bevel and the bevel's distance, mm."""
+    height, distance = indenter.height_mm, indenter.bevel_distance_mm
+    if height is None or distance is None:
+        raise InputError(
+            "the touch needs height_mm and bevel_distance_mm",
+            where=f"indenter.{indenter.name}",
+            remedy="Add them to recording.toml.",
+        )
+    if not (0 < height < thickness_mm and distance > indenter.radius_mm):
+        raise InputError(
+            "the height lies between 0 and the gel's thickness, and the bevel outside the face",
+            where=f"indenter.{indenter.name}",
+            value=(height, distance),
+        )
+    return height, distance
+
+
+def _rho(
+    radius_mm: float,
+    place_mm: float,
+    thickness_mm: float,
+    nu: float,
+    state: tuple[float, float],
+    model: ProfileModel,
+) -> float:
+    depth, friction = state
+    case = PunchCase(nu, radius_mm / thickness_mm, depth / thickness_mm, friction)
+    return float(seen_profile(np.array([place_mm / radius_mm]), case, source=model.source)[0])
+
+
+def _solve(height: float, rho: Callable[[float], float]) -> tuple[float, float]:
+    """Return the fixed point of w = H/(1 + rho(w)), which converges fast since rho hardly depends on w."""
+    depth = height
+    for _ in range(STEPS):
+        ratio = rho(depth)
+        previous, depth = depth, height / (1 + ratio)
+        if abs(depth - previous) < TOLERANCE * height:
+            return depth, ratio
+    raise ConvergenceError(
+        f"the touch depth did not settle: {previous:.6g} and {depth:.6g} mm after {STEPS} steps"
+    )

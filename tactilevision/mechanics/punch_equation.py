@@ -78,16 +78,6 @@ def layer_defect(u: Floats, poisson_ratio: float) -> Floats:
     return np.asarray((2 * k * fall**2 + part + 4 * u * fall) / (k * (1 + fall**2) + part))
 
 
-def layer_defect_slope(u: Floats, poisson_ratio: float) -> Floats:
-    """Return d(1 - K)/d nu, dimensionless, at fixed u of any shape."""
-    k = 3 - 4 * poisson_ratio
-    fall = np.exp(-2 * u)
-    bottom = k * (1 + fall**2) + (4 * u**2 + 1 + k**2) * fall
-    top_slope = 2 * fall**2 + 2 * k * fall
-    bottom_slope = 1 + fall**2 + 2 * k * fall
-    return np.asarray(-4 * (top_slope - layer_defect(u, poisson_ratio) * bottom_slope) / bottom)
-
-
 def solve_punch(poisson_ratio: float, a_over_h: float, *, nodes: int = NODES) -> PunchSolution:
     """Solve the equation at one nu in [0, .5] and a/h in [.05, 10]; about a millisecond.
 

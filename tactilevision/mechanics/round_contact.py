@@ -1,15 +1,14 @@
-"""Contact of a ball, a cone or a smooth round body with a bonded layer, exact and as series."""
+"""Contact of a ball or a cone with a bonded layer, exact up to quadrature."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.material import positive, reduced_modulus
+from tactilevision.mechanics.material import positive
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE, equation_matrix, gauss, legendre_series
 from tactilevision.records.measured import Floats
 
@@ -34,18 +33,6 @@ NODES = 48  # of Gauss and Legendre on the contact's radius
 CURVE_POINTS = 80  # radii of contact along a curve
 
 
-class RoundBody(Protocol):
-    """A smooth convex body of revolution: Ball, Cone, or another."""
-
-    def sag(self, x_mm: Floats, /) -> Floats:
-        """Return s(x) of the module's equation, mm, any shape; 0 at x = 0 and growing."""
-        ...
-
-    def largest_contact_mm(self) -> float:
-        """Return the largest contact radius of the body's description, possibly infinity."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class Ball:
     """A sphere: f = R - sqrt(R^2 - r^2), s = x artanh(x/R)."""
@@ -56,11 +43,11 @@ class Ball:
         positive("radius_mm", self.radius_mm)
 
     def sag(self, x_mm: Floats, /) -> Floats:
-        """See RoundBody: mm, any shape."""
+        """Return s(x) of the equation, mm, any shape."""
         return np.asarray(x_mm * np.arctanh(x_mm / self.radius_mm))
 
     def largest_contact_mm(self) -> float:
-        """See RoundBody: mm, any shape."""
+        """Return the largest contact radius of the body's description."""
         return 0.95 * self.radius_mm
 
 
@@ -80,11 +67,11 @@ class Cone:
             )
 
     def sag(self, x_mm: Floats, /) -> Floats:
-        """See RoundBody: mm, any shape."""
+        """Return s(x) of the equation, mm, any shape."""
         return np.asarray(np.pi / 2 * x_mm / np.tan(np.radians(self.half_angle_deg)))
 
     def largest_contact_mm(self) -> float:
-        """See RoundBody: mm, any shape."""
+        """Return the largest contact radius of the body's description."""
         return float("inf")
 
 
@@ -98,7 +85,7 @@ class ContactCurve:
 
 
 def contact_at(
-    body: RoundBody, contact_radius_mm: float, *, thickness_mm: float, poisson_ratio: float
+    body: Ball | Cone, contact_radius_mm: float, *, thickness_mm: float, poisson_ratio: float
 ) -> tuple[float, float]:
     """Return (depth in mm, force over E in mm^2) at which the contact has this radius; half a millisecond."""
     x, weights = gauss(NODES)
@@ -111,7 +98,7 @@ def contact_at(
 
 
 def contact_curve(
-    body: RoundBody, depth_mm: npt.ArrayLike, *, thickness_mm: float, poisson_ratio: float
+    body: Ball | Cone, depth_mm: npt.ArrayLike, *, thickness_mm: float, poisson_ratio: float
 ) -> ContactCurve:
     """Return the force and contact radius at depths > 0 (any shape), from 80 solutions and a smooth curve through
     them.
@@ -133,34 +120,7 @@ def contact_curve(
     return ContactCurve(depth, force, radius)
 
 
-def contact_force(
-    body: RoundBody,
-    depth_mm: npt.ArrayLike,
-    *,
-    youngs_modulus_MPa: float,
-    poisson_ratio: float,
-    thickness_mm: float,
-) -> Floats:
-    """Return the force (N) at depths > 0 (mm, any shape)."""
-    curve = contact_curve(body, depth_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    return np.asarray(float(positive("youngs_modulus_MPa", youngs_modulus_MPa)) * curve.force_over_E_mm2)
-
-
-def half_space_force(
-    body: Ball | Cone, depth_mm: npt.ArrayLike, *, youngs_modulus_MPa: float, poisson_ratio: float
-) -> Floats:
-    """Return the force of Hertz' ball (a parabola) or Sneddon's cone, which thin-layer corrections multiply.
-
-    In N, of the shape of `depth_mm`.
-    """
-    depth = positive("depth_mm", depth_mm)
-    modulus = reduced_modulus(youngs_modulus_MPa, poisson_ratio)
-    if isinstance(body, Ball):
-        return np.asarray(4 / 3 * modulus * np.sqrt(body.radius_mm) * depth**1.5)
-    return np.asarray(2 / np.pi * modulus * np.tan(np.radians(body.half_angle_deg)) * depth**2)
-
-
-def _bracket(body: RoundBody, depths: tuple[float, float], case: dict[str, float]) -> tuple[float, float]:
+def _bracket(body: Ball | Cone, depths: tuple[float, float], case: dict[str, float]) -> tuple[float, float]:
     """Return the contact radii whose depths enclose those asked for."""
     largest = min(A_OVER_H_RANGE[1] * case["thickness_mm"], body.largest_contact_mm())
     low = high = min(0.1 * case["thickness_mm"], largest)
@@ -175,63 +135,3 @@ def _bracket(body: RoundBody, depths: tuple[float, float], case: dict[str, float
             )
         high = min(1.5 * high, largest)
     return 0.9 * low, min(1.05 * high, largest)
-
-
-# Published thin-layer corrections for a ball and a cone on a bonded layer, factors on the half-space's force.
-#
-#     ball:  P = 4/3 E* sqrt(R) w^1.5 (1 + b1 chi + b2 chi^2 + b3 chi^3 + b4 chi^4),     chi = sqrt(R w)/h
-#     cone:  P = (2/pi) E* tan(t) w^2 (1 + c1 chi + ...),                                chi = w tan(t)/h
-#
-# Their errors against the exact solution at nu = .5:
-#
-#     chi                 .1       .3       .5       .7      1.0
-#     Dimitriadis ball   -.2     -2.7     -7.7    -12.6    -16.3 %
-#     Garcia ball         .1       .1       .7      3.7     14.5 %
-#     Garcia cone         .0       .1      -.1      -.3      1.4 %
-#
-# All: nu = .5, frictionless, small strain (w below a tenth of h, contact well below the ball's radius). InputError
-# beyond chi = 1. The exact expansion has 1.497 in second place, as Garcia has it, not 1.283.
-#
-# Sources: Dimitriadis, Horkay, Maresca, Kachar, Chadwick, Biophys. J. 82 (2002) 2798, eq. 12;
-# Garcia, Garcia, Biophys. J. 114 (2018) 2923, cone and ball on a bonded layer.
-
-CHI_RANGE = (0.0, 1.0)  # range of validity of the series
-DIMITRIADIS_BALL = (1.133, 1.283, 0.769, 0.0975)  # coefficients of chi, chi², chi³, chi⁴
-GARCIA_BALL = (1.133, 1.497, 1.469, 0.755)  # coefficients of chi, chi², chi³, chi⁴
-GARCIA_CONE = (0.721, 0.650, 0.491, 0.225)  # coefficients of the series' powers of chi
-
-
-def dimitriadis_ball(chi: npt.ArrayLike) -> Floats:
-    """Return the factor of Dimitriadis et al. (2002), eq. 12, for a ball on a bonded incompressible layer.
-
-    Chi (any shape) in [0, 1].
-    """
-    return _polynomial(chi, DIMITRIADIS_BALL)
-
-
-def garcia_ball(chi: npt.ArrayLike) -> Floats:
-    """Return the factor of Garcia and Garcia (2018) for a ball on a bonded incompressible layer.
-
-    Chi (any shape) in [0, 1].
-    """
-    return _polynomial(chi, GARCIA_BALL)
-
-
-def garcia_cone(chi: npt.ArrayLike) -> Floats:
-    """Return the factor of Garcia and Garcia (2018) for a cone on a bonded incompressible layer.
-
-    Chi (any shape) in [0, 1].
-    """
-    return _polynomial(chi, GARCIA_CONE)
-
-
-def _polynomial(chi: npt.ArrayLike, terms: tuple[float, ...]) -> Floats:
-    numbers = np.asarray(chi, dtype=float)
-    if not ((numbers >= CHI_RANGE[0]) & (numbers <= CHI_RANGE[1])).all():
-        raise InputError(
-            "the thin-layer corrections hold for chi in [0, 1]",
-            where="thin_layer",
-            value=float(np.max(numbers)),
-            remedy="Take mechanics.round_contact.",
-        )
-    return np.asarray(np.polynomial.polynomial.polyval(numbers, (1.0, *terms)))

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bools, Floats, Pair
 
 if TYPE_CHECKING:
@@ -89,25 +90,13 @@ def reduce_view(view: SurfaceView, *, block_mm: float, guard_mm: float, reach_mm
     label = (np.cumsum(good) - 1)[label[inside]]
     x, y, r, face = (part[inside] for part in (x, y, r, face))
     depth = view.depth_mm[rows[inside], columns[inside]].astype(float)
-    return _blocks(view, label, count[good], (x, y, r, face), (depth, reach_mm, full))
-
-
-def _blocks(
-    view: SurfaceView,
-    label: npt.NDArray[np.intp],
-    count: npt.NDArray[np.intp],
-    place: tuple[Floats, Floats, Floats, Bools],
-    reading: tuple[Floats, float, float],
-) -> Blocks:
-    x, y, r, face = place
-    depth, reach_mm, full = reading
-    step = view.radius_mm / GRID_STEPS
+    count, step = count[good], view.radius_mm / GRID_STEPS
     grid = step * np.arange(int(reach_mm / step) + 2, dtype=float)
     shape = (len(count), len(grid))
-    safe = np.maximum(r, 1e-9)
+    safe = np.maximum(r, TINY)
 
     def mean(values: Floats) -> Floats:
-        return np.bincount(label, values, len(count)) / count
+        return np.asarray(np.bincount(label, values, len(count)) / count)
 
     return Blocks(
         view,
@@ -182,15 +171,6 @@ class NoiseModel:
         """Return the covariance (n, n), mm^2."""
         smooth = self.std_mm**2 * matern(_distances(blocks) / self.length_mm)
         return np.asarray(smooth + np.diag(self.white_mm**2 / blocks.share))
-
-    def effective_samples(self, blocks: Blocks) -> float:
-        """Return the number of independent readings of the same variance with an equally certain mean: 1' R^-1 1,
-        R the correlation.
-        """
-        matrix = self.covariance(blocks)
-        scale = np.sqrt(np.diag(matrix))
-        ones = np.ones(len(scale))
-        return float(ones @ np.linalg.solve(matrix / np.outer(scale, scale), ones))
 
 
 WHITE = NoiseModel(0.0, 1.0, START_STD_MM)

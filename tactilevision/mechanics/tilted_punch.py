@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import RectBivariateSpline
 
 TABLE = Path(__file__).with_name("tilted_punch.csv")
-RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)  # a/h, nodes of the table
+RATIOS = (*(k / 4 for k in range(7)), 2.0)  # a/h, nodes of the table
 PLACES = np.linspace(-1, 2, 31)  # place along the tilt, nodes of the table
 SQUARES = 65  # squares across the face
 NU = 0.48  # Poisson's ratio of the table

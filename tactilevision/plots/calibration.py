@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactilevision.plots import style
-from tactilevision.plots.height import depth_image, extent_mm, overlay
+from tactilevision.plots.height import centre_mm, depth_image, overlay
 from tactilevision.plots.misfit import LEFT, SHALLOW, radius_colours
 from tactilevision.plots.style import LOOK
 from tactilevision.press.certificate import Evidence
@@ -258,8 +258,7 @@ def _bevel_window(axes: Axes, evidence: Evidence) -> None:
     if evidence.bevel_window_mm is None or evidence.height_map is None:
         return
     (x0, y0), (x1, y1) = evidence.bevel_window_mm
-    left, right, bottom, top = extent_mm(evidence.height_map)
-    middle_x, middle_y = (left + right) / 2, (top + bottom) / 2
+    middle_x, middle_y = centre_mm(evidence.height_map)
     x, y = np.array([x0, x1, x1, x0, x0]) + middle_x, np.array([y0, y0, y1, y1, y0]) + middle_y
     axes.plot(x, y, color=style.SKY, label="window on the bevel")
 

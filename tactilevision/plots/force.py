@@ -14,7 +14,7 @@ from tactilevision.force.calibrated import Sensitivity
 from tactilevision.force.comparison import Residuals
 from tactilevision.force.frame import FrameForce
 from tactilevision.plots import style
-from tactilevision.plots.height import deepest_place, depth_image
+from tactilevision.plots.height import centre_mm, deepest_place, depth_image, known_mm
 from tactilevision.plots.style import LOOK
 from tactilevision.records.constants import KILO, MICRO, TINY, Z95
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 PAD_AXES = ("x on the pad (mm)", "y on the pad (mm)")
 NAMES = ("x", "y", "z")
+SAID = {"youngs_modulus": "Young's modulus", "poisson_ratio": "Poisson's ratio", "both together": "both together"}
 WORDS = {"x": "shear traction t_x (kPa)", "y": "shear traction t_y (kPa)", "z": "pressure t_z (kPa)"}
 LINE = 100  # letters of a line of small print across a figure
 GEL_MM = 0.1  # least depth of gel that the cut shows
@@ -68,10 +69,7 @@ def draw_force(found: TractionMap, height: HeightMap, *, shear: ShearMap | None 
 def draw_sensitivity(found: TractionMap, ranges: Sequence[Sensitivity]) -> Figure:
     """Draw the change of fz over the 95 % interval of each parameter, and its whole uncertainty."""
     figure, (axes,) = style.new_figure(height_in=1 + 0.5 * (len(ranges) + 2))
-    labels = [
-        entry.parameter.replace("_", " ").replace("youngs", "Young's").replace("poisson", "Poisson's")
-        for entry in ranges
-    ]
+    labels = [SAID[entry.parameter] for entry in ranges]
     half = 100 * Z95 * found.resultant_std_N[2] / max(found.resultant_N[2], TINY)
     widest = half
     for row, entry in enumerate(ranges):
@@ -98,9 +96,9 @@ def draw_sensitivity(found: TractionMap, ranges: Sequence[Sensitivity]) -> Figur
 def _cut(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     """Draw depth along x through the deepest place, and the traction in that row as arrows onto the surface."""
     row, _ = deepest_place(height)
-    middle = [(n - 1) / 2 * s for n, s in zip(height.depth_mm.shape[::-1], height.mm_per_px, strict=True)]
+    middle = centre_mm(height)
     x = np.arange(height.depth_mm.shape[1]) * height.mm_per_px[0]
-    depth = np.where(height.valid[row], height.depth_mm[row], np.nan)
+    depth = known_mm(height)[row]
     axes.plot(x, depth, color=style.BLUE, label="the gel's surface")
     low, high = float(np.nanmin(depth, initial=0)), float(np.nanmax(depth, initial=GEL_MM))
     floor = (1 + LOOK.room) * high
@@ -168,7 +166,7 @@ def _force_arrows(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     largest = float(np.hypot(*t).max(initial=0.0))
     if largest == 0:
         return
-    middle = [(n - 1) / 2 * s for n, s in zip(height.depth_mm.shape[::-1], height.mm_per_px, strict=True)]
+    middle = centre_mm(height)
     x = found.first_mm[0] + columns * found.mm_per_px[0] + middle[0]
     y = found.first_mm[1] + rows * found.mm_per_px[1] + middle[1]
     style.arrows(axes, x, y, *t, colour=style.ORANGE, scale=largest / (3 * found.mm_per_px[0]))

@@ -15,13 +15,14 @@ from tactilevision.plots import style
 from tactilevision.plots.style import LOOK
 from tactilevision.records.constants import KILO, MICRO, MILLI, TINY
 from tactilevision.records.maps import Footprint, HeightMap, add
-from tactilevision.records.measured import Bools, Bytes, Floats
+from tactilevision.records.measured import Bools, Bytes, Floats, Pair
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 
 LINE = 40  # characters of a title next to another picture's
@@ -31,29 +32,27 @@ RELIEF = 0.25  # height of a surface in perspective, as a share of its width
 
 
 @style.house_look
-def draw_height(height: HeightMap) -> Figure:
-    """Draw the map (H, W), in mm, from above with contours, and two cuts through its deepest place."""
-    figure, (above, cuts) = style.new_figure(columns=2)
-    style.colour_bar(above, depth_image(above, height), "depth into the gel (mm)")
-    above.set_title(titled(height, _named(height, "depth of the gel's surface"), between="\n"))
-    row, column = deepest_place(height)
-    cut_lines(cuts, height, row=row, column=column)
-    _mark_cuts(above, height, row, column)
-    style.legend_below(figure)
-    return figure
+def draw_height(height: HeightMap, rgb: Bytes | None = None) -> Figure:
+    """Draw the map (H, W), in mm, from above with contours, and two cuts through its deepest place.
 
-
-@style.house_look
-def draw_height_and_frame(rgb: Bytes, height: HeightMap) -> Figure:
-    """Draw the rectified frame (H, W, 3) with the depth's contours, the depth in mm from above, and two cuts."""
-    figure, (frame, above, cuts, corner) = style.new_figure(rows=2, columns=2)
-    overlay(frame, rgb, height=height, footprint=None)
-    frame.set_title(titled(height, _named(height, "frame"), between="\n"))
+    With the rectified frame `rgb` (H, W, 3) also that, with the depth's contours.
+    """
+    corner = None
+    if rgb is None:
+        figure, (above, cuts) = style.new_figure(columns=2)
+        first, what = above, "depth of the gel's surface"
+    else:
+        figure, (first, above, cuts, corner) = style.new_figure(rows=2, columns=2)
+        overlay(first, rgb, height=height, footprint=None)
+        what = "frame"
     style.colour_bar(above, depth_image(above, height), "depth into the gel (mm)")
-    row, column = deepest_place(height)
-    cut_lines(cuts, height, row=row, column=column)
-    _mark_cuts(above, height, row, column)
     above.set_title("Depth of the gel's surface")
+    first.set_title(titled(height, what))
+    row, column = deepest_place(height)
+    cut_lines(cuts, height, row=row, column=column)
+    style.outlined_entry(above, "the cuts", ls=":")
+    above.axhline(row * height.mm_per_px[1], color="white", lw=LOOK.hair, ls=":")
+    above.axvline(column * height.mm_per_px[0], color="white", lw=LOOK.hair, ls=":")
     style.legend_below(figure, corner=corner)
     return figure
 
@@ -62,8 +61,7 @@ def draw_height_and_frame(rgb: Bytes, height: HeightMap) -> Figure:
 def draw_normals(height: HeightMap) -> Figure:
     """Draw the tilt of the surface (H, W) in degrees with arrows downhill, and the surface lit from above left."""
     figure, (tilt, lit) = style.new_figure(columns=2)
-    depth = np.where(height.valid, height.depth_mm, np.nan)
-    down_y, down_x = np.gradient(depth, *height.mm_per_px[::-1])
+    down_y, down_x = map(np.asarray, np.gradient(known_mm(height), *height.mm_per_px[::-1]))
     degrees = np.degrees(np.arctan(np.hypot(down_x, down_y)))
     top = max(float(np.nanpercentile(degrees, style.SPAN[1])), 1.0) if np.isfinite(degrees).any() else 1.0
     extent = extent_mm(height)
@@ -72,7 +70,7 @@ def draw_normals(height: HeightMap) -> Figure:
     _draw_arrows(tilt, height, (down_x, down_y))
     style.show_map(lit, _lit(down_x, down_y), extent, limits=(0, 1), cmap="gray")
     scale_bar(lit, height, colour="black")
-    style.as_map(tilt, title=titled(height, _named(height, "tilt, arrows point deeper"), between="\n"))
+    style.as_map(tilt, title=titled(height, "tilt, arrows point deeper"))
     style.as_map(lit, title="Lit from above left")
     _unknown_entry(tilt, height.valid)
     style.legend_below(figure)
@@ -101,31 +99,45 @@ def draw_surface(height: HeightMap) -> Figure:
     figure = Figure(figsize=(style.WIDTH_IN, style.WIDTH_IN * 3 / 4))
     axes = Axes3D(figure, rect=(0, 0, 1, 1 - LOOK.room / 2))  # above it is room for the title
     figure.add_axes(axes)
-    step = max(1, max(height.depth_mm.shape) // 160)
-    depth = np.where(height.valid, height.depth_mm, np.nan)[::step, ::step]
-    x, y = np.meshgrid(
-        *(np.arange(n) * step * s for n, s in zip(depth.shape[::-1], height.mm_per_px, strict=True))
-    )
-    axes.plot_surface(x, y, depth, cmap=style.DEPTH_MAP, rstride=1, cstride=1, linewidth=0, antialiased=False)
-    span = max(float(np.nanmax(depth) - np.nanmin(depth)), MILLI) if np.isfinite(depth).any() else 1.0
-    tall = RELIEF * float(np.ptp(x))
-    axes.set_box_aspect((float(np.ptp(x)), float(np.ptp(y)), tall))
-    axes.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="depth (mm)")
-    axes.locator_params(axis="z", nbins=3)  # the box is low: more would overlap
-    axes.invert_zaxis()
-    axes.invert_yaxis()
-    words = titled(height, _named(height, "surface"))
-    axes.set_title(f"{words}   vertical scale × {tall / span:.0f}", loc="left")
+    depth = known_mm(height)
+    scale = relief(axes, depth, height.mm_per_px, most=160, limits=colour_limits(depth))
+    words = titled(height, "surface", between=" · ")
+    axes.set_title(f"{words}   vertical scale × {scale:.0f}", loc="left")
     axes.view_init(**VIEW)
     return figure
 
 
+def relief(
+    axes: Axes3D,
+    field_mm: Floats,
+    mm_per_px: Pair,
+    *,
+    most: int,
+    limits: tuple[float, float],
+    cmap: str = style.DEPTH_MAP,
+) -> float:
+    """Draw a field (H, W) in mm, downwards, with `most` points along a side; return its vertical scale."""
+    step = max(1, -(-max(field_mm.shape) // most))
+    coarse = field_mm[::step, ::step]
+    x, y = np.meshgrid(*(np.arange(n) * step * s for n, s in zip(coarse.shape[::-1], mm_per_px, strict=True)))
+    low, high = limits
+    axes.plot_surface(
+        x, y, coarse, cmap=cmap, vmin=low, vmax=high, rstride=1, cstride=1, linewidth=0, antialiased=False
+    )
+    wide, deep = max(float(np.ptp(x)), MICRO), max(float(np.ptp(y)), MICRO)
+    axes.set_box_aspect((wide, deep, RELIEF * wide))
+    axes.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="mm", zlim=(high, low))
+    axes.invert_yaxis()
+    axes.locator_params(axis="z", nbins=3)  # the box is low: more would overlap
+    return RELIEF * wide / (high - low)
+
+
 @style.house_look
-def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None) -> Figure:
-    """Draw the rectified frame (H, W, 3) with the contours of the depth, in mm, and the indenter's circle."""
+def draw_overlay(rgb: Bytes, height: HeightMap) -> Figure:
+    """Draw the rectified frame (H, W, 3) with the contours of the depth, in mm."""
     figure, (axes,) = style.new_figure(*style.MAP_IN)
-    overlay(axes, rgb, height=height, footprint=footprint)
-    axes.set_title(titled(height, _named(height, "frame and its depth"), between="\n"))
+    overlay(axes, rgb, height=height, footprint=None)
+    axes.set_title(titled(height, "frame and its depth"))
     style.legend_below(figure)
     return figure
 
@@ -142,7 +154,7 @@ def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second
     image = style.show_map(axes, change, extent_mm(first), limits=limits, cmap="PuOr")
     style.colour_bar(axes, image, "change of depth (mm)")
     flagged = replace(second, flags=add(first.flags, second.flags))
-    style.as_map(axes, title=titled(flagged, title, between="\n"))
+    style.as_map(axes, title=titled(replace(flagged, name=""), title))
     _unknown_entry(axes, first.valid & second.valid)
     style.legend_below(figure)
     return figure
@@ -162,34 +174,30 @@ def change_mm(first: HeightMap, second: HeightMap) -> Floats:
     return np.where(first.valid & second.valid, second.depth_mm - first.depth_mm, np.nan)
 
 
-def _named(height: HeightMap, what: str) -> str:
-    return f"{height.name}: {what}" if height.name else what[0].upper() + what[1:]
-
-
 def _size_of(height: HeightMap) -> str:
     (rows, columns), (x, y) = height.depth_mm.shape, height.mm_per_px
     return f"{columns} x {rows} px of {x:g} x {y:g} mm"
 
 
-def titled(height: HeightMap, words: str, *, between: str = " · ") -> str:
-    """Return the title of a map (H, W), in mm, with its flags; `between` separates them."""
+def titled(height: HeightMap, what: str, *, between: str = "\n") -> str:
+    """Return the title of a map (H, W), in mm: its name, `what` is shown, and, after `between`, its flags."""
+    words = f"{height.name}: {what}" if height.name else what[:1].upper() + what[1:]
     if not height.flags:
         return words
     doubt = f"doubtful: {', '.join(height.flags)}"
     return words + between + (textwrap.fill(doubt, LINE) if "\n" in between else doubt)
 
 
+def known_mm(height: HeightMap) -> Floats:
+    """Return the depth (H, W) in mm, NaN where it is not known."""
+    return np.where(height.valid, height.depth_mm, np.nan).astype(np.float64)
+
+
 def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
     """Draw the depth (H, W) in mm with contours; places of unknown depth are grey."""
-    depth = np.where(height.valid, height.depth_mm, np.nan)
-    bottom, top = colour_limits(depth)
-    extent = extent_mm(height)
-    image = style.show_map(axes, depth, extent, limits=(bottom, top))
-    if top - bottom > FLAT_MM:
-        levels = np.linspace(0, top, 8)[1:-1]  # at 0 it would trace the noise
-        known = np.ma.masked_where(~height.valid, height.depth_mm)
-        axes.contour(known, levels, colors="white", linewidths=0.5, alpha=LOOK.bar, extent=extent, origin="upper")
-        style.outlined_entry(axes, "contours of the depth")
+    depth = known_mm(height)
+    image = style.show_map(axes, depth, extent_mm(height), limits=colour_limits(depth))
+    _contours(axes, height, 6, linewidths=0.5, alpha=LOOK.bar)
     _unknown_entry(axes, height.valid)
     scale_bar(axes, height)
     style.as_map(axes)
@@ -226,11 +234,13 @@ def cut_lines(axes: Axes, height: HeightMap, *, row: int, column: int) -> None:
     axes.set(xlabel="place (mm)", ylabel="depth into the gel (mm)", title="Cuts through the deepest place")
 
 
-def _mark_cuts(axes: Axes, height: HeightMap, row: int, column: int) -> None:
-    """Draw where the cuts run."""
-    style.outlined_entry(axes, "the cuts", ls=":")
-    axes.axhline(row * height.mm_per_px[1], color="white", lw=LOOK.hair, ls=":")
-    axes.axvline(column * height.mm_per_px[0], color="white", lw=LOOK.hair, ls=":")
+def _contours(axes: Axes, height: HeightMap, count: int, **look: Any) -> None:
+    """Draw so many contours of the depth, none at 0, which would trace the noise."""
+    top = float(np.max(height.depth_mm, where=height.valid, initial=0.0))
+    if top > FLAT_MM:
+        levels, known = np.linspace(0, top, count + 2)[1:-1], np.ma.masked_where(~height.valid, height.depth_mm)
+        axes.contour(known, levels, colors="white", extent=extent_mm(height), origin="upper", **look)
+        style.outlined_entry(axes, "contours of the depth")
 
 
 def _lit(down_x: Floats, down_y: Floats) -> Floats:
@@ -242,20 +252,12 @@ def _lit(down_x: Floats, down_y: Floats) -> Floats:
 
 def overlay(axes: Axes, rgb: Bytes, *, height: HeightMap, footprint: Footprint | None) -> None:
     """Draw a frame (H, W, 3), the contours of its depth, and the circle of the indenter's face, in mm."""
-    extent = extent_mm(height)
-    axes.imshow(rgb, extent=extent)
-    top = float(np.nanmax(np.where(height.valid, height.depth_mm, np.nan))) if height.valid.any() else 0.0
-    if top > FLAT_MM:
-        levels = np.linspace(0, top, 5)[1:-1]
-        depth = np.ma.masked_where(~height.valid, height.depth_mm)
-        axes.contour(depth, levels=levels, colors="white", linewidths=LOOK.hair, extent=extent, origin="upper")
-        style.outlined_entry(axes, "contours of the depth")
+    axes.imshow(rgb, extent=extent_mm(height))
+    _contours(axes, height, 3, linewidths=LOOK.hair)
     if footprint is not None:
-        middle = ((height.depth_mm.shape[1] - 1) / 2, (height.depth_mm.shape[0] - 1) / 2)
-        turn = np.linspace(0, 2 * np.pi, 200)
-        x = footprint.centre_mm[0] + middle[0] * height.mm_per_px[0] + footprint.radius_mm * np.cos(turn)
-        y = footprint.centre_mm[1] + middle[1] * height.mm_per_px[1] + footprint.radius_mm * np.sin(turn)
-        axes.plot(x, y, color=style.YELLOW, label="punch face")
+        (middle_x, middle_y), (x, y), turn = centre_mm(height), footprint.centre_mm, np.linspace(0, 2 * np.pi, 200)
+        across, along = footprint.radius_mm * np.cos(turn), footprint.radius_mm * np.sin(turn)
+        axes.plot(middle_x + x + across, middle_y + y + along, color=style.YELLOW, label="punch face")
     style.as_map(axes)
 
 
@@ -286,6 +288,12 @@ def extent_mm(height: HeightMap) -> style.Extent:
     return (-0.5 * sx, (columns - 0.5) * sx, (rows - 0.5) * sy, -0.5 * sy)
 
 
+def centre_mm(height: HeightMap) -> Pair:
+    """Return the place (x, y) of the pad's centre in the picture, mm."""
+    rows, columns = height.depth_mm.shape
+    return (columns - 1) / 2 * height.mm_per_px[0], (rows - 1) / 2 * height.mm_per_px[1]
+
+
 def deepest_place(height: HeightMap) -> tuple[int, int]:
     """Return row and column, in px, of the middle of the deepest tenth of a map (H, W)."""
     depth: Floats = np.where(height.valid, height.depth_mm, -np.inf).astype(np.float64)
@@ -299,19 +307,7 @@ def deepest_place(height: HeightMap) -> tuple[int, int]:
 # The terms of a depth's deviation.
 
 Terms = Mapping[str, npt.NDArray[np.floating[Any]]]
-COLOURS = (  # in the order of the terms
-    style.BLUE,
-    style.SKY,
-    "#F2D54B",
-    style.GREY,
-    style.GREEN,
-    style.YELLOW,
-    style.PURPLE,
-    style.ORANGE,
-    "#4B3A1D",
-    "#8C2D5A",
-    "#101010",
-)
+COLOURS = (*style.CYCLE, "#F2D54B", "#4B3A1D", "#8C2D5A", "#101010")  # in the order of the terms
 MIN_SHARE = 0.002  # of the picture: a term that is the largest over less has no entry in the legend
 DEEP = 0.5  # of the greatest depth: what counts as contact for the bars
 
@@ -324,7 +320,7 @@ def draw_terms(height: HeightMap, terms: Terms) -> Figure:
     """
     figure, (above, bars) = style.new_figure(rows=2, height_in=7.6)
     entries = _draw_largest(above, height, terms)
-    above.set_title(titled(height, f"{height.name}: largest part of the depth's deviation", between="\n"))
+    above.set_title(titled(height, "largest part of the depth's deviation"))
     _draw_bars(bars, height, terms)
     figure.legend(handles=entries, loc="outside lower center", ncols=2)
     return figure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import unicodedata
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, wraps
 from pathlib import Path
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 # Fonts for letters that Matplotlib's default font lacks.
 
-_BOXES = "Last Resort"  # Matplotlib's own font of boxes: it claims to have every letter
-
 
 def legible(name: str) -> str:
     """Return the name with U+XXXX for each letter that no installed font has, and a space for a tab."""
@@ -42,42 +40,30 @@ def choose_fonts(figure: Figure) -> None:
         said = text.get_text() if isinstance(text, Text) else ""
         if said.isascii() and "\t" not in said:
             continue
-        lines = map(legible, said.split("\n"))
-        text.set_text("\n".join(lines))
-        further = dict.fromkeys(font for font in map(_other_font, text.get_text()) if font)
+        text.set_text("\n".join(map(legible, said.split("\n"))))
+        further = dict.fromkeys(font for font in map(font_of, text.get_text()) if font)
         if further:
             text.set_fontfamily([*text.get_fontfamily(), *further])
 
 
 def _is_drawn(letter: str) -> bool:
     invisible = unicodedata.category(letter) in ("Cf", "Mn", "Me")  # joiners and accents: fonts shape by them
-    return invisible or ord(letter) in _usual() or _other_font(letter) is not None
+    return invisible or font_of(letter) is not None
 
 
 @cache
-def _usual() -> frozenset[int]:
-    from matplotlib.font_manager import FontProperties, findfont, get_font
+def font_of(letter: str) -> str | None:
+    """Return the family of an upright font that has a letter, "" for the default font, None if none has it."""
+    from matplotlib.font_manager import FontProperties, findfont, fontManager
 
-    return frozenset(get_font(findfont(FontProperties())).get_charmap())
-
-
-@cache
-def _other_font(letter: str) -> str | None:
-    """Return the family of an installed font for a letter that the default font lacks, else None."""
-    if ord(letter) in _usual():
-        return None
-    return next((family for family, letters in _installed() if ord(letter) in letters), None)
-
-
-def _installed() -> Iterator[tuple[str, frozenset[int]]]:
-    """Yield the upright scalable fonts of normal weight by name, with their letters."""
-    from matplotlib.font_manager import fontManager
-
+    if ord(letter) in _letters(findfont(FontProperties())):
+        return ""
     for entry in sorted(fontManager.ttflist, key=lambda entry: (entry.name, entry.fname)):
-        if entry.style == "normal" and entry.weight in (400, "normal", "regular") and _BOXES not in entry.name:
-            letters = _letters(entry.fname)
-            if letters:
-                yield entry.name, letters
+        upright = entry.style == "normal" and entry.weight in (400, "normal", "regular")
+        # "Last Resort" is Matplotlib's own font of boxes, which claims to have every letter
+        if upright and "Last Resort" not in entry.name and ord(letter) in _letters(entry.fname):
+            return entry.name
+    return None
 
 
 @cache
@@ -98,24 +84,16 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 # Okabe and Ito's palette, distinct under all common kinds of colour vision.
-BLUE, YELLOW, GREEN, ORANGE, SKY, PURPLE, GREY = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#D55E00",
-    "#56B4E9",
-    "#CC79A7",
-    "#767676",
-)
 COLOUR_WORDS = {
-    BLUE: "blue",
-    YELLOW: "dark yellow",
-    GREEN: "green",
-    ORANGE: "orange",
-    SKY: "light blue",
-    PURPLE: "pink",
-    GREY: "grey",
+    "#0072B2": "blue",
+    "#E69F00": "dark yellow",
+    "#009E73": "green",
+    "#D55E00": "orange",
+    "#56B4E9": "light blue",
+    "#CC79A7": "pink",
+    "#767676": "grey",
 }
+BLUE, YELLOW, GREEN, ORANGE, SKY, PURPLE, GREY = COLOUR_WORDS
 CYCLE = (BLUE, YELLOW, GREEN, PURPLE, SKY, ORANGE, GREY)
 DEPTH_MAP = "cividis"
 INVALID = "#d9d9d9"
@@ -249,15 +227,8 @@ def outlined_entry(axes: Axes, label: str, *, colour: str = "white", ls: str = "
     """Add a legend entry for lines or arrows on a map, with an outline that white paper needs."""
     from matplotlib.patheffects import withStroke
 
-    axes.plot(
-        [],
-        [],
-        color=colour,
-        lw=LOOK.line,
-        ls=ls,
-        path_effects=[withStroke(linewidth=3, foreground=GREY)],
-        label=label,
-    )
+    rim = [withStroke(linewidth=3, foreground=GREY)]
+    axes.plot([], [], color=colour, lw=LOOK.line, ls=ls, path_effects=rim, label=label)
 
 
 def arrows(axes: Axes, x: Any, y: Any, u: Any, v: Any, *, colour: str, scale: float) -> None:

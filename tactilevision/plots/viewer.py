@@ -26,11 +26,13 @@ from tactilevision.plots.height import (
     colour_limits,
     deepest_place,
     extent_mm,
+    known_mm,
+    relief,
     scale_bar,
     titled,
 )
 from tactilevision.plots.style import LOOK
-from tactilevision.records.constants import KILO, MICRO, MILLI
+from tactilevision.records.constants import KILO, MILLI
 from tactilevision.records.maps import MEANING, HeightMap
 from tactilevision.records.measured import Bytes, Floats, Pair
 
@@ -88,7 +90,7 @@ class Window:
         """Return the depth (H, W), in mm, or its change since the marked frame; NaN where it is not known."""
         if self.differs and self.marked is not None:
             return change_mm(self.marked, self.height)
-        return np.where(self.height.valid, self.height.depth_mm, np.nan)
+        return known_mm(self.height)
 
     def go(self, number: int) -> None:
         """Show another frame; the line and the marked frame stay."""
@@ -174,15 +176,14 @@ class Window:
             style.unknown_entry(self.map)
         self.map.legend(loc="upper left", bbox_to_anchor=(0, -LOOK.room), ncols=2)
         self.map.set(xlim=extent[:2], ylim=extent[2:])
-        style.as_map(self.map, title=titled(height, self._title()))
+        style.as_map(self.map, title=titled(height, self._title(), between=" · "))
         if self.slider is not None:
             self.slider.valtext.set_text(f"{self.names[self.number]} ({self.number + 1} of {len(self.names)})")
 
     def _title(self) -> str:
-        name = self.height.name or "Depth"
         if self.differs and self.marked is not None:
-            return f"{name} minus {self.marked.name}"
-        return f"{name}: depth of the gel's surface"
+            return f"depth minus that of {self.marked.name}"
+        return "depth of the gel's surface"
 
     def _draw_profile(self, shown: Floats) -> None:
         place, value = along(shown, self.line, mm_per_px=self.height.mm_per_px)
@@ -201,31 +202,10 @@ class Window:
         self.profile.set(xlabel="place along the line (mm)", ylabel=label, title="Profile along the line")
 
     def _draw_surface(self, shown: Floats) -> None:
-        step = max(1, -(-max(shown.shape) // COARSE))
-        coarse = shown[::step, ::step]
-        x, y = np.meshgrid(
-            *(np.arange(n) * step * s for n, s in zip(coarse.shape[::-1], self.height.mm_per_px, strict=True))
-        )
-        low, high = colour_limits(shown, differs=self.differs)
         self.surface.clear()
-        self.surface.plot_surface(
-            x,
-            y,
-            coarse,
-            cmap="PuOr" if self.differs else style.DEPTH_MAP,
-            vmin=low,
-            vmax=high,
-            rstride=1,
-            cstride=1,
-            lw=0,
-            antialiased=False,
-        )
-        wide, deep = max(float(np.ptp(x)), MICRO), max(float(np.ptp(y)), MICRO)
-        self.surface.set_box_aspect((wide, deep, RELIEF * wide))
-        self.surface.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="mm", zlim=(high, low))
-        self.surface.invert_yaxis()
-        self.surface.locator_params(axis="z", nbins=3)
-        self.surface.set_title(f"Surface, vertical scale × {RELIEF * wide / (high - low):.0f}", y=1.0)
+        limits, colours = colour_limits(shown, differs=self.differs), "PuOr" if self.differs else style.DEPTH_MAP
+        scale = relief(self.surface, shown, self.height.mm_per_px, most=COARSE, limits=limits, cmap=colours)
+        self.surface.set_title(f"Surface, vertical scale × {scale:.0f}", y=1.0)
 
     def _place(self, event: Any) -> Pair | None:
         if event.inaxes is not self.map or event.xdata is None:
@@ -310,7 +290,8 @@ def draw_film(shots: Sequence[Shot], *, title: str = "") -> Iterable[Bytes]:
     """Return the pictures (H, W, 3) of the film, one a shot. Raises InputError for no shots."""
     if not shots:
         raise InputError("there are no frames for a film", where="draw_film")
-    return _pictures(_Stage(shots, title), shots)
+    stage = _Stage(shots, title)
+    return (stage.show(number, shot) for number, shot in enumerate(shots))
 
 
 def write_film(path: Path | str, pictures: Iterable[Bytes], *, frames_per_s: float = 12) -> Path:
@@ -333,7 +314,7 @@ class _Stage:
         self.peak = np.array([_peak(shot.height) for shot in shots])
         top = max(float(np.nanmax(self.peak, initial=0.0)), FLAT_MM)
         limits = (-LOOK.room * top, top)
-        self.depth = style.show_map(self.above, _known(first), extent_mm(first), limits=limits)
+        self.depth = style.show_map(self.above, known_mm(first), extent_mm(first), limits=limits)
         self.figure.colorbar(self.depth, ax=self.above, label=DEPTH)
         scale_bar(self.above, first)
         style.unknown_entry(self.above)
@@ -359,17 +340,12 @@ class _Stage:
     def show(self, number: int, shot: Shot) -> Bytes:
         """Return the picture (H, W, 3) of one shot."""
         self.picture.set_data(shot.rgb)
-        self.depth.set_data(_known(shot.height))
+        self.depth.set_data(known_mm(shot.height))
         for line in self.now:
             line.set_xdata([self.time_s[number]] * 2)
-        words = titled(shot.height, f"{shot.height.name}: {self.peak[number]:.3f} mm")
+        words = titled(shot.height, f"{self.peak[number]:.3f} mm", between=" · ")
         self.above.set_title(words, loc="left", fontsize=LOOK.text)
         return _rendered(self.figure)
-
-
-def _pictures(stage: _Stage, shots: Sequence[Shot]) -> Iterable[Bytes]:
-    for number, shot in enumerate(shots):
-        yield stage.show(number, shot)
 
 
 def _rendered(figure: Figure) -> Bytes:
@@ -408,10 +384,6 @@ def _write_gif(path: Path, stack: Sequence[Bytes], frames_per_s: float) -> None:
 def _times(shots: Sequence[Shot]) -> Floats:
     times = np.array([shot.height.time_s for shot in shots])
     return times - times[0] if np.isfinite(times).all() else np.arange(len(shots), dtype=float)
-
-
-def _known(height: HeightMap) -> Floats:
-    return np.where(height.valid, height.depth_mm, np.nan).astype(np.float64)
 
 
 def _peak(height: HeightMap) -> float:

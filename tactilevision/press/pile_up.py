@@ -10,8 +10,8 @@ import numpy as np
 
 from tactilevision.contact.bevel import EDGE_MM, SIDES, mean_distance_mm
 from tactilevision.heightmap.deviation_terms import gain_std
+from tactilevision.mechanics.profile import touch_depth
 from tactilevision.mechanics.tables.punch import profile_model
-from tactilevision.mechanics.touch import touch_depth
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.method import as_referenced
 from tactilevision.press.bevel_contact import ContactEvent

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -191,9 +191,8 @@ class Outcome:
             "presses": {name: _press_json(one) for name, one in self.presses.items()},
         }
 
-    def section(self, name: str) -> dict[str, Any]:
+    def section(self, one: PressOutcome) -> dict[str, Any]:
         """Return depth along x through a ball's middle, and the ball's own, in mm; zero at the contact's rim."""
-        one = self.presses[name]
         (x, y), radius = one.ball.centre_px, one.ball.contact_radius_px
         height, width = one.depth_mm.shape
         row = int(np.clip(round(y), 0, height - 1))
@@ -350,8 +349,8 @@ class Session:
 
     def section(self, index: int) -> dict[str, Any]:
         """Return the section through a press by the last fit; empty where that did not use it."""
-        outcome, name = self.outcome, self.labels[index].frame
-        return outcome.section(name) if outcome is not None and name in outcome.presses else {}
+        outcome, one = self.outcome, self._judged(index)
+        return {} if outcome is None or one is None else outcome.section(one)
 
     def view(self, index: int, kind: str) -> bytes | None:
         """Return a press as PNG: "picture", "change" or "depth"; None where the last fit has no depth of it."""
@@ -360,10 +359,12 @@ class Session:
         if kind == "change":
             with self._lock:
                 return encode(draw_change(self.change.measure_known(self.pictures[index])[0]))
-        outcome, name = self.outcome, self.labels[index].frame
-        if outcome is None or name not in outcome.presses:
-            return None
-        return encode(draw_depth(outcome.presses[name].depth_mm))
+        one = self._judged(index)
+        return None if one is None else encode(draw_depth(one.depth_mm))
+
+    def _judged(self, index: int) -> PressOutcome | None:
+        """Return a press by the last fit."""
+        return None if self.outcome is None else self.outcome.presses.get(self.labels[index].frame)
 
     def _read(self, label: Label) -> Bytes:
         return rectify(self.sensor, read_reference(self.recording, label.path))
@@ -380,9 +381,8 @@ class Session:
 
 
 def _ball_picture(label: Label, rgb: Bytes) -> BallPicture:
-    x, y, radius = label.circle or (0.0, 0.0, 0.0)
-    known = label.circle is not None
-    return BallPicture(rgb, label.radius_mm, (x, y) if known else None, radius if known else None, label.frame)
+    centre, radius = (label.circle[:2], label.circle[2]) if label.circle else (None, None)
+    return BallPicture(rgb, label.radius_mm, centre, radius, label.frame)
 
 
 def _circle(asked: object, shape: tuple[int, int]) -> Circle | None:
@@ -442,17 +442,17 @@ class Guide(LocalPage):
     def post(self, name: str, content: dict[str, Any]) -> dict[str, Any] | None:
         """Set or find a circle, fit, save the table, or end."""
         what, _, at = name.partition("/")
-        plain: dict[str, Callable[[], dict[str, Any]]] = {"fit": self.session.fit, "save": self.session.save}
-        one = {"set": self.session.set, "find": self.session.find}
-        if what in plain and not at:
-            return plain[what]()
-        if what in one:
-            return one[what](self._index(at), content)
+        if what in ("set", "find"):
+            act = self.session.set if what == "set" else self.session.find
+            return act(self._index(at), content)
+        if name == "fit":
+            return self.session.fit()
+        if name not in ("save", "done"):
+            return None
+        kept = self.session.save()
         if name == "done":
-            kept = self.session.save()
             self.done.set()
-            return kept
-        return None
+        return kept
 
     def _index(self, at: str) -> int:
         if not (at.isascii() and at.isdigit() and len(at) < 7 and int(at) < len(self.session.labels)):

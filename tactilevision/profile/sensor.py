@@ -6,32 +6,40 @@ seen = sensor.read(rgb)                 # rgb (H, W, 3) uint8 as the camera give
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import datetime
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.contact.region import contact_flags, find_contact
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.force.compliance import GelCompliance
+from tactilevision.force.compliance import gel_compliance
 from tactilevision.force.field import ForceField, ForceSettings
+from tactilevision.force.nodes import lay_grid
 from tactilevision.heightmap.build import with_flats
 from tactilevision.heightmap.reconstructor import Reconstructor
-from tactilevision.heightmap.reference_match import spread_frames
+from tactilevision.heightmap.reference_match import some_frames, spread_frames
 from tactilevision.mechanics.kappa import fast_kappa
-from tactilevision.profile.model import Profile, Seen, SeenBatch
+from tactilevision.photometric.card import provenance
+from tactilevision.profile.model import Followed, Profile, Seen, SeenBatch
 from tactilevision.profile.storage import read_profile
 from tactilevision.recording import layout
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.model import Recording, faults_of_flats
 from tactilevision.recording.pictures import read_flats
 from tactilevision.recording.read import read_recording
+from tactilevision.records.constants import Z95
 from tactilevision.records.maps import Footprint, Frame, HeightMap, TractionMap, add, as_frame
-from tactilevision.records.measured import Bytes, Material, Pair
+from tactilevision.records.measured import Bytes
 from tactilevision.records.rig import Gel, Indenter
 from tactilevision.sensors.rectification import rectify
-from tactilevision.shear.displacement import Untouched, read_untouched
+from tactilevision.shear.displacement import Untouched, read_untouched, untouched_frame
+
+if TYPE_CHECKING:
+    from tactilevision.press.certified_faces import DepthScale
 
 NOT_SOLVED = "force not solved"
 
@@ -69,33 +77,20 @@ class CalibratedSensor:
         """Pickle the profile and rebuild the sensor from it."""
         return _rebuilt, (self.profile, self.indenter)
 
-    @property
-    def gel(self) -> Gel | None:
-        """Return the gel, None where it is not described."""
-        return self.profile.sensor.gel
-
-    @property
-    def material(self) -> Material | None:
-        """Return E and nu with their covariance, None where they are not known."""
-        return self.profile.material
-
-    @property
-    def mm_per_px(self) -> Pair:
-        """Return the scale (x, y) of the rectified picture."""
-        return self.profile.sensor.mm_per_px
-
-    @property
-    def compliance(self) -> GelCompliance | None:
-        """Return the gel's compliance, None where E and nu are not known."""
-        return self.profile.compliance
-
     @cached_property
     def field(self) -> ForceField | None:
         """Return the solver of tractions from a height map; None where gel, E or nu are not known."""
-        if self.gel is None or self.material is None:
+        sensor, material = self.profile.sensor, self.profile.material
+        if sensor.gel is None or material is None:
             return None
-        view = (self.profile.sensor.height_px, self.profile.sensor.width_px)
-        return ForceField(self, view_px=view, settings=ForceSettings(cell_std=False))
+        return ForceField(
+            sensor.gel,
+            material,
+            sensor.mm_per_px,
+            view_px=(sensor.height_px, sensor.width_px),
+            settings=ForceSettings(cell_std=False),
+            compliance=self.profile.compliance,
+        )
 
     def read(self, rgb: Bytes) -> Seen | SeenBatch:
         """Read a raw frame (H, W, 3) uint8, red first, or each of a batch (N, H, W, 3).
@@ -282,3 +277,92 @@ def _check_unit(own: Recording, profile: Profile) -> None:
 
 def _by(size: tuple[int, int]) -> str:
     return f"{size[0]} x {size[1]} px"
+
+
+# The profile of a recording's sensor, its reconstructor and, where known, E, nu and certified faces.
+
+
+def make_profile(
+    recording: Recording,
+    reconstructor: Reconstructor,
+    *,
+    calibration: Mapping[str, Any] | None = None,
+    face_law: DepthScale | None = None,
+) -> Profile:
+    """Return the profile of a recording's sensor, read by its `reconstructor`.
+
+    The method keeps the walls' law of certified faces; `face_law` is the true over the read depth of these faces.
+    `calibration` is the content of calibration.json; without one, E and nu are those stated of the gel. Where gel,
+    E and nu are known its compliance is computed, which takes half a minute near free sides. Raises InputError
+    where the method has no reference, or E and nu are not fixed.
+    """
+    from tactilevision.press.certified_faces import with_walls  # takes a while to load
+
+    method, picture, sensor = reconstructor.referenced, untouched_frame(recording), recording.sensor
+    if method is None or picture is None or recording.frame_size_px is None:
+        raise InputError(
+            "a profile needs a method with a reference, and a picture of the untouched gel",
+            where=recording.path,
+            remedy="Name the picture with --reference.",
+        )
+    source = f"{recording.name}: {len(recording.balls)} ball presses, {len(recording.flats)} flats"
+    about = provenance(source, licence="")
+    today = datetime.datetime.now(tz=datetime.UTC).date()
+    made = Profile(
+        sensor,
+        with_walls(method, reconstructor.taught),
+        picture,
+        recording.frame_size_px,
+        (recording.date or today).isoformat(),
+        followed_in(recording, picture),
+        about["data"],
+        recording.white_level,
+        calibration or stated_material(sensor.gel),
+        face_law=face_law,
+        indenters=recording.indenters,
+        versions=about["versions"],
+        warnings=(*recording.warnings, *reconstructor.warnings),
+        path=recording.path,
+    )
+    return with_compliance(made)
+
+
+def followed_in(recording: Recording, untouched: Bytes) -> Followed:
+    """Return which pattern of the `untouched` picture (H, W, 3), grey levels, single frames show above noise."""
+    sensor = recording.sensor
+    found = read_untouched(untouched, sensor.mm_per_px, markers=sensor.has_markers or None)
+    if found.markers is not None:
+        return "markers"
+    if found.shows and any(found.shear(rgb).valid.any() for rgb in some_frames(recording)):
+        return "texture"
+    return "nothing"
+
+
+def with_compliance(profile: Profile) -> Profile:
+    """Return the profile with its gel's compliance; unchanged where gel, E or nu are not known."""
+    gel, material, sensor = profile.sensor.gel, profile.material, profile.sensor
+    if gel is None or material is None:
+        return profile
+    view = (sensor.height_px, sensor.width_px)
+    grid = lay_grid(view, sensor.mm_per_px, spacing_mm=ForceSettings().spacing_mm)
+    made = gel_compliance(gel, grid, poisson_ratio=material.poisson_ratio, slopes=True)
+    return replace(profile, compliance=made)
+
+
+def stated_material(gel: Gel | None) -> dict[str, Any] | None:
+    """Return the gel's stated E and nu as in calibration.json; None where it does not state both."""
+    if gel is None or gel.youngs_modulus_MPa is None or gel.poisson_ratio is None:
+        return None
+    return {
+        "youngs_modulus_MPa": _estimate(gel.youngs_modulus_MPa, gel.youngs_modulus_std_MPa, "MPa"),
+        "poisson_ratio": _estimate(gel.poisson_ratio, gel.poisson_ratio_std, "1"),
+        "poisson_ratio_source": "prior",
+        "gel": {"thickness_mm": gel.thickness_mm, "shape": gel.shape},
+        "assumptions": ["E and nu are as stated of the gel, not measured here"],
+    }
+
+
+def _estimate(value: float, std: float | None, unit: str) -> dict[str, Any]:
+    spread = std or 0.0
+    ends = [value - Z95 * spread, value + Z95 * spread]
+    return {"value": value, "std": spread, "interval95": ends, "unit": unit}

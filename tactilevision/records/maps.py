@@ -179,9 +179,7 @@ class TractionMap:
     `resultant_N` (fx, fy, fz) and its standard deviation; `mm_per_px` (x, y) is the grid's own, `first_mm` the
     place of its top left node on the pad; `flags` name what limits the map (contact cut by the view's border,
     ...). `std_MPa` (3, H, W) is of t_x, t_y, t_z, NaN outside the contact; `moment_Nmm` (mx, my, mz) about the
-    pad's centre, r x F. If a measured force was given, `mismatch_N` is the force computed without it minus the
-    measured one, and `mismatch_sigma` its largest component over its standard deviation. `depth_mm` is the
-    greatest depth of the contact. NaN: not measured.
+    pad's centre, r x F. `depth_mm` is the greatest depth of the contact. NaN: not measured.
     """
 
     t_x: Floats
@@ -195,8 +193,6 @@ class TractionMap:
     std_MPa: Floats | None = None
     moment_Nmm: tuple[float, float, float] | None = None
     moment_std_Nmm: tuple[float, float, float] | None = None
-    mismatch_N: tuple[float, float, float] | None = None
-    mismatch_sigma: float | None = None
     depth_mm: float = float("nan")
     time_s: float = float("nan")
     name: str = ""

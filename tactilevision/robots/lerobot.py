@@ -62,7 +62,7 @@ def base_of(camera: str) -> str:
 def schema(base: str, sensor: CalibratedSensor, *, shrink: int) -> dict[str, dict[str, Any]]:
     """Return the new features with their entries in info.json; a wrench only where E and nu are known."""
     size = _size(sensor, shrink)
-    scale = [one * shrink for one in sensor.mm_per_px]
+    scale = [one * shrink for one in sensor.profile.sensor.mm_per_px]
     about = {"profile": sensor.profile.name, "mm_per_px": scale, "positive": "into the gel"}
     found: dict[str, dict[str, Any]] = {
         f"{base}.depth_mm": _feature("float32", list(size), ["height", "width"]) | {"info": about},

@@ -105,7 +105,7 @@ def punch_profile(
     model = build(PunchProblem(Material(1.0, poisson_ratio), punch, thickness_mm, pad_radius_mm))
     states: list[State] = []
     try:
-        for state in march(equations(model, by_force=False), [thickness_mm * share for share in _DEPTHS], log=[]):
+        for state in march(equations(model), [thickness_mm * share for share in _DEPTHS], log=[]):
             states.append(state)  # noqa: PERF402 - depths before an error are kept
     except ConvergenceError:
         if len(states) < 2:

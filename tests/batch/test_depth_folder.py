@@ -87,8 +87,8 @@ def test_a_run_cut_off_goes_on_where_it_was(tmp_path: Path) -> None:
     """Cut off after three frames with a row half-written: the three are not done again, none is lost."""
     source, out = recording(tmp_path / "in"), tmp_path / "out"
     cut_off(source, out)
-    with (out / ".depth-journal.csv").open("a") as journal:
-        journal.write("003.png,ok,0.1")
+    with (out / ".depth-journal").open("a") as journal:
+        journal.write('{"frame": "003.png", "st')
     stamps = {p.name: p.stat().st_mtime_ns for p in (out / "depth").iterdir()}
     assert len(stamps) == 3
     seen: list[int] = []
@@ -98,7 +98,7 @@ def test_a_run_cut_off_goes_on_where_it_was(tmp_path: Path) -> None:
     assert seen == [3, 4, 5], "what was done before is told first, so that a rate is this run's own"
     assert [row.status for row in rows] == ["ok"] * 5
     assert {p.name: p.stat().st_mtime_ns for p in (out / "depth").iterdir() if p.name in stamps} == stamps
-    assert not (out / ".depth-journal.csv").exists()
+    assert not (out / ".depth-journal").exists()
 
 
 def cut_off(source: Recording, out: Path, form: Form = "tiff") -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from each import each
 
+from tactilevision.mechanics.profile import touch_depth
 from tactilevision.mechanics.tables.punch import profile_model
-from tactilevision.mechanics.touch import touch_depth
 from tactilevision.press.contact_times import ContactTimes, TravelPoint, fit_travel_scale
 from tactilevision.press.pile_up import press_pile_ups
 from tactilevision.records.rig import Gel, Indenter

@@ -16,8 +16,7 @@ import zarr
 from planted_forces import SCALE, VIEW, hertz, measured
 
 from tactilevision.errors import InputError
-from tactilevision.force.comparison import Readings
-from tactilevision.force.folder import force_folder, force_job
+from tactilevision.force.frame import Readings, force_folder, force_job
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.recording.model import Recording
 from tactilevision.records.certified import TaughtWalls

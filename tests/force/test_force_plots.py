@@ -12,8 +12,7 @@ from planted_forces import GEL, MATERIAL, SCALE, hertz, measured
 from tactilevision.force.calibrated import Sensitivity
 from tactilevision.force.comparison import AT_ITS_END, NO_READING, residuals, summary
 from tactilevision.force.field import CUT, NO_CONTACT, ForceField
-from tactilevision.force.folder import table
-from tactilevision.force.frame import NOTHING, FrameForce
+from tactilevision.force.frame import NOTHING, FrameForce, table
 from tactilevision.plots.force import draw_force, draw_residuals, draw_resultants, draw_sensitivity
 from tactilevision.plots.style import save_figure
 from tactilevision.records.rig import Press
@@ -95,12 +94,12 @@ def test_each_frame_that_is_not_compared_has_a_reason() -> None:
         replace(plain, measured_N=NOTHING),
         replace(plain, flags=NO_CONTACT),
     ]
-    found = residuals([plain, plain, *odd], flagged=(CUT,))
+    found = residuals([plain, plain, *odd])
     assert found is not None
     assert found.touched == 5
     assert found.left_out == {AT_ITS_END: 1, CUT: 1, NO_READING: 1}
     assert int(found.usable.sum()) + sum(found.left_out.values()) == found.touched
-    assert len(found.usable) == len(found.row) == 4
+    assert len(found.usable) == 4
 
 
 def test_a_bar_reaches_as_far_as_the_force_moves() -> None:

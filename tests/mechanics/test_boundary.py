@@ -14,7 +14,6 @@ from tactilevision.mechanics.boundary import (
     RATIO_DISTANCES,
     RATIO_POISSON,
     TABLE,
-    off_centre_softening,
     rim_share,
     softening,
 )
@@ -34,14 +33,6 @@ def test_far_side_does_nothing_and_a_near_one_much() -> None:
 def test_incompressible_gel_feels_the_side_more() -> None:
     by_nu = [float(softening(3.0, radius_mm=2.5, thickness_mm=3.0, poisson_ratio=nu)) for nu in (0.3, 0.45, 0.499)]
     assert by_nu[0] < by_nu[1] < by_nu[2]
-
-
-def test_off_centre_tends_to_the_centre_and_grows_outwards() -> None:
-    centre = off_centre_softening((0.0, 0.0), pad_radius_mm=10.0, **GEL)
-    assert centre == pytest.approx(float(softening(7.5, **GEL)), rel=1e-12)
-    assert centre < off_centre_softening((3.0, 0.0), pad_radius_mm=10.0, **GEL)
-    turned = off_centre_softening((0.0, -3.0), pad_radius_mm=10.0, **GEL)
-    assert turned == pytest.approx(off_centre_softening((3.0, 0.0), pad_radius_mm=10.0, **GEL), rel=1e-3)
 
 
 @pytest.mark.slow
@@ -88,5 +79,3 @@ def test_nothing_is_extrapolated() -> None:
         softening(0.5, **GEL)
     with pytest.raises(InputError, match="Poisson"):
         softening(5.0, radius_mm=2.5, thickness_mm=3.0, poisson_ratio=0.2)
-    with pytest.raises(InputError, match="on the pad"):
-        off_centre_softening((9.0, 0.0), pad_radius_mm=10.0, **GEL)

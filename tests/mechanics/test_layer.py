@@ -9,7 +9,6 @@ from scipy.linalg import expm
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.layer import layer_compliance, surface_compliance
-from tactilevision.mechanics.material import constrained_modulus
 from tactilevision.mechanics.punch_equation import layer_defect
 
 
@@ -27,7 +26,8 @@ def test_short_waves_see_a_half_space(nu: float) -> None:
 def test_long_waves_compress_and_shear_uniformly(nu: float) -> None:
     mean = surface_compliance(0.0, 0.0, youngs_modulus_MPa=0.2, poisson_ratio=nu, thickness_mm=3.0)
     shear = 3.0 / (0.2 / (2 * (1 + nu)))
-    np.testing.assert_allclose(mean, np.diag([shear, shear, 3.0 / constrained_modulus(0.2, nu)]), rtol=1e-12)
+    modulus = 0.2 * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    np.testing.assert_allclose(mean, np.diag([shear, shear, 3.0 / modulus]), rtol=1e-12)
 
 
 def test_incompressible_layer_resists_long_waves_with_the_square_of_the_wave_number() -> None:

@@ -9,9 +9,9 @@ import pytest
 from made_surfaces import PX_MM, RADIUS_MM, SHAPE, THICKNESS_MM, noise, surface, views
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.poisson_from_surface import SurfaceFitSettings, fit_poisson_ratio
+from tactilevision.mechanics.poisson_from_surface import fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile
-from tactilevision.mechanics.surface_view import NoiseModel, SurfaceView, estimate_noise, reduce_view
+from tactilevision.mechanics.surface_view import SurfaceView, estimate_noise, reduce_view
 from tactilevision.records.measured import Floats
 
 EXACT = replace(
@@ -132,9 +132,6 @@ def test_noise_is_estimated_from_residuals() -> None:
     found = estimate_noise(blocks, [part.depth_mm for part in blocks], block_mm=1.0)
     assert np.hypot(found.std_mm, found.white_mm) == pytest.approx(0.005, rel=0.15)
     assert 1.0 < found.length_mm < 2.0  # exp(-d^2/4) and Matern's form at 1.5 mm agree within .1
-    white = NoiseModel(0.0, 1.0, 0.005).effective_samples(blocks[0])
-    assert white == pytest.approx(blocks[0].share.sum(), rel=0.2)
-    assert found.effective_samples(blocks[0]) < 0.25 * white
 
 
 def test_bad_input_is_named() -> None:
@@ -145,5 +142,3 @@ def test_bad_input_is_named() -> None:
         fit_poisson_ratio([flat], thickness_mm=-3.0)
     with pytest.raises(InputError, match="one shape"):
         fit_poisson_ratio([replace(flat, valid=np.ones((3, 3), bool))], thickness_mm=3.0)
-    with pytest.raises(InputError, match="blur"):
-        fit_poisson_ratio([flat], thickness_mm=3.0, settings=SurfaceFitSettings(blur_mm=0.3))

@@ -13,7 +13,6 @@ from tactilevision.mechanics.profile import (
     PunchCase,
     exact_profile,
     friction_of_share,
-    friction_share,
     seen_profile,
 )
 from tactilevision.mechanics.tables.punch import TABULATED, profile_model
@@ -52,10 +51,11 @@ def test_correction_to_linear_theory_is_small_where_it_should_be() -> None:
 
 
 def test_friction_saturates() -> None:
-    assert friction_share(0.0) == 0
-    assert friction_share(0.3) == friction_share(float("inf")) == pytest.approx(1)
+    assert friction_of_share(0.0) == 0
+    assert friction_of_share(1.0) == friction_of_share(2.0) == pytest.approx(0.3)
     for share in (0.0, 0.3, 0.9, 1.0):
-        assert friction_share(friction_of_share(share)) == pytest.approx(share, abs=1e-12)
+        part = friction_of_share(share) / 0.3
+        assert part * (1.4 - 0.4 * part) == pytest.approx(share, abs=1e-12)
 
 
 @pytest.mark.parametrize("friction", [0.0, pytest.param(0.3, marks=pytest.mark.slow)])

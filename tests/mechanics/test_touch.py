@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.profile import ProfileModel, PunchCase, seen_rise
-from tactilevision.mechanics.touch import touch_depth
+from tactilevision.mechanics.profile import ProfileModel, PunchCase, seen_profile, touch_depth
 from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Indenter
 
@@ -16,8 +15,8 @@ PUNCH = Indenter("A", radius_mm=2.5, height_mm=0.4, height_std_mm=0.005, bevel_d
 
 def test_touch_is_early_by_the_rise() -> None:
     touch = touch_depth(PUNCH, thickness_mm=3.0, poisson_ratio=0.48, poisson_ratio_std=0.01)
-    rise = seen_rise(5.0, touch.depth_mm, radius_mm=2.5, thickness_mm=3.0, poisson_ratio=0.48)
-    assert touch.depth_mm + float(rise) == pytest.approx(0.4, abs=1e-9)
+    case = PunchCase(0.48, 2.5 / 3, touch.depth_mm / 3)
+    assert touch.depth_mm * (1 + float(seen_profile(np.array([2.0]), case)[0])) == pytest.approx(0.4, abs=1e-9)
     assert touch.depth_mm / 0.4 == pytest.approx(0.91, abs=0.01)
     # height .005/1.1, nu .01 is .011 w, distance .1 mm is .003 w, source 6 % of .097 w
     expected = np.linalg.norm([0.005, *(0.364 * np.array([0.0115, 0.002, 0.006]))]) / 1.097

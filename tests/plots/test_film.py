@@ -12,7 +12,7 @@ from PIL import Image
 
 from tactilevision.errors import InputError
 from tactilevision.plots import viewer as film
-from tactilevision.plots.height import draw_difference, draw_height_and_frame, draw_normals
+from tactilevision.plots.height import draw_difference, draw_height, draw_normals
 from tactilevision.plots.viewer import Shot, draw_film, write_film
 from tactilevision.records.maps import HeightMap
 from tactilevision.records.measured import Bytes
@@ -66,7 +66,7 @@ def test_normals_overlay_and_difference_are_drawn_with_holes(tmp_path: Path) -> 
     tilted = draw_normals(second.height)
     assert "Tilt" in tilted.axes[0].get_title(loc="left")
     assert len(tilted.axes[0].collections) == 1, "arrows"
-    strip = draw_height_and_frame(second.rgb, second.height)
+    strip = draw_height(second.height, second.rgb)
     assert len(strip.axes) == 5
     change = draw_difference(first.height, second.height).axes[0].images[0]
     assert float(np.nanmax(np.asarray(change.get_array()))) == pytest.approx(0.3)

@@ -13,7 +13,7 @@ from each import each
 from tactilevision.cli.pictures import keep_every_press
 from tactilevision.plots import style, style as letters
 from tactilevision.plots.misfit import draw_presses
-from tactilevision.plots.style import LONGEST_LABEL, _other_font, as_label, save_figure
+from tactilevision.plots.style import LONGEST_LABEL, as_label, font_of, save_figure
 from tactilevision.records.misfit import ForceCurves, PressCurve
 
 X = np.linspace(0.05, 0.5, 12)
@@ -26,23 +26,21 @@ def test_a_name_fits_its_figure_and_is_drawn_without_a_warning(name: str, tmp_pa
     save_figure(figure, tmp_path / "press.png")
     title = figure.axes[0].get_title(loc="left")
     assert "\t" not in title
-    assert "汉" not in title or _other_font("汉")
+    assert "汉" not in title or font_of("汉")
     assert len(title) < 2 * LONGEST_LABEL + len("press  (, a = 2.5 mm)") + 1
 
 
 def test_a_letter_is_drawn_in_another_font_that_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(letters, "_usual", lambda: frozenset(map(ord, "abc ")))
-    letters._other_font.cache_clear()
+    monkeypatch.setattr(letters, "font_of", lambda letter: "FreeSans" if letter == "б" else "")
     figure, (axes,) = style.new_figure(3.0, 2.0)
     axes.set_title("a б")
     letters.choose_fonts(figure)
-    letters._other_font.cache_clear()
     assert axes.get_title() == "a б"
     assert len(axes.title.get_fontfamily()) > 1
 
 
 def test_a_letter_that_no_font_has_is_written_as_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(letters, "_other_font", lambda letter: None)
+    monkeypatch.setattr(letters, "font_of", lambda letter: "" if letter.isascii() or letter in "שלום" else None)
     assert letters.legible("a\U000f0000\tb") == "aU+F0000 b"
     assert letters.legible("e\u0301 שלום") == "e\u0301 שלום"
 

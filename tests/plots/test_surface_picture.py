@@ -40,7 +40,7 @@ def test_no_picture_of_a_doubtful_map_goes_without_saying_so() -> None:
     figures = (
         draw_height(height),
         draw_surface(height),
-        draw_overlay(rgb, height, footprint=None),
+        draw_overlay(rgb, height),
         draw_normals(height),
         draw_difference(height, height, title="a minus b"),
     )
@@ -63,7 +63,7 @@ def test_titles_of_maps_with_many_flags_stay_inside_their_pictures() -> None:
     height = HeightMap(depth, np.ones(depth.shape, bool), (0.1, 0.1), name="reconstruct_10.png", flags=flags)
     rgb = np.full((40, 60, 3), 90, np.uint8)
     for figure in (
-        draw_overlay(rgb, height, footprint=None),
+        draw_overlay(rgb, height),
         draw_difference(height, height, title="reconstruct_10.png minus reconstruct_9.png"),
         draw_terms(height, {"depth scale": 0.1 * depth, "zero plane": np.full(depth.shape, 0.01)}),
     ):

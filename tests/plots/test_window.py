@@ -82,11 +82,11 @@ def test_keys_and_the_slider_go_through_the_frames(window: Window) -> None:
 
 def test_a_difference_is_to_the_marked_frame(window: Window) -> None:
     key(window, "d")  # none is marked: the first
-    assert window.map.get_title(loc="left") == "b.png minus a.png"
+    assert window.map.get_title(loc="left") == "b.png: depth minus that of a.png"
     key(window, "n")
     key(window, "m")
     key(window, "b")
-    assert window.map.get_title(loc="left") == "b.png minus c.png"
+    assert window.map.get_title(loc="left") == "b.png: depth minus that of c.png"
     shown = window.map.images[0].get_array()
     assert shown is not None
     assert np.asarray(shown)[1:] == pytest.approx(-1)

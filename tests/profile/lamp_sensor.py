@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.profile.make import stated_material, with_compliance
 from tactilevision.profile.model import Profile
+from tactilevision.profile.sensor import stated_material, with_compliance
 from tactilevision.profile.storage import write_profile
 from tactilevision.recording.write import write_image
 from tactilevision.records.measured import Bytes

@@ -12,8 +12,7 @@ from drawn_gels import SHAPE, marks, motion, origin, photograph
 from tactilevision.errors import InputError
 from tactilevision.photometric.markers import evenly_spaced
 from tactilevision.records.measured import Bytes, Floats
-from tactilevision.shear.displacement import LOST, marker_motion, measure_shear
-from tactilevision.shear.markers import find_markers
+from tactilevision.shear.displacement import LOST, find_markers, follow_markers, read_untouched
 
 SCALE = (0.08, 0.08)
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real" / "gelslim3_mcubelab"
@@ -39,7 +38,7 @@ def test_places_are_found_to_a_tenth_of_a_pixel() -> None:
 
 def test_light_alone_moves_nothing() -> None:
     before, after = pictures((0.0, 0.0), shade=0.6)
-    moved = marker_motion(before, after)
+    moved = follow_markers(find_markers(before), find_markers(after))
     assert moved.found.all()
     assert np.hypot(*moved.motion_px.T).max() < 0.6
     assert np.sqrt(np.mean(moved.motion_px**2)) < 0.15
@@ -48,7 +47,7 @@ def test_light_alone_moves_nothing() -> None:
 @pytest.mark.parametrize(("push", "bulge"), [((3.0, -2.0), 2.0), ((15.0, 10.0), 0.0)])
 def test_motion_is_followed_also_beyond_half_a_spacing(push: tuple[float, float], bulge: float) -> None:
     before, after = pictures(push, bulge=bulge)
-    shear = measure_shear(before, after, SCALE)
+    shear = read_untouched(before, SCALE).shear(after)
     true = motion(STILL[0], STILL[1], push_px=push, bulge_px=bulge)
     off = np.stack([shear.u_x_mm / SCALE[0] - true[0], shear.u_y_mm / SCALE[1] - true[1]])[:, shear.valid]
     assert shear.flags == ()
@@ -60,23 +59,24 @@ def test_lost_markers_are_bridged_and_said() -> None:
     lost = np.zeros((13, 17))
     lost[4:7, 8:10] = 1
     before, after = pictures((4.0, 3.0), lost=lost)
-    shear = measure_shear(before, after, SCALE)
+    shear = read_untouched(before, SCALE).shear(after)
     true = motion(STILL[0], STILL[1], push_px=(4.0, 3.0))
     off = np.hypot(shear.u_x_mm / SCALE[0] - true[0], shear.u_y_mm / SCALE[1] - true[1])
     assert off[shear.valid].max() < 1.2
     assert shear.flags == ()
     lost[2:9, 3:15] = 1
-    assert any(LOST in flag for flag in measure_shear(*pictures((4.0, 3.0), lost=lost), SCALE).flags)
+    before, after = pictures((4.0, 3.0), lost=lost)
+    assert any(LOST in flag for flag in read_untouched(before, SCALE).shear(after).flags)
 
 
 def test_a_frame_without_markers_is_refused_where_they_are_promised_and_unknown_where_they_vanish() -> None:
     before, after = pictures((0.0, 0.0))
     grey = np.full_like(before, 120)
     with pytest.raises(InputError, match="too few markers"):
-        measure_shear(grey, after, SCALE, markers=True)
+        read_untouched(grey, SCALE, markers=True)
     with pytest.raises(InputError, match="differ in size"):
-        measure_shear(before, after[1:], SCALE)
-    vanished = measure_shear(before, grey, SCALE, markers=True)
+        read_untouched(before, SCALE).shear(after[1:])
+    vanished = read_untouched(before, SCALE, markers=True).shear(grey)
     assert not vanished.valid.any()
     assert any(LOST in flag for flag in vanished.flags)
 
@@ -93,7 +93,7 @@ def test_real_markers_part_from_a_pressed_ball() -> None:
 
     reference = frame("ref.jpg")
     for name, ball in (("sample_20.jpg", (283.0, 275.0)), ("sample_41.jpg", (175.0, 265.0))):
-        moved = marker_motion(reference, frame(name))
+        moved = follow_markers(find_markers(reference), find_markers(frame(name)))
         assert moved.found.mean() > 0.95
         away = moved.place_px - np.array(ball)
         distance = np.hypot(*away.T)

@@ -7,7 +7,7 @@ import pytest
 from drawn_gels import SHAPE, ink, motion, origin, photograph
 
 from tactilevision.records.measured import Bytes
-from tactilevision.shear.displacement import measure_shear
+from tactilevision.shear.displacement import read_untouched
 
 SCALE = (0.08, 0.08)
 STILL = np.indices(SHAPE)[::-1].astype(float)
@@ -22,7 +22,8 @@ def pictures(push: tuple[float, float], shade: float, bulge: float = 0.0) -> tup
 
 @pytest.mark.parametrize(("push", "bulge"), [((0.0, 0.0), 0.0), ((2.0, -1.5), 1.0), ((7.0, 4.0), 0.0)])
 def test_motion_comes_back_and_light_does_not_count(push: tuple[float, float], bulge: float) -> None:
-    shear = measure_shear(*pictures(push, 0.5, bulge), SCALE, markers=False)
+    before, after = pictures(push, 0.5, bulge)
+    shear = read_untouched(before, SCALE, markers=False).shear(after)
     true = motion(STILL[0], STILL[1], push_px=push, bulge_px=bulge)
     off = np.stack([shear.u_x_mm / SCALE[0] - true[0], shear.u_y_mm / SCALE[1] - true[1]])[:, shear.valid]
     assert shear.valid.mean() > 0.9
@@ -34,4 +35,4 @@ def test_motion_comes_back_and_light_does_not_count(push: tuple[float, float], b
 def test_a_gel_without_grain_has_no_known_motion() -> None:
     rng = np.random.default_rng(3)
     plain = [photograph(np.ones(SHAPE), shade, rng) for shade in (0.0, 0.5)]
-    assert measure_shear(plain[0], plain[1], SCALE).valid.mean() < 0.1
+    assert read_untouched(plain[0], SCALE).shear(plain[1]).valid.mean() < 0.1

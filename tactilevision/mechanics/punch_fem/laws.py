@@ -100,35 +100,24 @@ def bulk_modulus_MPa(material: Material) -> float:
     return material.youngs_modulus_MPa / (3 * (1 - 2 * material.poisson_ratio))
 
 
-def linear_volume(J: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return g = J - 1 (N,), with g' and g''."""
-    return J - 1, np.ones_like(J), np.zeros_like(J)
+class FirstInvariantLaw:
+    """A law whose energy of distortion is a function of I1' = J^(-2/3) I1, with volumetric measure g = J - 1."""
 
-
-@dataclass(frozen=True, slots=True)
-class NeoHooke:
-    """W_d = (mu/2) (I1' - 3), I1' = J^(-2/3) I1. C10 = mu/2 and D1 = 2/K in Abaqus' words.
-
-    Source: Treloar (1943); Abaqus Theory Guide 4.6.1.
-    """
-
-    name: str = "neo-hooke"
-
-    def energy(self, state: Deformation, shear_MPa: float) -> Floats:
-        """Return the energy of distortion per volume (N,), MPa."""
-        return shear_MPa / 2 * (first_invariant(state) - 3)
+    def slopes(self, i: Floats, shear_MPa: float) -> tuple[Floats, Floats]:
+        """Return the first two derivatives of the energy by I1' (N,), MPa."""
+        raise NotImplementedError
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
         """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
-        return from_first_invariant(state, lambda i: (np.full_like(i, shear_MPa / 2), np.zeros_like(i)))
+        return from_first_invariant(state, lambda i: self.slopes(i, shear_MPa))
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the volumetric measure g(J) (N,), with g' and g''."""
-        return linear_volume(J)
+        return J - 1, np.ones_like(J), np.zeros_like(J)
 
 
 @dataclass(frozen=True, slots=True)
-class Yeoh:
+class Yeoh(FirstInvariantLaw):
     """W_d = (mu/2) [(I1' - 3) + c2 (I1' - 3)² + c3 (I1' - 3)³].
 
     c2 = C20/C10 and c3 = C30/C10 are pure numbers; both 0 is NeoHooke.
@@ -144,23 +133,25 @@ class Yeoh:
         x = first_invariant(state) - 3
         return shear_MPa / 2 * (x + self.c2 * x**2 + self.c3 * x**3)
 
-    def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
-
-        def slope(i: Floats) -> tuple[Floats, Floats]:
-            x = i - 3
-            first = 1 + 2 * self.c2 * x + 3 * self.c3 * x**2
-            return shear_MPa / 2 * first, shear_MPa / 2 * (2 * self.c2 + 6 * self.c3 * x)
-
-        return from_first_invariant(state, slope)
-
-    def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the volumetric measure g(J) (N,), with g' and g''."""
-        return linear_volume(J)
+    def slopes(self, i: Floats, shear_MPa: float) -> tuple[Floats, Floats]:
+        """Return the first two derivatives of the energy by I1' (N,), MPa."""
+        x = i - 3
+        first = 1 + 2 * self.c2 * x + 3 * self.c3 * x**2
+        return shear_MPa / 2 * first, shear_MPa / 2 * (2 * self.c2 + 6 * self.c3 * x)
 
 
 @dataclass(frozen=True, slots=True)
-class Gent:
+class NeoHooke(Yeoh):
+    """W_d = (mu/2) (I1' - 3), I1' = J^(-2/3) I1. C10 = mu/2 and D1 = 2/K in Abaqus' words.
+
+    Source: Treloar (1943); Abaqus Theory Guide 4.6.1.
+    """
+
+    name: str = "neo-hooke"
+
+
+@dataclass(frozen=True, slots=True)
+class Gent(FirstInvariantLaw):
     """W_d = -(mu/2) Jm ln(1 - (I1' - 3)/Jm), defined while I1' - 3 < Jm; Jm -> infinity is NeoHooke.
 
     Beyond the limit the energy is infinite: the solver meets NaN there and cuts its step.
@@ -179,19 +170,11 @@ class Gent:
         room = 1 - (first_invariant(state) - 3) / self.limit
         return -shear_MPa / 2 * self.limit * np.log(np.where(room > 0, room, np.nan))
 
-    def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
-
-        def slope(i: Floats) -> tuple[Floats, Floats]:
-            room = 1 - (i - 3) / self.limit
-            first = shear_MPa / 2 / np.where(room > 0, room, np.nan)
-            return first, first / (self.limit * room)
-
-        return from_first_invariant(state, slope)
-
-    def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the volumetric measure g(J) (N,), with g' and g''."""
-        return linear_volume(J)
+    def slopes(self, i: Floats, shear_MPa: float) -> tuple[Floats, Floats]:
+        """Return the first two derivatives of the energy by I1' (N,), MPa."""
+        room = 1 - (i - 3) / self.limit
+        first = shear_MPa / 2 / np.where(room > 0, room, np.nan)
+        return first, first / (self.limit * room)
 
 
 def first_invariant(state: Deformation) -> Floats:

@@ -22,7 +22,7 @@ from tactilevision.mechanics.punch_fem.solid import ElementSystem, corner_volume
 from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats
 
-# Newton's method for one load step: displacement, pressure and, under a prescribed force, the punch's depth.
+# Newton's method for one load step: displacement and pressure.
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,18 +44,10 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Equations:
-    """A model with the sparse pattern of its free unknowns; `by_force`: the punch's depth is one of them."""
+    """A model with the sparse pattern of its free unknowns."""
 
     model: Model
     pattern: Pattern
-    by_force: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """Why a step has no solution, in words."""
-
-    why: str
 
 
 MAX_ITERATIONS = 10  # of one step
@@ -72,12 +64,13 @@ WORST_ERROR = 3  # relative out-of-balance force that is too much at any time
 MAX_WITH_PATIENCE = 30  # iterations of one step there
 
 
-def equations(model: Model, *, by_force: bool) -> Equations:
-    """Set up the pattern for driving by depth or by force."""
+def equations(model: Model) -> Equations:
+    """Set up the pattern of a press to given depths."""
     free = ~model.held
-    free[model.mesh.punch] = by_force
-    tables = (model.mesh.dofs, model.mesh.surface.dofs) if _touches(model) else (model.mesh.dofs,)
-    return Equations(model, find_pattern(tables, free), by_force)
+    free[model.mesh.punch] = False
+    glued = not isinstance(model.problem.punch, RoundedPunch)
+    tables = (model.mesh.dofs,) if glued else (model.mesh.dofs, model.mesh.surface.dofs)
+    return Equations(model, find_pattern(tables, free))
 
 
 def at_rest(model: Model) -> State:
@@ -88,46 +81,45 @@ def at_rest(model: Model) -> State:
 
 
 def solve_step(
-    system: Equations, last: State, *, target: float, guess: tuple[Floats, Floats], patient: bool = False
-) -> State | Failure:
-    """Return the equilibrium at depth (mm) or force (N) `target`, from the converged `last` and a guess (u (n,),
-    pressure).
+    system: Equations, last: State, *, depth_mm: float, guess: tuple[Floats, Floats], patient: bool = False
+) -> State | str:
+    """Return the equilibrium at `depth_mm`, from the converged `last` and a guess (u (n,) in mm, pressure), or
+    why there is none.
 
-    Where the guess has another depth than the target, the first iteration is the tangent predictor. `patient`
+    Where the guess has another depth, the first iteration is the tangent predictor. `patient`
     goes on where a shorter step would usually be cheaper.
     """
     model, mesh = system.model, system.model.mesh
     u, pressure = guess
-    jump = 0.0 if system.by_force else -target - u[mesh.punch]
+    jump = -depth_mm - u[mesh.punch]
     history, most = last.history, MAX_WITH_PATIENCE if patient else MAX_ITERATIONS
     for iteration in range(most + 1):
         state = deform(mesh, u)
         if not (state.volume.min() > 0 and state.plane.min() > 0):
-            return Failure("an element turned inside out")
+            return "an element turned inside out"
         solid = linearise(mesh, model.problem.law, material=model.problem.material, state=state, pressure=pressure)
         contact = contact_at(model, u, history=history, keep=iteration == 0)
-        error = _imbalance(system, solid, contact, target)
+        error = _imbalance(system, solid, contact)
         late = iteration >= LATE and error > LATE_ERROR and not patient
         if not np.isfinite(error) or (iteration > 1 and error > WORST_ERROR) or late:
-            return Failure(f"the iteration diverges (residual {error:.1e})")
+            return f"the iteration diverges (residual {error:.1e})"
         chatters = iteration > LATE
         settled = jump == 0 and (contact is None or iteration > 0)
         settled = settled and error < (CHATTER_TOLERANCE if chatters else FORCE_TOLERANCE)
         if settled and _volume_error(mesh, solid) < (CHATTER_VOLUME if chatters else VOLUME_TOLERANCE):
             folded = bool(corner_volumes(mesh, u).min() <= 0)
             if folded and not model.problem.may_fold:
-                return Failure("the surface folds at the punch's edge")
+                return "the surface folds at the punch's edge"
             reaction = -float(_sum(system, solid.internal, contact)[mesh.punch])
-            force = target if system.by_force else reaction
             reached = None if contact is None else contact.history
-            return State(u, pressure, reached, -float(u[mesh.punch]), force, iteration, error, folded)
-        du, jump = _increment(system, solid, contact, target, jump), 0.0
+            return State(u, pressure, reached, -float(u[mesh.punch]), reaction, iteration, error, folded)
+        du, jump = _increment(system, solid, contact, jump), 0.0
         if contact is not None and last.history is not None:
             history = replace(last.history, trial_MPa=contact.trial_MPa)
         u = u + du
         local = du[mesh.dofs]
         pressure = pressure + solid.recover_constant - (solid.recover_slope @ local[:, :, None])[:, :, 0]
-    return Failure(f"no convergence in {most} iterations (residual {error:.1e})")
+    return f"no convergence in {most} iterations (residual {error:.1e})"
 
 
 def contact_at(
@@ -140,19 +132,12 @@ def contact_at(
     return touch(model.mesh.surface, punch, stiffness=model.contact_stiffness, u=u, history=history, keep=keep)
 
 
-def _touches(model: Model) -> bool:
-    return isinstance(model.problem.punch, RoundedPunch)
-
-
-def _imbalance(system: Equations, solid: ElementSystem, contact: ContactState | None, target: float) -> float:
+def _imbalance(system: Equations, solid: ElementSystem, contact: ContactState | None) -> float:
     """Return the norm of the out-of-balance forces over the punch's force."""
     residual = _sum(system, solid.internal, contact)
     problem, punch = system.model.problem, system.model.mesh.punch
     floor = 1e-5 * problem.material.youngs_modulus_MPa * problem.thickness_mm**2
     scale = max(abs(float(residual[punch])), floor)
-    if system.by_force:
-        residual[punch] += target
-        scale = max(abs(target), scale)
     return float(np.linalg.norm(residual[system.pattern.free])) / scale
 
 
@@ -168,14 +153,10 @@ def _sum(system: Equations, forces: Floats, contact: ContactState | None) -> Flo
     return scatter(mesh.size, (mesh.dofs, mesh.surface.dofs), forces=(forces, contact.force))
 
 
-def _increment(
-    system: Equations, solid: ElementSystem, contact: ContactState | None, target: float, jump: float
-) -> Floats:
+def _increment(system: Equations, solid: ElementSystem, contact: ContactState | None, jump: float) -> Floats:
     """Return Newton's increment of all unknowns, the punch's prescribed `jump` included."""
     mesh, free = system.model.mesh, system.pattern.free
     right = -_sum(system, solid.force, contact)
-    if system.by_force:
-        right[mesh.punch] -= target
     du = np.zeros(mesh.size)
     if jump:
         du[mesh.punch] = jump
@@ -196,7 +177,7 @@ QUICK = 5  # iterations after which a step may grow
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """One attempted step: its target load (mm or N), iterations, the residual force over the punch's, and why
+    """One attempted step: its target depth (mm), iterations, the residual force over the punch's, and why
     it failed ("" if it did not).
     """
 
@@ -207,7 +188,7 @@ class StepRecord:
 
 
 def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord]) -> Iterator[State]:
-    """Yield the equilibrium at each of `targets` in turn (depths in mm, or forces in N where force drives).
+    """Yield the equilibrium at each depth (mm) of `targets` in turn.
 
     Every attempt is added to `log`. Raises ConvergenceError where a step fails even at 1/64 of its length; what
     was yielded before stays true.
@@ -215,19 +196,19 @@ def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord])
     last, before, step = at_rest(system.model), None, first_step(system)
     patient = True
     for target in targets:
-        whole = abs(target - _load(system, last))
-        while abs(left := target - _load(system, last)) > 1e-12 * max(abs(target), whole):
+        whole = abs(target - last.depth_mm)
+        while abs(left := target - last.depth_mm) > 1e-12 * max(abs(target), whole):
             parts = np.ceil(abs(left) / step - ROUNDING)
-            aim = target if parts <= 1 else _load(system, last) + left / parts
+            aim = target if parts <= 1 else last.depth_mm + left / parts
             outcome = solve_step(
-                system, last, target=aim, guess=_extrapolate(system, before, last, aim), patient=patient
+                system, last, depth_mm=aim, guess=_extrapolate(before, last, aim), patient=patient
             )
-            taken = abs(aim - _load(system, last))
-            if isinstance(outcome, Failure):
-                log.append(StepRecord(float(aim), 0, float("nan"), outcome.why))
+            taken = abs(aim - last.depth_mm)
+            if isinstance(outcome, str):
+                log.append(StepRecord(float(aim), 0, float("nan"), outcome))
                 step, patient = taken / 2, True
                 if step < SMALLEST_CUT * whole:
-                    raise ConvergenceError(_lost(system, last, aim, outcome))
+                    raise ConvergenceError(_lost(last, aim, outcome))
                 continue
             log.append(StepRecord(float(aim), outcome.iterations, outcome.imbalance))
             step = max(step, taken * 2) if outcome.iterations <= QUICK else max(step, taken)
@@ -236,40 +217,29 @@ def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord])
 
 
 def first_step(system: Equations) -> float:
-    """Return the first step to try: a quarter of the edge radius, since the first touch wraps the edge.
-
-    Glued, any.
-    """
+    """Return the first step to try: a quarter of the edge radius, which the first touch wraps; glued, any."""
     punch = system.model.problem.punch
     if not isinstance(punch, RoundedPunch):
         return np.inf
-    depth = punch.edge_radius_mm / 4
-    if not system.by_force:
-        return depth
-    return 2 * punch.radius_mm * system.model.problem.material.youngs_modulus_MPa * depth
+    return punch.edge_radius_mm / 4
 
 
-def _load(system: Equations, state: State) -> float:
-    return state.force_N if system.by_force else state.depth_mm
-
-
-def _extrapolate(system: Equations, before: State | None, last: State, aim: float) -> tuple[Floats, Floats]:
+def _extrapolate(before: State | None, last: State, aim: float) -> tuple[Floats, Floats]:
     """Continue the line through the last two equilibria.
 
     From one alone Newton's method makes its own prediction.
     """
-    if before is None or _load(system, last) == _load(system, before):
+    if before is None or last.depth_mm == before.depth_mm:
         return last.u, last.pressure
-    share = (aim - _load(system, last)) / (_load(system, last) - _load(system, before))
+    share = (aim - last.depth_mm) / (last.depth_mm - before.depth_mm)
     if not 0 < share <= 2:
         return last.u, last.pressure
     return last.u + share * (last.u - before.u), last.pressure + share * (last.pressure - before.pressure)
 
 
-def _lost(system: Equations, last: State, aim: float, failure: Failure) -> str:
-    unit = "N" if system.by_force else "mm"
+def _lost(last: State, aim: float, failure: str) -> str:
     return (
-        f"punch_fem: no equilibrium found at {aim:.5g} {unit}: {failure.why}. The press converged to depth "
+        f"punch_fem: no equilibrium found at {aim:.5g} mm: {failure}. The press converged to depth "
         f"{last.depth_mm:.4g} mm, force {last.force_N:.4g} N. "
         "Use a finer mesh, a larger edge radius or smaller steps."
     )

@@ -1,8 +1,7 @@
-"""Press a flat punch into a gel pad by depth or by force, and return the solution."""
+"""Press a flat punch into a gel pad to given depths, and return the solution."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +9,9 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.discretisation import Surface
-from tactilevision.mechanics.punch_fem.laws import shear_modulus_MPa
 from tactilevision.mechanics.punch_fem.newton import State, StepRecord, contact_at, equations, march
 from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build
-from tactilevision.mechanics.punch_fem.solid import deform, pressure_at_points, stored_energy
+from tactilevision.mechanics.punch_fem.solid import stored_energy
 from tactilevision.records.measured import Floats
 
 
@@ -24,9 +22,8 @@ class PunchSolution:
     `depth_mm`, `force_N`, `energy_N_mm` (T,): the punch's depth and force into the gel, and the strain energy.
     `r_mm` (S,) material radii of the surface's nodes; `u_r_mm`, `u_z_mm` (T, S) their displacements, the rise
     around the punch positive. `contact_r_mm` (C,) material radii; `pressure_MPa`, `shear_MPa` (T, C) true contact
-    tractions on the gel, shear positive outward along the punch; None where a face is glued. `points_mm` (T, N,
-    2) places of the quadrature points now, `stress_MPa` (T, N, 4) true stress there: rr, zz, rz, hoop. `steps`
-    every attempted step.
+    tractions on the gel, shear positive outward along the punch; None where a face is glued. `steps` every
+    attempted step.
     """
 
     depth_mm: Floats
@@ -38,8 +35,6 @@ class PunchSolution:
     contact_r_mm: Floats | None
     pressure_MPa: Floats | None
     shear_MPa: Floats | None
-    points_mm: Floats
-    stress_MPa: Floats
     steps: tuple[StepRecord, ...]
 
 
@@ -49,7 +44,6 @@ def gather(model: Model, states: list[State], *, steps: list[StepRecord]) -> Pun
     profiles = np.stack([surface_profile(model, state)[1] for state in states])
     tractions = [contact_tractions(model, state) for state in states]
     touching = [t for t in tractions if t is not None]
-    fields = [stress_field(model, state) for state in states]
     return PunchSolution(
         depth_mm=np.array([state.depth_mm for state in states]),
         force_N=np.array([state.force_N for state in states]),
@@ -60,8 +54,6 @@ def gather(model: Model, states: list[State], *, steps: list[StepRecord]) -> Pun
         contact_r_mm=model.mesh.surface.r_mm.ravel() if touching else None,
         pressure_MPa=np.stack([t[0] for t in touching]) if touching else None,
         shear_MPa=np.stack([t[1] for t in touching]) if touching else None,
-        points_mm=np.stack([points for points, _ in fields]),
-        stress_MPa=np.stack([stress for _, stress in fields]),
         steps=tuple(steps),
     )
 
@@ -98,36 +90,11 @@ def area_ratio(surface: Surface, u: Floats) -> Floats:
     return ratio
 
 
-def stress_field(model: Model, state: State) -> tuple[Floats, Floats]:
-    """Return the places (N, 2) and true stress (N, 4): rr, zz, rz, hoop; sigma = (dW/dF) F^T / J."""
-    mesh, problem = model.mesh, model.problem
-    kinematics = deform(mesh, state.u)
-    stress, _ = problem.law.distortion(kinematics, shear_modulus_MPa(problem.material))
-    p = pressure_at_points(mesh, state.pressure) * problem.law.volume(kinematics.volume)[1]
-    P = stress + p[:, None] * kinematics.volume_gradient
-    F = kinematics.F
-    rr = P[:, 0] * F[:, 0] + P[:, 1] * F[:, 1]
-    zz = P[:, 2] * F[:, 2] + P[:, 3] * F[:, 3]
-    rz = P[:, 0] * F[:, 2] + P[:, 1] * F[:, 3]
-    true = np.stack([rr, zz, rz, P[:, 4] * F[:, 4]], axis=-1) / kinematics.volume[:, None]
-    return _moved_points(model, state), true
-
-
 def energy(model: Model, state: State) -> float:
     """Return the strain energy in N mm, without that of the contact penalty."""
     return stored_energy(
         model.mesh, model.problem.law, material=model.problem.material, u=state.u, pressure=state.pressure
     )
-
-
-def _moved_points(model: Model, state: State) -> Floats:
-    mesh = model.mesh
-    local = state.u[mesh.dofs].reshape(-1, 2, 9)
-    shift: Floats = np.einsum("eqn,ecn->eqc", mesh.values, local)
-    return (mesh.points_mm + shift).reshape(-1, 2)
-
-
-# Loading and unloading, by depth or by force.
 
 
 def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSolution:
@@ -137,7 +104,9 @@ def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSol
     the path, so ask for the depths in the order in which they occur; intermediate steps are added where needed.
     Raises InputError for depths outside [0, thickness), ConvergenceError where no equilibrium is found.
     """
-    depths = _checked(depths_mm, "depths_mm")
+    depths = np.atleast_1d(np.asarray(depths_mm, dtype=float))
+    if depths.ndim != 1 or depths.size == 0 or not np.isfinite(depths).all() or depths.min() < 0:
+        raise InputError("depths_mm is a list of finite numbers from 0 up", where="punch_fem", value=depths_mm)
     if depths.max() >= problem.thickness_mm:
         raise InputError(
             "a depth reaches through the gel",
@@ -145,26 +114,7 @@ def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSol
             value=float(depths.max()),
             remedy=f"The gel is {problem.thickness_mm} mm thick.",
         )
-    return _press(problem, depths.tolist(), by_force=False)
-
-
-def press_to_forces(problem: PunchProblem, forces_N: npt.ArrayLike) -> PunchSolution:
-    """Solve `problem` at each force (N, into the gel) in the given order; the depth is an unknown.
-
-    As press_to_depths otherwise. Raises InputError for forces below 0.
-    """
-    return _press(problem, _checked(forces_N, "forces_N").tolist(), by_force=True)
-
-
-def _press(problem: PunchProblem, targets: Sequence[float], *, by_force: bool) -> PunchSolution:
     model = build(problem)
     steps: list[StepRecord] = []
-    states = list(march(equations(model, by_force=by_force), targets, log=steps))
+    states = list(march(equations(model), depths.tolist(), log=steps))
     return gather(model, states, steps=steps)
-
-
-def _checked(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
-    array = np.atleast_1d(np.asarray(values, dtype=float))
-    if array.ndim != 1 or array.size == 0 or not np.isfinite(array).all() or array.min() < 0:
-        raise InputError(f"{name} is a list of finite numbers from 0 up", where="punch_fem", value=values)
-    return array

@@ -14,6 +14,7 @@ import numpy as np
 
 from tactilevision.files.arrays import read_arrays
 from tactilevision.files.writing import replacing
+from tactilevision.mechanics.flat_contact import WIDE
 from tactilevision.records.constants import NU_MAX
 from tactilevision.records.measured import Floats
 
@@ -38,11 +39,6 @@ class Case:
     a_over_h: float
 
     @property
-    def block(self) -> tuple[str, float, float, float]:
-        """Law, friction, edge radius and pad radius, which are not interpolated."""
-        return self.law, self.friction, self.edge_over_h, self.pad_over_h
-
-    @property
     def name(self) -> str:
         """Unique file name, stable over runs."""
         numbers = asdict(self)
@@ -57,7 +53,7 @@ class Grid:
     laws: tuple[str, ...] = ("neo-hooke", "hencky")
     frictions: tuple[float, ...] = (0.3, math.inf, 0.0, 0.15, 0.6, 0.22, 0.1)
     edges_over_h: tuple[float, ...] = (1 / 60, 1 / 30)
-    pads_over_h: tuple[float, ...] = (5.0,)
+    pads_over_h: tuple[float, ...] = (WIDE,)
     poisson_ratios: tuple[float, ...] = (0.3, 0.37, 0.43, 0.465, 0.487, NU_MAX)
     a_over_h: tuple[float, ...] = (0.2, 0.3, 0.45, 0.67, 1.0, 1.5)
 
@@ -67,6 +63,9 @@ class Grid:
         for law, edge, pad, friction in blocks:
             for nu, alpha in product(self.poisson_ratios, self.a_over_h):
                 yield Case(law, friction, edge, pad, nu, alpha)
+
+
+USUAL = Grid()  # the cases of the table that comes with the library
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,18 +10,16 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.mechanics.boundary import rim_share
 from tactilevision.mechanics.flat_contact import FlatContact
-from tactilevision.mechanics.profile import LINEAR, ProfileModel, PunchCase, linear_profile
+from tactilevision.mechanics.profile import LINEAR, SHAPE_PLACES, ProfileModel, PunchCase, linear_profile
 from tactilevision.mechanics.tables import table as tables
 from tactilevision.mechanics.tables.blocks import hayes_stiffness
-from tactilevision.mechanics.tables.cases import BESIDE, REACH
+from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, REACH, USUAL
 from tactilevision.mechanics.tables.table import shipped_table
-from tactilevision.records.constants import NU_MAX, ROUNDING
+from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats, Material
 
 
-def punch_force(
-    depth_mm: npt.ArrayLike, contact: FlatContact, *, material: Material, table: tables.Table | None = None
-) -> Floats:
+def punch_force(depth_mm: npt.ArrayLike, contact: FlatContact, *, material: Material) -> Floats:
     """Return the force in N of a flat punch pressed `depth_mm` (any shape) into a bonded gel on its first loading.
 
     P = E h w x Hayes' P/(E w h) of the flat part x the tabulated ratio x (1 - s). Below the first depth solved
@@ -31,8 +29,8 @@ def punch_force(
     punch_fem.
     """
     depth = np.asarray(depth_mm, dtype=float)
-    ratio, known = force_ratio(depth.ravel(), contact, material=material, table=table)
-    _demand(known, depth, contact, material, table)
+    ratio, known = force_ratio(depth.ravel(), contact, material=material)
+    _demand(known, depth, contact, material)
     h, nu = contact.thickness_mm, material.poisson_ratio
     scale = (
         material.youngs_modulus_MPa * h * hayes_stiffness(nu, contact.a_over_h, edge_over_h=contact.edge_over_h)
@@ -46,7 +44,7 @@ def force_ratio(
     depth_mm: Floats, contact: FlatContact, *, material: Material, table: tables.Table | None = None
 ) -> tuple[Floats, Bools]:
     """Return P/w over Hayes' for the flat part (N,) at `depth_mm` (N,), and where it is known."""
-    there = table or tables.shipped_table()
+    there = table or shipped_table()
     mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
     nu, alpha = np.array(material.poisson_ratio), np.array(contact.a_over_h)
     places = there.axes.places(nu, alpha, depth_mm / contact.thickness_mm)
@@ -54,41 +52,14 @@ def force_ratio(
     return ratio, known & (depth_mm >= 0)
 
 
-def punch_reach(contact: FlatContact, material: Material, *, table: tables.Table | None = None) -> float:
+def punch_reach(contact: FlatContact, material: Material) -> float:
     """Return the greatest depth (mm) that the table holds for this contact and material; 0 where it holds none."""
-    there = table or tables.shipped_table()
-    mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
+    mixture = shipped_table().mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
     return contact.thickness_mm * tables.reach(mixture, material.poisson_ratio, a_over_h=contact.a_over_h)
 
 
-def punch_profile(
-    depth_mm: float,
-    r_mm: npt.ArrayLike,
-    *,
-    contact: FlatContact,
-    material: Material,
-    table: tables.Table | None = None,
-) -> tuple[Floats, Floats]:
-    """Return (u_z, u_r) in mm at the material radii `r_mm` outside the punch: u_z positive out of the gel, u_r
-    outward.
-
-    The camera sees a point at r + u_r. From the punch's radius to 3.5 thicknesses beyond it; on a wide pad.
-    Raises InputError beyond the table in any direction.
-    """
-    there = table or tables.shipped_table()
-    r = np.asarray(r_mm, dtype=float)
-    _check_places(r, contact)
-    if not 0 <= depth_mm < contact.thickness_mm:
-        raise InputError("a depth lies in [0, thickness)", where="punch_profile", value=depth_mm)
-    case = PunchCase(material.poisson_ratio, contact.a_over_h, depth_mm / contact.thickness_mm)
-    mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
-    values, known = surface_over_depth(r / contact.radius_mm, case, mixture=mixture)
-    _demand(np.array(known), np.asarray(depth_mm), contact, material, there)
-    return depth_mm * values[0], depth_mm * values[1]
-
-
-def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mixture) -> tuple[Floats, bool]:
-    """Return the rise and u_r over w (2, ...) at r/a >= 1, and whether the table has them at this depth.
+def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mixture) -> Floats:
+    """Return the rise and u_r over w (2, ...) at r/a >= 1.
 
     Linear theory plus the tabulated excess, a spline in the root of the distance from the punch; from 3.5
     thicknesses on the excess fades like the profile.
@@ -97,21 +68,18 @@ def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mix
 
     axes = mixture[0][1].blocks[0].axes
     place = axes.places(np.array(case.poisson_ratio), np.array(case.a_over_h), np.array([case.w_over_h]))
-    excess, known = tables.surface_excess(mixture, place)
+    excess, _ = tables.surface_excess(mixture, place)
     beyond = (r_over_a - 1) * case.a_over_h
     line = CubicSpline(np.sqrt(BESIDE), excess[0], axis=1)(np.sqrt(np.clip(beyond, 0, REACH)))
     fading = np.exp(-np.maximum(beyond - REACH, 0))
-    return np.stack(linear_profile(r_over_a, case)) + fading * line, bool(known[0])
+    return np.asarray(np.stack(linear_profile(r_over_a, case)) + fading * line)
 
 
-def _demand(
-    known: Bools, depth: Floats, contact: FlatContact, material: Material, table: tables.Table | None
-) -> None:
+def _demand(known: Bools, depth: Floats, contact: FlatContact, material: Material) -> None:
     """Raise InputError unless all is known, with what the table holds here."""
     if known.all():
         return
-    axes = (table or tables.shipped_table()).axes
-    reach = punch_reach(contact, material, table=table)
+    axes, reach = shipped_table().axes, punch_reach(contact, material)
     nu, alpha = axes.poisson_ratios, axes.a_over_h
     raise InputError(
         "this is beyond the table",
@@ -126,24 +94,14 @@ def _demand(
     )
 
 
-def _check_places(r: Floats, contact: FlatContact) -> None:
-    beyond = (r - contact.radius_mm) / contact.thickness_mm
-    if not (np.isfinite(beyond).all() and beyond.min() >= -ROUNDING and beyond.max() <= REACH + ROUNDING):
-        raise InputError(
-            f"(r - a)/h is beyond the table, 0 to {REACH:g}",
-            where="punch_profile",
-            value=[float(beyond.min()), float(beyond.max())],
-        )
-
-
 # The tabulated surface as a ProfileModel, for the fits of nu and the certificate. Simulated gels do not use it:
 # each is solved anew at its own friction and edge radius (synthetic/punch.py), so that errors of the table do not
 # cancel.
 
-EDGE_OVER_H = 1 / 60  # edge radius of the table's punch over h
-POISSON_RANGE = (0.3, NU_MAX)  # Poisson's ratio of the table
-A_OVER_H_RANGE = (0.2, 1.5)  # a/h of the table
-DEEPEST = 0.25  # w/h of the table
+EDGE_OVER_H = USUAL.edges_over_h[0]  # edge radius of the table's punch over h
+POISSON_RANGE = USUAL.poisson_ratios[0], USUAL.poisson_ratios[-1]  # Poisson's ratio of the table
+A_OVER_H_RANGE = USUAL.a_over_h[0], USUAL.a_over_h[-1]  # a/h of the table
+DEEPEST = DEPTHS[-1]  # w/h of the table
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +131,7 @@ class TableProfile:
         if not (r_over_a >= 1).all():
             raise InputError("the profile around the punch begins at r = a", where="TableProfile")
         mixture = shipped_table().mixture(self.law, case.friction, edge_over_h=self.edge_over_h)
-        (rise, outward), _ = surface_over_depth(np.asarray(r_over_a, dtype=float), case, mixture=mixture)
+        rise, outward = surface_over_depth(np.asarray(r_over_a, dtype=float), case, mixture=mixture)
         return rise, outward
 
 
@@ -185,7 +143,7 @@ TABULATED = ProfileModel(
     poisson_range=POISSON_RANGE,
     a_over_h_range=A_OVER_H_RANGE,
     deepest=DEEPEST,
-    shape_error=((0.1, 0.01), (0.25, 0.007), (0.5, 0.004), (0.9, 0.0025), (1.6, 0.0015)),
+    shape_error=tuple(zip(SHAPE_PLACES, (0.01, 0.007, 0.004, 0.0025, 0.0015), strict=True)),
     single_depth_std=0.005,
 )
 

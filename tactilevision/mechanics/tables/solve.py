@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import monotonic
 
 import numpy as np
 
 from tactilevision.errors import ConvergenceError
-from tactilevision.files.runs import output_lock, worker_pool
+from tactilevision.files.runs import output_lock
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.laws import Hencky, Law, NeoHooke, least_acoustic
 from tactilevision.mechanics.punch_fem.newton import State, StepRecord, equations, march
@@ -118,7 +115,7 @@ def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
     states: list[State] = []
     ended = ""
     try:
-        for state in march(equations(model, by_force=False), depths, log=steps):
+        for state in march(equations(model), depths, log=steps):
             states.append(state)  # noqa: PERF402 - what was reached before an error is kept
     except ConvergenceError:
         ended = steps[-1].failure
@@ -149,21 +146,7 @@ def _surface(model: Model, state: State, case: Case) -> Floats:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Progress of a run: `done` of `total` cases are in the folder, `now` of them solved by this run, the last
-    of them `case`, to `depth` (w/h); `left_s` estimates the remaining time.
-    """
-
-    done: int
-    total: int
-    now: int
-    case: Case
-    depth: float
-    left_s: float
-
-
-Report = Callable[[Progress], None]
+Report = Callable[[int, int], None]  # of the cases that are in the folder, and of all
 
 
 def tabulate(
@@ -171,23 +154,17 @@ def tabulate(
 ) -> int:
     """Solve every case that is not in `folder` yet; return how many were solved now.
 
-    Cases are written atomically, so a run may be stopped and started again. Without `workers` (see `processes`,
-    and cluster/pool.py) the cases are solved one by one in this process.
+    Cases are written atomically, so a run may be stopped and started again. Without `workers` (see
+    files/runs.py and cluster/pool.py) the cases are solved one by one in this process.
     """
     place, every = Path(folder), list(cases)
     with output_lock(place):
         missing = [case for case in every if not case_path(place, case).exists()]
-        clock = _Clock(len(every), missing)
-        for case, solved in _solved(missing, workers):
+        for left, (case, solved) in zip(range(len(missing))[::-1], _solved(missing, workers), strict=True):
             save_case(case_path(place, case), solved)
             if report is not None:
-                report(clock.tick(case, float(solved.depth[-1]) if solved.depth.size else 0.0))
+                report(len(every) - left, len(every))
     return len(missing)
-
-
-def processes(count: int | None = None) -> AbstractContextManager[Executor]:
-    """Return a pool of so many processes on this machine, by default one a core; they end with their parent."""
-    return worker_pool(count or len(os.sched_getaffinity(0)))
 
 
 def _solved(missing: list[Case], workers: Executor | None) -> Iterator[tuple[Case, SolvedCase]]:
@@ -202,25 +179,3 @@ def _solved(missing: list[Case], workers: Executor | None) -> Iterator[tuple[Cas
     finally:
         for future in waiting:
             future.cancel()
-
-
-class _Clock:
-    """Estimates the remaining time from the effort that cases of a kind usually need."""
-
-    def __init__(self, total: int, missing: list[Case]) -> None:
-        self.total, self.left, self.now = total, sum(map(effort, missing)), 0
-        self.started, self.spent, self.standing = monotonic(), 0.0, total - len(missing)
-
-    def tick(self, case: Case, depth: float) -> Progress:
-        """Count one more case as solved."""
-        self.now += 1
-        self.spent += effort(case)
-        self.left -= effort(case)
-        left_s = (monotonic() - self.started) / self.spent * self.left
-        return Progress(self.standing + self.now, self.total, self.now, case, depth, max(left_s, 0.0))
-
-
-def effort(case: Case) -> float:
-    """Estimate how long a case takes relative to one with some friction at an edge radius of h/60."""
-    sliding = 3 if case.friction == 0 else 1
-    return float(sliding * (1 / (60 * case.edge_over_h)) ** 0.7)

@@ -50,7 +50,9 @@ class Neighbours:
 
     def blend(self, values: Sequence[Floats]) -> Floats:
         """Interpolate between the blocks' `values`."""
-        return values[0] if len(values) == 1 else monotone(np.array(self.places), np.array(values), at=self.at)
+        from scipy.interpolate import PchipInterpolator
+
+        return values[0] if len(values) == 1 else np.asarray(PchipInterpolator(self.places, values)(self.at))
 
 
 def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
@@ -64,43 +66,6 @@ def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
     low = _interval(places, at)
     near = slice(max(low - 1, 0), low + 3)
     return Neighbours(tuple(ordered[near]), tuple(places[near]), at)
-
-
-def monotone(places: Floats, values: Floats, *, at: float) -> Floats:
-    """Interpolate `values` (K, ...) at ascending `places` (K,), K >= 2, by a monotone cubic, at `at` in
-    their unit.
-    """
-    step = np.diff(places)
-    secant = np.diff(values, axis=0) / step.reshape(-1, *[1] * (values.ndim - 1))
-    low = _interval(places.tolist(), at)
-    t = (at - places[low]) / step[low]
-    slopes = step[low] * _slope(step, secant, low), step[low] * _slope(step, secant, low + 1)
-    bend = (1 - t) * (slopes[0] - step[low] * secant[low]) - t * (slopes[1] - step[low] * secant[low])
-    return np.asarray((1 - t) * values[low] + t * values[low + 1] + t * (1 - t) * bend)
-
-
-def _slope(step: Floats, secant: Floats, node: int) -> Floats:
-    """Return the cubic's slope at a node: the harmonic mean of its neighbours', 0 where they differ in sign."""
-    if len(step) == 1:
-        return np.asarray(secant[0])
-    if node in (0, len(step)):
-        return _end_slope(step if node == 0 else step[::-1], secant if node == 0 else secant[::-1])
-    before, after = secant[node - 1], secant[node]
-    weights = step[node - 1] + 2 * step[node], 2 * step[node - 1] + step[node]
-    both = before * after
-    under = weights[0] * after + weights[1] * before
-    return np.asarray(np.divide(sum(weights) * both, under, out=np.zeros_like(both), where=both > 0))
-
-
-def _end_slope(step: Floats, secant: Floats) -> Floats:
-    """Return the slope at the outermost node, from the parabola through three.
-
-    Never against its own secant, nor too steep.
-    """
-    slope = ((2 * step[0] + step[1]) * secant[0] - step[0] * secant[1]) / (step[0] + step[1])
-    slope = np.where(slope * secant[0] > 0, slope, 0.0)
-    steep = (secant[0] * secant[1] < 0) & (np.abs(slope) > 3 * np.abs(secant[0]))
-    return np.asarray(np.where(steep, 3 * secant[0], slope))
 
 
 def _interval(places: Sequence[float], at: float) -> int:

@@ -14,7 +14,7 @@ from tactilevision.mechanics.kappa import kappa
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.discretisation import MeshSettings
 from tactilevision.mechanics.punch_fem.laws import Gent, Hencky, Law, NeoHooke
-from tactilevision.mechanics.punch_fem.press import press_to_depths, press_to_forces
+from tactilevision.mechanics.punch_fem.press import press_to_depths
 from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem
 from tactilevision.records.measured import Material
 
@@ -96,16 +96,12 @@ def test_work_of_the_punch_is_the_energy_stored() -> None:
     assert solution.energy_N_mm[-1] == pytest.approx(work, rel=0.003)
 
 
-def test_tractions_and_stresses_carry_the_force() -> None:
+def test_tractions_lie_within_the_friction_cone() -> None:
     solution = press_to_depths(rough_problem(0.3), [0.1, 0.2])
     assert solution.pressure_MPa is not None
     assert solution.shear_MPa is not None
     assert np.all(np.abs(solution.shear_MPa) <= 0.3 * solution.pressure_MPa + 1e-12)
     assert solution.pressure_MPa[-1].max() > 0.02
-    below = solution.points_mm[-1][:, 1] < 0.3
-    inner = below & (solution.points_mm[-1][:, 0] < 1.0)
-    mean = -solution.stress_MPa[-1][inner, 1].mean()
-    assert 0.5 < mean / (solution.force_N[-1] / (math.pi * 4.0)) < 2.5
 
 
 @pytest.mark.slow
@@ -115,13 +111,6 @@ def test_unloading_retraces_without_friction_and_loses_work_with_it() -> None:
     np.testing.assert_allclose(smooth.force_N[3:], smooth.force_N[[1, 0]], rtol=1e-5)
     rough = press_to_depths(rough_problem(0.3), path)
     assert np.all(rough.force_N[3:] < rough.force_N[[1, 0]] * (1 - 1e-5))
-
-
-def test_driving_by_force_finds_the_same_equilibria() -> None:
-    problem = rough_problem(0.3)
-    by_depth = press_to_depths(problem, [0.1, 0.2, 0.3])
-    by_force = press_to_forces(problem, by_depth.force_N)
-    np.testing.assert_allclose(by_force.depth_mm, by_depth.depth_mm, rtol=2e-3)
 
 
 def test_modulus_only_scales_the_force() -> None:
@@ -170,7 +159,7 @@ def test_impossible_presses_are_refused() -> None:
     with pytest.raises(InputError, match="from 0 up"):
         press_to_depths(problem, [0.1, math.nan])
     with pytest.raises(InputError, match="from 0 up"):
-        press_to_forces(problem, [-1.0])
+        press_to_depths(problem, [-1.0])
     with pytest.raises(InputError, match="between 0 and the pad"):
         press_to_depths(replace(problem, pad_radius_mm=1.5), [0.1])
     with pytest.raises(InputError, match="penalty"):
