@@ -139,7 +139,7 @@ def test_the_law_of_light_travels_with_the_method(tmp_path: Path) -> None:
 def test_without_a_law_of_light_slopes_of_no_surface_are_flagged() -> None:
     method = reader().referenced
     assert method is not None
-    check = LightCheck(dataclasses.replace(method, light_law=None), SENSOR.mm_per_px)  # type: ignore[type-var]
+    check = LightCheck(dataclasses.replace(method, light_law=None), SENSOR.mm_per_px)
     frame = method.read(pressed(30)).frame
     assert check(frame).area_mm2 < MIN_AREA_MM2
     slopes = check.read(frame)[1]

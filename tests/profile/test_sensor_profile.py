@@ -58,6 +58,8 @@ def test_what_was_written_is_read(path: Path) -> None:
     assert after.compliance is not None
     assert before.compliance is not None
     np.testing.assert_array_equal(after.compliance.layer.table, before.compliance.layer.table)
+    assert after.compliance.slopes is not None
+    assert before.compliance.slopes is not None
     np.testing.assert_array_equal(after.compliance.slopes.layer.table, before.compliance.slopes.layer.table)
 
 
@@ -74,8 +76,9 @@ def test_depth_and_force_are_those_of_the_method_and_the_material(sensor: Calibr
     height = Reconstructor(profile().sensor, method().with_reference(method().reference)).height_map(Frame(rgb))
     np.testing.assert_array_equal(seen.height.depth_mm, height.depth_mm)
     np.testing.assert_array_equal(seen.std, height.std_mm)
-    assert profile().material is not None
-    field = ForceField(GEL, profile().material, (0.08, 0.08), settings=ForceSettings(cell_std=False))
+    material = profile().material
+    assert material is not None
+    field = ForceField(GEL, material, (0.08, 0.08), settings=ForceSettings(cell_std=False))
     expected = field(height)
     assert seen.tractions is not None
     np.testing.assert_allclose(seen.tractions.t_z, expected.t_z)
