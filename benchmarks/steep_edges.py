@@ -94,13 +94,13 @@ def shown(wall: Wall, places: Floats, *, px: float, blur_px: float) -> Floats:
 
 
 def carried(wall: Wall, *, px: float, blur_px: float, limit: float) -> Carried | None:
-    """What the law makes of a wall; None where it finds none."""
+    """What the law makes of a wall; None where it finds none, or leaves it as read."""
     a = wall.radius_mm
     places = np.arange(a - 12 * px, 1.8 * a, 0.5 * px)
     slopes = shown(wall, places, px=px, blur_px=blur_px)
     rim = CircularEdge((0.0, 0.0), a, 0.8 * px, 0.02 * px, places, slopes, slopes, np.full(places.size, 0.005))
     found = steep_edges.fit_edge(rim, WallLaw(limit), px=px)
-    if found is None:
+    if found is None or not found.missing_mm > 0:
         return None
     inside, beyond = np.interp([a - 9 * px, found.radius_mm + found.reach_mm], wall.r_mm, wall.z_mm)
     error = found.fall_at_reach_mm - (inside - beyond)

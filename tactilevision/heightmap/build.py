@@ -6,11 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.ball_validation import doubt_of_radii, held_out_depth, seen_gain_std
@@ -29,14 +28,12 @@ from tactilevision.heightmap.reference_match import (
 )
 from tactilevision.heightmap.scene_faults import FRAMES_FOR_ORDER, able_to_renew, check_order, order_warnings
 from tactilevision.heightmap.self_calibration import MIN_CONTACTS, calibrated_on_frames, scale_warning
-from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
-from tactilevision.photometric.ball_samples import far_from, radii_from
+from tactilevision.photometric.ball_samples import far_from
 from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.catalogue import PHOTOMETRIC
-from tactilevision.photometric.cross_validation import jackknife_std
 from tactilevision.photometric.method import CalibratedMethod, TiledEvaluator, tile_px_for
 from tactilevision.photometric.methods.network import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
@@ -139,8 +136,6 @@ def press_starts(recording: Recording) -> list[Frame]:
 
 MAX_WAVES = 8  # pictures with balls that are looked at, at most
 BLOCK_PX = 16  # px: grid of the depth of untouched gel, finer than its waves
-RIM = 1.15  # contact radii: beyond it the gel is free
-MAX_BALLS = 8  # balls; more do not improve the share of leakage
 
 
 def tuned(
@@ -158,7 +153,6 @@ def tuned(
     factor = float(card.other.get("depth_coverage_factor", 1.0))
     place_gain = np.round(factor * np.array(card.place_gain_std), 5).tolist()
     card = replace(card, seen_gain_std=factor * gain, place_gain_std=place_gain)
-    card = replace(card, leakage_std=_spread(sensor, calibration, pictures))
     method = replace(calibration.method, card=card)
     settled = subtract_background(replace(method, reference=tare(method, free)), free)
     if settled.background is method.background:
@@ -193,19 +187,6 @@ def depth_terms_mm(
     return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
 
 
-def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPicture]) -> float:
-    """Return the reach of slope errors outside a contact, by laws that exclude a third of the balls."""
-    method = calibration.method
-    others = [replace(method, law=law) for law in calibration.other_laws]
-    maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
-    gain = np.array(method.card.place_gain_std) / method.card.coverage_factor
-    return leakage_share(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
-
-
-def _depth(reader: Reconstructor, rgb: Bytes) -> npt.NDArray[Any]:
-    return reader.rectified_map(rgb).depth_mm
-
-
 def untouched_rms_mm(
     reconstructor: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
 ) -> float:
@@ -217,34 +198,6 @@ def untouched_rms_mm(
         if away.any():
             found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
     return float(np.median(found)) if found else 0.0
-
-
-def leakage_share(
-    maps: Sequence[Callable[[Bytes], npt.NDArray[Any]]],
-    pictures: Sequence[BallPicture],
-    *,
-    balls: Sequence[Ball | None],
-    gain: npt.NDArray[Any],
-    mm_per_px: Pair,
-) -> float:
-    """Return the share k of a calibration; 1 where no ball determines it.
-
-    `maps` give the depth (H, W) mm of a rectified picture, the first by the calibration, the others each without
-    a group of balls; `gain` (h, w) is the resulting relative change of the depth scale.
-    """
-    beside_sum, nearby_sum = 0.0, 0.0
-    for rgb, ball in pressed_balls(pictures, balls, most=MAX_BALLS):
-        depth, *others = (make(rgb) for make in maps)
-        variance = np.square(jackknife_std([other - depth for other in others]))
-        scale = np.square(cv2.resize(np.asarray(gain, np.float32), depth.shape[::-1]) * depth)
-        reach = [USUAL_THICKNESS_MM / step for step in mm_per_px]
-        nearby = cv2.GaussianBlur(scale, (0, 0), reach[0], sigmaY=reach[1])
-        radii = radii_from(ball, depth.shape, mm_per_px=mm_per_px)
-        away_mm = (radii - 1.0) * ball.contact_radius_px * mm_per_px[0]
-        beside = (radii > RIM) & (away_mm < USUAL_THICKNESS_MM)
-        beside_sum += float(variance[beside].mean())
-        nearby_sum += float(nearby[beside].mean())
-    return beside_sum / nearby_sum if nearby_sum else 1.0
 
 
 def untouched_std_mm(depths: Sequence[Array]) -> Floats:

@@ -23,7 +23,7 @@ from tactilevision.records.rig import SHADOW_ZONE
 
 # The uncertainty of a depth, pixel by pixel: `HeightMap.std_mm`.
 #
-#   std^2 = max(scale, leakage) + missing colour + free gel + zero plane + illumination + steep edges + cast shadow
+#   std^2 = scale + missing colour + free gel + zero plane + illumination + steep edges + cast shadow
 #           + steep slope + inconsistent light
 #
 # The sum is computed on a grid, as all but edges is smooth.
@@ -72,7 +72,6 @@ class DepthError:
     def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
         self.method, self.mm_per_px, self.shape = method, mm_per_px, method.reference.shape
         card = method.card
-        self.leakage = 1.0 if card.leakage_std is None else card.leakage_std
         self.steepest = STEEP_SHARE * (np.inf if card.steepest_slope is None else card.steepest_slope)
         every = self.every = max(2, round(GRID_MM / max(mm_per_px)))
         self.step_mm = every * mm_per_px[0], every * mm_per_px[1]
@@ -94,8 +93,7 @@ class DepthError:
         `unexplained_mm` (h, w) is the depth by slopes that the light does not explain
         (heightmap/inconsistent_light.py), None where there is none.
         """
-        scale, leaked, *others = self._variances(surface, unexplained_mm).values()
-        total = np.asarray(cv2.max(leaked, scale, dst=scale))
+        total, *others = self._variances(surface, unexplained_mm).values()
         for variance in others:
             if variance is not None:
                 total += variance
@@ -105,20 +103,18 @@ class DepthError:
     def terms_mm(self, surface: Surface, unexplained_mm: Picture | None = None) -> dict[str, Picture]:
         """Return the deviation (h, w) mm by each term; their squares sum to the square of `std_mm`.
 
-        On the grid of every `every`th pixel. Of two terms with a maximum, the second is its excess over the first.
-        Not for every frame: it takes as long as the sum again.
+        On the grid of every `every`th pixel. Not for every frame: it takes as long as the sum again.
         """
         found = self._variances(surface, unexplained_mm)
-        scale, leaked = found["depth scale"], found["leakage"]
+        scale = found["depth scale"]
         parts = found | {
-            "leakage": np.maximum(leaked - scale, 0.0),
             "slope noise": self.noise_mm2,
             "untouched gel": self.free_mm2 - self.noise_mm2,
         }
         return {name: np.zeros_like(scale) if one is None else np.sqrt(one) for name, one in parts.items()}
 
     def _variances(self, surface: Surface, unexplained_mm: Picture | None) -> dict[str, Any]:
-        """Return the variances (h, w) mm² by term, None for none; leakage includes the depth scale's."""
+        """Return the variances (h, w) mm² by term, None for none."""
         few = self._on_grid(surface.depth_mm)
         scale = scale_variance(few, self.gain_square)
         walls: Any = (None, None)
@@ -127,7 +123,6 @@ class DepthError:
         hidden_mm = self._hidden_mm(few, surface)
         return {
             "depth scale": scale,
-            "leakage": leaked_variance(scale, self.leakage, every=self.every, mm_per_px=self.mm_per_px),
             "missing colour": self._lost(few, surface.lost_share),
             "slope noise": None,  # within the next term
             "untouched gel": self.free_mm2,
@@ -260,45 +255,16 @@ def gain_std(card: MethodCard, relative_error: float) -> float:
     return seen if card.place_gain_std is not None else float(np.sqrt(seen * (held_out + seen)))
 
 
-# The term of leakage: slope errors under a contact spread to the gel outside it, where there is no depth.
-#
-#     variance(x, y) = max(k <g^2 depth^2> - g^2 depth^2, 0)      < >: mean over a thickness of gel
-#
-# g^2 depth^2 is the term of the depth scale. The share k is measured once, when a method is made. The change of a
-# map by holding out balls (photometric/cross_validation.py) is known everywhere in it, so that outside the
-# contacts
-#
-#     k = <std^2> / < <g^2 depth^2> >          from the contact's rim to a thickness of gel away from it
-#
-# Both means are over all balls: the ratio at a single ball is unreliable where both are small.
-# Vanishes where nothing within a thickness of gel is deep, and with the scale's own error.
-
-COARSE = 4  # points per thickness of gel on which the smooth mean is taken
-
-
-def leaked_variance(scale_mm2: Picture, share: float, *, every: int, mm_per_px: Pair) -> Picture:
-    """Return the variance (h, w) mm² that the scale's, `scale_mm2` (h, w) mm², causes within a thickness of gel.
-
-    This term and that of the scale together are the larger of both. `scale_mm2` holds every `every`th pixel of a
-    picture at `mm_per_px` (x, y); `share` is k.
-    """
-    step = max(1, round(USUAL_THICKNESS_MM / (COARSE * every * max(mm_per_px))))
-    coarse = scale_mm2[::step, ::step]
-    reach = [USUAL_THICKNESS_MM / (step * every * px) for px in mm_per_px]
-    coarse = np.asarray(cv2.GaussianBlur(coarse, (0, 0), reach[0], sigmaY=reach[1]))
-    coarse *= np.float32(share)
-    return np.asarray(cv2.resize(coarse, scale_mm2.shape[::-1], interpolation=cv2.INTER_LINEAR))
-
-
 # The term of missing colours: slopes from two colours have larger errors, and so has the depth.
 #
 #     variance(x, y) = < e >^2 max(depth^2, < depth^2 >)      < >: means over REACH_MM, and over a thickness of gel
 #
 # e: relative error of a slope without that colour in excess of a slope by all colours, 0 where all are valid
 # (photometric/methods/two_colours.py). A few pixels without a colour hardly change the integral over them; the
-# error of many spreads, as under leakage.
+# error of many spreads to the gel around them.
 # Vanishes where all colours are valid, and where the depth is 0. Assumes errors proportional to the slope.
 
+COARSE = 4  # points per thickness of gel on which the smooth mean is taken
 BLUR = 4  # deviations at which OpenCV truncates a blur
 REACH_MM = 1.0  # mm, correlation length of integrated slope errors: half of a usual contact
 
@@ -315,10 +281,18 @@ def missing_colour_variance(depth_mm: Picture, lost_share: Picture, *, every: in
     columns = slice(max(left - across, 0), left + width + across)
     share = cv2.GaussianBlur(lost_share[rows, columns], (0, 0), reach[0], sigmaY=reach[1])
     square = np.square(depth_mm)
-    square = cv2.max(leaked_variance(square, 1.0, every=every, mm_per_px=mm_per_px), square)
+    square = cv2.max(_nearby_mean(square, every=every, mm_per_px=mm_per_px), square)
     variance = np.zeros(depth_mm.shape, np.float32)
     np.multiply(np.square(share), square[rows, columns], out=variance[rows, columns])
     return variance
+
+
+def _nearby_mean(square: Picture, *, every: int, mm_per_px: Pair) -> Picture:
+    """Return the mean (h, w) of values (h, w), every `every`th pixel, over a thickness of gel."""
+    step = max(1, round(USUAL_THICKNESS_MM / (COARSE * every * max(mm_per_px))))
+    reach = [USUAL_THICKNESS_MM / (step * every * px) for px in mm_per_px]
+    coarse = cv2.GaussianBlur(square[::step, ::step], (0, 0), reach[0], sigmaY=reach[1])
+    return np.asarray(cv2.resize(coarse, square.shape[::-1], interpolation=cv2.INTER_LINEAR))
 
 
 # The term of the camera's noise: the depth noise that pixel noise of the slopes causes.

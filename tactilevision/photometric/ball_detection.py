@@ -211,7 +211,15 @@ def _fitted_in_window(
     for _ in range(MAX_ITERATIONS):
         slope = np.stack([(misfit(unknown + step * axis) - residual) / step for axis in np.eye(3)], axis=-1)
         normal = slope.T @ slope
-        move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ residual)
+        if not normal.any():
+            raise InputError(
+                "no colour that is known changes with the slopes of a ball",
+                where="ball press",
+                value=f"a contact at ({start[0]:.0f}, {start[1]:.0f}) px",
+                remedy="Leave the frame out of reference/ball, or check its place in ball.csv.",
+            )
+        held = damping * np.maximum(np.diag(normal), TINY)
+        move = -np.linalg.solve(normal + np.diag(held), slope.T @ residual)
         trial = np.clip(unknown + move, lowest, highest)
         after = misfit(trial)
         if after @ after < residual @ residual:

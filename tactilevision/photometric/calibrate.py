@@ -71,7 +71,7 @@ class Calibration:
     """A method and its errors.
 
     `balls`: None where a picture was excluded (see `warnings`); `direction_error_deg` median and `slope_error` rms
-    over held-out balls; `held_out_laws`: for each ball a law fitted without it; `other_laws`: these, each once.
+    over held-out balls; `held_out_laws`: for each ball a law fitted without it.
     """
 
     method: CalibratedMethod
@@ -80,7 +80,6 @@ class Calibration:
     slope_error: float
     warnings: tuple[str, ...]
     held_out_laws: tuple[HeldOutLaw | None, ...] = ()
-    other_laws: tuple[ColourLaw, ...] = ()
 
 
 def calibrate_from_balls(
@@ -133,7 +132,6 @@ def calibrate_from_balls(
         best.slope_error,
         tuple(warnings),
         tuple(best.scale.held_out_laws.get(number) for number in range(len(pictures))),
-        tuple(best.others),
     )
 
 

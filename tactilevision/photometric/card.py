@@ -85,7 +85,6 @@ class MethodCard:
     place_gain_std: Rows | None = None
     extrapolated_gain_std: Rows | None = None  # beyond the outermost balls
     coverage_factor: float | None = None
-    leakage_std: float | None = None
     min_slope_noise: float | None = None  # best direction
     max_slope_noise: float | None = None  # worst direction
     frame_noise: float | None = None  # relative to the noise of the reference

@@ -108,14 +108,11 @@ DRIFT_KINDS = np.array(
     [
         DriftKind(separate=0.02),
         DriftKind(0.1, 0.1, separate=0.02),
-        DriftKind(),
-        DriftKind(0.1, 0.1),
-        DriftKind(stray_std=0.15, mixture=0.2, mixture_std=0.2),
         DriftKind(gradient=0.3, uneven=0.3),
         DriftKind(0, 0.15, 0.1, 0.2, 0.2, 0.1),
     ]
-)
-PRIOR_WEIGHTS = np.array([1, 1, 1, 1, 1, 1, 0.05])
+)  # all lamps alike, without and with stray light; a gradient; all of it, each lamp on its own
+PRIOR_WEIGHTS = np.array([1, 1, 1, 0.05])
 MIN_STD = 1e-4  # of any coefficient: keeps priors invertible
 COMMON_STD = 10  # of g_0 that all channels share, far above any drift
 CORRELATED_NOISE = 6  # blocks with correlated noise; more widen the covariance (test_drift_error.py)

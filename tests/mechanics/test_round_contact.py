@@ -28,8 +28,10 @@ def over_half_space(body: Ball | Cone, depth_mm: Floats, thickness_mm: float, nu
     """Return the force over that of Hertz' ball or Sneddon's cone."""
     force = contact_curve(body, depth_mm, thickness_mm=thickness_mm, poisson_ratio=nu).force_over_E_mm2
     if isinstance(body, Ball):
-        return np.asarray(force * (1 - nu**2) / (4 / 3 * np.sqrt(body.radius_mm) * depth_mm**1.5))
-    return np.asarray(force * (1 - nu**2) / (2 / np.pi * np.tan(np.radians(body.half_angle_deg)) * depth_mm**2))
+        hertz: Floats = 4 / 3 * np.sqrt(body.radius_mm) * depth_mm**1.5
+    else:
+        hertz = 2 / np.pi * np.tan(np.radians(body.half_angle_deg)) * depth_mm**2
+    return np.asarray(force * (1 - nu**2) / hertz)
 
 
 @each("body", [BALL, CONE])

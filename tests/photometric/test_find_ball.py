@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tactilevision.errors import InputError
 from tactilevision.photometric.ball_detection import ball_slopes, find_ball
 from tactilevision.synthetic.gel import BallPress
 
@@ -64,3 +65,10 @@ def test_a_label_holds_a_fit_where_half_of_the_ball_is_not_seen() -> None:
     found = find_ball(change, SCALE, radius_mm=radius_mm, centre_px=label, contact_radius_px=1.15 * 2.0 / SCALE[0])
     assert found.contact_radius_px == pytest.approx(2.0 / SCALE[0], abs=2.5)
     assert np.hypot(*np.subtract(found.centre_px, CENTRE)) < 2.5
+
+
+def test_a_place_of_unknown_colours_holds_no_ball() -> None:
+    change, radius_mm = layered(0.7, 2.0)
+    change[:, 160:] = np.nan
+    with pytest.raises(InputError, match="no colour that is known changes"):
+        find_ball(change, SCALE, radius_mm=radius_mm, centre_px=(200.0, 80.0), contact_radius_px=12.0)

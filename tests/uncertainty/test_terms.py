@@ -16,7 +16,6 @@ from tactilevision.heightmap.deviation import (
     contributions_mm,
     free_variance,
     hidden_step_mm,
-    leaked_variance,
     missing_colour_variance,
     noise_variance,
     scale_variance,
@@ -47,17 +46,6 @@ def test_the_scale_is_a_part_of_the_depth_and_none_of_no_depth() -> None:
     np.testing.assert_allclose(np.sqrt(scale_variance(dent(), gain)), 0.03 * dent(), rtol=1e-5, atol=1e-9)
     assert not scale_variance(np.zeros_like(dent()), gain).any()
     assert not scale_variance(dent(), 0 * gain).any()
-
-
-def test_leakage_reaches_a_thickness_of_gel_and_goes_with_its_source() -> None:
-    source = np.zeros((240, 320), np.float32)
-    source[100:140, 140:180] = 1.0
-    leaked = leaked_variance(source, 0.5, every=2, mm_per_px=PX)
-    assert leaked.sum() == pytest.approx(0.5 * source.sum(), rel=0.15)
-    assert leaked[120, 210] > 0.03  # 3 mm off
-    assert leaked[120, 160] < source[120, 160]
-    np.testing.assert_allclose(leaked_variance(source, 1.0, every=2, mm_per_px=PX), 2 * leaked, rtol=1e-5)
-    assert not leaked_variance(0 * source, 0.5, every=2, mm_per_px=PX).any()
 
 
 def test_noise_counts_by_its_square_and_vanishes_with_it() -> None:
