@@ -34,9 +34,8 @@ from tactilevision.records.maps import Frame, HeightMap
 from tactilevision.records.measured import Bools, Bytes, Pair
 from tactilevision.records.rig import Gel
 from tactilevision.sensors import get_sensor
-from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Camera, CameraOptions, build_camera
-from tactilevision.synthetic.gel import Area, Flat, Grid, Singles
+from tactilevision.synthetic.gel import Area, BallPress, Flat, Grid, Singles, Surface
 from tactilevision.synthetic.options import GelOptions
 from tactilevision.synthetic.punch import PunchPress, PunchProfile, punch_profile
 from tactilevision.synthetic.simulation import picture_still, plan_balls
@@ -189,7 +188,7 @@ def _directions(reader: Reconstructor, rgb: Bytes, true: Sequence[Any], inside: 
 
 
 @dataclasses.dataclass(frozen=True)
-class _Tilted:
+class _Tilted(Surface):
     """A press on a gel that slopes by `slope` all over."""
 
     press: BallPress | PunchPress

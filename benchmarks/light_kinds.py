@@ -11,9 +11,8 @@ import dataclasses
 import numpy as np
 
 from tactilevision.records.measured import Pair
-from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Camera
-from tactilevision.synthetic.gel import Singles
+from tactilevision.synthetic.gel import BallPress, Singles
 from tactilevision.synthetic.punch import PunchPress, PunchProfile, punch_profile
 
 KINDS = tuple((what, leans) for leans in (False, True) for what in ("alike", "own", "whole"))

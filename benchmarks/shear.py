@@ -23,7 +23,7 @@ from tactilevision.records.measured import Floats, Material
 from tactilevision.records.rig import Gel
 from tactilevision.shear.displacement import read_untouched
 from tactilevision.synthetic.camera import CameraOptions, build_camera
-from tactilevision.synthetic.gel import Area, Flat, Grid, Singles
+from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, Surface
 
 VIEW = View((240, 320), 0.0855, 2)
 GEL, MATERIAL = Gel(3.0), Material(0.2, 0.48)
@@ -33,7 +33,7 @@ DEPTH_STD_MM = 0.005
 
 
 @dataclass(frozen=True)
-class Moved:
+class Moved(Surface):
     """A surface for the simulated camera: `depth` (H, W) and `carried` (2, H, W), both at the camera's places."""
 
     depth: Floats

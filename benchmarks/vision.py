@@ -26,9 +26,8 @@ from tactilevision.records.maps import Frame
 from tactilevision.records.measured import Bytes
 from tactilevision.records.rig import Gel
 from tactilevision.sensors import get_sensor
-from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Camera, CameraOptions, build_camera
-from tactilevision.synthetic.gel import Flat
+from tactilevision.synthetic.gel import BallPress, Flat
 from tactilevision.synthetic.options import GelOptions
 from tactilevision.synthetic.punch import PunchPress, punch_profile
 from tactilevision.synthetic.simulation import picture_still, plan_balls

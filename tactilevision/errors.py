@@ -13,6 +13,7 @@ Each message says what is wrong, where, the value found, and the remedy.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -44,6 +45,13 @@ class InputError(TactilevisionError, ValueError):
     def __reduce__(self) -> tuple[Any, ...]:
         # pickled by its parts, not by its message: workers send theirs to the process that started them
         return partial(type(self), where=self.where, value=self.value, remedy=self.remedy), (self.what,)
+
+
+def check_known(name: str, known: Iterable[str], *, what: str, where: object) -> None:
+    """Raise InputError for a name that is not among the `known`; `what` is the fault."""
+    names = list(known)
+    if name not in names:
+        raise InputError(what, where=where, value=name, remedy="Known are " + ", ".join(names) + ".")
 
 
 class RecordingError(InputError):

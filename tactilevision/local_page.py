@@ -57,14 +57,14 @@ class LocalPage(ABC):
     reported by its message, a KeyError, ValueError or TypeError as a request that is not understood.
     """
 
-    def __init__(self, *, port: int = 0, headers: Mapping[str, str] | None = None) -> None:
+    def __init__(self, *, port: int = 0, headers: Mapping[str, str] | None = None, option: str = "--port") -> None:
         self.headers = {**HEADERS, **(headers or {})}
         self.token = secrets.token_urlsafe(24)
         try:
             self._server = _Listener((LOCALHOST, port), self)
         except (OSError, OverflowError) as fault:
             raise InputError(
-                "the page's port cannot be used", where="--port", value=port, remedy="Name another, or 0."
+                "the page's port cannot be used", where=option, value=port, remedy="Name another, or 0."
             ) from fault
         self.port = int(self._server.server_address[1])
         self.hosts = f"{LOCALHOST}:{self.port}", f"localhost:{self.port}"

@@ -139,7 +139,8 @@ def called(text: str) -> list[tuple[str, list[str]]]:
     return [(command, re.findall(r"--[a-z-]+", rest)) for command, rest in lines]
 
 
-COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+GROUP = typer.main.get_command(app)
+COMMANDS = {name: GROUP.get_command(None, name) for name in GROUP.list_commands(None)}  # type: ignore[attr-defined]
 
 
 @each("page", [ROOT / "README.md", *PAGES])

@@ -232,10 +232,13 @@ def input_changed(whole: Undisturbed, out: Path, rng: np.random.Generator) -> li
 def run_twice(whole: Undisturbed, out: Path, rng: np.random.Generator) -> list[str] | None:
     """A second run on the same output while the first is at work: refused in one line, the first is unharmed."""
     with started(whole.command, out) as running:
-        running[0].wait(float(rng.uniform(0.2, 0.5)) * whole.seconds)
-        if not (out / ".lock").exists():
+        while not (out / ".lock").exists() and running[0].wait(0.01) is None:
+            pass
+        if running[0].wait(float(rng.uniform(0.0, 0.2)) * whole.seconds) is not None:
             return None
+        os.killpg(running[0].pid, signal.SIGSTOP)  # or it ends before the second has started
         second = run(whole.command, out)
+        os.killpg(running[0].pid, signal.SIGCONT)
         first = ended_of(running)
     wrong = _refused(second) if "is being written by process" in second.said else [f"let in: {second.said[-300:]}"]
     wrong += [] if first.code == 0 else [f"the first ended with {first.code}: {first.said[-300:]}"]

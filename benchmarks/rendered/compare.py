@@ -16,9 +16,8 @@ from benchmarks.rendered.camera import build_camera, mix
 from benchmarks.rendered.families import Rig, draw_rig
 from benchmarks.rendered.sets import draw_gel, plan_steps
 from tactilevision.records.measured import Bools, Bytes, Floats
-from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Camera
-from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, Surface
+from tactilevision.synthetic.gel import Area, BallPress, Flat, Grid, Singles, Surface
 from tactilevision.synthetic.lights import Finish, Strip, Triple
 from tactilevision.synthetic.punch import PunchPress
 

@@ -15,11 +15,10 @@ from benchmarks.rendered.families import Rig, field_mm, stream
 from tactilevision.files.writing import replacing
 from tactilevision.recording import layout
 from tactilevision.recording.model import BallPress as BallRecord, Recording
-from tactilevision.recording.write import write_recording
+from tactilevision.recording.write import write_image, write_recording
 from tactilevision.records.rig import Gel, Sensor
 from tactilevision.synthetic import simulation as writing
-from tactilevision.synthetic.ball import BallPress
-from tactilevision.synthetic.gel import Flat, Singles, Surface
+from tactilevision.synthetic.gel import BallPress, Flat, Singles, Surface
 from tactilevision.synthetic.options import GelOptions
 from tactilevision.synthetic.punch import PunchPress, punch_profile
 from tactilevision.synthetic.simulation import plan_balls
@@ -65,14 +64,14 @@ def write_set(
     stills: list[tuple[Path, Surface]] = [(folder / layout.FLATS / f"{i:02d}.png", Flat()) for i in range(flats)]
     stills += zip((record.path for record in records), presses, strict=True)
     for path, surface in stills:
-        writing.write_picture(path, camera.expose(camera.ideal(surface), noise, averaged=_AVERAGED))
+        write_image(path, camera.expose(camera.ideal(surface), noise, averaged=_AVERAGED))
         progress(str(path))
     for i, ball in enumerate(presses):
         write_truth(folder / TRUTH / f"ball_{i:02d}.npz", ball.depth_mm(camera.grid))
     punches = plan_steps(rig, gel, steps)
     shown: list[Surface] = [Flat(), *punches] if punches else []
     for i, surface in enumerate(shown):
-        writing.write_picture(folder / layout.FRAMES / f"{i:05d}.png", camera.picture(surface, noise))
+        write_image(folder / layout.FRAMES / f"{i:05d}.png", camera.picture(surface, noise))
         write_truth(folder / TRUTH / f"frame_{i:05d}.npz", surface.depth_mm(camera.grid))
         progress(f"{folder / layout.FRAMES}/{i:05d}.png")
     truth = {

@@ -9,7 +9,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
 from calibration.laws.round_bodies import Cone, Sphere
 from calibration.model.stages import Law
-from tactilevision.errors import InputError
+from tactilevision.errors import check_known
 
 LAWS: Mapping[str, Law] = MappingProxyType({law.key: law for law in (FlatPunch(), Paper(), Sphere(), Cone())})
 
@@ -31,11 +31,5 @@ def default_law(shapes: Collection[str]) -> Law:
 def get_law(key: str) -> Law:
     """Return the law of this key; "default" is flat_punch. Raises InputError for an unknown key."""
     name = "flat_punch" if key == "default" else key
-    if name not in LAWS:
-        raise InputError(
-            "there is no contact law of this name",
-            where="law",
-            value=key,
-            remedy=f"Choose among: default, {', '.join(LAWS)}.",
-        )
+    check_known(key, ["default", *LAWS], what="there is no contact law of this name", where="law")
     return LAWS[name]

@@ -21,18 +21,22 @@ import numpy as np
 from calibration.fit.least_squares import Fit, fit, inverse_information
 from calibration.fit.tolerances import with_tolerances
 from calibration.inputs.checks import check
+from calibration.inputs.gather import observe_points
 from calibration.inputs.observations import (
     TYPICAL_FORCE_N,
     TYPICAL_GAIN,
     TYPICAL_ZERO_MM,
+    Measured,
     Observations,
     Presses,
     Shared,
 )
+from calibration.laws.flat_punch import starting_modulus
 from calibration.noise.model import STATED_DOF, Noise
 from calibration.result.material import allow_for_edge, determine_material
 from calibration.tasks.compare import base_model
 from tactilevision.errors import InputError
+from tactilevision.recording.model import Recording
 from tactilevision.records.constants import KILO, NU_NOMINAL
 from tactilevision.records.measured import Bools, Estimate, Floats, Pair
 from tactilevision.records.rig import Gel, Indenter
@@ -329,6 +333,51 @@ class Plan:
             "remedies": [remedy.as_json() for remedy in self.remedies],
             "assumptions": list(self.assumptions),
         }
+
+
+def design_of(recording: Recording) -> Design:
+    """Return the design that a recording states: gel, faces, noise, and the size of E that its points show.
+
+    Raises InputError where it states no gel.
+    """
+    gel = recording.sensor.gel
+    if gel is None:
+        remedy = "Add [sensor.gel] to recording.toml."
+        raise InputError("the recording states no gel", where=recording.path, remedy=remedy)
+    faces = tuple(one for one in recording.indenters.values() if one.shape == "flat_cylinder")
+    force = recording.force_std_N
+    noise = PressNoise(recording.depth_std_mm or TYPICAL_ZERO_MM, force[2] if force else TYPICAL_FORCE_N)
+    wet = bool(recording.presses) and all(press.lubricated == 1 for press in recording.presses)
+    design = Design(gel, faces, noise=noise, lubricated=wet)
+    if recording.presses and faces:
+        design = replace(design, repeats=max(round(len(recording.presses) / len(recording.indenters)), 1))
+    if gel.poisson_ratio is not None:
+        design = replace(design, poisson_ratio=(gel.poisson_ratio, gel.poisson_ratio))
+    if not recording.points:
+        return design
+    data = observe_points(Measured(recording, recording.points))
+    modulus = starting_modulus(data)
+    return replace(design, youngs_modulus_MPa=(modulus, modulus), shared=data.shared)
+
+
+def faces_of(design: Design, radii: tuple[float, ...], heights: tuple[float, ...]) -> tuple[Indenter, ...]:
+    """Return a face for each radius and height in mm, else as the design has it; its own where neither is given.
+
+    Raises InputError where there is none.
+    """
+    stated = {one.radius_mm: one for one in design.indenters}
+    faces = tuple(one for one in design.indenters if one.height_mm is not None)
+    if radii or heights:
+        heights = heights or tuple(sorted({one.height_mm for one in faces if one.height_mm is not None}))
+        faces = tuple(
+            replace(stated.get(a, Indenter("")), name=f"radius {a:g} height {h:g}", radius_mm=a, height_mm=h)
+            for a in radii or sorted(stated)
+            for h in heights
+        )
+    if not faces:
+        remedy = "Give both in mm: --heights .2,.4"
+        raise InputError("radii and step heights are needed", where="--radius, --heights", remedy=remedy)
+    return faces
 
 
 def plan(design: Design, *, goal: Goal | None = None) -> Plan:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -112,17 +113,20 @@ class History:
         """Write history.json."""
         write_json(path, self.as_json())
 
+    def with_effects(self, keys: Sequence[str], files: Mapping[str, str]) -> History:
+        """Return the history with these effects as its steps; `files` of private ones by key."""
+        return replace(self, steps=tuple(Step(key, files.get(key, "")) for key in keys), undone=())
+
+    def command(self, name: str = "compare") -> str:
+        """Return the command that repeats the analysis with these effects, as a shell takes it."""
+        steps = [("--effect", s.path) if s.path else ("--with", s.key) for s in self.steps]
+        steps += [("--leave-out", press) for press in self.left_out]
+        how = ([] if self.prior else ["--no-prior"]) + (["--seed", str(self.seed)] if self.seed else [])
+        return shlex.join(["tactilevision", name, *map(as_path, self.recordings), *chain(*steps), *how])
+
     def script(self, out: Path | str) -> str:
         """Return a shell script that repeats the analysis with these effects and writes into `out`."""
-        import shlex
-
-        words = ["tactilevision", "compare", *map(as_path, self.recordings)]
-        for step in self.steps:
-            words += ["--effect", step.path] if step.path else ["--with", step.key]
-        for name in self.left_out:
-            words += ["--leave-out", name]
-        words += ([] if self.prior else ["--no-prior"]) + (["--seed", str(self.seed)] if self.seed else [])
-        return f"#!/bin/sh\n# {len(self.steps)} steps\n{shlex.join([*words, '--out', str(out)])}\n"
+        return f"#!/bin/sh\n# {len(self.steps)} steps\n{self.command()} {shlex.join(['--out', str(out)])}\n"
 
 
 def steps_of_comparison(found: Comparison, files: Mapping[str, str]) -> list[Step]:

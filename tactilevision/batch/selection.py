@@ -92,11 +92,10 @@ def _during(recording: Recording, press: Press) -> np.ndarray[tuple[int], np.dty
 
 
 class Maps:
-    """Depth TIFFs of a folder of results by their names; `root` holds depth/ and depth.csv."""
+    """Depth TIFFs of a folder by their names; next to it in `root` may be depth_std/ and depth.csv."""
 
-    def __init__(self, root: Path, mm_per_px: float | None = None) -> None:
-        self.root, self.folder, self._scale = root, root / MAPS, mm_per_px
-        self.names = [name for name in list_images(self.folder) if is_tiff(Path(name))]
+    def __init__(self, folder: Path, names: Sequence[str], mm_per_px: float | None = None) -> None:
+        self.root, self.folder, self.names, self._scale = folder.parent, folder, names, mm_per_px
 
     def number(self, name: str) -> int:
         """Return the number of a map by its file's or frame's name. Raises InputError where there is none."""
@@ -120,6 +119,8 @@ class Maps:
     def best(self) -> tuple[HeightMap, None]:
         """Return the deepest map by depth.csv, or else the first."""
         deepest, peak_mm = self.names[0], 0.0
+        if len(self.names) == 1:
+            return self.named(deepest)
         with (self.root / TABLE).open(newline="", encoding="utf-8") as file:
             for row in csv.DictReader(file):
                 said = row.get("peak_mm") or "nan"
@@ -129,11 +130,13 @@ class Maps:
 
 
 def find_maps(path: Path, mm_per_px: float | None = None) -> Maps | None:
-    """Return the maps in a folder of results, or in its depth/; None where `path` is neither."""
+    """Return the maps in a folder of results, or in its depth/, or one alone; None where there are none."""
+    if is_tiff(path):
+        return Maps(path.parent, [path.name], mm_per_px)
     for root in (path, path.parent):
         if (root / TABLE).is_file() and (root / MAPS).is_dir() and path in (root, root / MAPS):
-            found = Maps(root, mm_per_px)
-            return found if found.names else None
+            names = [name for name in list_images(root / MAPS) if is_tiff(Path(name))]
+            return Maps(root / MAPS, names, mm_per_px) if names else None
     return None
 
 

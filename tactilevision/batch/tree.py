@@ -57,6 +57,13 @@ def find_sources(root: Path | str, *, leave: Path | None = None) -> tuple[Path, 
     return tuple(_walk(root, set() if leave is None else {leave.resolve()}))
 
 
+def find_recordings(path: Path) -> tuple[Path, ...]:
+    """Return the recordings in a folder that is none itself; else, or where it has none, the path."""
+    if not path.is_dir() or (path / layout.SETTINGS).exists():
+        return (path,)
+    return tuple(one for one in find_sources(path) if (one / layout.SETTINGS).exists()) or (path,)
+
+
 def reconstruct_tree(
     root: Path | str,
     out: Path | str,

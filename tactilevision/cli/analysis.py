@@ -1,138 +1,275 @@
-"""What `diagnose`, `compare` and `steps` have in common: measurements, effects as named, the history they keep."""
+"""Commands `diagnose`, `compare`, `steps`, `new-effect` and `workbench`: what a model lacks."""
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial, reduce
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from calibration.diagnosis.diagnosis import Diagnosis
-    from calibration.model.stages import Effect
-    from calibration.tasks.compare import Comparison
-    from calibration.tasks.session import History, Step
-
-FIND, TRY = "to find what is missing", "to try"  # what a command that is suggested is for
-OWN = ".py"  # how the file of an effect of one's own ends
+from calibration.diagnosis.vision_depth_check import face_error_mm
+from calibration.effects.private import new_effect as write_template
+from calibration.inputs.deadline import Deadline
+from calibration.report import wording
+from calibration.report.diagnosis_report import summary
+from calibration.report.report import column
+from calibration.tasks.compare import Compared
+from calibration.tasks.session import History, Step, load_history, steps_of_comparison
+from calibration.workbench.bench import Bench, Shown
+from calibration.workbench.opened import Frames, Opened, file_marks
+from calibration.workbench.server import Server, plotly
+from tactilevision import result_folders as folders
+from tactilevision.cli import console
+from tactilevision.errors import InputError
+from tactilevision.pipeline import (
+    CertifiedRecording,
+    certify_recordings,
+    compare_recordings,
+    diagnose_recording,
+    observed,
+    sharpest_poisson_ratio,
+)
+from tactilevision.records.constants import KILO, NU_SILICONE
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
 Private = Annotated[
     list[Path] | None, typer.Option("--effect", metavar="FILE.py", help="An effect of your own; the file is run.")
 ]
 Seed = Annotated[int, typer.Option(min=0, max=10**9, help="Of the bootstrap and the permutations.")]
-LeftOut = Annotated[
-    list[str] | None, typer.Option("--leave-out", metavar="PRESS", help="A press that is not fitted (repeatable).")
-]
 TimeLimit = Annotated[
     float | None,
     typer.Option("--time-limit", min=1, metavar="SECONDS", help="End with the best answer so far, and say so."),
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """How an analysis was asked for, as its history keeps it."""
-
-    seed: int
-    prior: bool
-    applied: bool = False
-    left_out: tuple[str, ...] = ()
-
-
-def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dict[str, str]]:
-    """Effects in the order named, by key or by the file of one's own; and the file of each that has one."""
-    from calibration.effects import get_effect
-    from calibration.effects.private import load_effect
-
-    effects, files = [], {}
-    for name in names or ():
-        own = str(name).endswith(OWN)
-        effects.append(load_effect(name) if own else get_effect(str(name)))
-        if own:
-            files[effects[-1].key] = str(Path(name).resolve())
-    return effects, files
-
-
-def compare_command(
-    recordings: Sequence[Path | str],
-    names: Sequence[str],
-    files: Mapping[str, str],
-    *,
-    prior: bool = True,
-    left_out: Sequence[str] = (),
-) -> str:
-    """The command that adds these effects, as a shell takes it."""
-    from calibration.tasks.session import as_path
-
-    options = [
-        word for name in names for word in (("--effect", files[name]) if name in files else ("--with", name))
-    ]
-    paths = [as_path(str(recording)) for recording in recordings]
-    held = [word for press in left_out for word in ("--leave-out", press)] + ([] if prior else ["--no-prior"])
-    return shlex.join(["tactilevision", "compare", *paths, *options, *held])
-
-
-def keep_history(
-    recordings: Sequence[Path], steps: Sequence[Step], folder: Path, *, out: Path, settings: Settings
+def diagnose(
+    recordings: Recordings,
+    out: console.OutOption = Path("diagnosis_out"),
+    known: Annotated[
+        list[str] | None,
+        typer.Option("--with", metavar="KEY|FILE.py", help="An effect that is in from the start."),
+    ] = None,
+    private: Private = None,
+    apply: Annotated[bool, typer.Option("--apply", help="Write calibration.json with the effects found.")] = False,
+    prior: console.PriorOption = True,
+    workers: console.WorkersOption = None,
+    cluster: console.ClusterOption = None,
+    seed: Seed = 0,
+    form: console.FormatOption = "png",
+    json: console.JsonOption = None,
+    time_limit: TimeLimit = None,
 ) -> None:
-    """history.json, and the script that repeats these steps from wherever it is run; both end up in `out`."""
-    from calibration.tasks.session import History
-
-    names, how = tuple(str(path.resolve()) for path in recordings), settings
-    history = History(names, applied=how.applied, seed=how.seed, prior=how.prior, left_out=how.left_out)
-    for step in steps:
-        history = history.add(step)
-    write_history(history, folder, out)
-
-
-def write_history(history: History, folder: Path, out: Path) -> None:
-    """The same of a history that is there."""
-    from tactilevision.files.writing import write_text
-
-    history.save(folder / "history.json")
-    write_text(folder / "repeat.sh", history.script(again_in(out)))
-
-
-def again_in(folder: Path) -> Path:
-    """Where a repeated analysis goes: beside what it repeats, which stays."""
-    return folder.resolve() / "repeated"
+    """Find out what is missing from the model: which effect, how sure, and what to measure next."""
+    deadline = Deadline.after(time_limit)
+    (sure, sure_files), (own, own_files) = folders.named_effects(known), folders.named_effects(private)
+    taken = certify_recordings(recordings, scale_doubt=False, cluster=cluster, listener=console)
+    run = partial(diagnose_recording, prior=prior, seed=seed, deadline=deadline, listener=console)
+    found = run(taken, effects=own, known=sure, workers=workers, cluster=cluster)
+    files = sure_files | own_files
+    steps = [Step(one.key, files.get(one.key, "")) for one in sure]
+    asked = History(tuple(map(str, recordings)), seed=seed, prior=prior, applied=apply)
+    history = _history_of(asked, [*steps, *folders.steps_of_diagnosis(found, files)])
+    commands = folders.commands_after_diagnosis(found, asked, files)
+    content = folders.write_diagnosis(
+        found, taken, history, out=out, form=form, private=own, commands=commands, listener=console
+    )
+    console.say(*summary(found), *(f"to try: {text}" for text in commands))
+    console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
+    console.hand_over(content, json)
 
 
-def next_commands(
-    recordings: Sequence[Path | str],
-    found: Comparison,
-    files: Mapping[str, str],
-    *,
-    prior: bool,
-    left_out: Sequence[str],
-) -> list[tuple[str, str]]:
-    """Return commands to try after a comparison: a diagnosis of the base model alone, then instrument errors."""
-    from calibration.effects import PLAIN
-    from calibration.tasks.session import steps_of_comparison
-
-    added = [step.key for step in steps_of_comparison(found, files)]
-    said: list[tuple[str, str]] = []
-    if not added and not left_out:
-        held = [] if prior else ["--no-prior"]
-        said.append((FIND, shlex.join(["tactilevision", "diagnose", *map(str, recordings), *held])))
-    for key in found.suggested:
-        words = f"{TRY} {getattr(PLAIN[key], 'words', key)}"
-        said.append((words, compare_command(recordings, [*added, key], files, prior=prior, left_out=left_out)))
-    return said
+def _history_of(asked: History, steps: Sequence[Step]) -> History:
+    """Return the history of these steps, which names its recordings wherever it is read."""
+    paths = tuple(str(Path(name).resolve()) for name in asked.recordings)
+    return reduce(History.add, steps, replace(asked, recordings=paths))
 
 
-def commands_of(
-    recordings: Sequence[Path], found: Diagnosis, files: Mapping[str, str], *, prior: bool
-) -> list[str]:
-    """What a diagnosis suggests to try, as commands: each candidate, and the plain error of an UNKNOWN."""
-    from calibration.effects import written
+def new_effect(
+    path: Annotated[Path, typer.Argument(help="Python file to write.")],
+    key: Annotated[str, typer.Option(help="The effect's name.")] = "my_effect",
+) -> None:
+    """Write a template of an effect of your own, for --effect."""
+    write_template(path, key)
+    console.say(f"wrote {path}; use it with: tactilevision diagnose RECORDING --effect {path}")
 
-    fitted = {effect.key: written(effect) for effect in found.fits.fitted.model.effects}
-    named = [fitted.get(effect.key, effect.key) for effect in found.effects]
-    plain = [found.remainder.plain.effect.key] if found.remainder.plain is not None else []
-    sets = [[key] for key in found.candidates] if len(found.candidates) > len(named) else [named]
-    return [compare_command(recordings, keys, files, prior=prior) for keys in (*sets, plain) if keys]
+
+def compare(
+    recordings: Recordings,
+    out: console.OutOption = Path("comparison_out"),
+    chosen: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            "--effect",
+            metavar="KEY|FILE.py",
+            help="An effect to add, in this order: a key, or the file of one of your own, which is run.",
+        ),
+    ] = None,
+    prior: console.PriorOption = True,
+    seed: Seed = 0,
+    form: console.FormatOption = "png",
+    json: console.JsonOption = None,
+    time_limit: TimeLimit = None,
+    left_out: Annotated[
+        list[str] | None,
+        typer.Option("--leave-out", metavar="PRESS", help="A press that is not fitted (repeatable)."),
+    ] = None,
+) -> None:
+    """Add effects one after the other and watch the error, on held-out presses, next to the repeatability."""
+    deadline = Deadline.after(time_limit)
+    asked = History(tuple(map(str, recordings)), seed=seed, prior=prior, left_out=tuple(left_out or ()))
+    effects, files = folders.named_effects(chosen)
+    taken = certify_recordings(recordings, scale_doubt=False, listener=console)
+    found = compare_recordings(
+        taken, effects, left_out=asked.left_out, prior=prior, seed=seed, deadline=deadline, listener=console
+    )
+    commands = folders.commands_after_comparison(found, asked, files)
+    history = _history_of(asked, steps_of_comparison(found, files))
+    title = "Comparison of " + ", ".join(one.recording.name for one in taken)
+    folders.write_comparison(found, history, title=title, out=out, form=form, try_next=commands, listener=console)
+    excluded = [f"{key} is excluded: {why}" for key, why in found.left_out]
+    console.warn(excluded)
+    console.say(*(_model_line(model) for model in found.models), *(_picture_line(one) for one in found.pictured))
+    console.say(*excluded, *(f"{words}: {text}" for words, text in commands))
+    console.say(f"wrote {out / 'report.html'}, and the tables and figures next to it")
+    console.hand_over(folders.comparison_content(found), json)
+
+
+def _picture_line(model: Compared) -> str:
+    error, repeats = (f"{KILO * one:.1f} µm" for one in (model.held_out_N, model.repeatability_N))
+    if model.fitted.data.slopes is not None:
+        error = f"{error} outside the faces, {KILO * face_error_mm(model.fitted):.1f} µm at the faces"
+    return f"{column(model):24s} error on held-out presses {error}, repeatability {repeats}"
+
+
+def _model_line(model: Compared) -> str:
+    error = wording.fit_error(model.held_out_N, model.rms_N)
+    E = "" if model.material is None else f", E {wording.estimate(model.material.youngs_modulus)}"
+    return f"{column(model):24s} {error}, {wording.repeatability(model.repeatability_N)}{E}"
+
+
+def steps(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="What diagnose or compare wrote.")],
+    undo: Annotated[bool, typer.Option("--undo", help="Take the last step back.")] = False,
+    redo: Annotated[bool, typer.Option("--redo", help="Put back the step taken back last.")] = False,
+    private: Private = None,
+    form: console.FormatOption = "png",
+) -> None:
+    """Show the steps of an analysis, take one back, put one back; the folder's results follow.
+
+    With an effect of your own among the steps that stay, name its file again.
+    """
+    history = load_history(folder / folders.HISTORY)
+    if undo or redo:
+        history = history.undo() if undo else history
+        history = history.redo() if redo else history
+        folders.follow_steps(history, folder, private, form=form, listener=console)
+    for number, step in enumerate(history.steps, start=1):
+        console.say(f"{number}. + {step.key.replace('_', ' ')}: {_step_errors(step)}")
+    for step in reversed(history.undone):
+        console.say(f"   taken back: {step.key.replace('_', ' ')}")
+    console.say(history.script(folders.again_in(folder)).splitlines()[-1])
+
+
+def _step_errors(step: Step) -> str:
+    """Return the error before and after a step; of the presses fitted where none could be held out."""
+    if not isfinite(step.held_out_after_N):
+        return f"rms {KILO * step.rms_before_N:.2f} -> {KILO * step.rms_after_N:.2f} mN"
+    before, after = KILO * step.held_out_before_N, KILO * step.held_out_after_N
+    if step.unit == "mm":
+        return f"error of the picture's depth on held-out presses from {before:.1f} to {after:.1f} um"
+    fall = f"from {before:.1f} to {after:.1f} mN"
+    return f"error on held-out presses {fall}, {wording.repeatability(step.repeatability_N)}"
+
+
+def workbench(
+    recordings: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="RECORDING...", help="Recordings of one sensor; none with --state."),
+    ] = None,
+    out: console.OutOption = Path("workbench_out"),
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            "--state", metavar="FOLDER", help="Continue an analysis: the folder that workbench or compare wrote."
+        ),
+    ] = None,
+    private: Private = None,
+    prior: console.PriorOption = True,
+    seed: Seed = 0,
+    port: Annotated[int, typer.Option(help="Port of the page on 127.0.0.1; 0: a free one.")] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+) -> None:
+    """Find where the model fails, add effects, and see the error fall, in the browser on this machine."""
+    plotly()
+    history = _opening(recordings or [], state, seed=seed, prior=prior)
+    opened = _opened(history, private)
+    labelled = [step for label in history.labels for step in label.steps]
+    folders.check_named(
+        [*history.steps, *history.undone, *labelled],
+        opened.files,
+        what="an effect of your own is in the state",
+        where="--state",
+    )
+    bench = Bench(
+        opened, history, export=_export, keep=lambda kept: folders.write_history(kept, out, out), out=out
+    )
+    with Server(bench, port) as server:
+        console.say(f"the workbench is at {server.address}", f"its state is written to {out}", "Ctrl-C ends it")
+        if browser:
+            typer.launch(server.address)
+        bench.work()
+
+
+def _opening(recordings: Sequence[Path], state: Path | None, *, seed: int, prior: bool) -> History:
+    """Return the saved history, or a new one. Raises InputError for both a state and recordings, or neither."""
+    if (state is None) == (not recordings):
+        raise InputError(
+            "a workbench opens recordings, or the state of an analysis",
+            where="workbench",
+            remedy="Name RECORDING..., or --state FOLDER.",
+        )
+    if state is None:
+        return History(tuple(str(path.resolve()) for path in recordings), seed=seed, prior=prior)
+    return load_history(state / folders.HISTORY if state.is_dir() else state)
+
+
+def _opened(history: History, private: Sequence[Path] | None) -> Opened:
+    """Return the recordings as `compare` uses them."""
+    paths = tuple(Path(name) for name in history.recordings)
+    marks = file_marks(paths)
+    taken = certify_recordings(paths, scale_doubt=False, listener=console)
+    own, files = folders.named_effects(private)
+    return Opened(
+        paths=paths,
+        measured=tuple(one.measured for one in taken),
+        data=observed(taken),
+        bulge=sharpest_poisson_ratio(taken),
+        bound=NU_SILICONE if history.prior else None,
+        private=tuple(own),
+        files=files,
+        frames=tuple(_frames(one) for one in taken),
+        warnings=tuple(warning for one in taken for warning in one.recording.warnings),
+        marks=marks,
+    )
+
+
+def _frames(taken: CertifiedRecording) -> Frames | None:
+    if taken.reconstructor is None or not taken.recording.frame_names:
+        return None
+    return Frames(taken.recording, taken.reconstructor, taken.certificate.evidence if taken.certificate else {})
+
+
+def _export(shown: Shown, opened: Opened, out: Path) -> Path:
+    """Write the report, calibration.json, the history and the script that repeats it, all or none."""
+    assert shown.now is not None
+    found = replace(shown.now.found, suggested=shown.suggested)
+    history = replace(shown.history, applied=True)
+    commands = folders.commands_after_comparison(found, history, opened.files)
+    title = f"Comparison of {opened.title}"
+    folders.write_comparison(found, history, title=title, out=out, try_next=commands, listener=console)
+    return out / "report.html"

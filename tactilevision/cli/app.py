@@ -1,56 +1,89 @@
-"""The command line application with all commands."""
+"""The command line application; the module of a command is imported when the command is called."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 
-from tactilevision.cli import calibrate, compare, depth, diagnose, live, logs, simulate, train, view, workbench
 from tactilevision.files.runs import output_lock
 
+COMMANDS = {  # module, function, option that names the results to be locked, summary
+    "calibrate": (
+        "calibrate",
+        "calibrate",
+        "out",
+        "Certify each press, then fit Young's modulus and Poisson's ratio.",
+    ),
+    "calibrate-sensor": ("train", "calibrate_sensor", "out file", "Write a sensor profile for --sensor FILE.tvs."),
+    "depth": ("depth", "depth", "out", "Turn frames into height maps."),
+    "view": ("view", "view", "out", "Draw a height map."),
+    "diagnose": ("analysis", "diagnose", "out", "Find out what is missing from the model."),
+    "compare": ("analysis", "compare", "out", "Add effects one after the other and watch the error."),
+    "steps": ("analysis", "steps", "folder", "Show the steps of an analysis, take one back, put one back."),
+    "workbench": ("analysis", "workbench", "out", "Find where the model fails, in the browser on this machine."),
+    "new-effect": ("analysis", "new_effect", "", "Write a template of an effect of your own."),
+    "live": ("live", "live", "", "Read frames live: depth, contact and wrench."),
+    "force": ("depth", "force", "out", "Turn frames into maps of traction on the gel."),
+    "import": ("logs", "import_log", "out", "Convert a log of ROS 1, ROS 2 or MCAP to a recording."),
+    "export": ("logs", "export_log", "out file", "Write depth and force to a log."),
+    "lerobot": ("logs", "lerobot", "out", "Write a data set of LeRobot with depth, contact and force added."),
+    "plan": ("calibrate", "plan", "", "Find the fewest presses that reach a goal."),
+    "validate": ("simulate", "validate", "out", "Compare with finite elements at the measured forces and depths."),
+    "tabulate": ("simulate", "tabulate", "out", "Solve a grid of punch problems and make a table of them."),
+    "train": ("train", "train", "out file", "Calibrate a photometric method for --method FILE."),
+    "simulate": ("simulate", "simulate", "out", "Simulate a recording with known truth."),
+}
+
+
+class Commands(TyperGroup):
+    """The commands by name, each imported when it is asked for."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self.commands: Any = dict.fromkeys(COMMANDS)  # the names, to list and to suggest
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command; None for an unknown name."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, function, results, _ = COMMANDS[cmd_name]
+        command = getattr(import_module(f"tactilevision.cli.{module}"), function)
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+        alone.command(cmd_name)(_locked(command, *results.split()) if results else command)
+        return get_command(alone)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the summaries."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, summary) for name, (*_, summary) in COMMANDS.items()])
+
+
+def _locked(command: Callable[..., None], into: str, kind: str = "folder") -> Callable[..., None]:
+    """Return the command, which locks its folder (or file) of results against other runs."""
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        with output_lock(given[into], file=kind == "file"):
+            command(**given)
+
+    return run
+
+
 app = typer.Typer(
+    cls=Commands,
     help="Mechanics you can trust from vision-based tactile sensors.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
-
-def alone(command: Callable[..., None], *, into: str = "out", file: bool = False) -> Callable[..., None]:
-    """Return the command, which locks its folder (or file) of results against other runs."""
-
-    @wraps(command)
-    def run(**given: Any) -> None:
-        with output_lock(given[into], file=file):
-            command(**given)
-
-    return run
-
-
-app.command("calibrate")(alone(calibrate.calibrate))
-app.command("calibrate-sensor")(alone(train.calibrate_sensor, file=True))
-app.command("depth")(alone(depth.depth))
-app.command("view")(alone(view.view))
-app.command("diagnose")(alone(diagnose.diagnose))
-app.command("compare")(alone(compare.compare_effects))
-app.command("steps")(alone(compare.steps, into="folder"))
-app.command("workbench")(alone(workbench.workbench))
-app.command("new-effect")(diagnose.new_effect)
-app.command("live")(live.live)
-app.command("force")(alone(depth.force))
-app.command("import")(alone(logs.import_log))
-app.command("export")(alone(logs.export_log, file=True))
-app.command("lerobot")(alone(logs.lerobot))
-app.command("plan")(calibrate.plan)
-app.command("validate")(alone(simulate.validate))
-app.command("tabulate")(alone(simulate.tabulate))
-app.command("train")(alone(train.train, file=True))
-app.command("simulate")(alone(simulate.simulate))
 
 
 def show_version(wanted: bool) -> None:

@@ -7,27 +7,21 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from enum import StrEnum
+from dataclasses import replace
 from errno import ENOSPC
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TextIO
+from typing import Annotated, Any, Literal, TextIO, TypeVar
 
 import typer
 
+from calibration.inputs.deadline import Progress
+from tactilevision.cluster import connect
 from tactilevision.errors import InputError, OutputError, TactilevisionError, Terminated
 from tactilevision.files.opening import as_plain
 from tactilevision.files.runs import Ticker
 from tactilevision.files.writing import write_json
 
-
-class FigureFormat(StrEnum):
-    """The forms of plots.style.FORMS, which is only imported for drawing."""
-
-    PNG = "png"
-    SVG = "svg"
-    PDF = "pdf"
-
-
+FigureFormat = Literal["png", "svg", "pdf"]  # plots.style.FORMS, which is slow to import
 OutOption = Annotated[Path, typer.Option("--out", help="Folder for the results; made if missing.")]
 FormatOption = Annotated[
     FigureFormat,
@@ -40,9 +34,7 @@ FormatOption = Annotated[
 def _reached(context: typer.Context, address: str | None) -> str | None:
     """Return the address after its scheduler has answered, except while a shell completes a line."""
     if address is not None and not context.resilient_parsing:
-        from tactilevision.cluster.connect import check_cluster
-
-        check_cluster(address)
+        connect.check_cluster(address)
     return address
 
 
@@ -65,17 +57,28 @@ PriorOption = Annotated[
     ),
 ]
 
+
+def numbers(name: str, text: str | None) -> tuple[float, ...]:
+    """Return the numbers of a list with commas between, each once, rising. Raises InputError for other text."""
+    try:
+        return () if text is None else tuple(sorted({float(part) for part in text.split(",")}))
+    except ValueError as fault:
+        raise InputError("numbers with commas between are needed", where=name, value=text) from fault
+
+
+Record = TypeVar("Record")
+
+
+def stated(record: Record, **values: Any) -> Record:
+    """Return the record with those of the values that are stated, not None."""
+    return replace(record, **{name: value for name, value in values.items() if value is not None})  # type: ignore[type-var]
+
+
 INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal
 TERMINATED = 143  # exit code: 128 and the number of SIGTERM
 BAR_EVERY_S = 0.2  # s between two updates of a bar
 LINE_EVERY_S = 10  # s between two lines of progress where there is no terminal
 _FIRST = 10  # lines of a long list that are printed
-
-
-class Progress(Protocol):
-    """A function that takes the progress of a long job: `done` of `total` steps, and the current one."""
-
-    def __call__(self, done: int, total: int, what: str = "") -> None: ...
 
 
 @contextmanager

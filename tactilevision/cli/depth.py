@@ -4,36 +4,29 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
 
+from tactilevision.batch.folder import FrameResult, reconstruct_folder, summary
+from tactilevision.batch.selection import strongest_frames
+from tactilevision.batch.tree import Branch, reconstruct_tree
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
-from tactilevision.records.maps import flag_messages
-
-if TYPE_CHECKING:
-    from tactilevision.batch.folder import FrameResult
-    from tactilevision.batch.tree import Branch
-    from tactilevision.force.calibrated import Sensitivity
-    from tactilevision.force.comparison import Residuals
-    from tactilevision.force.frame import ForceJob, FrameForce
-    from tactilevision.heightmap.reconstructor import Reconstructor
-    from tactilevision.press.certified_faces import FaceDepthCorrection
-    from tactilevision.recording.model import Recording
-    from tactilevision.records.maps import TractionMap
-    from tactilevision.records.measured import Material
-
-
-class MapFormat(StrEnum):
-    """How height maps are stored."""
-
-    TIFF = "tiff"
-    ZARR = "zarr"
+from tactilevision.force import comparison
+from tactilevision.force.calibrated import Sensitivity, material_sensitivity, read_clock_offset, read_material
+from tactilevision.force.frame import ForceJob, FrameForce, force_folder, force_job, with_gel
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.plots import force as draw, style
+from tactilevision.plots.height import draw_height
+from tactilevision.press.certified_faces import FaceDepthCorrection
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import read_frame
+from tactilevision.records.maps import TractionMap, flag_messages
+from tactilevision.records.measured import Material
 
 
 def depth(
@@ -52,8 +45,8 @@ def depth(
         ),
     ] = None,
     form: Annotated[
-        MapFormat, typer.Option("--format", help="One TIFF a frame, or one Zarr store.")
-    ] = MapFormat.TIFF,
+        Literal["tiff", "zarr"], typer.Option("--format", help="One TIFF a frame, or one Zarr store.")
+    ] = "tiff",
     with_std: Annotated[
         bool, typer.Option("--std", help="Also the depths' standard deviation, in depth_std/.")
     ] = False,
@@ -64,14 +57,11 @@ def depth(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into height maps: depth/NAME.tiff in mm (float32, NaN where invalid), and depth.csv."""
-    from tactilevision.batch.folder import reconstruct_folder, summary
-    from tactilevision.batch.tree import reconstruct_tree
-
     warned: list[str] = []
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     light = _light(chosen, warned, path)
-    how: dict[str, Any] = {"form": form.value, "workers": workers, "cluster": cluster, "with_std": with_std}
-    maps = "depth.zarr" if form is MapFormat.ZARR else "depth/NAME.tiff"
+    how: dict[str, Any] = {"form": form, "workers": workers, "cluster": cluster, "with_std": with_std}
+    maps = "depth.zarr" if form == "zarr" else "depth/NAME.tiff"
     if source.is_tree(path):
         if calibration is not None:
             raise InputError(
@@ -155,11 +145,6 @@ def _draw(
     anchor: FaceDepthCorrection,
 ) -> None:
     """Draw the deepest frame of each of the deepest presses, or of parts of the frames where there are none."""
-    from tactilevision.batch.selection import strongest_frames
-    from tactilevision.plots import style
-    from tactilevision.plots.height import draw_height
-    from tactilevision.recording.pictures import read_frame
-
     depth = [row.peak_mm if row.status == "ok" else float("nan") for row in rows]
     for number in strongest_frames(recording, depth, most=most):
         frame = read_frame(recording, number)
@@ -168,13 +153,6 @@ def _draw(
         path = folder / f"{Path(frame.name).stem}_depth.png"
         style.save_figure(figure, path)
         console.say(f"wrote {path}")
-
-
-class TractionFormat(StrEnum):
-    """How tractions are stored."""
-
-    NPZ = "npz"
-    ZARR = "zarr"
 
 
 def force(
@@ -188,87 +166,80 @@ def force(
     method: source.MethodOption = None,
     even_so: source.EvenSoOption = False,
     mm_per_px: source.ScaleOption = None,
-    form: Annotated[
-        TractionFormat, typer.Option("--format", help="How tractions are stored.")
-    ] = TractionFormat.NPZ,
+    form: Annotated[Literal["npz", "zarr"], typer.Option("--format", help="How tractions are stored.")] = "npz",
     workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
-    from tactilevision.force.comparison import residuals, shear_summary, write_comparison
-    from tactilevision.force.frame import force_folder, with_gel
-
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
-    known = _known_material(chosen, calibration)
-    recording = with_gel(chosen.open(path), known.path, known.thickness_mm)
+    material = _material(chosen, calibration)
+    offset_s = None if calibration is None else read_clock_offset(calibration)
+    recording = with_gel(chosen.open(path), calibration)
     with console.progress_bar("calibrating the light"):
-        job = _job(recording, chosen, known, out, form)
+        job = _job(recording, chosen, material, calibration, out=out, form=form)
     reconstructor, anchor = job.reconstructor, job.anchor
     console.warn([*recording.warnings, *reconstructor.warnings])
     with console.progress_bar("frames") as progress:
-        how: dict[str, Any] = {"clock_offset_s": known.clock_offset_s, "workers": workers, "cluster": cluster}
+        how: dict[str, Any] = {"clock_offset_s": offset_s, "workers": workers, "cluster": cluster}
         rows = force_folder(recording, job, progress=progress, **how)
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")
-    content = {"frames": len(rows), "read": len(read), "material": known.material.as_json()}
-    content |= {"faces_certified": anchor.depth_scale is not None}
-    content |= {"warnings": list(reconstructor.warnings)}
-    shear, compared = shear_summary(read), residuals(rows, recording.force_std_N)
+    shear, compared = comparison.shear_summary(read), comparison.residuals(rows, recording.force_std_N)
     _say_shear(shear)
-    content |= {"shear": shear, "measured": _say_residuals(compared, has_offset=not recording.presses)}
-    written = write_comparison(recording, rows, folder=out / "beside")
+    measured = _say_residuals(compared, has_offset=not recording.presses)
+    written = comparison.write_comparison(recording, rows, folder=out / "beside")
     if written is not None:
         console.say(f"  `tactilevision diagnose {written}` examines the difference of depth and force")
-    content |= {"sensitivity": _figures(recording, job, rows, out / "figures", compared=compared, most=pictures)}
+    content = {
+        "frames": len(rows),
+        "read": len(read),
+        "material": material.as_json(),
+        "faces_certified": anchor.depth_scale is not None,
+        "warnings": list(reconstructor.warnings),
+        "shear": shear,
+        "measured": measured,
+        "sensitivity": _figures(recording, job, rows, out / "figures", compared=compared, most=pictures),
+    }
     console.hand_over(content, json)
 
 
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """E and nu, with clock offset, thickness of the gel and file where a calibration.json gives them."""
-
-    material: Material
-    clock_offset_s: float | None
-    thickness_mm: float | None
-    path: Path | None
-
-
-def _known_material(chosen: source.Choice, calibration: Path | None) -> _Known:
+def _material(chosen: source.Choice, calibration: Path | None) -> Material:
     """Read E and nu from calibration.json, or else the profile. Raises InputError where there is neither."""
-    from tactilevision.force.calibrated import read_clock_offset, read_material, read_thickness_mm
-
-    if calibration is not None:
-        offset, thickness_mm = read_clock_offset(calibration), read_thickness_mm(calibration)
-        return _Known(read_material(calibration), offset, thickness_mm, calibration)
     profile = chosen.profile
+    if calibration is not None:
+        return read_material(calibration)
     if profile is None:
         remedy = "Name the calibration.json of `calibrate` with --calibration, or a profile with --sensor."
         raise InputError("E and nu of the gel are not known", where="force", remedy=remedy)
     if profile.material is None:
         remedy = "Name a calibration.json with --calibration, or make the profile with one."
         raise InputError("the profile holds no E and nu of its gel", where=profile.path, remedy=remedy)
-    return _Known(profile.material, None, None, None)
+    return profile.material
 
 
-def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, form: TractionFormat) -> ForceJob:
+def _job(
+    recording: Recording,
+    chosen: source.Choice,
+    material: Material,
+    calibration: Path | None,
+    *,
+    out: Path,
+    form: Literal["npz", "zarr"],
+) -> ForceJob:
     """Return the job that solves forces, by the named profile or by the recording's own light."""
-    from tactilevision.force.frame import force_job
-
-    sensor = chosen.calibrated(recording)
-    reconstructor = chosen.light(recording)
-    reconstructor, anchor = source.open_face_correction(recording, reconstructor, calibration=known.path)
-    fits = sensor is not None and known.path is None
+    sensor, reconstructor = chosen.calibrated(recording), chosen.light(recording)
+    reconstructor, anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
     job = force_job(
         recording,
         reconstructor,
-        material=known.material,
+        material=material,
         out=out,
-        form=form.value,
+        form=form,
         untouched=sensor.untouched if sensor else None,
-        compliance=sensor.profile.compliance if sensor and fits else None,
+        compliance=sensor.profile.compliance if sensor and calibration is None else None,
     )
     return replace(job, anchor=anchor)
 
@@ -282,13 +253,11 @@ def _say_shear(shear: dict[str, int | str]) -> None:
         console.say(f"  fx and fy are known in {counted}; else {shear['why']}")
 
 
-def _say_residuals(compared: Residuals | None, *, has_offset: bool) -> dict[str, Any] | None:
+def _say_residuals(compared: comparison.Residuals | None, *, has_offset: bool) -> dict[str, Any] | None:
     """Print and return the summary of the difference from the force sensor."""
-    from tactilevision.force.comparison import summary
-
     if compared is None:
         return None
-    found = summary(compared)
+    found = comparison.summary(compared)
     if has_offset:
         console.say("  the force sensor's zero is in its readings: no presses.csv states when the gel was free")
     for axis, numbers in found.items():
@@ -312,18 +281,12 @@ def _figures(
     rows: tuple[FrameForce, ...],
     folder: Path,
     *,
-    compared: Residuals | None,
+    compared: comparison.Residuals | None,
     most: int,
 ) -> list[dict[str, Any]]:
     """Draw the strongest frames, the resultant over time, its sensitivity to E and nu, and its residual."""
-    from tactilevision.batch.selection import strongest_frames
-    from tactilevision.force.calibrated import material_sensitivity
-    from tactilevision.force.comparison import strength_N
-    from tactilevision.plots import force as draw, style
-    from tactilevision.recording.pictures import read_frame
-
     sensitivity: list[dict[str, Any]] = []
-    strength = strength_N(rows)
+    strength = comparison.strength_N(rows)
     for number in strongest_frames(recording, strength, most=most):
         solved = job.solve(read_frame(recording, number))
         figure = draw.draw_force(solved.found, solved.height, shear=solved.shear)
@@ -342,8 +305,6 @@ def _figures(
 
 def _sensitivity(found: TractionMap, ranges: tuple[Sensitivity, ...], folder: Path) -> list[dict[str, Any]]:
     """Draw and print the change of fz over the intervals of E and nu."""
-    from tactilevision.plots import force as draw, style
-
     if not ranges:
         return []
     style.save_figure(draw.draw_sensitivity(found, ranges), folder / "sensitivity.png")

@@ -7,31 +7,30 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
 from tactilevision.files.runs import output_lock
-
-if TYPE_CHECKING:
-    from tactilevision.heightmap.reconstructor import Reconstructor
-    from tactilevision.robots.camera import Audit, Shot, Source
-    from tactilevision.robots.live import Counts, LiveResult, Stream
+from tactilevision.files.writing import append_text, write_text
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.heightmap.scene_faults import scene_faults
+from tactilevision.profile.sensor import CalibratedSensor
+from tactilevision.recording.folder import list_references
+from tactilevision.recording.images import read_image
+from tactilevision.recording.model import faults_of_reference
+from tactilevision.records.maps import LIGHT, Frame, flag_messages
+from tactilevision.robots import camera as cameras
+from tactilevision.robots.camera import FRAMES, Audit, Newest, Played, Shot, Source, audit
+from tactilevision.robots.live import COLUMNS, Counts, LiveResult, Stream, run
+from tactilevision.robots.preview import Foxglove, Preview, check_installed, words
 
 EVERY_S = 1  # s between two lines on the terminal
 TABLE = "live.csv"
-
-
-class Format(StrEnum):
-    """Formats of a camera: `robots.camera.FORMATS`."""
-
-    MJPEG = "mjpeg"
-    RAW = "raw"
 
 
 def live(
@@ -46,7 +45,9 @@ def live(
     indenter: Annotated[
         str | None, typer.Option(help="Look for the face of this indenter of the profile.")
     ] = None,
-    form: Annotated[Format | None, typer.Option("--format", help="Format of the camera's frames.")] = None,
+    form: Annotated[
+        Literal["mjpeg", "raw"] | None, typer.Option("--format", help="Format of the camera's frames.")
+    ] = None,
     rate: Annotated[float, typer.Option(min=0.1, help="Frames a second of a video or folder.")] = 30,
     every: Annotated[
         bool, typer.Option("--every", help="Read every frame of a video or folder, however long it takes.")
@@ -64,37 +65,17 @@ def live(
     json: console.JsonOption = None,
 ) -> None:
     """Read frames live: depth, contact and wrench, rate and latency. Frames are dropped, never queued."""
-    from tactilevision.robots.preview import check_installed
-
     if foxglove or mcap is not None:
         check_installed()
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
-
-    def listeners(stack: ExitStack) -> tuple[list[Callable[[LiveResult, float], None]], Path | None]:
-        return _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap), _table(stack, out)
-
-    _play(opened, listeners, until=(frames, seconds), every=every, json=json)
-
-
-def _play(
-    opened: _Opened,
-    listeners: Callable[[ExitStack], tuple[list[Callable[[LiveResult, float], None]], Path | None]],
-    *,
-    until: tuple[int | None, float | None],
-    every: bool,
-    json: Path | None,
-) -> None:
-    """Audit the source, then read it frame by frame `until` so many frames or seconds, and print both."""
-    from tactilevision.robots.camera import Newest, audit
-    from tactilevision.robots.live import Counts, run
-
     found = audit(opened.first, timed=not opened.source.waits)
     _say_audit(opened, found)
     counts, newest = Counts(), Newest(opened.source, every=every)
     try:
         with ExitStack() as stack:
-            reporter = _Reporter(counts, opened.stream, *listeners(stack), *until)
+            shows = _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap)
+            reporter = _Reporter(counts, opened.stream, shows, _table(stack, out), frames, seconds)
             run(stack.enter_context(newest), opened.stream, counts=counts, report=reporter)
     finally:  # also where the camera has gone, or after Ctrl-C
         _say_end(counts, newest.came, newest.dropped)
@@ -114,20 +95,15 @@ class _Opened:
 
 
 def _open(
-    camera: str, chosen: source.Choice, indenter: str | None, form: Format | None, *, rate: float | None
+    camera: str, chosen: source.Choice, indenter: str | None, form: str | None, *, rate: float | None
 ) -> _Opened:
-    from tactilevision.robots.camera import FRAMES, Played, open_camera
-    from tactilevision.robots.live import Stream
-
     numbered = re.fullmatch(r"(?:/dev/video)?(\d+)", camera)
     if numbered:
-        device = open_camera(int(numbered[1]), form=None if form is None else form.value)
+        device = cameras.open_camera(int(numbered[1]), form=form)
         first = list(islice(device.shots(), FRAMES))
         return _Opened(device, first, Stream(_calibrated(chosen, indenter), even_so=chosen.even_so), device.doubts)
     if form is not None:
-        raise InputError(
-            "only a camera has a format of frames", where="--format", value=form.value, remedy="Omit it."
-        )
+        raise InputError("only a camera has a format of frames", where="--format", value=form, remedy="Omit it.")
     if "://" in camera:
         remedy = "Name a camera's number, a video or a folder of pictures; in code, pass frames to Stream."
         raise InputError("network streams are not supported", where="--camera", value=camera, remedy=remedy)
@@ -139,11 +115,6 @@ def _open(
 
 
 def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
-    from tactilevision.profile.sensor import CalibratedSensor
-    from tactilevision.recording.folder import list_references
-    from tactilevision.recording.images import read_image
-    from tactilevision.recording.model import faults_of_reference
-
     if chosen.profile is None:
         remedy = "Make one with `tactilevision calibrate-sensor`, and name it with --sensor FILE.tvs."
         raise InputError("a camera needs a calibrated sensor", where="live", remedy=remedy)
@@ -157,8 +128,6 @@ def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
 
 def _say_audit(opened: _Opened, found: Audit) -> None:
     """Print the audit of the camera, and warnings of the reference and the sensor, by the first frames."""
-    from tactilevision.records.maps import Frame
-
     reader = opened.stream.reconstructor
     pictures = [reader.rectified(Frame(shot.rgb)) for shot in opened.first[:: max(1, len(opened.first) // 5)]]
     before, said = reader.warnings, opened.stream.look(pictures)
@@ -173,14 +142,10 @@ def _shows(
     """Open the page, Foxglove and its file until the stack ends; return the functions that take each result."""
     found: list[Callable[[LiveResult, float], None]] = []
     if preview is not None:
-        from tactilevision.robots.preview import Preview
-
         page = stack.enter_context(Preview(stream.reconstructor, preview))
         console.say(f"preview: {page.address}")
         found.append(page.show)
     if foxglove or mcap is not None:
-        from tactilevision.robots.preview import Foxglove
-
         outlet = stack.enter_context(Foxglove(stream.reconstructor, serve=foxglove, mcap=mcap))
         found.append(outlet.show)
     return found
@@ -188,9 +153,6 @@ def _shows(
 
 def _table(stack: ExitStack, out: Path | None) -> Path | None:
     """Begin live.csv in a folder that is locked until the stack ends; None without --out."""
-    from tactilevision.files.writing import write_text
-    from tactilevision.robots.live import COLUMNS
-
     if out is None:
         return None
     stack.enter_context(output_lock(out))
@@ -212,10 +174,6 @@ class _Reporter:
     named: bool = False
 
     def __call__(self, result: LiveResult) -> bool:
-        from tactilevision.files.writing import append_text
-        from tactilevision.records.maps import LIGHT
-        from tactilevision.robots.preview import words
-
         if LIGHT in result.moment.height.flags and not self.named:
             self.named = True  # once, as it takes longer than a frame
             console.warn(_faults(self.stream.reconstructor, result.shot))
@@ -233,9 +191,6 @@ class _Reporter:
 
 def _faults(reader: Reconstructor, shot: Shot) -> list[str]:
     """Return the changes of the scene between the reference and a shot."""
-    from tactilevision.heightmap.scene_faults import scene_faults
-    from tactilevision.records.maps import Frame
-
     if reader.referenced is None:
         return []
     found = scene_faults(reader.referenced.reference.rgb, [reader.rectified(Frame(shot.rgb))])
@@ -243,8 +198,6 @@ def _faults(reader: Reconstructor, shot: Shot) -> list[str]:
 
 
 def _say_end(counts: Counts, came: int, dropped: int) -> None:
-    from tactilevision.records.maps import flag_messages
-
     if counts.read:
         console.say(
             f"{counts.read} frames read of {came} that came, {dropped} dropped, {counts.rate_Hz:.1f} a second; "

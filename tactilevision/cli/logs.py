@@ -10,6 +10,10 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.cli.source import check_scale
+from tactilevision.profile.sensor import load_sensor
+from tactilevision.robots import log_export, log_import as imports
+from tactilevision.robots.lerobot import annotate
+from tactilevision.robots.lerobot_dataset import read_dataset
 from tactilevision.robots.messages import Clock
 
 
@@ -34,12 +38,10 @@ def import_log(
     json: console.JsonOption = None,
 ) -> None:
     """Convert a log of ROS 1, ROS 2 or MCAP to a recording: frames, forces and their times. No ROS is needed."""
-    from tactilevision.robots.log_import import ImportSettings, import_log, parse_rotation, the_picture_topic
-
-    turn = None if rotation is None else parse_rotation(rotation)
-    frames = frames or the_picture_topic(log)
-    settings = ImportSettings(frames, wrench, clock, sensor, mm_per_px, turn)
-    found = import_log(log, out, settings)
+    turn = None if rotation is None else imports.parse_rotation(rotation)
+    frames = frames or imports.the_picture_topic(log)
+    settings = imports.ImportSettings(frames, wrench, clock, sensor, mm_per_px, turn)
+    found = imports.import_log(log, out, settings)
     console.say(
         f"{found.frames} frames of {frames} over {found.seconds:.3f} s, {found.readings} readings of force: {out}"
     )
@@ -59,9 +61,9 @@ def export_log(
     json: console.JsonOption = None,
 ) -> None:
     """Write depth (Image, 32FC1, metres) and force (WrenchStamped) to a log. No ROS is needed."""
-    from tactilevision.robots.log_export import export_log
-
-    found = export_log(source.Choice(sensor).open(path), out, depth=depth, force=force, frame_id=frame_id)
+    found = log_export.export_log(
+        source.Choice(sensor).open(path), out, depth=depth, force=force, frame_id=frame_id
+    )
     console.say(f"{found.depths} height maps and {found.wrenches} wrenches: {out}")
     if found.without:
         console.warn([f"{found.without} frames have no height map in {depth}"])
@@ -77,10 +79,6 @@ def lerobot(
     json: console.JsonOption = None,
 ) -> None:
     """Write a data set with depth, contact and force added; frames are unchanged."""
-    from tactilevision.profile.sensor import load_sensor
-    from tactilevision.robots.lerobot import annotate
-    from tactilevision.robots.lerobot_dataset import read_dataset
-
     source, reader = read_dataset(dataset, camera), load_sensor(sensor)
     with console.progress_bar("frames") as progress:
         found = annotate(source, reader, out, shrink=shrink, progress=progress)

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from tactilevision import sensors
+from tactilevision.batch.tree import find_sources
 from tactilevision.cli import console
 from tactilevision.errors import InputError
-
-if TYPE_CHECKING:
-    from tactilevision.heightmap.reconstructor import Reconstructor
-    from tactilevision.press.certified_faces import FaceDepthCorrection
-    from tactilevision.profile.model import Profile
-    from tactilevision.profile.sensor import CalibratedSensor
-    from tactilevision.recording.model import Recording
-
+from tactilevision.heightmap.ball_validation import check_fit, unfit_warnings
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.storage import digest
+from tactilevision.press import certified_faces
+from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection, read_certified
+from tactilevision.profile.model import Profile
+from tactilevision.profile.sensor import CalibratedSensor, open_with_profile, sensor_for
+from tactilevision.profile.storage import SUFFIX, read_profile
+from tactilevision.recording import layout
+from tactilevision.recording.ball_folder import read_ball_folder
+from tactilevision.recording.folder import read_folder
+from tactilevision.recording.model import Recording, require
+from tactilevision.recording.read import read_recording
 
 SensorOption = Annotated[
     str | None,
@@ -37,8 +47,6 @@ ReferenceOption = Annotated[
 
 def check_scale(mm_per_px: float | None) -> float | None:
     """Return the value of --mm-per-px. Raises InputError for an implausible one."""
-    from tactilevision import sensors
-
     if mm_per_px is not None:
         sensors.check_scale(mm_per_px, where="--mm-per-px")
     return mm_per_px
@@ -78,8 +86,6 @@ class Choice:
     @cached_property
     def profile(self) -> Profile | None:
         """Return the named sensor profile. Raises InputError where other options contradict it."""
-        from tactilevision.profile.storage import SUFFIX, read_profile
-
         if self.sensor is None or not self.sensor.lower().endswith(SUFFIX):
             return None
         for option, value in (("--method", self.method), ("--mm-per-px", self.mm_per_px)):
@@ -92,9 +98,6 @@ class Choice:
     @property
     def way(self) -> str:
         """Return what determines the maps: name or hash of method or profile, and the scale."""
-        from tactilevision.photometric.catalogue import PHOTOMETRIC
-        from tactilevision.photometric.storage import digest
-
         name, path = self.method or "", None if self.profile is None else self.profile.path
         if name and name not in PHOTOMETRIC:
             path = Path(name).with_suffix(".json")  # the card, which holds the hashes of its files
@@ -102,16 +105,8 @@ class Choice:
         return f"{content} {self.mm_per_px}"
 
     def open(self, path: Path, *, needs_frames: bool = True) -> Recording:
-        """Read a recording, or a bare folder of frames whose sensor is named.
-
-        Unless `needs_frames`, ball presses alone suffice.
-        """
-        from tactilevision.recording.folder import read_folder
-        from tactilevision.recording.model import require
-
+        """Read a recording, or a bare folder of frames whose sensor is named."""
         if self.profile is not None:
-            from tactilevision.profile.sensor import open_with_profile
-
             recording = open_with_profile(path, self.profile, reference=self.reference)
         elif self._is_recording(path):
             recording = self._of_recording(path)
@@ -123,14 +118,12 @@ class Choice:
                 mm_per_px=self.mm_per_px,
                 guess=not self._has_own_reference(),
             )
-        if needs_frames or not recording.balls:
+        if needs_frames:
             require(recording, "frames", step="making height maps")
         return recording
 
     def open_branch(self, path: Path) -> Recording:
         """Open a source in a tree; without a profile, a recording has its own sensor and reference."""
-        from tactilevision.recording import layout
-
         own = self.profile is None and (path / layout.SETTINGS).is_file()
         return Choice(method=self.method, even_so=self.even_so).open(path) if own else self.open(path)
 
@@ -139,9 +132,6 @@ class Choice:
 
         Unless `even_so`, raises InputError for a calibration that fails its own balls.
         """
-        from tactilevision.heightmap.ball_validation import check_fit, unfit_warnings
-        from tactilevision.heightmap.build import build_reconstructor
-
         sensor = self.calibrated(recording)
         made = build_reconstructor(recording, self.method) if sensor is None else sensor.reconstructor
         if made.referenced is not None and not self.even_so:
@@ -155,14 +145,10 @@ class Choice:
         """Return the profile's sensor, checked on some of the frames; None where no profile was named."""
         if self.profile is None:
             return None
-        from tactilevision.profile.sensor import sensor_for
-
         return sensor_for(recording, self.profile)
 
     def _is_recording(self, path: Path) -> bool:
         """Return whether `path` is to be read as a recording, with its recording.toml."""
-        from tactilevision.recording import layout
-
         if not path.exists() or any(path.glob(f"*/{layout.SETTINGS}")):  # the reader explains
             return self.sensor is None
         return self.sensor is None and (path / layout.SETTINGS).is_file()
@@ -172,9 +158,6 @@ class Choice:
         return self.method is not None and Path(self.method).with_suffix(".npz").is_file()
 
     def _of_recording(self, path: Path) -> Recording:
-        from tactilevision.recording.folder import read_folder
-        from tactilevision.recording.read import read_recording
-
         if self.reference is None and self.mm_per_px is None:
             return read_recording(path)
         return read_folder(path, reference=self.reference, mm_per_px=self.mm_per_px)
@@ -182,9 +165,6 @@ class Choice:
 
 def open_balls(path: Path, chosen: Choice, ball_radius_mm: float | None) -> Recording:
     """Read a recording, or a bare folder of ball presses whose sensor is named."""
-    from tactilevision.recording import layout
-    from tactilevision.recording.ball_folder import read_ball_folder
-
     if chosen.profile is not None:
         raise InputError(
             "a profile cannot be made from a profile",
@@ -205,36 +185,30 @@ def open_balls(path: Path, chosen: Choice, ball_radius_mm: float | None) -> Reco
 
 def is_tree(path: Path) -> bool:
     """Return whether `path` is a tree of recordings or folders of frames."""
-    from tactilevision.batch.tree import find_sources
-
     return path.is_dir() and find_sources(path) not in ((path,), ())
+
+
+def taught(
+    recording: Recording, reader: Reconstructor, certified: Sequence[certified_faces.Certified]
+) -> tuple[Reconstructor, FaceDepthCorrection]:
+    """Return the reader with walls as certified faces teach them, and the correction of faces by these."""
+    faces = certified_faces.read_faces(recording, reader, certified=certified)
+    made = certified_faces.teach_walls(reader, faces)
+    return made, certified_faces.face_depth_correction(recording, faces, walls=made.taught)
 
 
 def open_face_correction(
     recording: Recording, reconstructor: Reconstructor, *, calibration: Path | None
 ) -> tuple[Reconstructor, FaceDepthCorrection]:
-    """Return the reader with walls as `calibration` teaches them, and the correction of faces by it.
-
-    With a warning where it certifies too few.
-    """
-    from tactilevision.press.certified_faces import (
-        NO_CORRECTION,
-        face_depth_correction,
-        read_certified,
-        read_faces,
-        teach_walls,
-    )
-
+    """Return `taught` by the certificate of `calibration`, with a warning where it certifies too few faces."""
     if calibration is None:
         return reconstructor, NO_CORRECTION
-    faces = read_faces(recording, reconstructor, certified=read_certified(calibration))
-    taught = teach_walls(reconstructor, faces)
-    anchor = face_depth_correction(recording, faces, walls=taught.taught)
+    made, anchor = taught(recording, reconstructor, read_certified(calibration))
     if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
-        own = "those of the picture" + ("" if taught is reconstructor else ", with the walls' law of these faces")
+        own = "those of the picture" + ("" if made is reconstructor else ", with the walls' law of these faces")
         console.warn([f"{points} certifies too few faces of this recording: depths are {own}"])
     else:
         console.warn([anchor.doubt] if anchor.doubt else [])
         console.say("depths of faces are corrected by the certificate next to the calibration")
-    return taught, anchor
+    return made, anchor

@@ -3,21 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from tactilevision.cli import console, source as sources
-from tactilevision.errors import InputError
-
-if TYPE_CHECKING:
-    from tactilevision.heightmap.reconstructor import Reconstructor
-    from tactilevision.photometric.method import CalibratedMethod
-    from tactilevision.press.certified_faces import Certified, DepthScale
-    from tactilevision.profile.model import Profile
-    from tactilevision.recording.model import Recording
+from tactilevision.errors import InputError, check_known
+from tactilevision.files.runs import output_lock
+from tactilevision.force.calibrated import check_gel, material_of, read_calibration
+from tactilevision.heightmap.ball_validation import told
+from tactilevision.heightmap.build import build_reconstructor
+from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.photometric.card import provenance
+from tactilevision.photometric.catalogue import PHOTOMETRIC
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.storage import save_method
+from tactilevision.pipeline import calibrate_each
+from tactilevision.plots.style import save_figure
+from tactilevision.plots.validation import draw_depth_report
+from tactilevision.press.certified_faces import (
+    Certified,
+    DepthScale,
+    read_certified,
+    scale_warning,
+    with_scatter,
+    with_walls,
+)
+from tactilevision.press.step_validation import flat_steps
+from tactilevision.profile.ball_guide import Guide, Session, start_table
+from tactilevision.profile.model import Profile
+from tactilevision.profile.sensor import make_profile
+from tactilevision.profile.storage import SUFFIX, check_name, read_profile, write_profile
+from tactilevision.recording.model import Recording
 
 
 def train(
@@ -44,17 +63,11 @@ def train(
     Its card states its errors; a figure shows held-out balls, and flat steps certified by the recording's own
     presses, by depth and by contact size.
     """
-    from tactilevision.heightmap.build import build_reconstructor
-    from tactilevision.photometric.card import provenance
-    from tactilevision.photometric.catalogue import PHOTOMETRIC
-
-    if method not in PHOTOMETRIC:
-        remedy = "Known are " + ", ".join(PHOTOMETRIC) + "."
-        raise InputError("no photometric method of that name", where="--method", value=method, remedy=remedy)
+    check_known(method, PHOTOMETRIC, what="no photometric method of that name", where="--method")
     chosen = sources.Choice(sensor, reference, None, mm_per_px)
     if guide:
         _guide(recording, chosen, ball_radius_mm, method=method, port=port)
-    source = _read(recording, chosen, ball_radius_mm)
+    source = sources.open_balls(recording, chosen, ball_radius_mm)
     if not source.balls:
         remedy = "Press a ball at twenty places. For a bare folder state the radius with --ball-radius-mm."
         raise InputError("no ball presses to train on", where=recording / "reference" / "ball", remedy=remedy)
@@ -64,7 +77,10 @@ def train(
     assert made.referenced is not None
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
     known, certified = _certified(source, made)
-    kept = _with_walls(source, made, made.referenced, certified)
+    kept = made.referenced
+    if certified:
+        with console.progress_bar("learning walls"):
+            kept = with_walls(kept, sources.taught(source, made, certified)[0].taught)
     if getattr(kept, "walls", None) is not None:
         known["flat_steps_walls"] = "as read before the walls' law was fitted to these faces"
     card = made.referenced.card.extended(known | provenance(data, licence=licence))
@@ -75,25 +91,12 @@ def train(
         _save_profile(source, made, out)
 
 
-def _read(path: Path, chosen: sources.Choice, ball_radius_mm: float | None) -> Recording:
-    from tactilevision.recording import layout
-    from tactilevision.recording.read import read_recording
-
-    if chosen == sources.Choice() and ((path / layout.SETTINGS).is_file() or not path.exists()):
-        return read_recording(path)  # frames are not needed
-    return sources.open_balls(path, chosen, ball_radius_mm)
-
-
 def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, method: str, port: int) -> None:
     """Serve the page until the person has finished and the table of balls is written."""
-    from tactilevision.files.runs import output_lock
-    from tactilevision.profile.ball_guide import Guide, Session, start_table
-
     start_table(path, ball_radius_mm)
     with console.progress_bar("looking for balls"):
-        session = Session(
-            _read(path, chosen, ball_radius_mm), method="polynomial" if method == "network" else method
-        )
+        presses = sources.open_balls(path, chosen, ball_radius_mm)
+        session = Session(presses, method="polynomial" if method == "network" else method)
     with output_lock(session.table, file=True), Guide(session, port=port) as page:
         console.say(f"mark the circles at {page.address}", "Ctrl-C ends without writing them")
         page.wait()
@@ -102,9 +105,6 @@ def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, 
 
 def _save_profile(source: Recording, made: Reconstructor, out: Path) -> None:
     """Write the sensor's profile, without E and nu, next to the method."""
-    from tactilevision.profile.sensor import make_profile
-    from tactilevision.profile.storage import SUFFIX, write_profile
-
     try:
         with console.progress_bar("making the profile"):
             write_profile(make_profile(source, made), out.with_suffix(SUFFIX))
@@ -116,10 +116,6 @@ def _save_profile(source: Recording, made: Reconstructor, out: Path) -> None:
 
 def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], tuple[Certified, ...]]:
     """Return the errors on the recording's certified presses, for the card, and these presses; print doubts."""
-    from tactilevision.heightmap.ball_validation import told
-    from tactilevision.press.certified_faces import scale_warning
-    from tactilevision.press.step_validation import flat_steps
-
     with console.progress_bar("certifying flat steps"):
         steps, why, certified = flat_steps(source, made)
     doubt = scale_warning([(s.found_mm, s.true_mm) for s in steps], [ball.ball_radius_mm for ball in source.balls])
@@ -128,29 +124,11 @@ def _certified(source: Recording, made: Reconstructor) -> tuple[dict[str, Any], 
     return ({**known, "doubt_of_scale": doubt} if doubt else dict(known)), certified
 
 
-def _with_walls(
-    source: Recording, made: Reconstructor, method: CalibratedMethod, certified: tuple[Certified, ...]
-) -> CalibratedMethod:
-    """The method with what certified faces teach of walls, ."""
-    from tactilevision.press.certified_faces import read_faces, teach_walls, with_walls
-
-    if not certified:
-        return method
-    with console.progress_bar("learning walls"):
-        made = teach_walls(made, read_faces(source, made, certified=certified))
-    return with_walls(method, made.taught)
-
-
 def _save(method: CalibratedMethod, out: Path, *, network: bool) -> None:
     """Write the method's file, and its card and figure next to it."""
-    from tactilevision.photometric.storage import save_method
-
     path = save_method(method, out)
     also: tuple[str, ...] = (".onnx", ".json") if network else (".json",)
     if method.card.other.get("held_out_balls"):
-        from tactilevision.plots.style import save_figure
-        from tactilevision.plots.validation import draw_depth_report
-
         save_figure(draw_depth_report(method.card.other), path.with_suffix(".png"))
         also += (".png",)
     console.say("wrote " + ", ".join(str(path.with_suffix(suffix)) for suffix in (".npz", *also)))
@@ -178,20 +156,18 @@ def calibrate_sensor(
     json: console.JsonOption = None,
 ) -> None:
     """Write a sensor profile for --sensor FILE.tvs: light, rectification, untouched gel, E and nu."""
-    from tactilevision.profile.sensor import make_profile
-    from tactilevision.profile.storage import check_name, read_profile, write_profile
-
     check_name(out)
     chosen = sources.Choice(sensor, reference, method, mm_per_px)
     recording = _open(path, chosen, ball_radius_mm, serial)
     with console.progress_bar("calibrating the light"):
         reconstructor = chosen.light(recording)
     console.warn([*recording.warnings, *reconstructor.warnings])
-    known = _Known() if light_only else _known(recording, reconstructor, calibration)
+    content, certified, said = (None, (), ()) if light_only else _known(recording, calibration)
     with console.progress_bar("solving the gel"):
-        reader = known.reader or reconstructor
-        made = make_profile(recording, reader, calibration=known.content, face_law=known.face_law)
-        write_profile(made, out)
+        face_law = None
+        if content is not None:
+            reconstructor, face_law = _taught(recording, reconstructor, certified, said=said)
+        write_profile(make_profile(recording, reconstructor, calibration=content, face_law=face_law), out)
     found = read_profile(out)
     console.say(f"wrote {out}: {found.name}, {found.date}, {out.stat().st_size / 10**6:.1f} MB", *_contents(found))
     console.hand_over(_as_json(found), json)
@@ -204,60 +180,44 @@ _SHEAR = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """Content of calibration.json, the reader as certified faces teach it, and the law of their depth."""
-
-    content: dict[str, Any] | None = None
-    reader: Reconstructor | None = None
-    face_law: DepthScale | None = None
-
-
 def _open(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, serial: str | None) -> Recording:
     recording = sources.open_balls(path, chosen, ball_radius_mm)
     return recording if serial is None else replace(recording, sensor=replace(recording.sensor, serial=serial))
 
 
-def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path | None) -> _Known:
-    """Return E, nu and certified faces of a calibration.json, or of the recording's presses."""
-    from tactilevision.force.calibrated import check_gel, material_of, read_calibration
-    from tactilevision.press.certified_faces import Certified, read_certified
-
+def _known(
+    recording: Recording, calibration: Path | None
+) -> tuple[dict[str, Any] | None, Sequence[Certified], Sequence[str]]:
+    """Return a calibration.json, its certified faces and warnings given: of the file, or of the presses."""
     if calibration is not None:
         content = read_calibration(calibration)
         material_of(content, where=calibration)
         if recording.sensor.gel is not None:
             check_gel(calibration, recording.sensor.gel)
-        return _Known(content, *_taught(recording, reconstructor, read_certified(calibration)))
+        return content, read_certified(calibration), ()
     if not (recording.presses and recording.forces is not None and recording.sensor.gel is not None):
-        return _Known()
-    from tactilevision.pipeline import calibrate_each
-
+        return None, (), ()
     outcome = calibrate_each([recording.path], listener=console)[0]
     if outcome.result is None:
         console.warn([f"E and nu are omitted: {outcome.fault}"])
-        return _Known()
+        return None, (), ()
     points = outcome.certified.points
     certified = [Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted]
-    return _Known(outcome.content, *_taught(recording, reconstructor, certified, said=outcome.certified.warnings))
+    return outcome.content, certified, outcome.certified.warnings
 
 
 def _taught(
-    recording: Recording, reader: Reconstructor, certified: Any, *, said: Sequence[str] = ()
+    recording: Recording, reader: Reconstructor, certified: Sequence[Certified], *, said: Sequence[str] = ()
 ) -> tuple[Reconstructor, DepthScale | None]:
     """Return the reader with walls as certified faces teach them, and how deep these are over how it reads them.
 
     `said`: warnings that were given already.
     """
-    from tactilevision.press.certified_faces import face_depth_correction, read_faces, teach_walls, with_scatter
-
-    faces = read_faces(recording, reader, certified=certified)
-    taught = teach_walls(reader, faces)
-    found = face_depth_correction(recording, faces, walls=taught.taught)
+    made, found = sources.taught(recording, reader, certified)
     console.warn([found.doubt] if found.doubt and found.doubt not in said else [])
-    if taught is reader or taught.taught is None:
-        return taught, found.depth_scale
-    return taught, with_scatter(found.depth_scale, taught.taught)
+    if made is reader or made.taught is None:
+        return made, found.depth_scale
+    return made, with_scatter(found.depth_scale, made.taught)
 
 
 def _contents(profile: Profile) -> list[str]:

@@ -5,26 +5,34 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
+import numpy as np
+import numpy.typing as npt
 import typer
+from matplotlib.figure import Figure
 
+from tactilevision.batch.selection import (
+    Maps,
+    deepest_frame,
+    find_maps,
+    frame_number,
+    frames_of,
+    is_tiff,
+    read_map,
+)
 from tactilevision.cli import console, source
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, check_known
+from tactilevision.files.exports import EXPORTS, UNKNOWN, export as write
+from tactilevision.force.frame import Readings
+from tactilevision.heightmap.deviation import contributions_mm
+from tactilevision.heightmap.reconstructor import Reading, Reconstructor
+from tactilevision.plots import height as draw, style, viewer
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import iter_frames, read_frame
 from tactilevision.records.constants import KILO
-from tactilevision.records.maps import MEANING
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-    from matplotlib.figure import Figure
-
-    from tactilevision.batch.selection import Maps
-    from tactilevision.heightmap.reconstructor import Reading, Reconstructor
-    from tactilevision.plots.viewer import Window
-    from tactilevision.recording.model import Recording
-    from tactilevision.records.maps import Frame, HeightMap
-    from tactilevision.records.measured import Bytes
+from tactilevision.records.maps import MEANING, Frame, HeightMap
+from tactilevision.records.measured import Bytes
 
 
 def view(
@@ -68,74 +76,43 @@ def view(
     ] = False,
 ) -> None:
     """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""
-    from tactilevision.batch.selection import find_maps, is_tiff, read_map
-    from tactilevision.files.exports import export as write
-    from tactilevision.plots import style
-
     _check(export or [], screen=window)
-    rgb: Bytes | None = None
-    opened: _Opened | Maps | None = None
-    filmed: list[int] = []
-    if is_tiff(path):
-        height = read_map(path, mm_per_px)
-    else:
-        chosen = source.Choice(sensor, reference, method, mm_per_px)
-        opened = find_maps(path, mm_per_px) or _Opened(path, chosen)
-        if film is not None:
-            filmed = _filmed(opened, film)
-        height, rgb = opened.best() if frame is None else opened.named(frame)
+    chosen = source.Choice(sensor, reference, method, mm_per_px)
+    opened: _Opened | Maps = find_maps(path, mm_per_px) or _Opened(path, chosen)
+    filmed = [] if film is None else _filmed(opened, film)
+    height, rgb = opened.best() if frame is None else opened.named(frame)
     console.warn([f"{height.name}: {MEANING[flag]}" for flag in height.flags])
-    deviations = _terms(height, opened) if terms else {}
     other = None if minus is None else _other(minus, opened, mm_per_px)
     figures = _draw(height, rgb, other)
-    if deviations:
-        from tactilevision.plots.height import draw_terms
-
-        figures["terms"] = draw_terms(height, deviations)
+    if terms:
+        figures["terms"] = draw.draw_terms(height, _terms(height, opened))
     stem = Path(height.name).stem
     for name, figure in figures.items():
         path_out = out / f"{stem}_{name}.png"
         style.save_figure(figure, path_out)
         console.say(f"wrote {path_out}")
     if html:
-        from tactilevision.plots.viewer import write_surface_page
-
         flat = [out / f"{stem}_{name}.png" for name in figures if name != "surface"]
-        console.say(f"wrote {write_surface_page(out, height, flat)}")
+        console.say(f"wrote {viewer.write_surface_page(out, height, flat)}")
     for form in export or []:
         console.say(f"wrote {write(height, out, form=form)}")
-    if film is not None:
-        _film(opened, film, filmed, out)
+    if film is not None and isinstance(opened, _Opened):
+        console.say(f"wrote {_film(opened, film, filmed, out)}")
     if window:
-        style.show([_window(height, opened, other).figure], title=f"tactilevision: {path}")
-
-
-def _window(height: HeightMap, opened: _Opened | Maps | None, other: HeightMap | None) -> Window:
-    """Return the window on all frames, or on a depth TIFF alone."""
-    from tactilevision.plots.viewer import Window
-
-    if opened is None:
-        return Window([height.name], lambda _: height, marked=other)
-    names = opened.names
-    return Window(names, lambda n: opened.named(names[n])[0], number=opened.number(height.name), marked=other)
+        maps, number = (lambda n: opened.named(opened.names[n])[0]), opened.number(height.name)
+        shown = viewer.Window(opened.names, maps, number=number, marked=other)
+        style.show([shown.figure], title=f"tactilevision: {path}")
 
 
 def _check(forms: list[str], *, screen: bool) -> None:
     """Raise InputError for unknown forms, or where a window needs a screen and there is none."""
-    from tactilevision.files.exports import EXPORTS
-    from tactilevision.plots import style
-
     if screen:
         style.check_screen()
-    unknown = [form for form in forms if form not in EXPORTS]
-    if unknown:
-        remedy = "Known are " + ", ".join(EXPORTS) + "."
-        raise InputError("no such format of height maps", where="--export", value=unknown[0], remedy=remedy)
+    for form in forms:
+        check_known(form, EXPORTS, what=UNKNOWN, where="--export")
 
 
 def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict[str, Figure]:
-    from tactilevision.plots import height as draw
-
     figures = {
         "depth": draw.draw_height(height),
         "surface": draw.draw_surface(height),
@@ -149,10 +126,8 @@ def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict
     return figures
 
 
-def _terms(height: HeightMap, opened: _Opened | Maps | None) -> dict[str, npt.NDArray[np.float32]]:
+def _terms(height: HeightMap, opened: _Opened | Maps) -> dict[str, npt.NDArray[np.float32]]:
     """Return the terms of a map's deviation, and print their rms. Raises InputError where they are not known."""
-    from tactilevision.heightmap.deviation import contributions_mm
-
     found = opened.read(height.name).terms_mm() if isinstance(opened, _Opened) else {}
     if not found:
         raise InputError(
@@ -187,58 +162,36 @@ class _Opened:
 
     def number(self, name: str) -> int:
         """Return the number of a frame by its name."""
-        from tactilevision.batch.selection import frame_number
-
         return frame_number(self.recording, name)
 
     def named(self, name: str) -> tuple[HeightMap, Bytes]:
         """Return the map and the rectified picture of a frame."""
-        frame = self._frame(name)
+        frame = read_frame(self.recording, self.number(name))
         return self.reconstructor.height_map(frame), self.reconstructor.rectified(frame)
 
     def read(self, name: str) -> Reading:
         """Return the map of a frame and what it rests on."""
-        return self.reconstructor.read(self._frame(name))
-
-    def _frame(self, name: str) -> Frame:
-        from tactilevision.recording.pictures import read_frame
-
-        return read_frame(self.recording, self.number(name))
+        return self.reconstructor.read(read_frame(self.recording, self.number(name)))
 
     def best(self) -> tuple[HeightMap, Bytes]:
         """Return the deepest of a few frames."""
-        from tactilevision.batch.selection import deepest_frame
-
         return self.named(self.names[deepest_frame(self.recording, self.reconstructor)])
 
 
-def _other(minus: str, opened: _Opened | Maps | None, mm_per_px: float | None) -> HeightMap:
-    from tactilevision.batch.selection import is_tiff, read_map
-
+def _other(minus: str, opened: _Opened | Maps, mm_per_px: float | None) -> HeightMap:
     if is_tiff(Path(minus)) and Path(minus).is_file():
         return read_map(Path(minus), mm_per_px)
-    if opened is None:
-        raise InputError("is not a depth TIFF", where="--minus", value=minus)
     return opened.named(minus)[0]
 
 
 def _filmed(opened: _Opened | Maps, what: str) -> list[int]:
     """Return the numbers of the frames to film. Raises InputError where there are no frames."""
-    from tactilevision.batch.selection import frames_of
-
     if not isinstance(opened, _Opened):
         raise InputError("a film needs frames, not depth TIFFs", where="--film", value=what)
     return frames_of(opened.recording, what)
 
 
-def _film(opened: _Opened | Maps | None, what: str, numbers: list[int], out: Path) -> None:
-    from tactilevision.force.frame import Readings
-    from tactilevision.plots.viewer import Shot, draw_film, write_film
-    from tactilevision.recording.pictures import iter_frames
-    from tactilevision.records.maps import Frame
-
-    if not isinstance(opened, _Opened):
-        raise InputError("a film needs frames, not depth TIFFs", where="--film", value=what)
+def _film(opened: _Opened, what: str, numbers: list[int], out: Path) -> Path:
     recording, readings, shots = opened.recording, Readings(opened.recording), []
     part = replace(
         recording,
@@ -248,11 +201,10 @@ def _film(opened: _Opened | Maps | None, what: str, numbers: list[int], out: Pat
     with console.progress_bar("filming") as progress:
         for done, frame in enumerate(iter_frames(part), start=1):
             if isinstance(frame, Frame):
-                height = opened.reconstructor.height_map(frame)
-                shots.append(
-                    Shot(opened.reconstructor.rectified(frame), height, float(readings.at(frame.time_s)[2]))
-                )
+                pressed_N = float(readings.at(frame.time_s)[2])
+                height, rgb = opened.reconstructor.height_map(frame), opened.reconstructor.rectified(frame)
+                shots.append(viewer.Shot(rgb, height, pressed_N))
             progress(done, len(numbers))
     name = what.replace(":", "-").replace("/", "-")
-    path = write_film(out / f"film_{name}.mp4", draw_film(shots, title=f"{recording.name}, {what}"))
-    console.say(f"wrote {path}")
+    title = f"{recording.name}, {what}"
+    return viewer.write_film(out / f"film_{name}.mp4", viewer.draw_film(shots, title=title))

@@ -8,7 +8,8 @@ import os
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -31,13 +32,9 @@ def read_array(data: bytes, *, where: object) -> npt.NDArray[Any]:
 
     Raises DamagedArrayError where it is damaged or holds objects, InputError where it is too large.
     """
-    try:
+    with _reading("array", where):
         _check_header(io.BytesIO(data), where)
         return np.asarray(np.lib.format.read_array(io.BytesIO(data), allow_pickle=False))
-    except InputError:
-        raise
-    except DAMAGED as fault:
-        raise _damaged(fault, where) from fault
 
 
 def read_arrays(path: Path | str) -> Mapping[str, npt.NDArray[Any]]:
@@ -59,16 +56,10 @@ def unpack_arrays(data: bytes, *, where: object) -> Mapping[str, npt.NDArray[Any
 
 
 def _unpacked(file: BinaryIO, where: object) -> Mapping[str, npt.NDArray[Any]]:
-    try:
-        with zipfile.ZipFile(file) as packed:
-            total = sum(about.file_size for about in packed.infolist())
-            check(total / 1e6, "MAX_ARRAY_MB", what="what it unpacks to, in MB,", where=where)
-            return {about.filename.removesuffix(".npy"): _member(packed, about, where)
-                    for about in packed.infolist()}  # fmt: skip
-    except InputError:
-        raise
-    except DAMAGED as fault:
-        raise _damaged(fault, where) from fault
+    with _reading("array", where), zipfile.ZipFile(file) as packed:
+        total = sum(about.file_size for about in packed.infolist())
+        check(total / 1e6, "MAX_ARRAY_MB", what="what it unpacks to, in MB,", where=where)
+        return {about.filename.removesuffix(".npy"): _member(packed, about, where) for about in packed.infolist()}
 
 
 def _member(packed: zipfile.ZipFile, about: zipfile.ZipInfo, source: object) -> npt.NDArray[Any]:
@@ -94,11 +85,16 @@ def _check_header(file: BinaryIO, where: object) -> None:
     check(size / 1e6, "MAX_ARRAY_MB", what=f"an array of shape {shape}, in MB,", where=where)
 
 
-def _damaged(fault: BaseException, where: object, what: str = "array") -> DamagedArrayError:
-    message = " ".join(str(fault).split()) or type(fault).__name__
-    return DamagedArrayError(
-        f"the {what} is damaged: {message[:200]}", where=where, remedy="Copy it again from its source."
-    )
+@contextmanager
+def _reading(what: str, where: object) -> Iterator[None]:
+    try:
+        yield
+    except InputError:
+        raise
+    except DAMAGED as fault:
+        said = (" ".join(str(fault).split()) or type(fault).__name__)[:200]
+        remedy = "Copy it again from its source."
+        raise DamagedArrayError(f"the {what} is damaged: {said}", where=where, remedy=remedy) from fault
 
 
 # Archives: zip files of stored members. Nothing is unpacked to disk. Compressed, encrypted and repeated members
@@ -114,16 +110,10 @@ def read_archive(path: Path | str) -> dict[str, bytes]:
     Raises InputError where it is damaged, too large, or not such an archive; OSError where the file system
     refuses.
     """
-    with open_regular(path) as file:
-        try:
-            with zipfile.ZipFile(file) as packed:
-                members = packed.infolist()
-                _check(members, Path(path), size=os.fstat(file.fileno()).st_size)
-                return {about.filename: packed.read(about) for about in members}
-        except InputError:
-            raise
-        except DAMAGED as fault:
-            raise _damaged(fault, path, "archive") from fault
+    with open_regular(path) as file, _reading("archive", path), zipfile.ZipFile(file) as packed:
+        members = packed.infolist()
+        _check(members, Path(path), size=os.fstat(file.fileno()).st_size)
+        return {about.filename: packed.read(about) for about in members}
 
 
 def _check(members: list[zipfile.ZipInfo], path: Path, *, size: int) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError
+from tactilevision.errors import check_known
 from tactilevision.files.tiff import masked, write_tiff
 from tactilevision.files.writing import replacing
 from tactilevision.files.zarr_store import write_zarr
@@ -126,19 +126,15 @@ EXPORTS: dict[str, Callable[[Path, HeightMap], None]] = {
 }
 
 
+UNKNOWN = "no such format of height maps"
+
+
 def export(height: HeightMap, folder: Path | str, *, form: str) -> Path:
     """Write a height map (H, W), in mm, as `form`, a name in EXPORTS, under its own name; returns the file.
 
     Raises InputError for a format that is not known.
     """
-    writer = EXPORTS.get(form)
-    if writer is None:
-        raise InputError(
-            "no such format of height maps",
-            where="export",
-            value=form,
-            remedy="Known are " + ", ".join(EXPORTS) + ".",
-        )
+    check_known(form, EXPORTS, what=UNKNOWN, where="export")
     path = Path(folder) / f"{Path(height.name).stem or 'height'}.{form}"
-    writer(path, height)
+    EXPORTS[form](path, height)
     return path

@@ -6,14 +6,15 @@ import math
 import os
 import re
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, TactilevisionError
 
 # Limits of what a file may hold, far beyond what a sensor gives. A variable of the environment raises each:
 # TACTILEVISION_MAX_PIXELS=200000000.
@@ -101,6 +102,18 @@ def read_bytes(path: Path | str, *, limit: str = "MAX_FILE_MB") -> bytes:
     """Read all of a regular file. Raises as `open_regular` does."""
     with open_regular(path, limit=limit) as file:
         return file.read()
+
+
+@contextmanager
+def damage(where: object, *, what: str = "is damaged", remedy: str = "Copy it again.") -> Iterator[None]:
+    """Raise InputError for errors of any kind, which libraries raise for a damaged file; those on purpose stay."""
+    try:
+        yield
+    except TactilevisionError:
+        raise
+    except Exception as fault:
+        said = " ".join(str(fault).split())[:160] or type(fault).__name__
+        raise InputError(f"{what}: {said}", where=where, remedy=remedy) from fault
 
 
 # Names in files: none leads out of its folder, by "..", an absolute path or a link.

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.files.opening import check, check_numbers, check_regular, number
+from tactilevision.files.opening import check, check_numbers, check_regular, damage, number
 from tactilevision.files.writing import replacing
 from tactilevision.records.maps import HeightMap, add
 from tactilevision.records.measured import Pair
@@ -50,16 +50,12 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
     import tifffile
 
     path = Path(path)
-    try:
+    with damage(path, what="cannot be read as a depth TIFF", remedy=""):
         check_regular(path)
         with tifffile.TiffFile(path) as file:
             pixels = math.prod(file.series[0].shape) if file.series else 0
             check(pixels, "MAX_PIXELS", what="its pixels", where=path)
             depth, about = file.asarray(), file.pages[0].description or ""  # type: ignore[union-attr]
-    except InputError:
-        raise
-    except Exception as fault:  # tifffile raises many kinds of errors for damaged files
-        raise InputError(f"cannot be read as a depth TIFF: {fault}", where=path) from fault
     if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
         raise InputError(
             "a depth TIFF holds one plane of floating-point numbers",

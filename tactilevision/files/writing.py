@@ -48,13 +48,19 @@ def append_text(path: Path | str, text: str) -> None:
             os.close(handle)
 
 
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room on the disk, in the quota, in the file
+_PART = re.compile(r"\d+ requested and \d+ written")  # numpy's message of a full disk, which has no errno
+
+
 @contextmanager
 def output_errors(target: Path) -> Iterator[None]:
     """Raise OutputError where the file system refuses what is written to `target`."""
     try:
         yield
     except OSError as fault:
-        raise _refused(target, fault) from fault
+        full = fault.errno in _FULL or _PART.search(str(fault))
+        remedy = ("Free some space or choose" if full else "Choose") + " another folder with --out."
+        raise OutputError(f"cannot be written: {fault.strerror or fault}", where=target, remedy=remedy) from fault
 
 
 @contextmanager
@@ -67,19 +73,16 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """
     target = Path(path)
     _check_replaceable(target)
-    try:
+    with output_errors(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=unfinished(), suffix=target.suffix, dir=target.parent)
         os.close(handle)
-    except OSError as fault:
-        raise _refused(target, fault) from fault
     temporary = Path(name)
     try:
-        yield temporary
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(target)
-    except OSError as fault:
-        raise _refused(target, fault) from fault
+        with output_errors(target):
+            yield temporary
+            temporary.chmod(0o666 & ~_umask())
+            temporary.replace(target)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -102,21 +105,18 @@ def staged(folder: Path | str) -> Iterator[Path]:
     stay. Raises OutputError as `replacing` does.
     """
     target = Path(folder)
-    try:
+    with output_errors(target):
         target.mkdir(parents=True, exist_ok=True)
         clear_unfinished(target)
         stage = Path(tempfile.mkdtemp(prefix=unfinished(), dir=target))
-    except OSError as fault:
-        raise _refused(target, fault) from fault
     try:
-        yield stage
-        try:
-            _move(stage, target)
-        except (KeyboardInterrupt, SystemExit, Terminated):  # finish, so that results are not half moved
-            _move(stage, target)
-            raise
-    except OSError as fault:
-        raise _refused(target, fault) from fault
+        with output_errors(target):
+            yield stage
+            try:
+                _move(stage, target)
+            except (KeyboardInterrupt, SystemExit, Terminated):  # finish, so that results are not half moved
+                _move(stage, target)
+                raise
     finally:
         shutil.rmtree(stage, ignore_errors=True)
 
@@ -222,16 +222,3 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
-
-
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room on the disk, in the quota, in the file
-_PART = re.compile(r"\d+ requested and \d+ written")  # numpy's message of a full disk, which has no errno
-
-
-def _refused(target: Path, fault: OSError) -> OutputError:
-    full = fault.errno in _FULL or _PART.search(str(fault))
-    return OutputError(
-        f"cannot be written: {fault.strerror or fault}",
-        where=target,
-        remedy=("Free some space or choose" if full else "Choose") + " another folder with --out.",
-    )

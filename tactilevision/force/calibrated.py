@@ -154,14 +154,17 @@ def read_calibration(path: Path | str) -> dict[str, Any]:
 def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
     """Read the covariance (2, 2) of E and nu from {"of": names, "matrix": rows}; None where it is not stated."""
     entry = content.get("covariance")
-    if not isinstance(entry, dict) or not all(name in entry.get("of", ()) for name in _UNITS):
+    if entry is None:
         return None
-    places = [entry["of"].index(name) for name in _UNITS]
+    remedy = "Take the calibration.json that `calibrate` wrote."
     try:
-        matrix = np.asarray(entry.get("matrix"), dtype=float)[np.ix_(places, places)]
-    except (TypeError, ValueError, IndexError) as fault:
-        value = str(entry.get("matrix"))[:40]
-        raise InputError("the covariance is not a matrix of numbers", where=path, value=value) from fault
+        if not all(name in entry["of"] for name in _UNITS):
+            return None
+        places = [entry["of"].index(name) for name in _UNITS]
+        matrix = np.asarray(entry["matrix"], dtype=float)[np.ix_(places, places)]
+    except (TypeError, ValueError, IndexError, KeyError, AttributeError) as fault:
+        what = "the covariance is not a matrix of numbers with the names of its rows"
+        raise InputError(what, where=path, value=str(entry)[:40], remedy=remedy) from fault
     if not np.isfinite(matrix).all():
         return None
     if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > (1 + MICRO) * np.sqrt(matrix[0, 0] * matrix[1, 1]):
@@ -169,7 +172,7 @@ def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
             "the covariance of E and nu is not positive semidefinite",
             where=path,
             value=matrix.tolist(),
-            remedy="Take the calibration.json that `calibrate` wrote.",
+            remedy=remedy,
         )
     return matrix
 

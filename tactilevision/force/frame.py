@@ -18,7 +18,7 @@ from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.documents import csv_text
 from tactilevision.files.writing import output_errors, replacing, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
-from tactilevision.force.calibrated import check_gel
+from tactilevision.force.calibrated import check_gel, read_thickness_mm
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import NO_CONTACT, ForceField, ForceSettings, Triple, triple
 from tactilevision.force.nodes import NodeGrid
@@ -374,16 +374,18 @@ def force_job(
     return ForceJob(field, reconstructor, untouched or _untouched(recording), store)
 
 
-def with_gel(recording: Recording, calibration: Path | None, thickness_mm: float | None) -> Recording:
+def with_gel(recording: Recording, calibration: Path | None) -> Recording:
     """Return the recording with a gel as thick as the calibration's, and a warning, where it describes none.
 
     Raises InputError where its own gel is not that of the file `calibration`.
     """
+    if calibration is None:
+        return recording
     gel = recording.sensor.gel
     if gel is not None:
-        if calibration is not None:
-            check_gel(calibration, gel)
+        check_gel(calibration, gel)
         return recording
+    thickness_mm = read_thickness_mm(calibration)
     if thickness_mm is None:
         return recording
     guess = f"guessed: the gel is {thickness_mm:g} mm thick, as the calibration's, and has no sides nearby"

@@ -237,7 +237,8 @@ def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None)
     toml = _find_settings(root)
     content = load_toml(toml)
     settings, news = check_settings(content, toml)
-    settings = _completed(settings, sensor or {})
+    missing = {key: value for key, value in (sensor or {}).items() if getattr(settings.sensor, key) is None}
+    settings = settings.model_copy(update={"sensor": settings.sensor.model_copy(update=missing)})
     indenters = {name: _indenter(name, table) for name, table in settings.indenter.items()}
     recording = Recording(
         path=root,
@@ -258,12 +259,6 @@ def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None)
     recording = _with_tables(recording, settings, toml)
     late = check_forces_cover(recording)
     return replace(recording, warnings=recording.warnings + late + tuple(doubts(recording)))
-
-
-def _completed(settings: Settings, sensor: Mapping[str, Any]) -> Settings:
-    """Add keys of [sensor] that the file lacks."""
-    missing = {key: value for key, value in sensor.items() if getattr(settings.sensor, key) is None}
-    return settings.model_copy(update={"sensor": settings.sensor.model_copy(update=missing)})
 
 
 def _find_settings(root: Path) -> Path:

@@ -193,17 +193,16 @@ def split_columns(cells: Mapping[str, Any]) -> dict[str, Any]:
         force_readings=int(readings) if np.isfinite(readings) else None,
         force_dwell=bool(dwell) if np.isfinite(dwell) else None,
     )
-    drops = tuple(_drop(name, _number(cells, name)) for name in cells if _DROP.fullmatch(name))
-    drops = tuple(drop for drop in drops if np.isfinite(drop.drop_mm))
-    profile = EdgeProfile(drops, *(_number(cells, name) for name in _PROFILE)) if drops else None
+    drops = []
+    for name in cells:
+        place, drop_mm = _DROP.fullmatch(name), _number(cells, name)
+        if place and np.isfinite(drop_mm):
+            azimuth_deg, from_mm, to_mm = (float(text) for text in place.groups())
+            drops.append(EdgeDrop(azimuth_deg, from_mm, to_mm, drop_mm))
+    profile = EdgeProfile(tuple(drops), *(_number(cells, name) for name in _PROFILE)) if drops else None
     known = {*_NUMBERS, *_WORDS, _READINGS, _DWELL, *_PROFILE}
     extra = {name: cell for name, cell in cells.items() if name not in known and not _DROP.fullmatch(name)}
     return {"details": details, "edge_profile": profile, "extra": extra}
-
-
-def _drop(column: str, drop_mm: float) -> EdgeDrop:
-    azimuth_deg, from_mm, to_mm = (float(text) for text in _DROP.findall(column)[0])
-    return EdgeDrop(azimuth_deg, from_mm, to_mm, drop_mm)
 
 
 def _number(cells: Mapping[str, Any], name: str) -> float:
@@ -228,7 +227,10 @@ def read_presses(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[P
     check_indenters(table, indenters)
     _check_once(table, "press", remedy="Give every press its own label.")
     for row, date in enumerate(table.words.get("date", ())):
-        _check_date(table, row, date)
+        try:
+            datetime.date.fromisoformat(date or "2000-01-01")
+        except ValueError:
+            raise table.fault(row, "date is written like 2026-11-21", value=date) from None
     for row, flag in enumerate(table.optional("lubricated")):
         if flag not in (0, 1) and not np.isnan(flag):
             raise table.fault(row, "lubricated is 0 or 1", value=float(flag))
@@ -310,13 +312,6 @@ def check_indenters(table: Table, indenters: Mapping[str, Indenter]) -> None:
 def _key(name: str) -> str:
     """Return a name as a key of TOML, quoted if it holds a dot or a space."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
-
-
-def _check_date(table: Table, row: int, date: str) -> None:
-    try:
-        datetime.date.fromisoformat(date or "2000-01-01")
-    except ValueError:
-        raise table.fault(row, "date is written like 2026-11-21", value=date) from None
 
 
 def _press(table: Table, row: int) -> Press:

@@ -251,7 +251,11 @@ def _checked(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, 
         settings = Settings.model_validate(content)
     except ValidationError as fault:
         raise _translated(fault, path) from None
-    news = (f"{path.name}: {_key(place)} has no meaning here{_home(place)}" for place, _ in unknown)
+    news = []
+    for place, _ in unknown:
+        homes = [table for table, model in _TABLES.items() if place[-1] in model.model_fields]
+        home = f"; it has one in {homes[0]}" if homes else " and is ignored"
+        news.append(f"{path.name}: {_key(place)} has no meaning here{home}")
     return settings, (*news, *_implausible(content, path))
 
 
@@ -292,12 +296,6 @@ def _unknown(model: type[BaseModel], content: Mapping[str, Any], place: _Place) 
                 yield from _unknown(table, one if isinstance(one, dict) else {}, (*place, key, name))
         else:
             yield from _unknown(table, value, (*place, key))
-
-
-def _home(place: _Place) -> str:
-    """Return the table in which an unknown key would be known."""
-    homes = [table for table, model in _TABLES.items() if place[-1] in model.model_fields]
-    return f"; it has one in {homes[0]}" if homes else " and is ignored"
 
 
 def _table_of(annotation: Any) -> type[BaseModel] | None:

@@ -19,7 +19,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.documents import csv_text
 from tactilevision.files.writing import replacing, write_text
 from tactilevision.recording import layout
-from tactilevision.recording.model import BallPress, Recording, StageSeries
+from tactilevision.recording.model import BallPress, Recording
 from tactilevision.recording.read_tables import point_columns
 from tactilevision.records.certified import CertifiedPoint
 from tactilevision.records.measured import Bytes, Curve, Floats, ForceSeries
@@ -57,17 +57,6 @@ def write_forces(folder: Path | str, forces: ForceSeries, *, extra: _Columns = _
     if forces.temperature_C is not None:
         columns["temperature_C"] = forces.temperature_C
     write_table(Path(folder) / layout.FORCES, columns | dict(extra))
-
-
-def write_stage(folder: Path | str, stage: StageSeries, *, extra: _Columns = _NOTHING) -> None:
-    """Write stage.csv."""
-    write_table(Path(folder) / layout.STAGE, {"time_s": stage.time_s, "z_mm": stage.z_mm, **extra})
-
-
-def write_presses(folder: Path | str, presses: Sequence[Press]) -> None:
-    """Write presses.csv."""
-    further = [press.extra for press in presses]
-    write_table(Path(folder) / layout.PRESSES, _record_columns(presses, further, layout.PRESS_COLUMNS.required))
 
 
 def write_points(folder: Path | str, points: Sequence[CertifiedPoint]) -> None:
@@ -162,9 +151,12 @@ def write_recording(recording: Recording) -> None:
     if recording.forces is not None:
         write_forces(folder, recording.forces, extra=_extra(recording, layout.FORCES))
     if recording.stage is not None:
-        write_stage(folder, recording.stage, extra=_extra(recording, layout.STAGE))
+        stage = {"time_s": recording.stage.time_s, "z_mm": recording.stage.z_mm}
+        write_table(folder / layout.STAGE, stage | dict(_extra(recording, layout.STAGE)))
     if recording.presses:
-        write_presses(folder, recording.presses)
+        further = [press.extra for press in recording.presses]
+        required = layout.PRESS_COLUMNS.required
+        write_table(folder / layout.PRESSES, _record_columns(recording.presses, further, required))
     if recording.curves:
         write_curves(folder, recording.curves)
     if recording.points:
@@ -183,7 +175,7 @@ def write_settings(recording: Recording) -> None:
         "format": layout.FORMAT,
         "name": recording.name,
         "date": recording.date,
-        "sensor": _sensor(recording),
+        "sensor": sensor_table(recording.sensor, white_level=recording.white_level),
         "force": {
             "std_N": std_N if std_N is None or np.isfinite(std_N).all() else None,
             "rate_Hz": recording.force_rate_Hz,
@@ -216,7 +208,7 @@ def write_image(path: Path | str, rgb: Bytes, *, jpeg_quality: int = 95) -> None
         return
     if path.suffix.lower() not in layout.IMAGE_SUFFIXES:
         raise InputError("pictures are written as " + ", ".join(layout.IMAGE_SUFFIXES), where=path)
-    options = []
+    options = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]  # smallest for noisy pictures
     if path.suffix.lower() in (".jpg", ".jpeg"):
         full = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
         options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality, *full]
@@ -229,10 +221,10 @@ def _extra(recording: Recording, table: str) -> Mapping[str, Any]:
     return recording.extra.get(table, {})
 
 
-def _sensor(recording: Recording) -> dict[str, Any]:
-    sensor = recording.sensor
+def sensor_table(sensor: Sensor, *, white_level: float | None = None) -> dict[str, Any]:
+    """Return the keys of [sensor]; unknown values are omitted."""
     custom = sensor.kind == "custom" and sensor.width_px > 0
-    return {
+    content = {
         "kind": sensor.kind,
         "serial": sensor.serial or None,
         "mm_per_px": None if np.isnan(sensor.mm_per_px[0]) else list(sensor.mm_per_px),
@@ -240,9 +232,10 @@ def _sensor(recording: Recording) -> dict[str, Any]:
         "height_px": sensor.height_px if custom else None,
         "rectification": None if sensor.rectification is None else MAPS,
         "has_markers": sensor.has_markers or None,
-        "white_level": recording.white_level,
+        "white_level": white_level,
         "gel": None if sensor.gel is None else asdict(sensor.gel),
     }
+    return _known(content)
 
 
 def _known(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -38,18 +38,6 @@ from tactilevision.robots.logs import library
 STEP_MM = 2.0**-10  # mm: depths are rounded to this, far below their deviation, so that tables pack well
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """Values of one frame: depth (h, w) in mm, NaN where it is not known; wrench (6,) in N and N mm."""
-
-    depth_mm: Floats
-    contact: bool
-    peak_mm: float
-    area_mm2: float
-    wrench: Floats
-    flags: str
-
-
 def base_of(camera: str) -> str:
     """Return the prefix of the new features: observation.left for observation.images.left.
 
@@ -76,25 +64,31 @@ def schema(base: str, sensor: CalibratedSensor, *, shrink: int) -> dict[str, dic
     return found
 
 
-def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> Reading:
-    """Read a frame (H, W, 3) uint8 in mm and N; one that cannot be read is all NaN, with the reason as flag."""
+def read_frame(sensor: CalibratedSensor, rgb: Bytes, *, shrink: int) -> dict[str, Any]:
+    """Return the features of a frame (H, W, 3) uint8; one that cannot be read is all NaN, with the reason as flag.
+
+    `depth_mm` (h, w), NaN where it is not known; `contact`; `peak_mm`; `area_mm2`; `wrench` (6,) in N and N mm.
+    """
+    unknown = {"peak_mm": np.nan, "area_mm2": np.nan, "wrench": np.full(6, np.nan, np.float32)}
     try:
         seen = sensor.read(rgb)
     except InputError as fault:
-        nothing, why = np.full(6, np.nan), f"not read: {fault.what}"
-        return Reading(np.full(_size(sensor, shrink), np.nan), False, np.nan, np.nan, nothing, why)
+        depth = np.full(_size(sensor, shrink), np.nan, np.float32)
+        return unknown | {"depth_mm": depth, "contact": False, "flags": f"not read: {fault.what}"}
     assert isinstance(seen, Seen)
     height, wrench = seen.height, seen.wrench
     depth = np.where(height.valid, height.depth_mm, np.nan)
     pressed = seen.contact & height.valid
-    return Reading(
-        depth_mm=shrunk(np.round(depth / STEP_MM) * STEP_MM, shrink),
-        contact=bool(seen.contact.any()),
-        peak_mm=float(height.depth_mm[pressed].max()) if pressed.any() else 0.0,
-        area_mm2=float(seen.contact.sum() * np.prod(height.mm_per_px)),
-        wrench=np.full(6, np.nan) if wrench is None else np.array([*wrench.force_N, *wrench.moment_Nmm]),
-        flags="; ".join(seen.flags),
-    )
+    found = {
+        "depth_mm": shrunk(np.round(depth / STEP_MM) * STEP_MM, shrink).astype(np.float32),
+        "contact": bool(seen.contact.any()),
+        "peak_mm": float(height.depth_mm[pressed].max()) if pressed.any() else 0.0,
+        "area_mm2": float(seen.contact.sum() * np.prod(height.mm_per_px)),
+        "flags": "; ".join(seen.flags),
+    }
+    if wrench is not None:
+        found["wrench"] = np.array([*wrench.force_N, *wrench.moment_Nmm], np.float32)
+    return unknown | found
 
 
 def shrunk(depth_mm: Floats, factor: int) -> Floats:
@@ -107,16 +101,6 @@ def shrunk(depth_mm: Floats, factor: int) -> Floats:
     total = np.where(np.isfinite(blocks), blocks, 0.0).sum(axis=(1, 3))
     means = np.where(2 * known > factor**2, total / np.maximum(known, 1), np.nan)
     return np.asarray(np.round(means / STEP_MM) * STEP_MM)
-
-
-def columns_of(readings: list[Reading], keys: Mapping[str, Any], base: str) -> dict[str, list[Any]]:
-    """Return the values of the features `keys` for a part of the table, one a frame."""
-
-    def value(one: Reading, key: str) -> Any:
-        found = getattr(one, key.removeprefix(f"{base}."))
-        return found.astype(np.float32) if isinstance(found, np.ndarray) else found
-
-    return {key: [value(one, key) for one in readings] for key in keys}
 
 
 def _size(sensor: CalibratedSensor, shrink: int) -> tuple[int, int]:
@@ -153,15 +137,13 @@ def statistics_of_depth(samples: Sequence[Floats]) -> Stats:
 
 def statistics_of_values(values: Floats) -> Stats:
     """Return statistics (k,) of the values (N, k) of an episode, in their unit."""
-    found: dict[str, list[float]] = {name: [] for name in ("min", "max", "mean", "std", *QUANTILES)}
-    for column in np.asarray(values, float).T:
-        known = column[np.isfinite(column)]
-        known = known if known.size else np.zeros(1)
-        statistics = [known.min(), known.max(), known.mean(), known.std()]
-        statistics += np.quantile(known, [int(name[1:]) / 100 for name in QUANTILES]).tolist()
-        for name, value in zip(found, statistics, strict=True):
-            found[name].append(float(value))
-    return {name: np.array(column) for name, column in found.items()} | {"count": np.array([len(values)])}
+    every = np.asarray(values, float)
+    finite = np.isfinite(every)
+    known = np.where(finite, every, np.where(finite.any(axis=0), np.nan, 0.0))
+    found = {"min": np.nanmin(known, axis=0), "max": np.nanmax(known, axis=0)}
+    found |= {"mean": np.nanmean(known, axis=0), "std": np.nanstd(known, axis=0)}
+    quantiles = np.nanquantile(known, [int(name[1:]) / 100 for name in QUANTILES], axis=0)
+    return found | dict(zip(QUANTILES, quantiles, strict=True)) | {"count": np.array([len(every)])}
 
 
 def pooled_statistics(episodes: Sequence[Stats]) -> Stats:
@@ -224,7 +206,9 @@ def annotate(
     if there:
         raise InputError("the data set has such a feature already", where=dataset.root, value=there[0])
     warnings = _look(dataset, sensor)
-    work = _Work(dataset, base, added, _readings(dataset, sensor, shrink=shrink), progress)
+    shown = pictures(dataset)
+    readings = ((row.episode.number, read_frame(sensor, rgb, shrink=shrink)) for row, rgb in shown)
+    work = _Work(dataset, base, added, readings, progress)
     with staged(out) as folder:
         for place in dict.fromkeys(one.data for one in dataset.episodes):
             work.write_table(dataset.data(place), folder / data_name(place))
@@ -241,7 +225,7 @@ class _Work:
     dataset: DataSet
     base: str
     added: dict[str, Any]
-    readings: Iterator[tuple[int, Reading]]
+    readings: Iterator[tuple[int, dict[str, Any]]]
     progress: Progress
     done: int = 0
     in_contact: int = 0
@@ -267,16 +251,17 @@ class _Work:
                 ]
                 writer.write_batch(arrow.RecordBatch.from_arrays([*batch.columns, *new], schema=whole))
 
-    def _taken(self, readings: list[tuple[int, Reading]]) -> dict[str, list[Any]]:
+    def _taken(self, readings: list[tuple[int, dict[str, Any]]]) -> dict[str, list[Any]]:
         """Return the columns of a part of a table, and gather their statistics."""
-        columns = columns_of([one for _, one in readings], self.added, self.base)
+        names = {key: key.removeprefix(f"{self.base}.") for key in self.added}
+        columns = {key: [one[name] for _, one in readings] for key, name in names.items()}
         for key, column in columns.items():
             for (number, _), value in zip(readings, column, strict=True):
                 kept = sample_depth(value) if key.endswith(".depth_mm") else value
                 self.gathered.setdefault(number, {}).setdefault(key, []).append(kept)
         self.done += len(readings)
-        self.in_contact += sum(one.contact for _, one in readings)
-        self.not_read += sum(one.flags.startswith("not read") for _, one in readings)
+        self.in_contact += sum(one["contact"] for _, one in readings)
+        self.not_read += sum(one["flags"].startswith("not read") for _, one in readings)
         self.progress(self.done, sum(one.length for one in self.dataset.episodes))
         return columns
 
@@ -315,12 +300,6 @@ class _Work:
             else:
                 found[key] = statistics_of_values(np.asarray(values, float).reshape(len(values), -1))
         return found
-
-
-def _readings(dataset: DataSet, sensor: CalibratedSensor, *, shrink: int) -> Iterator[tuple[int, Reading]]:
-    """Yield the episode's number and the reading, frame by frame."""
-    for row, rgb in pictures(dataset):
-        yield row.episode.number, read_frame(sensor, rgb, shrink=shrink)
 
 
 def _look(dataset: DataSet, sensor: CalibratedSensor) -> tuple[str, ...]:

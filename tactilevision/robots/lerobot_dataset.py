@@ -11,15 +11,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.errors import InputError
 from tactilevision.files.documents import read_json
-from tactilevision.files.opening import check, check_regular, inside
+from tactilevision.files.opening import check, check_regular, damage, inside
 from tactilevision.files.pictures import check_picture
 from tactilevision.records.measured import Bytes
 from tactilevision.robots.logs import library
 
 # Parquet files: regular, bounded, and read in parts.
 
+AGAIN = "Download it again."
 ROWS = 64  # of a part: some tens of MB with depth maps of a whole picture
 
 
@@ -35,7 +36,7 @@ def place_in(root: Path, name: str) -> Path:
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """Open a Parquet file. Raises InputError where it is damaged, also while it is read."""
-    with checked(path), library("pyarrow.parquet").ParquetFile(path) as file:
+    with damage(path, remedy=AGAIN), library("pyarrow.parquet").ParquetFile(path) as file:
         check(file.metadata.num_columns, "MAX_COLUMNS", what="the number of its columns", where=path)
         yield file
 
@@ -50,18 +51,6 @@ def parts(path: Path, columns: Sequence[str] | None = None) -> Iterator[Any]:
         for batch in file.iter_batches(batch_size=ROWS, columns=columns, use_threads=False):
             check(batch.nbytes / 1e6, "MAX_ARRAY_MB", what="a part of the table, in MB,", where=path)
             yield batch
-
-
-@contextmanager
-def checked(path: Path) -> Iterator[None]:
-    """Raise InputError where a library of Parquet or video finds a file damaged."""
-    try:
-        yield
-    except TactilevisionError:
-        raise
-    except Exception as fault:  # the libraries raise errors of every kind for damaged files
-        said = " ".join(str(fault).split())[:160] or type(fault).__name__
-        raise InputError(f"is damaged: {said}", where=path, remedy="Download it again.") from fault
 
 
 # Metadata: meta/info.json and meta/episodes.
@@ -133,7 +122,8 @@ def read_dataset(root: Path | str, camera: str) -> DataSet:
         )
     if not isinstance(features, dict) or not isinstance(rate, int | float) or not 0 < rate < 1e5:
         raise InputError("states no features, or no rate (fps)", where=root / INFO, value=rate)
-    cameras = {name: kind for name, kind in _kinds(features).items() if kind in ("video", "image")}
+    kinds = {name: str(one.get("dtype")) for name, one in features.items() if isinstance(one, dict)}
+    cameras = {name: kind for name, kind in kinds.items() if kind in ("video", "image")}
     if camera not in cameras:
         listed = ", ".join(f"{name} ({kind})" for name, kind in cameras.items()) or "none"
         raise InputError("the data set has no such camera", where=root, value=camera, remedy=f"It has: {listed}.")
@@ -144,10 +134,6 @@ def read_dataset(root: Path | str, camera: str) -> DataSet:
 def episode_files(root: Path) -> list[str]:
     """Return the names of the tables of episodes in the data set."""
     return [path.relative_to(root).as_posix() for path in sorted((root / EPISODES).glob("*/*.parquet"))]
-
-
-def _kinds(features: Mapping[str, Any]) -> dict[str, str]:
-    return {name: str(one.get("dtype")) for name, one in features.items() if isinstance(one, dict)}
 
 
 def _episodes(root: Path, camera: str, is_video: bool) -> tuple[Episode, ...]:
@@ -252,7 +238,7 @@ def _from_videos(dataset: DataSet) -> Iterator[tuple[Row, Bytes]]:
         found = next((one for one in shown if row.frame or one[0] > due_s - off_s), None)
         where = f"{dataset.video(place)}, episode {row.episode.number}, frame {row.frame}"
         if found is None:
-            raise InputError("the video ends before its frames do", where=where, remedy="Download it again.")
+            raise InputError("the video ends before its frames do", where=where, remedy=AGAIN)
         at_s, rgb = found
         if abs(at_s - due_s) > off_s:
             raise InputError(
@@ -266,7 +252,7 @@ def _from_videos(dataset: DataSet) -> Iterator[tuple[Row, Bytes]]:
 
 def _decoded(path: Path) -> Iterator[tuple[float, Bytes]]:
     """Yield times, s, and pictures of a video."""
-    with checked(path), library("av").open(str(path), format="mp4") as box:
+    with damage(path, remedy=AGAIN), library("av").open(str(path), format="mp4") as box:
         if not box.streams.video:
             raise InputError("the file holds no video", where=path)
         stream = box.streams.video[0]
@@ -284,5 +270,5 @@ def _unpacked(row: Row, where: str) -> Bytes:
     check_picture(row.packed, where=place)
     bgr = cv2.imdecode(np.frombuffer(row.packed, np.uint8), cv2.IMREAD_COLOR)
     if bgr is None:
-        raise InputError("a picture is damaged", where=place, remedy="Download it again.")
+        raise InputError("a picture is damaged", where=place, remedy=AGAIN)
     return np.ascontiguousarray(bgr[..., ::-1])

@@ -165,9 +165,11 @@ def export_log(
             "frames have no time, which messages need", where=recording.path, remedy="Add frames.csv."
         )
     wrenches = {} if force is None else _wrenches(force / "resultants.csv")
+    origin_ns = int(recording.settings.get("log", {}).get("origin_ns", 0))
     counts = {"depth": 0, "wrench": 0}
     with open_writer(out) as (put, encoding):
-        for name, time_ns in zip(recording.frame_names, _times_ns(recording), strict=True):
+        for name, time_s in zip(recording.frame_names, times.tolist(), strict=True):
+            time_ns = origin_ns + round(time_s * 10**9)
             path = None if depth is None else _map(depth, name)
             if path is not None:
                 message = depth_message(read_tiff(path), time_ns=time_ns, frame_id=frame_id, encoding=encoding)
@@ -208,8 +210,3 @@ def _wrenches(path: Path) -> Mapping[str, Floats]:
     numbers = np.column_stack([table.numbers[name] for name in COMPONENTS])
     pairs = zip(table.words["frame"], numbers, strict=True)
     return {name: row for name, row in pairs if np.isfinite(row[2])}
-
-
-def _times_ns(recording: Recording) -> list[int]:
-    origin_ns = int(recording.settings.get("log", {}).get("origin_ns", 0))
-    return [origin_ns + round(float(one) * 10**9) for one in recording.frame_times_s]

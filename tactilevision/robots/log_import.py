@@ -6,19 +6,20 @@ import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import tomli_w
 
 from tactilevision.errors import InputError, OutputError
-from tactilevision.files.writing import replacing, staged, write_text
+from tactilevision.files.writing import staged, write_text
 from tactilevision.profile.storage import SUFFIX, read_profile
 from tactilevision.recording import layout
+from tactilevision.recording.folder import guess_scale
 from tactilevision.recording.pictures import first_look
 from tactilevision.recording.read_tables import turns
-from tactilevision.recording.write import write_forces, write_frame_table
+from tactilevision.recording.settings import SensorSettings
+from tactilevision.recording.write import sensor_table, write_forces, write_frame_table, write_maps
 from tactilevision.records.measured import Floats, ForceSeries
 from tactilevision.records.rig import Sensor
 from tactilevision.robots.logs import Log, ros2_name
@@ -38,60 +39,35 @@ from tactilevision.robots.messages import (
 )
 from tactilevision.sensors import SENSORS
 
-MAPS = "rectification.npz"
+
+def _sensor_table(named: str | None, mm_per_px: float | None) -> tuple[dict[str, Any], Sensor | None]:
+    """Return [sensor] of a kind's name, or of a profile with its sensor. Raises InputError for another name."""
+    stated: dict[str, Any] = {} if mm_per_px is None else {"mm_per_px": mm_per_px}
+    if named is None:
+        return stated, None
+    if named.lower().endswith(SUFFIX):
+        sensor = read_profile(named).sensor
+        return sensor_table(sensor) | stated, sensor
+    if named not in SENSORS:
+        known = f"a profile (FILE{SUFFIX}), or one of {', '.join(SENSORS)}"
+        raise InputError("there is no such sensor", where="--sensor", value=named, remedy=f"Name {known}.")
+    return {"kind": named} | stated, None
 
 
-@dataclass(frozen=True, slots=True)
-class SensorTable:
-    """[sensor] of an imported recording, and the maps of the rectification where a profile has them."""
+def _scaled(table: dict[str, Any], frames: Path, names: Sequence[str]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the table with the scale guessed from the size of the pictures, and the guesses.
 
-    table: Mapping[str, Any]
-    maps: tuple[Any, Any] | None = None
-
-    @classmethod
-    def of(cls, named: str | None, *, mm_per_px: float | None) -> SensorTable:
-        """Return the table of a kind's name, or of a profile. Raises InputError where there is no such sensor."""
-        stated: dict[str, Any] = {} if mm_per_px is None else {"mm_per_px": mm_per_px}
-        if named is None:
-            return cls(stated)
-        if named.lower().endswith(SUFFIX):
-            sensor = read_profile(named).sensor
-            return cls(MappingProxyType(_keys(sensor) | stated), sensor.rectification)
-        if named not in SENSORS:
-            known = f"a profile (FILE{SUFFIX}), or one of {', '.join(SENSORS)}"
-            raise InputError("there is no such sensor", where="--sensor", value=named, remedy=f"Name {known}.")
-        return cls(MappingProxyType({"kind": named} | stated))
-
-    def scaled(self, frames: Path, names: Sequence[str]) -> tuple[SensorTable, tuple[str, ...]]:
-        """Return the table with the scale guessed from the size of the pictures, and the guesses.
-
-        The scale is only guessed where the sensor's kind alone is named and its pictures have another size. Raises
-        RecordingError for pictures of another shape than the kind's.
-        """
-        from tactilevision.recording.folder import guess_scale
-        from tactilevision.recording.settings import SensorSettings
-
-        usual = SENSORS.get(self.table.get("kind", ""))
-        if usual is None or "mm_per_px" in self.table:
-            return self, ()
-        size_px, _ = first_look(frames, names)
-        if size_px == (usual.width_px, usual.height_px):
-            return self, ()
-        settings, notes = guess_scale(SensorSettings(kind=usual.kind), size_px)
-        return SensorTable({**self.table, "mm_per_px": settings.mm_per_px}, self.maps), notes
-
-    def write_maps(self, folder: Path) -> None:
-        """Write the maps, if any, next to recording.toml."""
-        if self.maps is not None:
-            with replacing(folder / MAPS) as temporary, temporary.open("wb") as file:
-                np.savez(file, map_x=self.maps[0], map_y=self.maps[1])
-
-
-def _keys(sensor: Sensor) -> dict[str, Any]:
-    found: dict[str, Any] = {"kind": sensor.kind, "mm_per_px": list(sensor.mm_per_px)}
-    found |= {"width_px": sensor.width_px, "height_px": sensor.height_px}
-    found |= {"serial": sensor.serial} if sensor.serial else {}
-    return found | ({"rectification": MAPS} if sensor.rectification is not None else {})
+    The scale is only guessed where the sensor's kind alone is named and its pictures have another size. Raises
+    RecordingError for pictures of another shape than the kind's.
+    """
+    usual = SENSORS.get(table.get("kind", ""))
+    if usual is None or "mm_per_px" in table:
+        return table, ()
+    size_px, _ = first_look(frames, names)
+    if size_px == (usual.width_px, usual.height_px):
+        return table, ()
+    settings, notes = guess_scale(SensorSettings(kind=usual.kind), size_px)
+    return table | {"mm_per_px": settings.mm_per_px}, notes
 
 
 # A log to a recording folder: frames as files, the wrench as forces.csv.
@@ -164,7 +140,7 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
         raise OutputError("holds frames already", where=out, remedy="Choose an empty folder with --out.")
     if settings.frames == settings.wrench:
         raise InputError("is the topic of the frames, too", where="--wrench", value=settings.wrench)
-    log, sensor = Log(Path(path)), SensorTable.of(settings.sensor, mm_per_px=settings.mm_per_px)
+    log, (table, sensor) = Log(Path(path)), _sensor_table(settings.sensor, settings.mm_per_px)
     with staged(out) as folder:
         names, stamps, readings = _messages(log, folder, settings)
         settings = _with_axes(stamps, [one.stamp for one in readings], log, settings)
@@ -174,9 +150,10 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
         write_frame_table(folder, [names[k] for k in order], times_s=frame_s[order])
         if readings:
             _write_forces(folder, readings, settings, origin_ns)
-        sensor, guessed = sensor.scaled(folder / layout.FRAMES, names)
-        sensor.write_maps(folder)
-        _write_settings(folder, log.path, settings, sensor=sensor.table, origin_ns=origin_ns)
+        table, guessed = _scaled(table, folder / layout.FRAMES, names)
+        if sensor is not None and sensor.rectification is not None:
+            write_maps(folder, sensor)
+        _write_settings(folder, log.path, settings, sensor=table, origin_ns=origin_ns)
     turned = readings[0].stamp.frame_id if readings else None
     largest_N = max((float(np.abs(one.force_N).max()) for one in readings), default=0.0)
     return Imported(

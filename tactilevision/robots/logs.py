@@ -5,12 +5,13 @@ from __future__ import annotations
 import bz2
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tactilevision.errors import InputError, TactilevisionError
-from tactilevision.files.opening import check, check_regular, limit
+from tactilevision.errors import InputError
+from tactilevision.files.opening import check, check_regular, damage, limit
 
 
 def library(name: str) -> Any:
@@ -41,20 +42,13 @@ def unpack(kind: str, data: bytes, *, where: object) -> bytes:
     if kind not in _OPEN:
         raise InputError("a part of the log is packed in a way that is not read", where=where, value=kind)
     most = int(limit("MAX_ARRAY_MB") * MB)
-    try:
+    with damage(where, what="a packed part of the log is damaged"):
         unpacker = _OPEN[kind]()
         found = bytes(unpacker.decompress(data, max_length=most + 1))
-    except Exception as fault:
-        raise _damaged(where, str(fault)) from fault
-    check(len(found) / MB, "MAX_ARRAY_MB", what="a part of the log, unpacked, in MB,", where=where)
-    if not unpacker.eof:
-        raise _damaged(where, "it is truncated")
+        check(len(found) / MB, "MAX_ARRAY_MB", what="a part of the log, unpacked, in MB,", where=where)
+        if not unpacker.eof:
+            raise ValueError("it is truncated")
     return found
-
-
-def _damaged(where: object, said: str) -> InputError:
-    what = f"a packed part of the log is damaged: {said[:120]}"
-    return InputError(what, where=where, remedy="Copy it again.")
 
 
 class _Zstd:
@@ -110,20 +104,12 @@ class Log:
         total = 0.0
         for path in _files(self.path):
             check_regular(path)
-            try:
+            remedy = "Copy it again, or repair it with the tools of ROS (rosbag reindex, mcap recover)."
+            with damage(path, what="the log is damaged or truncated", remedy=remedy):
                 for message in _READ[path.suffix](self, path, wanted):
                     total += len(message.data) / MB
                     check(total, "MAX_FILE_MB", what="what the log holds, unpacked, in MB,", where=path)
                     yield message
-            except (TactilevisionError, GeneratorExit):
-                raise
-            except Exception as fault:  # the libraries raise errors of every kind for damaged logs
-                said = " ".join(str(fault).split()) or type(fault).__name__
-                raise InputError(
-                    f"the log is damaged or truncated: {said[:160]}",
-                    where=path,
-                    remedy="Copy it again, or repair it with the tools of ROS (rosbag reindex, mcap recover).",
-                ) from fault
 
 
 def _files(path: Path) -> list[Path]:
@@ -149,15 +135,11 @@ def _read_ros1(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Messag
     with library("rosbags.rosbag1").Reader(path) as bag:
         names = {value: name for name, value in library("rosbags.rosbag1.reader").decompressors.items()}
         for place, chunk in bag.chunks.items():
-            bag.chunks[place] = chunk._replace(decompressor=_bounded(names[chunk.decompressor], path))
+            bag.chunks[place] = chunk._replace(decompressor=partial(unpack, names[chunk.decompressor], where=path))
         log.topics |= {one.topic: one.msgtype for one in bag.connections}
         chosen = [one for one in bag.connections if one.topic in wanted]
         for about, log_ns, data in bag.messages(chosen) if chosen else ():
             yield Message(about.topic, about.msgtype, log_ns, bytes(data), "ros1")
-
-
-def _bounded(kind: str, path: Path) -> Callable[[bytes], bytes]:
-    return lambda data: unpack(kind, data, where=path)
 
 
 def _read_sqlite(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Message]:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactilevision.errors import InputError
-from tactilevision.files.opening import check, check_numbers
+from tactilevision.files.opening import check, check_numbers, damage
 from tactilevision.files.pictures import check_picture
 from tactilevision.records.measured import Floats
 from tactilevision.robots.logs import Log, Message, library
@@ -120,16 +120,9 @@ def _decoded(message: Message, kinds: tuple[str, ...], where: Path) -> Any:
         remedy = "Needed: " + " or ".join(kinds) + "."
         raise InputError("the topic is of another type", where=place, value=message.kind, remedy=remedy)
     store = typestore(message.encoding)
-    try:
-        if message.encoding == "ros1":
-            return store.deserialize_ros1(message.data, message.kind)
-        return store.deserialize_cdr(message.data, message.kind)
-    except Exception as fault:
-        raise InputError(
-            f"a message is damaged: {' '.join(str(fault).split())[:120]}",
-            where=place,
-            remedy="Copy the log again.",
-        ) from fault
+    read = store.deserialize_ros1 if message.encoding == "ros1" else store.deserialize_cdr
+    with damage(place, what="a message is damaged", remedy="Copy the log again."):
+        return read(message.data, message.kind)
 
 
 def _stamp(found: Any, message: Message) -> Stamp:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import threading
 import time
-from contextlib import suppress
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import Mapping
+from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
@@ -16,26 +16,42 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError, OutputError
-from tactilevision.files.writing import output_errors, unfinished
+from tactilevision.files.writing import replacing
 from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.local_page import Answer, LocalPage
 from tactilevision.records.constants import MILLI
 from tactilevision.records.measured import Bytes, Floats, Pair
 from tactilevision.robots.live import LiveResult
 from tactilevision.sensors.rectification import rectify
 
-# A page on 127.0.0.1 as a sequence of JPEGs (multipart/x-mixed-replace), drawn in the server's threads on request.
+# A page whose picture is drawn in the server's threads on request.
 
 DEEPEST_MM = 1.0  # mm at the top of the colours; deeper places have the same colour
-WAIT_S = 0.1  # s between two pictures
 TEXT_PX = 22  # px of a line of text
 QUALITY = 85  # of the JPEGs
-BOUNDARY = "frame"
 INK = (32, 32, 32)  # grey levels of the text
 PAPER = (250, 250, 250)  # grey levels below the text
+WAIT_S = 10.0  # s that a request waits for the first frame
 UNKNOWN = (150, 150, 150)  # grey levels where no depth is known
-PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>tactilevision live</title>
-<style>body{margin:1em;background:#fafafa;font:16px sans-serif}img{max-width:100%}</style>
-<h1>Live</h1><img src="/frames" alt="picture and depth"></html>"""
+FILES = {
+    "": Answer(
+        "text/html; charset=utf-8",
+        b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>tactilevision live</title>
+<link rel="stylesheet" href="page.css"><h1>Live</h1>
+<img alt="picture and depth"><script src="page.js"></script>""",
+    ),
+    "page.css": Answer("text/css", b"body{margin:1em;background:#fafafa;font:16px sans-serif}img{max-width:100%}"),
+    "page.js": Answer(
+        "text/javascript",
+        b"""const picture = document.querySelector("img");
+let asked = 0;
+const next = () => { picture.src = `frame.jpg?${asked++}`; };
+picture.onload = () => setTimeout(next, 100);
+picture.onerror = () => setTimeout(next, 1000);
+next();
+""",
+    ),
+}
 
 
 def draw(rgb_rectified: Bytes, result: LiveResult, *, rate_Hz: float) -> Bytes:
@@ -71,92 +87,33 @@ def words(result: LiveResult, *, rate_Hz: float) -> tuple[str, ...]:
     return (*lines, *(f"flag: {flag}" for flag in moment.height.flags))
 
 
-class Preview:
+class Preview(LocalPage):
     """The page while it is open; `show` gives it the newest result."""
 
     def __init__(self, reconstructor: Reconstructor, port: int) -> None:
+        super().__init__(port=port, option="--preview")
         self.reconstructor = reconstructor
         self._newest: tuple[LiveResult, float] | None = None
-        self._turn = threading.Condition()
-        self._ended = False
-        try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), _handler(self))
-        except (OSError, OverflowError) as fault:
-            raise InputError(
-                "the preview's port cannot be used", where="--preview", value=port, remedy="Use another, or 0."
-            ) from fault
-        self._server.daemon_threads = True
-        self._thread = threading.Thread(target=self._server.serve_forever, name="preview", daemon=True)
-
-    @property
-    def address(self) -> str:
-        """Return its URL."""
-        return f"http://127.0.0.1:{self._server.server_address[1]}/"
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *ended: object) -> None:
-        with self._turn:
-            self._ended = True
-            self._turn.notify_all()
-        self._server.shutdown()
-        self._server.server_close()
+        self._came = threading.Event()
 
     def show(self, result: LiveResult, rate_Hz: float) -> None:
         """Show the newest result."""
-        with self._turn:
-            self._newest = result, rate_Hz
-            self._turn.notify_all()
+        self._newest = result, rate_Hz
+        self._came.set()
 
-    def next(self, last: int) -> tuple[int, bytes] | None:
-        """Wait for a frame other than `last`, and return its number and JPEG; None when there are no more."""
-        with self._turn:
-            self._turn.wait_for(lambda: self._ended or (self._newest and self._newest[0].shot.number != last))
-            if self._ended or self._newest is None:
-                return None
-            result, rate_Hz = self._newest
+    def get(self, name: str, asked: Mapping[str, str]) -> Answer | None:
+        """Return a file of the page, or the newest picture once there is one."""
+        if name != "frame.jpg":
+            return FILES.get(name)
+        if not self._came.wait(WAIT_S) or self._newest is None:
+            return None
+        result, rate_Hz = self._newest
         picture = draw(rectify(self.reconstructor.sensor, result.shot.rgb), result, rate_Hz=rate_Hz)
         encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
-        return result.shot.number, encoded.tobytes()
+        return Answer("image/jpeg", encoded.tobytes())
 
-
-def _handler(preview: Preview) -> type[BaseHTTPRequestHandler]:
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            if self.path == "/frames":
-                self._frames()
-            elif self.path == "/":
-                self._whole(PAGE)
-            else:
-                self.send_error(404)
-
-        def log_message(self, format: str, *args: object) -> None:  # noqa: A002 -- the base class names it so
-            """Log nothing."""
-
-        def _whole(self, page: bytes) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html; charset=utf-8")
-            self.send_header("Content-Length", str(len(page)))
-            self.end_headers()
-            self.wfile.write(page)
-
-        def _frames(self) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={BOUNDARY}")
-            self.end_headers()
-            last, pause = -1, threading.Event()
-            while (found := preview.next(last)) is not None:
-                last, jpeg = found
-                head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
-                try:
-                    self.wfile.write(head.encode() + jpeg + b"\r\n")
-                except OSError:  # the browser has gone
-                    return
-                pause.wait(WAIT_S)
-
-    return Handler
+    def post(self, name: str, content: dict[str, Any]) -> None:
+        """Take no action."""
 
 
 # Foxglove, over its websocket on this machine and as an MCAP file (extra `foxglove`).
@@ -216,14 +173,13 @@ class Foxglove:
         self._wrench = foxglove.Channel("/wrench", schema=_WRENCH, context=self._context)
         self._state = foxglove.Channel("/state", schema=_STATE, context=self._context)
         self._began_ns = time.time_ns() - round(S_TO_NS * time.monotonic())
-        self._scratch = None if mcap is None else mcap.with_name(f"{unfinished()}{mcap.name}")
-        self._writer, self._server = None, None
-        if self._scratch is not None:
-            with output_errors(self._scratch):
-                self._scratch.parent.mkdir(parents=True, exist_ok=True)
-                self._writer = foxglove.open_mcap(self._scratch, allow_overwrite=True, context=self._context)
-        if serve:
-            self._server = _served(self._context)
+        self._writer = None
+        with ExitStack() as opening:
+            if mcap is not None:
+                temporary = opening.enter_context(replacing(mcap))
+                self._writer = foxglove.open_mcap(temporary, allow_overwrite=True, context=self._context)
+            self._server = _served(self._context) if serve else None
+            self._files = opening.pop_all()
 
     def __enter__(self) -> Self:
         return self
@@ -233,21 +189,18 @@ class Foxglove:
     ) -> None:
         if self._server is not None:
             self._server.stop()
-        if self._writer is not None and self._scratch is not None and self.mcap is not None:
-            try:
-                with output_errors(self.mcap):
-                    self._writer.close()
-                    self._scratch.replace(self.mcap)
-            except (RuntimeError, OutputError) as refused:  # its own kind of error, also for a full disk
-                if kind is not None:  # the error that ended the stream, or an interrupt, is raised instead
-                    return
-                if isinstance(refused, OutputError):
-                    raise
-                said = f"cannot be written: {refused}"
-                raise OutputError(said, where=self.mcap, remedy="Is the disk full?") from refused
-            finally:
-                with suppress(OSError):
-                    self._scratch.unlink(missing_ok=True)
+        if self._writer is None:
+            return
+        try:
+            with self._files:  # renamed also where an error ended the stream
+                self._writer.close()
+        except (RuntimeError, OutputError) as refused:  # its own kind of error, also for a full disk
+            if kind is not None:  # the error that ended the stream, or an interrupt, is raised instead
+                return
+            if isinstance(refused, OutputError):
+                raise
+            said = f"cannot be written: {refused}"
+            raise OutputError(said, where=self.mcap, remedy="Is the disk full?") from refused
 
     def show(self, result: LiveResult, rate_Hz: float) -> None:
         """Send one result on all topics."""

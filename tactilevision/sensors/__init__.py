@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, check_known
 from tactilevision.records.rig import Sensor
 
 _GELSLIM3 = Sensor("gelslim3", width_px=427, height_px=320, mm_per_px=(0.0634, 0.0634))
@@ -62,13 +62,7 @@ def get_sensor(kind: str, **overrides: Any) -> Sensor:
         if missing:
             raise InputError(f"a custom sensor needs {', '.join(missing)}", where="get_sensor")
         return _checked(Sensor(kind="custom", **overrides))
-    if kind not in SENSORS:
-        raise InputError(
-            "no sensor of that name",
-            where="get_sensor",
-            value=kind,
-            remedy="Known are " + ", ".join([*SENSORS, "custom"]) + ".",
-        )
+    check_known(kind, [*SENSORS, "custom"], what="no sensor of that name", where="get_sensor")
     return _checked(dataclasses.replace(SENSORS[kind], **overrides))
 
 

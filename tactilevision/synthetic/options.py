@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, check_known
 from tactilevision.records.certified import REASONS
 from tactilevision.records.measured import Material, Pair
 from tactilevision.synthetic.camera import CameraOptions
@@ -101,14 +101,8 @@ class SimulationOptions:
     torn_frame: bool = True
 
     def __post_init__(self) -> None:
-        unknown = [fault for fault in self.faults if fault not in FAULTS]
-        if unknown:
-            raise InputError(
-                "no such fault can be simulated",
-                where="SimulationOptions.faults",
-                value=unknown[0],
-                remedy=f"Choose among {', '.join(FAULTS)}.",
-            )
+        for fault in self.faults:
+            check_known(fault, FAULTS, what="no such fault can be simulated", where="SimulationOptions.faults")
         if self.presses < 0 or not self.indenters.heights_mm:
             raise InputError(
                 "a recording needs at least one indenter and a number of presses not below 0",

@@ -11,7 +11,7 @@ import numpy as np
 from tactilevision.errors import ConvergenceError
 from tactilevision.records.constants import MICRO, TINY
 from tactilevision.records.measured import Bools, Floats, Material, Pair
-from tactilevision.synthetic.gel import Area, Grid, Singles, lookup, smooth_step
+from tactilevision.synthetic.gel import Area, Grid, Singles, Surface, lookup, smooth_step
 
 # Gel under a flat punch by finite elements: neo-Hookean, contact with a rounded edge and Coulomb friction on first
 # loading, on a disc of the pad's radius. What evaluates recordings uses tables of another edge and friction.
@@ -214,8 +214,8 @@ def _spread(dent: Singles, touching: Bools, mm_per_px: float) -> Singles:
 MIN_MM = MICRO  # depth below which the shape of the surface stays
 
 
-@dataclass(frozen=True, slots=True)
-class PunchPress:
+@dataclass(frozen=True)
+class PunchPress(Surface):
     """Gel under a flat cylinder at `face_mm`, with its bevel where there is one.
 
     Under the face the depth is the plane of the face; outside it is the profile, scaled by the depth of the

@@ -65,12 +65,6 @@ class PlannedPress:
         return np.column_stack([self.tangential[0] * normal, self.tangential[1] * normal, normal])
 
 
-def gel_law(options: SimulationOptions) -> GelLaw:
-    """Return the modulus and the relaxation of the options."""
-    gel = options.gel
-    return GelLaw(gel.youngs_modulus_MPa, gel.youngs_modulus_MPa / (1 - gel.poisson_ratio**2), gel.relaxing)
-
-
 def gel_under(options: SimulationOptions, radius_mm: float) -> PunchProfile:
     """Return the gel of the options under a punch of this radius."""
     gel = options.gel
@@ -188,7 +182,8 @@ class Scenario:
 def draw_scenario(options: SimulationOptions, seed: int) -> Scenario:
     """Return a random scenario, without the noise of pictures and forces."""
     rng = stream(seed, 0)
-    law = gel_law(options)
+    gel = options.gel
+    law = GelLaw(gel.youngs_modulus_MPa, gel.youngs_modulus_MPa / (1 - gel.poisson_ratio**2), gel.relaxing)
     presses = plan_presses(options, rng)
     offset = options.rig.clock_offset_s
     random_offset = float(rng.uniform(-0.2, 0.2))

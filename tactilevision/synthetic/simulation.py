@@ -9,20 +9,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from tactilevision.errors import OutputError
 from tactilevision.files.runs import LOCK, output_lock
-from tactilevision.files.writing import replacing, write_text
+from tactilevision.files.writing import write_text
 from tactilevision.recording import layout
 from tactilevision.recording.model import BallPress as BallRecord, Recording
-from tactilevision.recording.write import write_recording
+from tactilevision.recording.write import write_image, write_recording
 from tactilevision.records.measured import Bytes, Floats, ForceSeries, Pair
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
-from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Imaging, build_camera, distortion
-from tactilevision.synthetic.gel import Flat
+from tactilevision.synthetic.gel import BallPress, Flat
 from tactilevision.synthetic.options import GelOptions, SimulationOptions
 from tactilevision.synthetic.scenario import (
     DEPTH_STD_MM,
@@ -145,42 +143,6 @@ def write_toml(path: Path, content: Mapping[str, Any]) -> None:
     write_text(path, tomli_w.dumps(content))
 
 
-def write_picture(path: Path, rgb: Bytes, *, jpeg_quality: int = 95) -> None:
-    """Write a picture in the format of its suffix; JPEG with colours at full resolution."""
-    settings = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]  # smallest for noisy pictures
-    if path.suffix == ".jpg":
-        settings = [
-            cv2.IMWRITE_JPEG_QUALITY,
-            jpeg_quality,
-            cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
-            cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
-        ]
-    _, data = cv2.imencode(path.suffix, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), settings)
-    with replacing(path) as temporary:
-        temporary.write_bytes(data.tobytes())
-
-
-class FrameWriter:
-    """Write frames one by one; `names` and `times_s` are for the table of frames."""
-
-    def __init__(self, folder: Path, options: SimulationOptions) -> None:
-        self._folder, self._quality = folder / layout.FRAMES, options.jpeg_quality
-        self._suffix = _SUFFIX[options.frames]
-        self.names: list[str] = []
-        self.times_s: list[float] = []
-
-    def add(self, rgb: Bytes, time_s: float) -> None:
-        self.names.append(f"{len(self.names):05d}{self._suffix}")
-        self.times_s.append(round(time_s, 4))
-        write_picture(self._folder / self.names[-1], rgb, jpeg_quality=self._quality)
-
-    def tear(self, index: int) -> None:
-        """Cut a frame's file in half, as a full disk or a lost connection does."""
-        path = self._folder / self.names[index]
-        data = path.read_bytes()
-        path.write_bytes(data[: len(data) // 2])
-
-
 Progress = Callable[[int, int], None]
 TRUTH = "truth.toml"
 
@@ -290,23 +252,26 @@ def _pictured(
     rng = stream(scenario.seed, 4)
     plan, balls = frame_times(scenario), _balls(scenario)
     total, done = sum(times.size for _, times in plan) + len(balls) + options.flats, 0
-    frames = FrameWriter(folder, options)
+    names: list[str] = []
     for press, times in plan:
-        for time_s in times:
-            frames.add(worn.picture(press.surface(float(time_s)), rng, time_s=float(time_s)), float(time_s))
+        for time_s in times.tolist():
+            names.append(f"{len(names):05d}{_SUFFIX[options.frames]}")
+            rgb = worn.picture(press.surface(time_s), rng, time_s=time_s)
+            write_image(folder / layout.FRAMES / names[-1], rgb, jpeg_quality=options.jpeg_quality)
             progress(done := done + 1, total)
-    if options.torn_frame:
-        frames.tear(_unimportant(plan))
+    if options.torn_frame:  # cut in half, as by a full disk or a lost connection
+        path = folder / layout.FRAMES / names[_unimportant(plan)]
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     records = tuple(
         BallRecord(folder / layout.BALLS / f"{i:02d}.png", ball.radius_mm) for i, ball in enumerate(balls)
     )
     flats = [folder / layout.FLATS / f"{i:02d}.png" for i in range(options.flats)]
     stills = [(path, Flat()) for path in flats] + list(zip((r.path for r in records), balls, strict=True))
     for path, surface in stills:
-        write_picture(path, picture_still(camera, surface, rng=rng))
+        write_image(path, picture_still(camera, surface, rng=rng))
         progress(done := done + 1, total)
-    names, times_s = tuple(frames.names), np.array(frames.times_s)
-    return replace(record, frame_names=names, frame_times_s=times_s, balls=records)
+    times_s = np.round(np.concatenate([times for _, times in plan]), 4)
+    return replace(record, frame_names=tuple(names), frame_times_s=times_s, balls=records)
 
 
 def _unimportant(plan: list[tuple[PlannedPress, Floats]]) -> int:

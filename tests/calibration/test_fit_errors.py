@@ -45,7 +45,7 @@ def test_every_command_states_the_same_two_figures(
     capsys.readouterr()
     run(monkeypatch, "steps", tmp_path / "compared")
     said = capsys.readouterr().out
-    assert f"error on presses left out from {1e3 * held_out:.1f} to {1e3 * added['held_out']:.1f} mN" in said
+    assert f"error on held-out presses from {1e3 * held_out:.1f} to {1e3 * added['held_out']:.1f} mN" in said
     assert f"repeatability {1e3 * added['floor']:.1f} mN" in said
 
 

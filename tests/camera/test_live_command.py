@@ -6,6 +6,7 @@ import csv
 import json
 import sys
 import time
+import urllib.error
 import urllib.request
 from pathlib import Path
 from typing import Any
@@ -187,15 +188,13 @@ def test_the_page_shows_picture_depth_and_numbers(profile: Path) -> None:
     with Preview(load_sensor(profile).reconstructor, 0) as page:
         page.show(seen, 60.0)
         with urllib.request.urlopen(page.address, timeout=10) as answer:  # noqa: S310 - our own page
-            assert b"/frames" in answer.read()
-        with urllib.request.urlopen(page.address + "frames", timeout=10) as answer:  # noqa: S310
-            assert answer.readline() == b"--frame\r\n"
-            answer.readline()
-            size = int(answer.readline().split(b":")[1])
-            answer.readline()
-            shown = cv2.imdecode(np.frombuffer(answer.read(size), np.uint8), cv2.IMREAD_COLOR)
+            assert b"page.js" in answer.read()
+        with urllib.request.urlopen(page.address + "frame.jpg", timeout=10) as answer:  # noqa: S310
+            shown = cv2.imdecode(np.frombuffer(answer.read(), np.uint8), cv2.IMREAD_COLOR)
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(page.address.replace(page.token, "other"), timeout=10)  # noqa: S310
         with pytest.raises(InputError, match="port cannot be used"):
-            Preview(load_sensor(profile).reconstructor, int(page.address.rsplit(":", 1)[1].strip("/")))
+            Preview(load_sensor(profile).reconstructor, page.port)
     assert shown is not None
     assert np.abs(shown.astype(int) - picture).mean() < 6
 

@@ -269,8 +269,27 @@ def test_completing_a_line_waits_for_no_cluster(monkeypatch: pytest.MonkeyPatch)
     asked: list[str] = []
     monkeypatch.setattr("tactilevision.cluster.connect.check_cluster", asked.append)
     line = ["somewhere", "--cluster", "tcp://127.0.0.1:1"]
-    command = get_command(app).commands["depth"]  # type: ignore[attr-defined]
+    command = get_command(app).get_command(None, "depth")  # type: ignore[attr-defined]
     command.make_context("depth", list(line), resilient_parsing=True)
     assert not asked
     command.make_context("depth", list(line))
     assert asked == line[2:]
+
+
+def test_the_list_of_commands_is_printed_without_importing_one() -> None:
+    program = (
+        "import sys; from tactilevision.cli import main; sys.argv = ['tactilevision', '--help']; main(); "
+        "sys.exit(any(name in sys.modules for name in ('matplotlib', 'scipy', 'tactilevision.plots')))"
+    )
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    group = get_command(app)
+    for name in group.list_commands(None):  # type: ignore[attr-defined]
+        assert f"  {name} " in found.stdout
+        assert group.get_command(None, name).help, name  # type: ignore[attr-defined]
+
+
+def test_a_misspelt_command_is_named_with_those_alike(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "dept") == 2
+    assert "Did you mean 'depth'" in capsys.readouterr().err

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -69,4 +70,4 @@ def test_a_wrong_format_is_one_clear_error(
 
 
 def test_the_command_line_knows_the_forms_that_are_drawn() -> None:
-    assert tuple(one.value for one in FigureFormat) == FORMS
+    assert get_args(FigureFormat) == FORMS

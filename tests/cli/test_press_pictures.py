@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from each import each
 
-from tactilevision.cli.pictures import picture_name
+from calibration.report.figures import picture_name
 
 
 @each("label", ["p01", "7", "Druck 3", "прес", "a-b_c+1.5"])

@@ -69,7 +69,7 @@ def test_a_window_without_a_screen_is_one_sentence(
 
 def _check_window(shown: Window) -> None:
     assert len(shown.names) > 10
-    assert shown.map.get_title(loc="left").startswith("00296.jpg minus 00290.jpg")
+    assert shown.map.get_title(loc="left").startswith("00296.jpg: depth minus that of 00290.jpg")
     shown.go(shown.number - 1)
     assert shown.height.name == "00295.jpg"
 

@@ -32,7 +32,7 @@ def check(words: list[str]) -> None:
     if words[0] == "dask":
         assert options <= dask_options(words[1])
     else:
-        command = typer.main.get_command(app).commands[words[1]]  # type: ignore[attr-defined]
+        command = typer.main.get_command(app).get_command(None, words[1])  # type: ignore[attr-defined]
         assert options <= {name for option in command.params for name in option.opts}
 
 

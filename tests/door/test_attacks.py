@@ -16,7 +16,6 @@ from each import each
 from shared_scenes import sample_reconstructor
 
 from calibration.tasks.session import History, Step, load_history
-from tactilevision.cli.analysis import compare_command
 from tactilevision.errors import InputError
 from tactilevision.files.writing import staged
 from tactilevision.force.calibrated import read_clock_offset, read_material
@@ -116,7 +115,7 @@ def test_a_covariance_that_is_none_is_refused_where_it_stands(
 ) -> None:
     path = tmp_path / "calibration.json"
     values = {"youngs_modulus_MPa": {"value": 0.2, "std": 0.01}, "poisson_ratio": {"value": 0.48, "std": 0.01}}
-    path.write_text(json.dumps(values | {"covariance": covariance}))
+    path.write_text(json.dumps(values | {"covariance": {"of": list(values), "matrix": covariance}}))
     with pytest.raises(InputError, match=why):
         read_material(path)
 
@@ -161,7 +160,7 @@ def test_a_clock_offset_that_is_no_number_is_refused(tmp_path: Path) -> None:
 def test_a_recording_in_a_history_is_never_an_option_of_the_script() -> None:
     history = History(("--effect=/tmp/evil.py",), (), ())
     assert "compare ./--effect=/tmp/evil.py --out" in history.script("out")
-    assert "compare ./--effect=/tmp/evil.py" in compare_command(history.recordings, [], {})
+    assert "compare ./--effect=/tmp/evil.py" in history.command()
 
 
 def test_a_tampered_history_puts_no_command_into_the_script(tmp_path: Path) -> None:

@@ -8,8 +8,7 @@ from each import each
 
 from tactilevision.heightmap.zero_plane import find_zero_plane, level
 from tactilevision.records.measured import Bools, Floats
-from tactilevision.synthetic.ball import BallPress
-from tactilevision.synthetic.gel import Grid
+from tactilevision.synthetic.gel import BallPress, Grid
 
 SHAPE, STEP = (160, 240), 0.1
 

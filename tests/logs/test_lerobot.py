@@ -92,8 +92,8 @@ def test_depth_contact_and_force_stand_beside_the_frames(made: tuple[Path, Annot
     assert depth.shape == (10, 45, 60)
     raw = read_frame(CalibratedSensor(profile()), pressed(0, 1.5), shrink=4)
     peak = table["observation.tactile.peak_mm"].to_numpy()
-    np.testing.assert_allclose(peak[PRESSED], raw.peak_mm, rtol=0.15)  # LeRobot packs at crf 30
-    assert np.nanmean(np.abs(depth[PRESSED] - raw.depth_mm)) < 0.04
+    np.testing.assert_allclose(peak[PRESSED], raw["peak_mm"], rtol=0.15)  # LeRobot packs at crf 30
+    assert np.nanmean(np.abs(depth[PRESSED] - raw["depth_mm"])) < 0.04
     assert np.nanmax(np.abs(depth[~PRESSED])) < 0.2
     assert not np.any(depth[np.isfinite(depth)] * 1024 % 1)
     wrench = np.array(table["observation.tactile.wrench"].to_pylist())

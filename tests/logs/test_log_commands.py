@@ -70,6 +70,7 @@ def test_frames_that_are_there_are_kept(draw: Draw, tmp_path: Path) -> None:
     assert run("import", draw("other.bag", frames=2), *taken) == 2
     assert {path: path.read_bytes() for path in rec.rglob("*") if path.is_file()} == before
     sensor = tomllib.loads((rec / "recording.toml").read_text())["sensor"]
+    assert sensor.pop("gel")["thickness_mm"] > 0, "of the profile"
     assert sensor == {
         "kind": "custom",
         "serial": "07",

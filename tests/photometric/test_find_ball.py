@@ -7,7 +7,7 @@ import pytest
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball_detection import ball_slopes, find_ball
-from tactilevision.synthetic.ball import BallPress
+from tactilevision.synthetic.gel import BallPress
 
 SHAPE, SCALE, RADIUS_MM = (160, 220), (0.06, 0.06), 4.0
 CENTRE = (112.3, 78.8)  # px

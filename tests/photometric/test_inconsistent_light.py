@@ -25,7 +25,7 @@ from tactilevision.photometric.storage import load_method, save_method
 from tactilevision.records.maps import INCONSISTENT, HeightMap
 from tactilevision.records.measured import Bytes
 from tactilevision.sensors import get_sensor
-from tactilevision.synthetic.ball import BallPress
+from tactilevision.synthetic.gel import BallPress
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
 DARK = (4.0, -2.0)  # mm, where the light is shaded

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from each import each
 
-from tactilevision.cli.pictures import keep_every_press
+from calibration.report.figures import keep_every_press
 from tactilevision.plots import style, style as letters
 from tactilevision.plots.misfit import draw_presses
 from tactilevision.plots.style import LONGEST_LABEL, as_label, font_of, save_figure

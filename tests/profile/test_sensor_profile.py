@@ -57,6 +57,8 @@ def test_what_was_written_is_read(path: Path) -> None:
     np.testing.assert_array_equal(after.untouched, before.untouched)
     assert after.compliance is not None
     assert before.compliance is not None
+    assert after.compliance.slopes is not None
+    assert before.compliance.slopes is not None
     np.testing.assert_array_equal(after.compliance.layer.table, before.compliance.layer.table)
     assert after.compliance.slopes is not None
     assert before.compliance.slopes is not None

@@ -88,7 +88,7 @@ def test_a_stream_and_the_command_line_refuse_it_unless_told_so(
     def built(recording: Recording, method: object = None) -> Reconstructor:
         return reader
 
-    monkeypatch.setattr("tactilevision.heightmap.build.build_reconstructor", built)
+    monkeypatch.setattr("tactilevision.cli.source.build_reconstructor", built)
     recording = read_recording(SAMPLE)
     with pytest.raises(InputError, match=r"^reference/ball: .*--even-so"):
         source.Choice(even_so=False).light(recording)

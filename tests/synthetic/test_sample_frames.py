@@ -82,5 +82,5 @@ def test_samples_are_made_again_bit_by_bit(tmp_path: Path) -> None:
     make_samples(tmp_path)
     blind_samples.main([str(tmp_path)])
     drawn = (folder for folder in SAMPLES.iterdir() if folder.name not in PATH_TRACED)
-    for kept in (p for folder in drawn for p in folder.rglob("*") if p.is_file()):
+    for kept in (p for folder in drawn for p in folder.rglob("*") if p.is_file() and p.name != "README.md"):
         assert filecmp.cmp(kept, tmp_path / kept.relative_to(SAMPLES), shallow=False), kept.name

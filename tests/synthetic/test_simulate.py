@@ -200,7 +200,7 @@ def test_prior_of_poisson_ratio_can_be_left_out_and_clock_stated(tmp_path: Path)
 
 
 def test_unknown_fault_is_refused() -> None:
-    with pytest.raises(InputError, match=r"'earthquake'.*Choose among tangential"):
+    with pytest.raises(InputError, match=r"'earthquake'.*Known are tangential"):
         SimulationOptions(faults=("earthquake",))
 
 

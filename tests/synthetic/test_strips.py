@@ -11,7 +11,7 @@ import pytest
 from benchmarks.rendered.compare import Pictured, darkened, diffuse_rig, rms
 from tactilevision.records.measured import Floats, Pair
 from tactilevision.synthetic.camera import CameraOptions, build_camera
-from tactilevision.synthetic.gel import Area, Flat, Grid, Prescribed, Singles, lookup
+from tactilevision.synthetic.gel import Area, Flat, Grid, Prescribed, Singles, Surface, lookup
 from tactilevision.synthetic.lights import Strip, visibility
 
 KEPT = Path(__file__).parents[1] / "data" / "rendered" / "direct_light.npz"
@@ -78,7 +78,7 @@ def test_a_camera_s_lamps_cast_shadows_only_where_asked_and_only_darken() -> Non
 
 
 @dataclass(frozen=True)
-class Kept:
+class Kept(Surface):
     """The surface that was kept beside Mitsuba's pictures."""
 
     centre_mm: Pair

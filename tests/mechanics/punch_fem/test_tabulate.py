@@ -97,7 +97,7 @@ def test_merging_nothing_is_refused(tmp_path: Path) -> None:
         (("--poisson-ratio", "0.3,0.5"), "0.4999"),
         (("--poisson-ratio", "-0.1"), "--poisson-ratio"),
         (("--a-over-h", "wide"), "commas"),
-        (("--law", "gent"), "There are neo-hooke"),
+        (("--law", "gent"), "Known are neo-hooke"),
         (("--friction", "-1"), "--friction"),
         pytest.param(("--cluster", "tcp://127.0.0.1:1"), "--cluster", marks=pytest.mark.slow),
     ],

@@ -1,27 +1,54 @@
-"""Figures of a calibration and of its residuals, written with captions to a folder."""
+"""Figures of a calibration, a comparison and a diagnosis, written with captions to a folder."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from matplotlib.figure import Figure
+
+from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.effects import PLAIN
+from calibration.inputs.deadline import Progress
+from calibration.model.stages import Effect
+from calibration.report.diagnosis_report import Drawn, Evidence, after_words
+from calibration.report.drawing import (
+    Card,
+    ResidualMap,
+    cards,
+    confusability,
+    drawn_points,
+    fitted_lines,
+    own_offsets,
+    picture_lacks,
+    plain_card,
+    sighting,
+)
+from calibration.report.misfit import (
+    BASE,
+    error_fall_of_diagnosis,
+    error_fall_of_sight,
+    force_curves,
+    model_names,
+    residual_strips,
+)
 from calibration.report.page import Picture
-from tactilevision.cli.console import Progress
+from calibration.report.report import Pictures
+from calibration.result.material import joint_region
+from calibration.result.result import CalibrationResult
+from calibration.tasks.calibrate import HistoryRow
+from calibration.tasks.compare import Comparison
+from tactilevision.errors import RecordingError
 from tactilevision.files.writing import plain_name
-from tactilevision.plots import calibration as indentation, misfit, style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from calibration.result.result import CalibrationResult
-    from calibration.tasks.calibrate import HistoryRow
-    from tactilevision.press.certificate import Certificate
-    from tactilevision.recording.model import Recording
-    from tactilevision.records.certified import CertifiedPoint
-    from tactilevision.records.measured import Estimate
-    from tactilevision.records.misfit import ErrorFall, ForceCurves, ResidualStrips
+from tactilevision.plots import calibration as indentation, diagnosis as draw, misfit, style
+from tactilevision.press.certificate import Certificate
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import read_frame
+from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.measured import Estimate
+from tactilevision.records.misfit import ErrorFall, ForceCurves, ResidualStrips
+from tactilevision.sensors.rectification import rectify
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +67,6 @@ class FigureFolder:
 
 def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folder: FigureFolder) -> list[Picture]:
     """Draw force against depth with the fitted law, and E over nu."""
-    from calibration.report.drawing import drawn_points, fitted_lines
-
     fitted = result.fitted
     lines = fitted_lines(fitted)
     drawn = indentation.draw_fit(drawn_points(fitted, points), lines)
@@ -57,8 +82,6 @@ def _material(result: CalibrationResult, folder: FigureFolder) -> Picture:
     if not result.routes:
         plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
         return folder.keep(indentation.draw_material(*plain), "material.png", caption=words)
-    from calibration.result.material import joint_region
-
     curve, region = joint_region(result)
     known = [(r.name, r.poisson_ratio, r.used) for r in result.routes if r.poisson_ratio.value is not None]
     routes = [(name, nu.interval95, used) for name, nu, used in known if nu.interval95 is not None]
@@ -74,10 +97,6 @@ def of_presses(
     recording: Recording, certificate: Certificate, *, folder: FigureFolder, progress: Progress
 ) -> list[Picture]:
     """Draw each press that has evidence."""
-    from tactilevision.errors import RecordingError
-    from tactilevision.recording.pictures import read_frame
-    from tactilevision.sensors.rectification import rectify
-
     pictures = []
     for number, point in enumerate(certificate.points, start=1):
         evidence = certificate.evidence.get(point.press)
@@ -205,3 +224,122 @@ def radii_coloured(curves: ForceCurves) -> str:
         for radius, colour in misfit.radius_colours(curves.radii_mm).items()
     )
     return f"Measured, {said}."
+
+
+def comparison_pictures(
+    found: Comparison, falls: Sequence[ErrorFall], folder: FigureFolder, progress: Progress
+) -> Pictures:
+    """Draw every picture of a comparison's page."""
+    names = model_names([model.effects for model in found.models])
+    fits = dict(zip(names, (model.fitted for model in found.models), strict=True))
+    moduli = [model.material.youngs_modulus for model in found.models if model.material is not None]
+    curves = force_curves(fits)
+    return Pictures(
+        fall=keep_falls(falls, folder),
+        presses=keep_presses(curves, found.models[0].fitted.data.gel.thickness_mm, folder),
+        strips=keep_strips(residual_strips(fits, [model.covariates for model in found.models]), folder),
+        moduli=keep_moduli(names, moduli, folder),
+        every_press=keep_every_press(curves, folder, progress),
+    )
+
+
+# Figures of a diagnosis.
+
+SHOWN_P = 0.05  # p below which a dependence is reported
+
+
+def diagnosis_evidence(
+    found: Diagnosis,
+    private: Sequence[Effect],
+    reliefs: Sequence[ResidualMap],
+    *,
+    folder: FigureFolder,
+    progress: Progress,
+) -> Evidence:
+    """Draw every picture of a diagnosis's page."""
+    base, fitted = found.fits.base, found.fits.fitted
+    named = [e.key.replace("_", " ") for e in found.effects if e.key in fitted.model.keys]
+    fits = {BASE: base} | ({f"+ {' + '.join(named)}": fitted} if named else {})
+    curves, fall = force_curves(fits), error_fall_of_diagnosis(found)
+    strips = residual_strips(fits, [found.search.covariates_before, found.search.covariates][: len(fits)])
+    moduli = {
+        BASE: found.material.before.youngs_modulus,
+        after_words(found): found.material.after.youngs_modulus,
+    }
+    plain = plain_card(found)
+    return Evidence(
+        misfit=[
+            *_odd_presses(found, folder),
+            *keep_presses(curves, base.data.gel.thickness_mm, folder),
+            *keep_strips(strips, folder),
+        ],
+        fall=keep_falls([*([fall] if len(fall.models) > 1 else []), *error_fall_of_sight(found)], folder),
+        picture=_reconstructed_depth(found, reliefs, folder),
+        material=keep_moduli(list(moduli), list(moduli.values()), folder),
+        alike=_confusable_effects(found, folder),
+        every_press=keep_every_press(curves, folder, progress),
+        cards=[_drawn(card, folder) for card in cards(found, private)],
+        plain=None if plain is None else _drawn(plain, folder),
+    )
+
+
+def _odd_presses(found: Diagnosis, folder: FigureFolder) -> list[Picture]:
+    offsets = own_offsets(found)
+    if offsets is None:
+        return []
+    words = "How far each press lies from the others, as an offset of its depth. Blue: like the others"
+    words += "; orange: it cannot be one of them." if any(offsets.odd) else "."
+    return [folder.keep(draw.draw_offsets(offsets), "offsets.png", caption=words)]
+
+
+def _confusable_effects(found: Diagnosis, folder: FigureFolder) -> list[Picture]:
+    table = confusability(found)
+    if table is None:
+        return []
+    words = (
+        "Separation, in std, of each row's effect, if present, from the best that the column's effect could do "
+        "instead; below 3 the two look alike."
+    )
+    return [folder.keep(draw.draw_confusability(*table), "confusability.png", caption=words)]
+
+
+def _reconstructed_depth(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: FigureFolder) -> list[Picture]:
+    """Draw the picture's depth over the certified one, and the residual of the height maps."""
+    kept, seen = [], sighting(found)
+    if seen is not None:
+        words = (
+            "The depth that the picture reads over the certified one; 1 is right. Squares: punch faces; dots: "
+            "slopes next to them. Orange: as read"
+        )
+        words += "; blue: corrected by what was found." if seen.corrected is not None else "."
+        words = f"{words} {picture_lacks(found)}".strip()
+        kept.append(folder.keep(draw.draw_sighting(seen), "reconstructed.png", caption=words))
+    for number, one in enumerate(reliefs):
+        words = (
+            f"Height maps less what is expected. {_dependence(one)} Red: deeper than expected; blue: less deep; "
+            "grey: not compared. Lengths are in radii of the punch, whose axis is the middle."
+        )
+        drawn = draw.draw_residual_map(one.residual_mm, one.axis, count=one.count)
+        kept.append(folder.keep(drawn, f"height_map_{number}.png", caption=words))
+    return kept
+
+
+def _dependence(one: ResidualMap) -> str:
+    """Return what the height maps' residual depends on, in a sentence."""
+    on = {"azimuth": "the direction", "radius": "the distance from the punch"}
+    said = []
+    for scored in one.covariates:
+        key = scored.key.removeprefix("height map: ")
+        depends = "depends" if scored.p_adjusted < SHOWN_P else "does not depend"
+        said.append(f"{depends} on {on.get(key, key)} (p = {scored.p_adjusted:.2g})")
+    return f"The residual {', and '.join(said)}." if said else ""
+
+
+def _drawn(card: Card, folder: FigureFolder) -> Drawn:
+    """Return a candidate with the residual that it would leave, over the residuals without it and with it."""
+    if card.overlay is None:
+        return Drawn(card, None)
+    name = "the instrument error" if card.key in PLAIN else card.key.replace("_", " ")
+    words = f"Orange: residual without it; black: what {name} explains of it; blue: residual with {name}."
+    picture = draw.draw_overlay(card.overlay, name)
+    return Drawn(card, folder.keep(picture, f"candidates/{card.key}.png", caption=words))

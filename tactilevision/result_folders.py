@@ -1,0 +1,408 @@
+"""Folders of results of `calibrate`, `diagnose`, `compare`, `steps` and `validate`, each written as a whole."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import pairwise
+from math import nan
+from pathlib import Path
+from typing import Any
+
+from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.vision_depth_check import face_error_mm
+from calibration.effects import PLAIN, get_effect, written
+from calibration.effects.private import load_effect
+from calibration.model.stages import Effect
+from calibration.report.diagnosis_report import diagnosis_page
+from calibration.report.figures import (
+    FigureFolder,
+    comparison_pictures,
+    diagnosis_evidence,
+    of_fit,
+    of_history,
+    of_presses,
+)
+from calibration.report.misfit import error_fall_of_comparison, error_fall_of_picture, error_fall_of_sight
+from calibration.report.report import calibration_page, comparison_page
+from calibration.tasks.calibrate import HistoryRow, history
+from calibration.tasks.compare import Compared, Comparison
+from calibration.tasks.session import History, Step, load_history, steps_of_comparison
+from calibration.tasks.validate import Validation, as_json
+from tactilevision.errors import InputError
+from tactilevision.files.writing import plain_name, staged, write_json, write_text
+from tactilevision.pipeline import (
+    Calibrated,
+    CertifiedRecording,
+    Listener,
+    certify_recordings,
+    compare_recordings,
+    height_residuals,
+)
+from tactilevision.plots import style
+from tactilevision.plots.validation import Panel, Series, draw_validation
+from tactilevision.recording import layout
+from tactilevision.recording.write import write_curves, write_points, write_settings, write_table
+
+CALIBRATION, HISTORY = "calibration.json", "history.json"
+
+
+@contextmanager
+def replaced(out: Path, names: Sequence[str], figures: Sequence[str]) -> Iterator[Path]:
+    """Stage results, then remove files of these names and figures that an earlier run left."""
+    earlier = _found(out, names, figures)
+    with staged(out) as stage:
+        yield stage
+        kept = {out / path.relative_to(stage) for path in stage.rglob("*")}
+    for path in earlier:
+        if path not in kept:
+            path.unlink(missing_ok=True)
+            if path.parent != out and not any(path.parent.iterdir()):
+                path.parent.rmdir()
+
+
+def _found(folder: Path, names: Sequence[str], figures: Sequence[str]) -> list[Path]:
+    """Return the files of these names, and of these figures in any form."""
+    patterns = [*names, *(f"{figure}.{form}" for figure in figures for form in style.FORMS)]
+    found = (path for pattern in patterns for path in sorted(folder.glob(pattern)))
+    return [path for path in found if path.is_file() and not path.is_symlink()]
+
+
+def _title(kind: str, taken: Sequence[CertifiedRecording]) -> str:
+    return f"{kind} of " + ", ".join(one.recording.name for one in taken)
+
+
+# Calibrations: the newest in the folder itself, each older one in a folder of its own.
+
+
+def write_calibrations(
+    outcomes: Sequence[Calibrated], out: Path, *, law: str, form: str, listener: Listener
+) -> tuple[HistoryRow, ...]:
+    """Write tables, calibration.json, figures and the report of each; return how the stiffness has changed.
+
+    Files of an earlier calibration that this one does not replace are removed: they would be taken for part of it.
+    """
+    own = [] if _holds_a_recording(out) else [layout.POINTS, layout.CURVES]
+    figures = ("fit", "material", "history", "presses/*") if (out / CALIBRATION).exists() else ()
+    rows: tuple[HistoryRow, ...] = ()
+    with replaced(out, ["history.csv", *own] if figures else [], figures) as stage:
+        for number, outcome in enumerate(outcomes, start=1):
+            older = f"{number:02d}_{plain_name(outcome.certified.recording.name)}"
+            place = Path() if outcome is outcomes[-1] else Path(older)
+            _write_calibration(outcome, FigureFolder(stage / place, form), listener)
+            if not _holds_a_recording(out / place):
+                _describe(outcome.certified, stage / place)
+        measured = [one.certified.measured for one in outcomes if one.result is not None]
+        if len(measured) > 1:
+            rows = history(measured, law=law)
+            flat = [row.as_row() for row in rows]
+            write_table(stage / "history.csv", {column: [row[column] for row in flat] for column in flat[0]})
+            of_history(rows, FigureFolder(stage, form))
+    return rows
+
+
+def _write_calibration(outcome: Calibrated, figures: FigureFolder, listener: Listener) -> None:
+    certified, result, folder = outcome.certified, outcome.result, figures.path
+    certificate = certified.certificate
+    if certified.points:
+        write_points(folder, certified.points)
+    if certificate is not None and certificate.curves:
+        write_curves(folder, certificate.curves)
+    write_json(folder / CALIBRATION, outcome.content)
+    with listener.progress_bar("drawing") as progress:
+        page = calibration_page(
+            f"Calibration of {certified.recording.name}",
+            result,
+            points=certified.points,
+            figures=of_fit(result, certified.points, folder=figures) if result is not None else [],
+            presses=of_presses(certified.recording, certificate, folder=figures, progress=progress)
+            if certificate
+            else [],
+            notes=certified.warnings if result is None else (),
+            why=str(outcome.fault),
+        )
+    write_text(folder / "report.html", page)
+
+
+def _holds_a_recording(folder: Path) -> bool:
+    """Return whether recording.toml is somebody's own, not one that an earlier calibration left."""
+    measured = any((folder / name).exists() for name in (layout.PRESSES, layout.FORCES, layout.FRAME_TABLE))
+    return (folder / layout.SETTINGS).exists() and (measured or not (folder / CALIBRATION).exists())
+
+
+def _describe(certified: CertifiedRecording, folder: Path) -> None:
+    """Describe gel and indenters next to the points, so that the results are themselves a recording."""
+    sensor = replace(certified.recording.sensor, rectification=None)  # there are no frames here to rectify
+    write_settings(replace(certified.recording, path=folder, sensor=sensor))
+
+
+# Analyses: a diagnosis or a comparison, and the steps taken back and put back.
+
+FOUND = "as_found"  # folder with the results of all steps, while some are taken back
+BEFORE = "calibration_before.json"  # the calibration that --apply replaced
+PAGES = ("report.html", "diagnosis.json", "comparison.json")
+FIGURES = (
+    *("error", "error_depth", "presses", "secant", "residuals", "modulus", "offsets", "reconstructed"),
+    *("confusability", "height_map_*", "presses/sheet_*", "candidates/*"),
+)
+FIND, TRY = "to find what is missing", "to try"  # what a suggested command is for
+
+
+def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dict[str, str]]:
+    """Return effects in the order named, by key or by the file of a private one, and the files by key."""
+    effects, files = [], {}
+    for name in names or ():
+        own = str(name).endswith(".py")
+        effects.append(load_effect(name) if own else get_effect(str(name)))
+        if own:
+            files[effects[-1].key] = str(Path(name).resolve())
+    return effects, files
+
+
+def again_in(folder: Path) -> Path:
+    """Return the folder of a repeated analysis, within what it repeats, which stays."""
+    return folder.resolve() / "repeated"
+
+
+def write_history(history: History, folder: Path, out: Path) -> None:
+    """Write history.json, and the script that repeats its steps from wherever it is run; both end up in `out`."""
+    history.save(folder / HISTORY)
+    write_text(folder / "repeat.sh", history.script(again_in(out)))
+
+
+def write_diagnosis(
+    found: Diagnosis,
+    taken: Sequence[CertifiedRecording],
+    history: History,
+    *,
+    out: Path,
+    form: str,
+    private: Sequence[Effect],
+    commands: Sequence[str],
+    listener: Listener,
+) -> dict[str, Any]:
+    """Write diagnosis.json, figures, page and history; return the content. `history.applied`: and the material."""
+    surfaces = height_residuals(taken)
+    content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
+    with staged(out) as stage:
+        write_json(stage / "diagnosis.json", content)
+        write_history(history, stage, out)
+        if history.applied:
+            _keep_calibration(out, stage)
+            write_json(stage / CALIBRATION, found.material.after.as_json())
+        figures = FigureFolder(stage, form)
+        with listener.progress_bar("drawing") as progress:
+            shown = diagnosis_evidence(found, private, surfaces, folder=figures, progress=progress)
+        page = diagnosis_page(_title("Diagnosis", taken), found, shown, commands=commands)
+        write_text(stage / "report.html", page)
+    _forget_found(out)
+    return content
+
+
+def steps_of_diagnosis(found: Diagnosis, files: Mapping[str, str]) -> list[Step]:
+    """Return a step for each effect added, with the errors before and after it; `files` of private ones by key."""
+    named = {e.key: e for e in found.fits.fitted.model.effects}
+    errors, added = found.errors, [e.key for e in found.effects if e.key in named]
+    steps = [
+        Step(written(named[key]), files.get(key, ""), errors.before, errors.after, *held, errors.floor)
+        for key, held in zip(added, pairwise(found.errors.held_out_N), strict=True)
+    ]
+    for fall in error_fall_of_sight(found):
+        keys = [e.key for e in found.effects if e.key not in named]
+        for key, held in zip(keys, pairwise(fall.error), strict=True):
+            steps.append(Step(key, "", nan, nan, *held, fall.repeatability, fall.unit))
+    return steps
+
+
+def commands_after_diagnosis(found: Diagnosis, base: History, files: Mapping[str, str]) -> list[str]:
+    """Return commands to try: each candidate, and the instrument error nearest to an UNKNOWN."""
+    fitted = {effect.key: written(effect) for effect in found.fits.fitted.model.effects}
+    named = [fitted.get(effect.key, effect.key) for effect in found.effects]
+    plain = [found.remainder.plain.effect.key] if found.remainder.plain is not None else []
+    sets = [[key] for key in found.candidates] if len(found.candidates) > len(named) else [named]
+    return [base.with_effects(keys, files).command() for keys in (*sets, plain) if keys]
+
+
+def commands_after_comparison(found: Comparison, base: History, files: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return commands to try: a diagnosis of the base model alone, then instrument errors; with their purpose."""
+    added = [step.key for step in steps_of_comparison(found, files)]
+    first = [] if added or base.left_out else [(FIND, base.command("diagnose"))]
+    tried = {key: base.with_effects([*added, key], files).command() for key in found.suggested}
+    return [*first, *((f"{TRY} {getattr(PLAIN[key], 'words', key)}", text) for key, text in tried.items())]
+
+
+def write_comparison(
+    found: Comparison,
+    history: History,
+    *,
+    title: str,
+    out: Path,
+    form: str = "png",
+    try_next: Sequence[tuple[str, str]] = (),
+    listener: Listener,
+) -> None:
+    """Write comparison.json, figures, page and history. `history.applied`: and the last model's material."""
+    with staged(out) as stage:
+        _fill_comparison(found, FigureFolder(stage, form), title=title, try_next=try_next, listener=listener)
+        write_history(history, stage, out)
+        if history.applied:
+            _keep_calibration(out, stage)
+            _write_material(found, stage)
+    _forget_found(out)
+
+
+def _fill_comparison(
+    found: Comparison,
+    folder: FigureFolder,
+    *,
+    title: str,
+    try_next: Sequence[tuple[str, str]] = (),
+    state: str = "",
+    listener: Listener,
+) -> None:
+    write_json(folder.path / "comparison.json", comparison_content(found))
+    both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
+    falls = sorted(both, key=lambda fall: (len(fall.models) == 1, fall.reached))  # what changes, then what is off
+    with listener.progress_bar("drawing") as progress:
+        pictures = comparison_pictures(found, falls, folder, progress)
+    page = comparison_page(title, found, falls, pictures=pictures, try_next=try_next, state=state)
+    write_text(folder.path / "report.html", page)
+
+
+def _write_material(found: Comparison, folder: Path) -> None:
+    material = found.models[-1].material
+    assert material is not None
+    write_json(folder / CALIBRATION, material.as_json())
+
+
+def comparison_content(found: Comparison) -> list[dict[str, object]]:
+    """Return the content of comparison.json: the last model of the force names instrument errors worth a try."""
+    content = found.as_json()
+    content[-1]["suggested"] = list(found.suggested)
+    return [*content, *(_of_picture(model, found.pictured[0]) for model in found.pictured)]
+
+
+def _of_picture(model: Compared, base: Compared) -> dict[str, object]:
+    """Return the content of a model of the reconstructed depth."""
+    return {
+        "name": model.name,
+        "effects": list(model.effects),
+        "parameters": {name: estimate.as_json() for name, estimate in model.parameters},
+        "rms_error_mm": {
+            "held_out_before": base.held_out_N,
+            "held_out_after": model.held_out_N,
+            "floor": model.repeatability_N,
+            "faces_before": face_error_mm(base.fitted),
+            "faces_after": face_error_mm(model.fitted),
+        },
+    }
+
+
+def follow_steps(
+    history: History, folder: Path, private: Sequence[Path] | None, *, form: str, listener: Listener
+) -> None:
+    """Make the folder's results those of the steps: as they were found where all stand, else fitted anew."""
+    found = folder / FOUND
+    whole = not history.undone and found.is_dir()
+    names = [*PAGES, *([CALIBRATION] if history.applied else [])]
+    with replaced(folder, names, FIGURES) as stage:
+        if whole:
+            shutil.copytree(found, stage, dirs_exist_ok=True)
+        else:
+            _refit(history, folder, FigureFolder(stage, form), private=private, listener=listener)
+            if not found.is_dir():
+                for path in _found(folder, names, FIGURES):
+                    _copy(path, stage / FOUND / path.relative_to(folder))
+        write_history(history, stage, folder)
+    if whole:
+        _forget_found(folder)
+
+
+def _refit(
+    history: History, folder: Path, figures: FigureFolder, *, private: Sequence[Path] | None, listener: Listener
+) -> None:
+    """Compare the recordings again with the steps that stand."""
+    effects = _effects(history.steps, private)
+    taken = certify_recordings(history.recordings, scale_doubt=False, listener=listener)
+    left_out, prior, seed = history.left_out, history.prior, history.seed
+    found = compare_recordings(taken, effects, left_out=left_out, prior=prior, seed=seed, listener=listener)
+    names = ", ".join(step.key.replace("_", " ") for step in reversed(history.undone))
+    state = f"Taken back: {names}. `tactilevision steps {folder} --redo` puts it back."
+    if (folder / "diagnosis.json").is_file() or (folder / FOUND / "diagnosis.json").is_file():
+        state += f" What the diagnosis found is kept in {FOUND}/report.html."
+    _fill_comparison(found, figures, title=_title("Comparison", taken), state=state, listener=listener)
+    if history.applied and not history.steps and (folder / BEFORE).is_file():
+        _copy(folder / BEFORE, figures.path / CALIBRATION)
+    elif history.applied:
+        _write_material(found, figures.path)
+
+
+def _effects(taken: Sequence[Step], private: Sequence[Path] | None) -> list[Effect]:
+    """Return the effects of these steps; no file is run because a history names it."""
+    own = {effect.key: effect for effect in named_effects(private)[0]}
+    check_named(taken, own, what="an effect of your own is among the steps that stay", where="steps")
+    return [own[step.key] if step.path else get_effect(step.key) for step in taken]
+
+
+def check_named(steps: Sequence[Step], own: Mapping[str, object], *, what: str, where: str) -> None:
+    """Raise InputError for a step with a private effect that is not among the `own`, whose files were named."""
+    for step in steps:
+        if step.path and step.key not in own:
+            raise InputError(
+                f"{what}, and its file is only run where you name it",
+                where=where,
+                value=step.key,
+                remedy=f"Add --effect FILE.py; it was {step.path}.",
+            )
+
+
+def _copy(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
+
+
+def _keep_calibration(out: Path, stage: Path) -> None:
+    """Keep the calibration that --apply is about to replace, unless an earlier --apply wrote it."""
+    if not (out / CALIBRATION).is_file():
+        return
+    try:
+        applied = load_history(out / HISTORY).applied
+    except InputError:
+        applied = False
+    if not applied:
+        _copy(out / CALIBRATION, stage / BEFORE)
+
+
+def _forget_found(folder: Path) -> None:
+    """Remove the results kept of an analysis whose steps all stand, or that another one replaces."""
+    if (folder / FOUND).is_dir() and not (folder / FOUND).is_symlink():
+        shutil.rmtree(folder / FOUND)
+
+
+# Validations by finite elements.
+
+
+def write_validation(found: Validation, out: Path, form: str) -> dict[str, Any]:
+    """Write validation.json and a figure of depths and one of forces; return the content."""
+    content = as_json(found)
+    with staged(out) as stage:
+        write_json(stage / "validation.json", content)
+        _draw_validation(found, stage, form)
+    return content
+
+
+def _draw_validation(found: Validation, folder: Path, form: str) -> None:
+    samples, laws = found.samples, list(dict.fromkeys(one.law for one in found.comparisons))
+    for name, quantity, title, measured, pick in (
+        ("depth_at_equal_force", "depth (mm)", "Depths at the measured forces", samples.depth_mm, "depth"),
+        ("force_at_equal_depth", "force (N)", "Forces at the measured depths", samples.force_N, "force"),
+    ):
+        solved = "fem_depth_mm" if pick == "depth" else "fem_force_N"
+        panels = []
+        for law in laws:
+            ofs = [one for one in found.comparisons if one.law == law]
+            series = [Series(one.name, getattr(one, solved), getattr(one, f"{pick}_error")) for one in ofs]
+            panels.append(Panel(law.title(), samples.depth_mm, measured, series))
+        style.save_figure(draw_validation(panels, quantity, title=title), folder / f"{name}.png", form=form)
