@@ -143,7 +143,7 @@ def test_the_terms_of_a_map_sum_to_its_deviation(warm: float) -> None:
     height, error, terms = seen.height, reader().error, seen.terms_mm()
     assert error is not None
     assert height.std_mm is not None
-    assert len(terms) == 11
+    assert len(terms) == 10
     total = np.sqrt(sum(np.square(term) for term in terms.values()))
     stated = height.std_mm[error.every // 2 :: error.every, error.every // 2 :: error.every]
     rows, columns = min(total.shape[0], stated.shape[0]), min(total.shape[1], stated.shape[1])
