@@ -292,9 +292,9 @@ def _blur(rows: Floats, sigma: float) -> Floats:
 # blurs even a steep wall where it is narrow: faces of 3 to 8 % of the thickness may lose 3 to 9 % of their depth.
 #
 # A cast shadow next to the wall reads as slope, and a law fitted to it may double a face's depth. Its profile
-# differs from the law's: a wall whose outer slopes do not fit is left as read, and so is one to which the law
-# gives a smaller step, since walls are read too gentle. Next to rendered shadows, faces of .25 to .57 mm then read
-# .91 to 1.12 of their depth, compared with 1.1 to 1.6 by the law (benchmarks/ablation.py).
+# differs from the law, so walls whose outer slopes do not fit are not corrected: faces of .3 to .55 mm next to
+# shadows then read .96 to 1.00 of their depth, compared with 1.3 to 2.5 by the law. Since walls are read too
+# gentle, a law that gives a smaller step than was read is raised to the step read.
 #
 # Only round rims with a sharp inner flank are corrected: the slopes of balls, cones and ridges grow gently.
 # Assumes a flat face, at least a third of whose rim is in the picture.
@@ -306,9 +306,9 @@ FAR = (
 HIDDEN_SHARE = 0.5  # of that range, which a wall may hide: with more, the rest no longer determines the law
 SLOPE_ERROR = 0.03  # of the mean slope round the edge: its relative deviation
 SLOPE_FLOOR = 0.01  # mm/mm: deviation of the mean slope round the edge where it is gentle
-# mean square, in stated deviations, that slopes outside may lie off the law: simulated walls .05 at most, next to
-# rendered shadows .08 to .45 (benchmarks/ablation.py)
-MAX_MISFIT = 0.06
+# mean square, in stated deviations, that slopes outside may lie off the law, and where the wall hides more than
+# half of FAR: punches' own .0 to .2, a path tracer's .35 without shadows; next to shadows .4 to 2
+MAX_MISFIT = (0.45, 0.3)
 EDGE_FALL = 0.8  # of what the edge adds: benchmarks/steep_edges.py
 EDGE_FALL_STD = 1.0  # of it: variation with ink, friction and edge radius
 MIN_READ = 8  # readable bins outside the edge; with fewer it is not fitted
@@ -335,13 +335,13 @@ def window_of(
 
 
 def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> None:
-    """Replace the slopes (H, W), mm/mm, of walls that hide depth by the law's, in place.
+    """Replace the slopes (H, W), mm/mm, that the walls hide by the law's, in place.
 
     Along the rim the only slope is the face's own tilt t, gentle and well read, of a rigid face:
     slope = -u'(s) (1 + t.x/w) r/|r| + t (1 - u/w).
     """
     half = 0.5 * min(mm_per_px)
-    for edge in (one for one in edges if one.missing_mm > 0):
+    for edge in edges:
         outer, inner = edge.radius_mm + edge.reach_mm, edge.radius_mm + edge.places_mm[0]
         window, x, y = window_of(slopes.dz_dx.shape, edge.centre_mm, mm_per_px=mm_per_px, outer_mm=outer)
         step, lines = edge.places_mm[1] - edge.places_mm[0], _lines(edge, half)
@@ -403,15 +403,16 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
     steep = known & ~(edge.highest < walls.limit)
     if not steep.any():
         return None
-    hidden = float(s[steep].max())
-    far = max(FAR * edge.radius_mm, 8 * px, min(hidden / HIDDEN_SHARE, float(s[-1])))
+    hidden, usual = float(s[steep].max()), max(FAR * edge.radius_mm, 8 * px)
+    far = max(usual, min(hidden / HIDDEN_SHARE, float(s[-1])))
     use = known & ~steep & (s > -FOOT_PX * px) & (s < far)
     if hidden > HIDDEN_SHARE * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
         return None
     std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + edge.std**2)[use]
     law = Law(edge.radius_mm, px, far, wall_light(LEAN), s[use])
     unknown, covariance, off = law.fitted(mean[use], std)
-    shaded = float(np.mean(np.square(off[s[use] > 0]))) > MAX_MISFIT
+    if float(np.mean(np.square(off[s[use] > 0]))) > MAX_MISFIT[int(far > usual)]:
+        return None
     shift, reach = float(unknown[0]), hidden + px
     falls, fall, rate = law.falls(unknown, reach - shift)
     with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
@@ -421,10 +422,10 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
     read, beyond = float(steps @ within), float(steps @ (1.0 - within))
     added = EDGE_FALL * max(fall + beyond, 0.0) ** 2 * px**0.5 / edge.radius_mm**1.5
     falls, fall = falls + added * law.step_at_edge(unknown), fall + added
-    if fall <= 0.0 < read:
-        return None
-    if read > 0.0 and (shaded or fall < read):
+    if 0.0 < fall < read:  # slopes of walls are read too gentle: a law with less depth has fitted a shadow
         falls, fall = falls * (read / fall), read
+    elif fall <= 0.0 < read:
+        return None
     table = slice(*np.searchsorted(law.edges, (inner, reach - shift + 2 * px)))
     if len(law.edges[table]) < 2 or not edge.radius_mm + shift > 0:  # the edge lies outside the wall: no valid law
         return None

@@ -218,11 +218,8 @@ def shaded(inner_mm: float, outer_mm: float, *, slope: float, w: float = 0.6) ->
 
 def test_a_wall_beside_a_cast_shadow_is_left_as_it_is() -> None:
     """A shadow looks like a slope of .42 that ends at once, where gel falls away by less and less."""
-    read, before = (shaded(2.3, 2.9, slope=-0.42, w=0.3) for _ in range(2))
-    (wall,) = find_punch_edges(read, (STEP, STEP), law=WallLaw(LIMIT))
-    assert wall.missing_mm == 0.0
-    restore(read, [wall], mm_per_px=(STEP, STEP))
-    assert np.array_equal(read.dz_dx, before.dz_dx)
+    read = shaded(2.3, 2.9, slope=-0.42, w=0.3)
+    assert find_punch_edges(read, (STEP, STEP), law=WallLaw(LIMIT)) == []
 
 
 @pytest.mark.parametrize("false_slope", [-1.2, 0.4, 0.8])
