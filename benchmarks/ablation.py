@@ -79,17 +79,29 @@ def _zero(first: Any, *given: Any, **named: Any) -> Any:
     return np.zeros_like(first)
 
 
-WALLS = Stage(
-    "walls", ((reconstructing, "find_punch_edges", _no_list), (reconstructing, "restore_windows", _no_list))
-)
-MISFIT = Stage("misfit limit of walls", ((walls, "MAX_MISFIT", np.inf),))
+WALLS = Stage("walls", ((reconstructing, "restore_windows", _no_list),))
+MISFIT = Stage("misfit limit of walls", ((walls, "MAX_MISFIT", (np.inf, np.inf)),))
 EDGE_FALL = Stage("finite strain at the edge of walls", ((walls, "EDGE_FALL", 0.0),))
 GRIDS = Stage("two-grid Poisson", ((Reconstructor, "grids", None),))
 DRIFT = Stage("model of the drift, robust gains left", ((drift, "MIN_DRIFT", np.inf),))
+
+
+def _without(term: int) -> Callable[..., Any]:
+    """Return the variances by walls without those of the steep edge (0) or of the cast shadow (1)."""
+    plain = deviation.wall_variances
+
+    def without(*given: Any, **named: Any) -> Any:
+        found = plain(*given, **named)
+        found[term] = 0
+        return found
+
+    return without
+
+
 TERMS = {
     "zero plane": ("zero_variance", lambda zero, shape: np.float32(0.0)),
-    "steep edge": ("add_edge_variance", _nothing),
-    "cast shadow": ("add_shadow_variance", _nothing),
+    "steep edge": ("wall_variances", _without(0)),
+    "cast shadow": ("wall_variances", _without(1)),
 }
 STAGES = {
     "lights": (

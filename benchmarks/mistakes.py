@@ -45,8 +45,8 @@ DETECTORS: tuple[tuple[Any, str], ...] = (
     *((calibrate, name) for name in ("label_warnings", "scale_warnings", "_observability_warnings")),
     *((ball_validation, name) for name in ("usual_scale_warnings", "odd_by_usual_light", "unfit")),
     *((build, name) for name in ("order_warnings", "dark_colour_warning", "overexposed_warning")),
-    (reconstructor, "stands_out"),
-    (inconsistent_light.Inconsistency, "flagged"),
+    (reconstructor, "rises_too_much"),
+    (inconsistent_light.Inconsistency, "doubtful"),
 )
 Change = Callable[[Bytes, int], Bytes]
 
