@@ -231,7 +231,7 @@ def correlation_offset(presses: Sequence[PressDepths], forces: ForceSeries) -> t
     depth = np.concatenate([seen.stiffness * seen.depth_mm for seen in presses])
     good = np.isfinite(depth)
     time, depth = time[good], depth[good]
-    smooth = _smooth(forces)
+    smooth = smooth_force(forces)
     near = np.arange(-_NEAR_S, _NEAR_S + 1e-9, _STEP_S)
     best, score = _best_correlation(near, time, depth, forces.time_s, smooth)
     if score > 0.9 and abs(best) < 0.95 * _NEAR_S:
@@ -266,7 +266,7 @@ def _best_correlation(
 def parabola_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, start_s: float) -> float:
     """Return the offset at which each press' depth is best a parabola of the force, to some 10 ms."""
     grid = start_s + np.arange(-_AROUND_S, _AROUND_S + 1e-9, _STEP_S)
-    force, total = _smooth(forces), np.zeros(grid.size)
+    force, total = smooth_force(forces), np.zeros(grid.size)
     for clear in (seen.clear() for seen in presses):
         if _ramps(clear):
             total += clear.time_s.size * np.log(_parabola_misfit(clear, grid, forces.time_s, force) + 1e-8)
@@ -279,7 +279,7 @@ def clock_jumps(presses: Mapping[str, PressDepths], forces: ForceSeries, *, offs
     A clock was reset between them and the others, or readings were lost.
     """
     grid = np.r_[offset_s, offset_s + np.arange(-_NEAR_S, _NEAR_S + 1e-9, _STEP_S)]
-    force, found = _smooth(forces), {}
+    force, found = smooth_force(forces), {}
     for name, clear in ((name, seen.clear()) for name, seen in presses.items()):
         if not _ramps(clear):
             continue
@@ -354,7 +354,7 @@ def stated_offset_warnings(
 
 
 def _problem(presses: Sequence[PressDepths], forces: ForceSeries, memories: Sequence[float]) -> ClockProblem:
-    smooth, slow = _smooth(forces), _smooth(forces, min(_MEMORIES_S))
+    smooth, slow = smooth_force(forces), smooth_force(forces, min(_MEMORIES_S))
     zero = float(np.median(smooth[smooth <= np.quantile(smooth, 0.3)]))
     time = np.concatenate([seen.time_s for seen in presses])
     scale = max(float(np.ptp(smooth)), 1e-9)
@@ -373,8 +373,8 @@ def _problem(presses: Sequence[PressDepths], forces: ForceSeries, memories: Sequ
     )
 
 
-def _smooth(forces: ForceSeries, width_s: float = _SMOOTH_S) -> Floats:
-    """Return the normal force, averaged over an interval that rounds the ramps' corners by less than a frame."""
+def smooth_force(forces: ForceSeries, width_s: float = _SMOOTH_S) -> Floats:
+    """Return the normal force (T,) N, a running mean over `width_s`, which rounds corners by less than a frame."""
     force = forces.force_N[:, 2]
     interval = max(float(np.median(np.diff(forces.time_s))), 1e-9)
     half = min(int(0.5 * width_s / interval), max(force.size // 20, 0))
