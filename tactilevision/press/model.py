@@ -15,7 +15,9 @@ grows. What is measured is
 where the gel meets the bevel at w_i = H/(1 + rho) + eta_H + delta + b tilt_i + e_i, and G is the growth of the
 dent (contact/bevel.py). Frames are taken at t plus the clocks' offset. The camera's depth is compared at
 w = F^-1(P - z_i), P less the share that the bevel carries beyond its touch. Where the pace is not
-even, w is F^-1((P - z_i)/g_i) throughout. docs/explanation/certificate.md derives each term.
+even, w is F^-1((P - z_i)/g_i) throughout.
+`certification.py` does not use this model yet: the steps that it replaces are compared with it on new recordings
+first.
 """
 
 from __future__ import annotations
