@@ -18,6 +18,7 @@ LAST = 1 / 3  # of the ramp before the touch, on which tangential forces are rea
 AT_STOP = 3.0  # stds of a depth within which a stop of the rig stands at the event
 AT_STOP_SHARE = 0.01  # of the depth, likewise
 FORM_MM = 0.0003  # mm: a rounded edge moves the zero of a force law by .1 to .5 um (finite elements)
+NEAR_S = 0.02  # s to either side of an event, over which its pace is taken
 MIN_DEPTH_STD_MM = 1e-4  # mm: a tenth of a micrometre, finer than any stage
 
 
@@ -98,18 +99,11 @@ def _event(fit: ModelFit, k: int, event: PressEvent) -> tuple[PressEvent, Floats
     time_s = float(np.interp(w, reached, window.time_s[: reached.size])) if reached[-1] >= w else np.nan
     own_std_N, slope = _level_std(fit, k, level, rate)
     event = replace(event, due_s=time_s - offset)
-    if onset is None:
-        return event, slope
-    if not np.isfinite(time_s):
+    if onset is None or not np.isfinite(time_s):
         return event, slope
     std_mm = max(own_std_N / rate, MIN_DEPTH_STD_MM)
-    pace = (
-        max(
-            float(np.interp(time_s + 0.02, window.time_s, path) - np.interp(time_s - 0.02, window.time_s, path)),
-            1e-6,
-        )
-        / 0.04
-    )
+    before, after = np.interp([time_s - NEAR_S, time_s + NEAR_S], window.time_s, path)
+    pace = max(float(after - before), 1e-6) / (2 * NEAR_S)
     seen = float(np.interp(time_s - offset, one.track.time_s, one.track.depth_mm))
     alone_s = float(np.interp(onset.at, reached, window.time_s[: reached.size]))
     std_s = float(np.hypot(std_mm / pace, fit.offset_std_s))

@@ -173,7 +173,7 @@ class PressModel:
     def touches(self, shared: Floats, own: Floats) -> Floats:
         """Return the depths w_i (presses,) mm at which the signals show the touch; inf without a bevel."""
         delay, tilt = self.block(shared, "recording")[[6, 7]]
-        heights = np.append(self.block(shared, "height"), [0.0, 0.0])  # -1 and -2: none
+        heights = np.append(self.block(shared, "height"), 0.0)  # -1: none
         nominal, tilt_mm, height = (
             np.array([getattr(one, name) for one in self.presses]) for name in ("nominal_mm", "tilt_mm", "height")
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,21 +76,37 @@ def fit_recording(
     stage: StageSeries | None = None,
     offset_std_s: float = np.inf,
     delay_std_mm: float = 0.0,
-    before: ModelFit | None = None,
 ) -> ModelFit:
     """Fit the forward model to presses; `forces` without their zeros.
 
-    `before`: a fit of more presses, from which this one starts. `offset_std_s`: 0 for stated clocks.
-    `delay_std_mm`: common delay of detection, since pictures suppress faint dents.
+    `offset_std_s`: 0 for stated clocks. `delay_std_mm`: common delay of detection, since pictures suppress faint
+    dents.
     """
     model = _model(presses, forces, offset_s, thickness_mm, stage)
     prior = _prior(model, presses, stage, offset_s, offset_std_s, delay_std_mm)
-    if before is None:
-        shared, own = _start(model, prior, offset_s)
-        return fit_model(model, shared, own, prior, rounds=ROUNDS)
-    names = [one.name for one in before.model.presses]
-    own = before.own[[names.index(one.name) for one in model.presses]]
-    return fit_model(model, before.shared, own, prior, rounds=ROUNDS_AGAIN)
+    shared, own = _start(model, prior, offset_s)
+    return fit_model(model, shared, own, prior, rounds=ROUNDS)
+
+
+def fit_again(first: ModelFit, names: Collection[str]) -> ModelFit:
+    """Fit the presses of these `names` alone, from a fit of more presses."""
+    chosen = [k for k, one in enumerate(first.model.presses) if one.name in names]
+    return fit_model(*_part(first, chosen), rounds=ROUNDS_AGAIN)
+
+
+def fit_others(first: ModelFit, final: ModelFit) -> ModelFit:
+    """Fit the presses of `first` that `final` excludes, with the contact law and the clocks of `final`."""
+    names = {one.name for one in final.model.presses}
+    chosen = [k for k, one in enumerate(first.model.presses) if one.name not in names]
+    model, _, own, prior = _part(first, chosen)
+    return fit_model(model, final.shared, own, prior, rounds=2, frozen=True)
+
+
+def _part(fit: ModelFit, chosen: Sequence[int]) -> tuple[PressModel, Floats, Floats, Prior]:
+    """Return model, unknowns and prior of some presses of a fit; kinds and heights keep their numbers."""
+    model = replace(fit.model, presses=[fit.model.presses[k] for k in chosen])
+    prior = replace(fit.prior, own=fit.prior.own[chosen], own_std=fit.prior.own_std[chosen])
+    return model, fit.shared, fit.own[chosen], prior
 
 
 def _model(
@@ -330,30 +346,6 @@ def _dent_gain(model: PressModel, k: int, depth_mm: Floats) -> float:
     return min(misfits[0] - misfits[1], MAX_GAIN) if answer[-1] > 0 else 0.0
 
 
-def fit_others(first: ModelFit, final: ModelFit) -> ModelFit:
-    """Return a fit of the presses of `first` that `final` excludes, with its contact law and clocks."""
-    names = {one.name for one in final.model.presses}
-    chosen = [k for k, one in enumerate(first.model.presses) if one.name not in names]
-    kinds = {kind_of(one.track.indenter): one.kind for one in final.model.presses}
-    heights = {one.track.indenter.name: one.height for one in final.model.presses}
-    model = replace(first.model, presses=[first.model.presses[k] for k in chosen])
-    if set(kinds) >= {kind_of(one.track.indenter) for one in model.presses}:
-        presses = [
-            replace(
-                one,
-                kind=kinds[kind_of(one.track.indenter)],
-                height=-1 if one.height < 0 else heights.get(one.track.indenter.name, final.model.heights),
-            )
-            for one in model.presses
-        ]
-        model = replace(final.model, presses=presses)
-        shared, prior = final.shared, final.prior
-    else:
-        shared, prior = first.shared, first.prior
-    prior = replace(prior, own=first.prior.own[chosen], own_std=first.prior.own_std[chosen])
-    return fit_model(model, shared, first.own[chosen], prior, rounds=2, frozen=True)
-
-
 def find_distance(tracks: Sequence[PressTrack]) -> float | None:
     """Return the distance (mm) from the axis at which the dent of a bevel is most significant; None: nowhere."""
     near = max(one.indenter.radius_mm for one in tracks) + 0.8
@@ -381,6 +373,3 @@ def _surest_place(tracks: Sequence[PressTrack], places: Floats) -> float | None:
     best = int(totals.argmax())
     around = slice(max(best - 1, 0), best + 2)
     return float(np.average(places[around], weights=totals[around]))
-
-
-UNMEASURED = -2  # a machined height that no press of the fit has

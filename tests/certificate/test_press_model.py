@@ -11,7 +11,7 @@ from planted_presses import THICKNESS, Rig, force_of, planted
 
 from tactilevision.press.contact_event import PressEvent, press_events
 from tactilevision.press.fit import ModelFit
-from tactilevision.press.recording_fit import Tracked, fit_recording
+from tactilevision.press.recording_fit import Tracked, fit_again, fit_others, fit_recording
 from tactilevision.recording.model import StageSeries
 from tactilevision.records.measured import Floats, ForceSeries
 
@@ -110,3 +110,17 @@ def test_one_press_alone_is_fitted() -> None:
     presses, forces, _ = planted([0.4], np.random.default_rng(8), rig)
     _, events = fitted(presses, forces, rig.offset_s)
     assert force_errors(presses, events) == pytest.approx([0.0], abs=0.05)
+
+
+def test_presses_that_are_excluded_do_not_change_the_others() -> None:
+    """All presses of the first height are excluded: the numbers of the other heights stay theirs."""
+    rig = Rig()
+    presses, forces, _ = planted(HEIGHTS * 2, np.random.default_rng(9), rig)
+    first, _ = fitted(presses, forces, rig.offset_s)
+    kept = [one for one in presses if one.nominal_mm != HEIGHTS[0]]
+    final = fit_again(first, [one.track.press.press for one in kept])
+    others = fit_others(first, final)
+    assert [one.name for one in others.model.presses] == ["p0", "p5"]
+    for fit, members in ((final, kept), (others, [one for one in presses if one not in kept])):
+        events = press_events(fit, {one.track.press.press: one.distance_mm for one in members})
+        assert np.abs(force_errors(members, events)).max() < 0.02
