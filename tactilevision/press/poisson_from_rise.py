@@ -172,12 +172,12 @@ def _ring(view: SurfaceView, beyond: Floats, limits: tuple[float, float]) -> flo
 # alone are averaged over the frames near the event and integrated without the face and the gel that its wall may
 # shade:
 #
-#     r > a + K w,    K = 1/tan(elevation of the lowest lamp)
+#     r > a + k w,    k = K + 3 std_K;  where no such gel shows nu, k = K = 1/tan(elevation of the lowest lamp)
 #
-# a the radius, w the certified depth, transferred to each frame by the press's curve. The change of nu with K is
-# part of its deviation:
+# a the radius, w the certified depth, transferred to each frame by the press's curve. Nearer than K + 3 std_K the
+# light that the gel scatters is uneven, which makes nu too low. The change of nu with k is part of its deviation:
 #
-#     std^2 = std_fit^2 + (dnu/dK std_K)^2,    dnu/dK std_K = (nu(K + std_K) - nu(K - std_K))/2
+#     std^2 = std_fit^2 + (dnu/dk std_K)^2 + std_scattered^2,  dnu/dk std_K = (nu(k + std_K) - nu(k - std_K))/2
 #
 # Level and tilt of the surface are free parameters of the fit. Known errors of the map: its gain from held-out
 # balls, and uneven light drift, whose bowl is fitted as well.
@@ -190,6 +190,7 @@ GUARD = 0.4  # thicknesses from the edge, to which the edge's radius and the wal
 BOWL_STD_PER_MM = 3e-4  # slope per mm, one sigma: three thousandths of slope at 10 mm
 STATED_STD = 0.005  # of a Poisson's ratio stated without one
 UNKNOWN_STD = 0.02  # of a depth whose deviation is unknown
+SCATTERED_STD = 0.007  # of nu from gel nearer than K + 3 std_K: its rms error on six path-traced recordings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,21 +246,44 @@ def nu_beyond_shadows(
 
     Without a value where too little gel is in view, where noise hides the rise, and where the fit ends at a bound.
     """
+    found = _nu_beyond(recording, reconstructor, presses, reach=zone.clear, reach_std=zone.reach_std)
+    if found[0].value is not None:
+        return found
+    nu, unused = _nu_beyond(recording, reconstructor, presses, reach=zone.reach, reach_std=zone.reach_std)
+    return _widened(nu, SCATTERED_STD), unused
+
+
+def _nu_beyond(
+    recording: Recording,
+    reconstructor: Reconstructor,
+    presses: Sequence[PressSlopes],
+    *,
+    reach: float,
+    reach_std: float,
+) -> tuple[Estimate, tuple[str, ...]]:
+    """Return nu from gel farther than `reach` depths from the edges, and the presses that were not used."""
     fits = [
-        fit_nu(recording, reconstructor, views=[press.view(reach) for press in presses])
-        for reach in (zone.reach, zone.reach - zone.reach_std, zone.reach + zone.reach_std)
+        fit_nu(recording, reconstructor, views=[press.view(depths) for press in presses])
+        for depths in (reach, reach - reach_std, reach + reach_std)
     ]
     if fits[0] is None:
-        why = f"no gel that the profiles reach is in view beyond {zone.reach:.1f} depths of a punch's edge"
+        why = f"no gel that the profiles reach is in view beyond {reach:.1f} depths of a punch's edge"
         return Estimate(None, None, None, "1", why), ()
     nu, unused = fits[0].poisson_ratio, fits[0].left_out
     if nu.value is None or nu.std is None:
         return nu, unused
     values = [float(fit.values[0]) for fit in fits if fit is not None]
     change = 0.5 * float(np.ptp(values[1:])) if len(values) == len(fits) else float(np.ptp(values))
-    std = math.hypot(nu.std, change)
+    return _widened(nu, change), unused
+
+
+def _widened(nu: Estimate, more_std: float) -> Estimate:
+    """Return nu with another term of its deviation."""
+    if nu.value is None or nu.std is None:
+        return nu
+    std = math.hypot(nu.std, more_std)
     low, high = nu.value - Z95 * std, nu.value + Z95 * std
-    return replace(nu, std=std, interval95=(max(low, 0.0), min(high, 0.5))), unused
+    return replace(nu, std=std, interval95=(max(low, 0.0), min(high, 0.5)))
 
 
 def with_nu(
@@ -282,7 +306,7 @@ def with_nu(
         warnings = (
             *warnings,
             f"The fall of the gel around the punch over depth grows by {growth[0]:.0%}: lamps cast shadows there. "
-            f"nu is read from gel farther than {zone.reach:.1f} depths beyond the edge, which all of them reach.",
+            f"nu is read from gel at least {zone.reach:.1f} depths beyond the edge, which all of them reach.",
         )
     if unused:
         why = "lies beyond the profiles, or too little of it is in view: not used for nu"

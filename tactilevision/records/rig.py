@@ -111,16 +111,23 @@ class ShadowZone:
 
     `lowest_deg` is the elevation of the lowest lamp's lower edge, seen from gel beyond the wall. Lamps of such
     sensors stand 15 to 35 degrees above the middle of the gel; from behind a punch their lower edges are seen some
-    degrees lower. `reach_std` is the standard deviation of K.
+    degrees lower. `reach_std` is the standard deviation of K. Light that the gel itself scatters is uneven farther
+    out than direct light: from `clear` depths on it is even.
     """
 
     lowest_deg: float = 11.3
     reach_std: float = 1.0
+    clear_sigma: float = 3.0
 
     @property
     def reach(self) -> float:
         """K, depths beyond the wall."""
         return 1 / tan(radians(self.lowest_deg))
+
+    @property
+    def clear(self) -> float:
+        """K plus `clear_sigma` of its standard deviations."""
+        return self.reach + self.clear_sigma * self.reach_std
 
 
 SHADOW_ZONE = ShadowZone()

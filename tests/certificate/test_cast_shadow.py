@@ -79,7 +79,7 @@ def test_nu_beyond_the_zone_is_free_of_shadows_and_frames_are_read_once(tmp_path
     presses = press_slopes(record, cast(Reconstructor, reader), certificate=certified(made, record))
     count = reader.count
     assert abs(nu_at([press.view(0.0) for press in presses]) - NU) > 0.01
-    assert nu_at([press.view(SHADOW_ZONE.reach) for press in presses]) == pytest.approx(NU, abs=0.006)
+    assert nu_at([press.view(SHADOW_ZONE.clear) for press in presses]) == pytest.approx(NU, abs=0.006)
     certificate, nu = with_nu(record, cast(Reconstructor, reader), certificate=certified(made, record))
     assert reader.count == 2 * count
     assert certificate.flags == (FLAG,)
@@ -98,10 +98,12 @@ def test_nu_is_as_uncertain_as_the_zone(tmp_path: Path, monkeypatch: pytest.Monk
         value = 0.47 + 0.5 * reach
         return SimpleNamespace(poisson_ratio=Estimate(value, 0.003, None, "1"), values=[value], left_out=())
 
-    nearest = presses[0].view(SHADOW_ZONE.reach).valid.sum()
+    nearest = presses[0].view(SHADOW_ZONE.clear).valid.sum()
     monkeypatch.setattr(poisson_from_rise, "fit_nu", fit)
     nu, _ = nu_beyond_shadows(record, reader, presses=presses, zone=SHADOW_ZONE)
-    wider, _ = nu_beyond_shadows(record, reader, presses=presses, zone=replace(SHADOW_ZONE, reach_std=2.0))
+    wider, _ = nu_beyond_shadows(
+        record, reader, presses=presses, zone=replace(SHADOW_ZONE, reach_std=2.0, clear_sigma=1.5)
+    )
     assert nu.value == wider.value == 0.47
     assert 0.003 < (nu.std or 0.0) < (wider.std or 0.0)
 
