@@ -10,6 +10,7 @@ from scipy.optimize import nnls
 from tactilevision.contact.bevel import Onset, find_onset
 from tactilevision.press.fit import ModelFit
 from tactilevision.press.force_readings import ForceWindow
+from tactilevision.press.model import LAW, Own, Whole
 from tactilevision.records.measured import Floats, Pair
 
 DETECTION_CHI2 = 25.0  # fall of chi-square that counts as a contact event: five sigma
@@ -67,8 +68,8 @@ class PressEvent:
 def press_events(fit: ModelFit, distances_mm: dict[str, float | None]) -> dict[str, PressEvent]:
     """Return the event of every press of a fit; `distances_mm` of their bevels."""
     found, slopes, depths = {}, [], []
-    delay = fit.model.block(fit.shared, "recording")[6]
-    delay_std = float(np.sqrt(fit.covariance[6, 6]))
+    delay = fit.model.block(fit.shared, "recording")[Whole.DELAY]
+    delay_std = float(np.sqrt(fit.covariance[Whole.DELAY, Whole.DELAY]))
     for k, one in enumerate(fit.model.presses):
         event = PressEvent(None, None, np.nan, distances_mm[one.name], float(delay), delay_std)
         if one.height >= 0:
@@ -84,13 +85,13 @@ def press_events(fit: ModelFit, distances_mm: dict[str, float | None]) -> dict[s
 def _event(fit: ModelFit, k: int, event: PressEvent) -> tuple[PressEvent, Floats]:
     """Return the event of a press with a bevel, and the slope (S,) of its depth by the shared unknowns."""
     model, one, window = fit.model, fit.model.presses[k], fit.model.presses[k].window
-    w, gain = one.nominal_mm, float(fit.own[k, 2])
+    w, gain = one.nominal_mm, float(fit.own[k, Own.GAIN])
     law, power = model.block(fit.shared, "law")[one.kind], float(model.powers[one.kind])
     level, rate = (
         gain * float(model.force(law, np.array(w), power)),
         gain * float(model.rate(law, np.array(w), power)),
     )
-    offset = float(fit.shared[0])
+    offset = float(fit.shared[Whole.OFFSET])
     onset = _onset(fit, k, one.track.time_s + offset)
     path = np.maximum.accumulate(np.nan_to_num(model.path(fit.shared, fit.own, k, window.time_s), nan=-np.inf))
     phases = window.phases
@@ -121,7 +122,7 @@ def _onset(fit: ModelFit, k: int, time_s: Floats) -> Onset | None:
     used = np.isfinite(one.signal_mm) & (time_s <= one.released_s)
     amplitude = float(np.exp(model.block(fit.shared, "amplitude")[one.kind, 0]))
     depth = model.path(fit.shared, fit.own, k, time_s[used])
-    scatter = float(fit.prior.own_std[k, 6])
+    scatter = float(fit.prior.own_std[k, Own.DENT])
     return find_onset(
         depth, one.signal_mm[used], growth=model.growth(fit.shared), amplitude=(amplitude, scatter * amplitude)
     )
@@ -132,13 +133,13 @@ def _level_std(fit: ModelFit, k: int, level_N: float, rate: float) -> tuple[floa
     model, one = fit.model, fit.model.presses[k]
     place = model.blocks["law"][0]
     shared_slope, own_slope = np.zeros(fit.shared.size), np.zeros(fit.own.shape[1])
-    own_slope[2] = level_N / fit.own[k, 2]
+    own_slope[Own.GAIN] = level_N / fit.own[k, Own.GAIN]
     power = float(model.powers[one.kind])
-    for column in range(4):
-        at = place.start + 4 * one.kind + column
+    for column in range(LAW):
+        at = place.start + LAW * one.kind + column
         law = model.block(fit.shared, "law")[one.kind].copy()
         law[column] += 1e-4
-        moved = fit.own[k, 2] * float(model.force(law, np.array(one.nominal_mm), power))
+        moved = fit.own[k, Own.GAIN] * float(model.force(law, np.array(one.nominal_mm), power))
         shared_slope[at] = (moved - level_N) / 1e-4
     own_std, slope = fit.spread(shared_slope, own_slope, k)
     return own_std, slope / rate

@@ -15,17 +15,18 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from tactilevision.press.model import PRESS, STREAMS, PressModel
+from tactilevision.press.model import STREAMS, Own, PressModel, Whole
 from tactilevision.records.contact_thresholds import CONTACT
 from tactilevision.records.measured import Bools, Floats
 from tactilevision.robust import MAD_TO_STD
 
-OWN = len(PRESS)
+OWN = len(Own)
 HUBER = 2.5  # stds beyond which a measurement counts less
 JOLT = 12.0  # times the median rate of the force: releases, several times faster than loading, move a clock
 JOLT_S = 0.1  # s about a jolt that are excluded
-SCATTER = {2: (5e-4, 0.05), 5: (1e-4, 0.03), 6: (0.03, 0.15)}  # least and most, by unknown
-STEPS = np.array([1e-4, 1e-3, 1e-4, 1e-4, 1e-4, 1e-5, 1e-3, 1e-5, 1e-4, 1e-3])  # of the derivatives
+SCATTER = {Own.GAIN: (5e-4, 0.05), Own.TOUCH: (1e-4, 0.03), Own.DENT: (0.03, 0.15)}  # least and most
+STEP = 1e-3  # of a prior std of at most MAX_STD: step of a derivative
+MAX_STD = 0.1
 OFFSET_STEP_S = 0.01  # s: step of the derivative by the offset, a few force readings
 MAX_OFFSET_STEP_S = 0.05  # s: limit on one step of the fit
 
@@ -66,9 +67,9 @@ class ModelFit:
     @cached_property
     def offset_std_s(self) -> float:
         """Std of the clocks' offset: errors within one press are correlated, so the presses' pulls count, too."""
-        pulls = self.pulls @ self.covariance[0]
+        pulls = self.pulls @ self.covariance[Whole.OFFSET]
         freedom = max(len(pulls) - 1, 1) / max(len(pulls), 1)
-        return float(np.sqrt(max(self.covariance[0, 0], float(pulls @ pulls) / freedom)))
+        return float(np.sqrt(max(self.covariance[Whole.OFFSET, Whole.OFFSET], float(pulls @ pulls) / freedom)))
 
     def spread(self, shared_slope: Floats, own_slope: Floats, k: int) -> tuple[float, Floats]:
         """Return the own std of a function of press k, and its slope (S,) by the shared unknowns."""
@@ -83,9 +84,6 @@ def fit_model(
 
     With `frozen` shared unknowns only those of the presses are fitted.
     """
-    step_sizes = np.where(np.isfinite(prior.shared_std), 1e-3 * prior.shared_std, 1e-4)
-    step_sizes = np.maximum(step_sizes, 1e-7)
-    step_sizes[0] = OFFSET_STEP_S
     damping, normal = 1e-3, None
     for turn in range(rounds):
         good = model.usable(shared, own) & steady(model, shared)
@@ -96,7 +94,7 @@ def fit_model(
             prior = _scatter(model, own, prior, np.asarray(np.linalg.inv(normal.press), np.float64))
         for _ in range(4):
             before = _objective(residual, weights, shared, own, prior)
-            normal = _normal(model, shared, own, prior, residual, weights, step_sizes)
+            normal = _normal(model, shared, own, prior, residual, weights)
             while True:
                 shared_step, own_step = normal.step(damping, frozen)
                 new = shared + shared_step, own + own_step
@@ -109,7 +107,7 @@ def fit_model(
             shared, own, residual = *new, trial
             if before - after < 1e-4 * (1 + 1e-3 * before):
                 break
-    normal = _normal(model, shared, own, prior, residual, weights, step_sizes)
+    normal = _normal(model, shared, own, prior, residual, weights)
     inverse = np.asarray(np.linalg.inv(normal.press), np.float64)
     reduced = normal.shared - np.einsum("kpi,kpq,kqj->ij", normal.coupling, inverse, normal.coupling)
     pulls = normal.pulls - np.einsum("kpi,kpq,kq->ki", normal.coupling, inverse, normal.press_right)
@@ -140,7 +138,7 @@ class _Normal:
         right = self.shared_right - np.einsum("kpi,kpq,kq->i", self.coupling, inverse, self.press_right)
         scale = 1 / np.sqrt(np.maximum(np.diag(reduced), np.finfo(float).tiny))
         step = scale * np.linalg.lstsq(reduced * np.outer(scale, scale), right * scale, rcond=1e-12)[0]
-        step[0] = np.clip(step[0], -MAX_OFFSET_STEP_S, MAX_OFFSET_STEP_S)
+        step[Whole.OFFSET] = np.clip(step[Whole.OFFSET], -MAX_OFFSET_STEP_S, MAX_OFFSET_STEP_S)
         return step, np.einsum("kpq,kq->kp", inverse, self.press_right - self.coupling @ step)
 
 
@@ -151,7 +149,6 @@ def _normal(
     prior: Prior,
     residual: Floats,
     weights: Floats,
-    step_sizes: Floats,
 ) -> _Normal:
     """Return the normal equations, by central differences: one unknown of all presses at a time."""
 
@@ -166,9 +163,11 @@ def _normal(
             ends.append(model.predict(moved, mine))
         return np.asarray((ends[0] - ends[1]) / (2 * size))
 
-    by_shared = np.stack([slope(k, size, False) for k, size in enumerate(step_sizes)], axis=1)
-    sizes = np.where(np.arange(OWN) == 0, STEPS * model.top_N, STEPS)
-    by_own = np.stack([slope(k, size, True) for k, size in enumerate(sizes)], axis=1)
+    sizes = STEP * np.minimum(prior.shared_std, MAX_STD)
+    sizes[Whole.OFFSET] = OFFSET_STEP_S
+    own_sizes = STEP * np.minimum(prior.own_std.max(axis=0), MAX_STD)
+    by_shared = np.stack([slope(k, float(size), False) for k, size in enumerate(sizes)], axis=1)
+    by_own = np.stack([slope(k, float(size), True) for k, size in enumerate(own_sizes)], axis=1)
     press, _ = model.rows
     held, held_own = prior.shared_std**-2.0, prior.own_std**-2.0
     weighted = by_shared * weights[:, None]
@@ -203,7 +202,7 @@ def steady(model: PressModel, shared: Floats) -> Bools:
     interval = float(np.median(np.diff(model.force_time_s)))
     rate = np.abs(np.gradient(model.force_N, interval))
     fastest = maximum_filter1d(rate, 2 * max(round(JOLT_S / interval), 1) + 1)
-    time = np.concatenate([one.track.time_s for one in model.presses]) + shared[0]
+    time = np.concatenate([one.track.time_s for one in model.presses]) + shared[Whole.OFFSET]
     here = np.interp(time, model.force_time_s, fastest)
     loaded = np.interp(time, model.force_time_s, model.force_N) > CONTACT.reading_share * model.top_N
     usual = float(np.median(here[loaded])) if loaded.any() else np.inf
@@ -213,7 +212,7 @@ def steady(model: PressModel, shared: Floats) -> Bools:
 
 
 def _noise(model: PressModel, residual: Floats, good: Bools) -> Floats:
-    """Return the std of each measurement, by stream and press; a press that fits worse than most counts less."""
+    """Return the std of each measurement, by stream; a press worse than the best quarter counts less."""
     press, stream = model.rows
     std = np.ones(residual.size)
     count = len(model.presses)
@@ -224,7 +223,7 @@ def _noise(model: PressModel, residual: Floats, good: Bools) -> Floats:
             if here.size > 5:
                 size = np.abs(here)
                 own[k] = np.minimum(np.sqrt(np.mean(size**2)), 3 * MAD_TO_STD * np.median(size))
-        usual = max(float(np.nanmedian(own)), 1e-6) if np.isfinite(own).any() else 1.0
+        usual = max(float(np.nanquantile(own, 0.25)), 1e-6) if np.isfinite(own).any() else 1.0
         worse = np.fmax(np.nan_to_num(own, nan=usual), usual)
         std[stream == which] = (worse**2 / usual)[press[stream == which]]
     ramp = np.concatenate([one.ramp_std_N for one in model.presses])
@@ -243,7 +242,7 @@ def _scatter(model: PressModel, own: Floats, prior: Prior, inverse: Floats) -> P
     std = prior.own_std.copy()
     bevel = np.array([np.isfinite(one.nominal_mm) for one in model.presses])
     for unknown, (least, most) in SCATTER.items():
-        known = np.ones_like(bevel) if unknown == 2 else bevel
+        known = np.ones_like(bevel) if unknown == Own.GAIN else bevel
         if np.count_nonzero(known) < 3:
             continue
         square = (own[known, unknown] - prior.own[known, unknown]) ** 2 + inverse[known, unknown, unknown]

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
 from itertools import pairwise
 
@@ -39,10 +40,38 @@ from tactilevision.records.measured import Bools, Floats
 Ints = npt.NDArray[np.int_]
 Named = Mapping[str, Floats]
 
-RECORDING = ("offset", "pace", "compliance", "shift", "share_1", "share_2", "delay", "tilt", "fill")
-LAW = ("c", "beta", "beta_2", "edge")
-CAMERA = ("scale", "bend_1", "bend_2")
-PRESS = ("zero", "start", "gain", "camera_zero", "camera_gain", "touch", "dent", "level", "slope", "bend")
+
+class Whole(IntEnum):
+    """Unknowns of the whole recording: clocks, alpha, s, shift, the bevel's shares of force, delta, b, length."""
+
+    OFFSET = 0
+    PACE = 1
+    COMPLIANCE = 2
+    SHIFT = 3
+    SHARE_1 = 4
+    SHARE_2 = 5
+    DELAY = 6
+    TILT = 7
+    FILL = 8
+
+
+class Own(IntEnum):
+    """Unknowns of each press: z, t, g, o, b, e, a, l, n, q with its number i."""
+
+    ZERO = 0
+    START = 1
+    GAIN = 2
+    CAMERA_ZERO = 3
+    CAMERA_GAIN = 4
+    TOUCH = 5
+    DENT = 6
+    LEVEL = 7
+    SLOPE = 8
+    BEND = 9
+
+
+LAW = 4  # unknowns of a contact law: ln c, beta, beta_2, eps
+CAMERA = 3  # B, d_1, d_2
 STREAMS = 3  # camera's depth, bevel's signal, force of the ramp
 SHARE = 0.45  # initial share of a dent's growth: .3 to .6 for a wedge of 5 to 20 degrees on a bonded layer
 NEWTON_STEPS = 6  # of the inverse force law, which is nearly straight
@@ -105,9 +134,9 @@ class PressModel:
         """Places and shapes of the shared unknowns."""
         kinds = self.powers.size
         shapes = {
-            "recording": (len(RECORDING),),
-            "law": (kinds, len(LAW)),
-            "camera": (kinds, len(CAMERA)),
+            "recording": (len(Whole),),
+            "law": (kinds, LAW),
+            "camera": (kinds, CAMERA),
             "amplitude": (kinds, 1),
             "height": (self.heights,),
         }
@@ -129,6 +158,10 @@ class PressModel:
     def frame_press(self) -> Ints:
         """The press of each frame (N,)."""
         return np.repeat(np.arange(len(self.presses)), [one.track.time_s.size for one in self.presses])
+
+    @cached_property
+    def _ends(self) -> Ints:
+        return np.cumsum([one.track.time_s.size for one in self.presses])[:-1]
 
     @cached_property
     def rows(self) -> tuple[Ints, Ints]:
@@ -172,30 +205,43 @@ class PressModel:
 
     def touches(self, shared: Floats, own: Floats) -> Floats:
         """Return the depths w_i (presses,) mm at which the signals show the touch; inf without a bevel."""
-        delay, tilt = self.block(shared, "recording")[[6, 7]]
+        delay, tilt = self.block(shared, "recording")[[Whole.DELAY, Whole.TILT]]
         heights = np.append(self.block(shared, "height"), 0.0)  # -1: none
         nominal, tilt_mm, height = (
             np.array([getattr(one, name) for one in self.presses]) for name in ("nominal_mm", "tilt_mm", "height")
         )
-        return np.asarray(nominal + heights[height] + delay + tilt * tilt_mm + own[:, 5])
+        return np.asarray(nominal + heights[height] + delay + tilt * tilt_mm + own[:, Own.TOUCH])
 
     def growth(self, shared: Floats) -> Growth:
         """Return the growth of the dent beyond a touch."""
-        return Growth(SHARE, self.fill_mm * float(np.exp(self.block(shared, "recording")[8])))
+        return Growth(SHARE, self.fill_mm * float(np.exp(self.block(shared, "recording")[Whole.FILL])))
 
     def path(self, shared: Floats, own: Floats, k: int, time_s: Floats) -> Floats:
         """Return the depth (T,) mm of press k at times (T,) of the F/T clock, on the way in and at the top."""
-        one = self.presses[k]
-        law, power = self.block(shared, "law")[one.kind], float(self.powers[one.kind])
-        if one.way is None:
-            return self.depth(law, (one.window.at(time_s) - own[k, 0]) / own[k, 2], power)
+        return self.paths(shared, own, [k], [time_s])
+
+    def paths(self, shared: Floats, own: Floats, which: Sequence[int], times_s: Sequence[Floats]) -> Floats:
+        """Return the depths of some presses, each at its times, one after another."""
+        press = np.repeat(which, [time.size for time in times_s])
+        law, power = self.block(shared, "law")[self.kinds[press]], self.powers[self.kinds[press]]
         _, pace, compliance, *_ = self.block(shared, "recording")
-        begun = np.interp(one.start_s + own[k, 1], one.window.time_s, one.way)
-        travel = pace * np.maximum(np.interp(time_s, one.window.time_s, one.way) - begun, 0.0)
+        drive = np.concatenate([self._drive(own, k, time) for k, time in zip(which, times_s, strict=True)])
+        travel = pace * np.maximum(drive, 0.0)
         w = travel
         for _ in range(3):  # s F is a hundredth of w
             w = travel - compliance * self.force(law, w, power)
+        uneven = np.array([one.way is None for one in self.presses])[press]
+        if uneven.any():
+            w[uneven] = self.depth(law[uneven], drive[uneven], power[uneven])
         return np.asarray(w)
+
+    def _drive(self, own: Floats, k: int, time_s: Floats) -> Floats:
+        """Return m(t) - m(t_i); where the pace is not even, the force F."""
+        one = self.presses[k]
+        if one.way is None:
+            return np.asarray((one.window.at(time_s) - own[k, Own.ZERO]) / own[k, Own.GAIN])
+        begun = np.interp(one.start_s + own[k, Own.START], one.window.time_s, one.way)
+        return np.asarray(np.interp(time_s, one.window.time_s, one.way) - begun)
 
     def predict(self, shared: Floats, own: Floats) -> Floats:
         """Return what the model expects of each measurement."""
@@ -204,29 +250,26 @@ class PressModel:
         law = self.block(shared, "law")[self.kinds][press]
         time = np.concatenate([one.track.time_s for one in self.presses]) + offset
         one = own[press]
-        whole = np.interp(time, self.force_time_s, self.force_N) - one[:, 0]
+        whole = np.interp(time, self.force_time_s, self.force_N) - one[:, Own.ZERO]
         touch = self.touches(shared, own)[press]
         touched = np.isfinite(touch)
-        level = one[:, 2] * self.force(law, np.where(touched, touch, 0.0), powers)
+        level = one[:, Own.GAIN] * self.force(law, np.where(touched, touch, 0.0), powers)
         beyond = np.where(touched, np.maximum(whole - level, 0.0), 0.0)
         w = self.depth(law, whole - share_1 * beyond - share_2 * beyond**2 / self.top_N, powers)
         u = w / self.thickness_mm
         scale, bend_1, bend_2 = self.block(shared, "camera")[self.kinds][press].T
-        seen = one[:, 3] + one[:, 4] * scale * w * (1 + bend_1 * u + bend_2 * u**2)
+        seen = one[:, Own.CAMERA_ZERO] + one[:, Own.CAMERA_GAIN] * scale * w * (1 + bend_1 * u + bend_2 * u**2)
         seen = seen + shift * np.clip(whole / (CONTACT.reading_share * self.top_N), 0, 1)
-        x = np.concatenate([self.path(shared, own, k, time[press == k]) for k in range(len(self.presses))])
+        every = range(len(self.presses))
+        ways = [*np.split(time, self._ends), *(one.ramp_s for one in self.presses)]
+        x = self.paths(shared, own, [*every, *every], ways)
+        x, ramp = x[: press.size], x[press.size :]
         amplitude = np.exp(self.block(shared, "amplitude")[self.kinds][press, 0])
-        dent = amplitude * one[:, 6] * self.growth(shared)(x - touch)
-        signal = dent + one[:, 7] + one[:, 8] * x + one[:, 9] * x**2
-        return np.concatenate([seen, signal, *self._ramps(shared, own)])
-
-    def _ramps(self, shared: Floats, own: Floats) -> list[Floats]:
-        ramps, laws = [], self.block(shared, "law")
-        for k, one in enumerate(self.presses):
-            if one.ramp_s.size:
-                w = self.path(shared, own, k, one.ramp_s)
-                ramps.append(own[k, 0] + own[k, 2] * self.force(laws[one.kind], w, float(self.powers[one.kind])))
-        return ramps
+        dent = amplitude * one[:, Own.DENT] * self.growth(shared)(x - touch)
+        signal = dent + one[:, Own.LEVEL] + one[:, Own.SLOPE] * x + one[:, Own.BEND] * x**2
+        press = self.rows[0][-ramp.size :] if ramp.size else press[:0]
+        force = self.force(self.block(shared, "law")[self.kinds][press], ramp, self.powers[self.kinds][press])
+        return np.concatenate([seen, signal, own[press, Own.ZERO] + own[press, Own.GAIN] * force])
 
     def usable(self, shared: Floats, own: Floats) -> Bools:
         """Return the rows that are fitted: of the bevel's signal those of the way in, of the ramp those before it.
@@ -238,13 +281,9 @@ class PressModel:
         way_in = [one.track.time_s + offset <= one.top_s for one in self.presses]
         good[self.rows[1] == 1] &= np.concatenate(way_in)
         touch = self.touches(shared, own)
-        ramps = [
-            self.path(shared, own, k, one.ramp_s) < touch[k] - BEFORE_MM
-            for k, one in enumerate(self.presses)
-            if one.ramp_s.size
-        ]
-        if ramps:
-            good[self.rows[1] == STREAMS - 1] &= np.concatenate(ramps)
+        ramps = self.rows[1] == STREAMS - 1
+        depth = self.paths(shared, own, range(len(self.presses)), [one.ramp_s for one in self.presses])
+        good[ramps] &= depth < touch[self.rows[0][ramps]] - BEFORE_MM
         return good
 
 

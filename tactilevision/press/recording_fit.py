@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,6 @@ from tactilevision.press.clock import smooth_force
 from tactilevision.press.contact_event import DETECTION_CHI2
 from tactilevision.press.fit import OWN, ModelFit, Prior, fit_model
 from tactilevision.press.force_readings import (
-    ContactPoint,
     ForceWindow,
     contact_point,
     find_phases,
@@ -26,7 +25,7 @@ from tactilevision.press.force_readings import (
     noise_of,
     top_s,
 )
-from tactilevision.press.model import RECORDING, SHARE, PressData, PressModel
+from tactilevision.press.model import SHARE, Own, PressData, PressModel, Whole
 from tactilevision.press.track import PressTrack, face_tilt
 from tactilevision.recording.model import StageSeries
 from tactilevision.records.measured import Floats, ForceSeries
@@ -136,11 +135,10 @@ def _model(
                 signal = read
         heights.append(indenter.name if bevel else "")
         contact = contact_point(window, _before_touch_s(one, offset_s))
+        start = None if contact is None else contact.time_s
         speed = track.press.speed_mm_s if stated else 1.0
-        way = None if contact is None else _way(window, contact, stage, speed)
-        ramp = np.zeros((3, 0))
-        if way is not None and contact is not None:
-            ramp = _ramp(window, contact.time_s, end)
+        way = None if start is None else _way(window, start, stage, speed)
+        ramp = np.zeros((3, 0)) if way is None or start is None else _ramp(window, start, end)
         data.append(
             PressData(
                 track=track,
@@ -157,7 +155,7 @@ def _model(
                 ramp_s=ramp[0],
                 ramp_N=ramp[1],
                 ramp_std_N=ramp[2],
-                start_s=contact.time_s if contact is not None else float(window.time_s[window.phases.onset]),
+                start_s=float(window.time_s[window.phases.onset]) if start is None else start,
             )
         )
     order, machined = list(dict.fromkeys(kinds)), [name for name in dict.fromkeys(heights) if name]
@@ -191,13 +189,11 @@ def _before_touch_s(one: Tracked, offset_s: float) -> float:
     return min(float(track.time_s[deep[0]]) + offset_s, end) if deep.size else end
 
 
-def _way(
-    window: ForceWindow, contact: ContactPoint, stage: StageSeries | None, speed_mm_s: float
-) -> Floats | None:
+def _way(window: ForceWindow, start_s: float, stage: StageSeries | None, speed_mm_s: float) -> Floats | None:
     """Return m (T,) at the window's readings: stage, or speed times the time in motion; None: not known."""
     if stage is not None:
         end = top_s(window)
-        if stage.time_s[0] > contact.time_s or end > stage.time_s[-1] or _still_approaching(stage, contact, end):
+        if stage.time_s[0] > start_s or end > stage.time_s[-1] or _still_approaching(stage, start_s, end):
             return None
         place = np.interp(np.minimum(window.time_s, end), stage.time_s, stage.z_mm)
         return np.asarray(np.maximum.accumulate(place))
@@ -206,13 +202,13 @@ def _way(
     return speed_mm_s * moving_s(window, float(window.time_s[0]), time_s=window.time_s)
 
 
-def _still_approaching(stage: StageSeries, contact: ContactPoint, end_s: float) -> bool:
+def _still_approaching(stage: StageSeries, start_s: float, end_s: float) -> bool:
     """Return whether the stage moves farther between two readings about first contact than ever on the way in.
 
     The zero of the travel then lies anywhere between those readings.
     """
     step = np.abs(np.diff(stage.z_mm))
-    first = int(np.searchsorted(stage.time_s, contact.time_s))
+    first = int(np.searchsorted(stage.time_s, start_s))
     last = int(np.searchsorted(stage.time_s, end_s))
     about, later = step[max(first - 2, 0) : first + 1], step[first + 1 : last]
     return bool(later.size and about.size and about.max() > 2 * later.max())
@@ -249,18 +245,18 @@ def _prior(
     if any(one.track.indenter.bevel_distance_mm is None for one in model.presses if np.isfinite(one.nominal_mm)):
         delay = float(np.hypot(delay, 0.5 * model.fill_mm))  # an edge that was found lies anywhere in its window
     priors = {
-        "offset": (offset_s, max(offset_std_s, 1e-9)),
-        "pace": (1.0, STAGE_STD if stage is not None else np.inf),
-        "compliance": (0.0, RIG_COMPLIANCE),
-        "shift": (0.0, 0.01 * deepest),
-        "share_1": (0.0, 0.3),
-        "share_2": (0.0, 0.3),
-        "delay": (0.0, delay),
-        "tilt": (0.0, 1.0),
-        "fill": (-0.35, 0.7),
+        Whole.OFFSET: (offset_s, max(offset_std_s, 1e-9)),
+        Whole.PACE: (1.0, STAGE_STD if stage is not None else np.inf),
+        Whole.COMPLIANCE: (0.0, RIG_COMPLIANCE),
+        Whole.SHIFT: (0.0, 0.01 * deepest),
+        Whole.SHARE_1: (0.0, 0.3),
+        Whole.SHARE_2: (0.0, 0.3),
+        Whole.DELAY: (0.0, delay),
+        Whole.TILT: (0.0, 1.0),
+        Whole.FILL: (-0.35, 0.7),
     }
-    for column, name in enumerate(RECORDING):
-        state("recording", column, *priors[name])
+    for unknown, (value, sigma) in priors.items():
+        state("recording", unknown, value, sigma)
     for column, (value, sigma) in enumerate(((0.0, np.inf), (0.8, 1.0), (0.0, 5.0), (0.0, 0.15))):
         state("law", column, value, sigma)
     for column, (value, sigma) in enumerate(((1.0, 0.1), (0.0, 1.0), (0.0, 5.0))):
@@ -271,23 +267,19 @@ def _prior(
         model.block(std, "height")[place] = max(one.track.indenter.height_std_mm, 1e-6)
     count = len(model.presses)
     own_mean, own = np.zeros((count, OWN)), np.full((count, OWN), np.inf)
-    own_mean[:, [2, 4, 6]] = 1.0
-    own[:, 2], own[:, 4], own[:, 5], own[:, 6] = 0.01, 0.1, 0.003, 0.15
+    own_mean[:, [Own.GAIN, Own.CAMERA_GAIN, Own.DENT]] = 1.0
+    own[:, [Own.GAIN, Own.CAMERA_GAIN, Own.TOUCH, Own.DENT]] = 0.01, 0.1, 0.003, 0.15
     for k, one in enumerate(model.presses):
         tare = float(one.window.tare.std_N[2])
-        own[k, 0] = max(tare, 1e-5) if np.isfinite(tare) else 1e-5
-        own[k, 9] = BEND / float(np.nanmax(one.track.depth_mm))
-        if one.way is None:
-            own[k, 1] = 1e-3
-        if not np.isfinite(one.signal_mm).any():
-            own[k, 5:] = 1e-3
+        own[k, Own.ZERO] = max(tare, 1e-5) if np.isfinite(tare) else 1e-5
+        own[k, Own.BEND] = BEND / float(np.nanmax(one.track.depth_mm))
     return Prior(mean, std, own_mean, own)
 
 
 def _start(model: PressModel, prior: Prior, offset_s: float) -> tuple[Floats, Floats]:
     """Return unknowns near the solution: the pace (or the camera's scale) at which the dents begin together."""
     shared, own = prior.shared.copy(), prior.own.copy()
-    model.block(shared, "recording")[0] = offset_s
+    model.block(shared, "recording")[Whole.OFFSET] = offset_s
     ways = [
         None
         if one.way is None
@@ -297,18 +289,14 @@ def _start(model: PressModel, prior: Prior, offset_s: float) -> tuple[Floats, Fl
     ]  # fmt: skip
     paced = [k for k, way in enumerate(ways) if way is not None]
     drives = [one.track.depth_mm if way is None else way for one, way in zip(model.presses, ways, strict=True)]
+    pace = 1.0
     if paced:
         depth = np.median([np.nanmax(model.presses[k].track.depth_mm) for k in paced])
         pace = float(depth / max(np.median([np.nanmax(drives[k]) for k in paced]), 1e-9))
-        scales = pace * np.geomspace(0.6, 1.5, 67)
-    else:
-        pace, scales = 1.0, np.geomspace(0.75, 1.33, 41)
     chosen = paced or list(range(len(model.presses)))
-    bevels = [k for k in chosen if model.presses[k].height >= 0]
-    gains = [sum(_dent_gain(model, k, scale * drives[k]) for k in bevels) for scale in scales]
-    scale = float(scales[int(np.argmax(gains))]) if bevels and max(gains) > DETECTION_CHI2 else pace
+    scale = pace * _depth_over_onset(model, {k: pace * drives[k] for k in chosen}, offset_s)
     if paced:
-        model.block(shared, "recording")[1] = scale
+        model.block(shared, "recording")[Whole.PACE] = scale
     force = np.interp(
         np.concatenate([one.track.time_s for one in model.presses]) + offset_s, model.force_time_s, model.force_N
     )
@@ -326,24 +314,20 @@ def _start(model: PressModel, prior: Prior, offset_s: float) -> tuple[Floats, Fl
     return shared, own
 
 
-def _dent_gain(model: PressModel, k: int, depth_mm: Floats) -> float:
-    """Return the fall of chi-square by a dent from the machined height on, where the face is at these depths."""
-    one = model.presses[k]
-    good = np.isfinite(one.signal_mm) & np.isfinite(depth_mm)
-    x, y = depth_mm[good], one.signal_mm[good]
-    if x.size < 8:
-        return 0.0
-    noise = max(noise_of(y), 1e-6)
-    grown = Growth(SHARE, 0.7 * model.fill_mm)(x - one.nominal_mm)
-    smooth = np.column_stack([np.ones_like(x), x, x**2]) / noise
-    smooth = np.vstack([smooth, [0.0, 0.0, np.ptp(x) / BEND]])
-    y = np.append(y / noise, 0.0)
-    whole = np.column_stack([smooth, np.append(grown / noise, 0.0)])
-    misfits, answer = [], np.zeros(0)
-    for design in (smooth, whole):
-        answer = np.linalg.lstsq(design, y, rcond=None)[0]
-        misfits.append(float(((y - design @ answer) ** 2).sum()))
-    return min(misfits[0] - misfits[1], MAX_GAIN) if answer[-1] > 0 else 0.0
+def _depth_over_onset(model: PressModel, depths_mm: Mapping[int, Floats], offset_s: float) -> float:
+    """Return the machined depth over the one at which the bevel's dent begins: the presses' weighted median."""
+    ratios, weights = [0.0], [0.0]
+    for k, depth_mm in depths_mm.items():
+        one = model.presses[k]
+        way_in = one.track.time_s + offset_s <= one.top_s
+        growth = Growth(SHARE, 0.7 * model.fill_mm)
+        onset = find_onset(depth_mm[way_in], one.signal_mm[way_in], growth=growth) if one.height >= 0 else None
+        if onset is not None and onset.gain > DETECTION_CHI2 and onset.at > 0:
+            ratios.append(one.nominal_mm / onset.at)
+            weights.append(onset.at / onset.std)
+    order = np.argsort(ratios)
+    total = np.cumsum(np.array(weights)[order])
+    return float(np.array(ratios)[order][np.searchsorted(total, 0.5 * total[-1])]) if total[-1] > 0 else 1.0
 
 
 def find_distance(tracks: Sequence[PressTrack]) -> float | None:
