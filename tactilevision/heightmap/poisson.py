@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import fft
 
 from tactilevision.errors import ConvergenceError, InputError
@@ -15,66 +14,23 @@ from tactilevision.photometric.colour_change import Window
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
 
-# The unweighted normal equations of `poisson.py`, solved by one pair of cosine transforms.
+# The unweighted normal equations, solved by one pair of cosine transforms.
 #
 # The cosine transform of type II diagonalises the 5-point Laplacian with natural borders, with the eigenvalues
-# (2 - 2 cos(pi k/N))/d^2, k = 0 .. N-1, per axis. It is quick where N has small factors alone. Where one axis has
-# not (427 = 7 * 61), the picture is continued along it by empty columns to a length M that has. What then flows
-# over the old border is taken back, for each mode k of the other axis, by the solution that grows towards it:
-#
-#     z(x) += G_k(x) sum_(x' >= N) z(x')      G_k(x) = 2 sinh(t/2) cosh(t (x + 1/2)) / sinh(t N)
-#     sinh(t/2) = (d_along/d_across) sin(pi k / (2 N_across))
-#
-# which solves the same equations with nothing on the right, and whose flow is that sum's. So the result is that of
-# the picture alone, to rounding error, at any size.
-
-MAX_FACTOR = 11  # the greatest prime factor that the transform has code of its own for
+# (2 - 2 cos(pi k/N))/d^2, k = 0 .. N-1, per axis.
 
 
-class TransformSolver:
-    """Solves the unweighted normal equations for one size, scale and precision; tables are made once."""
-
-    def __init__(self, shape: tuple[int, int], mm_per_px: Pair, dtype: npt.DTypeLike) -> None:
-        self.shape, self.dtype = shape, np.dtype(dtype)
-        self.half = np.array([0.5 / mm_per_px[0], 0.5 / mm_per_px[1]], self.dtype)
-        self.axis, length = _continued(shape)
-        sizes = [shape[0], shape[1]]
-        sizes[self.axis] = length
-        self.inverse = np.asarray(inverse_eigenvalues((sizes[0], sizes[1]), mm_per_px), dtype=self.dtype)
-        self.growing: Array | None = None
-        if length > shape[self.axis]:
-            across = 1 - self.axis
-            ratio = mm_per_px[across] / mm_per_px[self.axis]  # mm_per_px is (x, y), axes are (y, x)
-            growing = _growing(shape[self.axis], shape[across], ratio)
-            self.growing = np.asarray(growing.T if self.axis == 0 else growing, dtype=self.dtype, order="C")
-            self.inside = (slice(None, shape[0]), slice(None, shape[1]))
-            beyond = slice(shape[self.axis], None)
-            self.beyond = (beyond, slice(None)) if self.axis == 0 else (slice(None), beyond)
-
-    def solve(self, right: Array) -> Array:
-        """Return the depth (H, W) of mean 0 whose 5-point Laplacian is `right`, which sums to 0."""
-        right = np.asarray(right, dtype=self.dtype)
-        if self.growing is None:
-            modes = fft.dctn(right, norm="ortho", overwrite_x=False)
-            modes *= self.inverse
-            return np.asarray(fft.idctn(modes, norm="ortho", overwrite_x=True))
-        across = 1 - self.axis
-        modes = np.zeros(self.inverse.shape, self.dtype)
-        modes[self.inside] = fft.dct(right, axis=across, norm="ortho")
-        modes = fft.dct(modes, axis=self.axis, norm="ortho", overwrite_x=True)
-        modes *= self.inverse
-        modes = fft.idct(modes, axis=self.axis, norm="ortho", overwrite_x=True)
-        depth: Array = self.growing * modes[self.beyond].sum(axis=self.axis, keepdims=True)
-        depth += modes[self.inside]
-        return np.asarray(fft.idct(depth, axis=across, norm="ortho", overwrite_x=True))
+def solve_poisson(right: Array, mm_per_px: Pair) -> Array:
+    """Return the depth (H, W) mm of mean 0 whose 5-point Laplacian is `right` (H, W), which sums to 0."""
+    modes = fft.dctn(right, norm="ortho")
+    modes *= inverse_eigenvalues(right.shape, mm_per_px, right.dtype.char)
+    return np.asarray(fft.idctn(modes, norm="ortho", overwrite_x=True))
 
 
-def edge_divergence(dz_dx: Array, dz_dy: Array, *, half: Array) -> Array:
-    """Return the divergence (H, W) of slopes (H, W) at the edges: a central difference, halved at borders.
-
-    `half` (2,) is 1/2 over the step along x and y.
-    """
-    out: Array = np.empty(dz_dx.shape, dtype=half.dtype)
+def edge_divergence(dz_dx: Array, dz_dy: Array, mm_per_px: Pair) -> Array:
+    """Return the divergence (H, W) of slopes (H, W) at the edges: a central difference, halved at borders."""
+    half = np.array([0.5 / step for step in mm_per_px], dz_dx.dtype)
+    out: Array = np.empty_like(dz_dx, order="C")
     if dz_dx.flags.c_contiguous:  # as one long row, which is twice as fast; both ends of each row are set below
         flat = dz_dx.reshape(-1)
         np.subtract(flat[2:], flat[:-2], out=out.reshape(-1)[1:-1])
@@ -94,12 +50,7 @@ def edge_divergence(dz_dx: Array, dz_dy: Array, *, half: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def transform_solver(shape: tuple[int, int], mm_per_px: Pair, dtype: str) -> TransformSolver:
-    """Return the cached solver for (H, W), scale and numpy type character."""
-    return TransformSolver(shape, mm_per_px, np.float32 if dtype == "f" else np.float64)
-
-
-def inverse_eigenvalues(shape: tuple[int, int], mm_per_px: Pair) -> Floats:
+def inverse_eigenvalues(shape: tuple[int, int], mm_per_px: Pair, dtype: str) -> Array:
     """Return 1 over the Laplacian's eigenvalues (H, W), none above 0; 0 for the undetermined mean."""
     along_y, along_x = (
         (2.0 - 2.0 * np.cos(np.pi * np.arange(count) / count)) / step**2
@@ -107,34 +58,7 @@ def inverse_eigenvalues(shape: tuple[int, int], mm_per_px: Pair) -> Floats:
     )
     total = along_y[:, None] + along_x[None, :]
     total[0, 0] = np.inf
-    return np.asarray(-1.0 / total)
-
-
-def _continued(shape: tuple[int, int]) -> tuple[int, int]:
-    """Return the axis whose length has the greatest prime factor, and its padded length."""
-    factors = [_greatest_factor(count) for count in shape]
-    axis = int(np.argmax(factors))
-    count = shape[axis]
-    return axis, fft.next_fast_len(count, real=True) if factors[axis] > MAX_FACTOR else count
-
-
-def _greatest_factor(count: int) -> int:
-    factor = 2
-    while factor * factor <= count:
-        if count % factor:
-            factor += 1
-        else:
-            count //= factor
-    return count
-
-
-def _growing(count: int, across: int, ratio: float) -> Floats:
-    """Return G (across, count); `ratio` is the step along by the step across."""
-    half = ratio * np.sin(np.pi * np.arange(1, across) / (2 * across))[:, None]
-    rate = 2.0 * np.arcsinh(half)
-    x, end = rate * (np.arange(count) + 0.5), rate * count
-    share = np.exp(x - end) * (1.0 + np.exp(-2.0 * x)) / (1.0 - np.exp(-2.0 * end))  # cosh(x) / sinh(end)
-    return np.concatenate([np.full((1, count), 1.0 / count), 2.0 * half * share])
+    return np.asarray(-1.0 / total, dtype)
 
 
 # Slopes to depth: the least-squares surface of a field of slopes, with its borders free.
@@ -160,9 +84,8 @@ def integrate(slopes: SlopeMap, mm_per_px: Pair) -> Array:
     """
     dz_dx, dz_dy = _checked(slopes)
     if slopes.valid is None or _known(slopes).all():
-        solver = transform_solver(dz_dx.shape, mm_per_px, dz_dx.dtype.char)
         with np.errstate(invalid="ignore"):
-            depth = solver.solve(edge_divergence(dz_dx, dz_dy, half=solver.half))
+            depth = solve_poisson(edge_divergence(dz_dx, dz_dy, mm_per_px), mm_per_px)
         if np.isfinite(depth[0, 0]):  # one slope that is not finite leaves no depth finite
             return depth
     known = _known(slopes)
@@ -212,7 +135,6 @@ def solve_edges(
     By conjugate gradients, preconditioned by the unweighted solution: the spectrum lies in [FLOOR, 1], gathered at
     both ends, so that tens of iterations do. `tolerance`: relative residual at which they stop.
     """
-    solver = transform_solver((target_x.shape[0], target_y.shape[1]), mm_per_px, "d")
 
     def stiffness(depth: Array) -> Array:
         g_x, g_y = gradient(depth, mm_per_px)
@@ -220,9 +142,9 @@ def solve_edges(
 
     right = -divergence(w_x * target_x, w_y * target_y, mm_per_px)
     depth, residual = np.zeros_like(right), right.copy()
-    step = solver.solve(-residual)
-    goal = tolerance**2 * abs(float(np.vdot(right, solver.solve(-right))))
+    step = solve_poisson(-residual, mm_per_px)
     energy, direction = float(np.vdot(residual, step)), step
+    goal = tolerance**2 * abs(energy)
     for _ in range(max_iterations):
         if energy <= goal:
             return np.asarray(depth - depth.mean())
@@ -230,7 +152,7 @@ def solve_edges(
         length = energy / float(np.vdot(direction, pushed))
         depth = depth + length * direction
         residual = residual - length * pushed
-        step = solver.solve(-residual)
+        step = solve_poisson(-residual, mm_per_px)
         before, energy = energy, float(np.vdot(residual, step))
         direction = step + (energy / before) * direction
     raise ConvergenceError(
@@ -328,7 +250,6 @@ class TwoGridPoisson:
         self.size = shape[0] // px, shape[1] // px
         self.coarse_mm = px * mm_per_px[0], px * mm_per_px[1]
         along_x, along_y = (1.0 / step**2 for step in mm_per_px)
-        self.half = np.array([0.5 / step for step in mm_per_px], np.float32)
         self.bend = np.array([[0, along_y, 0], [along_x, -2 * (along_x + along_y), along_x], [0, along_y, 0]])
 
     def coarse(self, slopes: Picture, windows: Sequence[Window], *, fine: Sequence[Picture]) -> Picture:
@@ -364,7 +285,7 @@ class TwoGridPoisson:
         if all(side for sides in ends for side in sides):
             z[...] = integrate(SlopeMap(p, q), self.mm_per_px) + z.mean()
             return
-        residual = edge_divergence(p, q, half=self.half)
+        residual = edge_divergence(p, q, self.mm_per_px)
         residual -= cv2.filter2D(z, cv2.CV_32F, self.bend, borderType=cv2.BORDER_REPLICATE)
         rows, columns = (slice(0 if low else 1, None if high else -1) for low, high in ends)
         z[rows, columns] += _solved(residual[rows, columns], self.mm_per_px, (ends[0], ends[1]))
@@ -376,9 +297,9 @@ def integrate_small(slopes: Picture, step_mm: Pair) -> Picture:
 
     Faster than that on small grids.
     """
-    right = edge_divergence(slopes[0], slopes[1], half=np.array([0.5 / step for step in step_mm], np.float32))
+    right = edge_divergence(slopes[0], slopes[1], step_mm)
     if right.size > LARGE:
-        return np.asarray(transform_solver(right.shape, step_mm, "f").solve(right))
+        return np.asarray(solve_poisson(right, step_mm))
     return _solved(right, step_mm, ((True, True), (True, True)))
 
 
