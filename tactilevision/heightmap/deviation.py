@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,9 +14,9 @@ from tactilevision.heightmap.poisson import integrate
 from tactilevision.heightmap.walls import PunchEdge, window_of
 from tactilevision.heightmap.zero_plane import USUAL_THICKNESS_MM, ZeroPlane, plane_terms
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.colour_change import FrameChange, Patch
-from tactilevision.photometric.drift import SOFTENING_GREY, Drift, shares
-from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.colour_change import Patch
+from tactilevision.photometric.drift import SOFTENING_GREY, shares
+from tactilevision.photometric.method import CalibratedMethod, SlopeReading
 from tactilevision.records.maps import HeightMap, SlopeMap
 from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
 from tactilevision.records.rig import SHADOW_ZONE
@@ -34,33 +34,17 @@ MAX_HIDDEN_SHARE = 0.2
 MAX_EXTRAPOLATED = 0.05  # of the depth, by lying beyond the balls; real sets' own balls have .01 (real_frames.md)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """The surface of one picture before its deviation is known: `depth_mm`, `valid` (H, W) and its `zero` plane.
+    """The surface of one picture before its deviation is known: `depth_mm` (H, W), from its `zero` plane.
 
-    `walls` were restored in it; `frame` is the picture compared with the untouched gel, None where the method has
-    no reference; `steepest` the greatest |slope|; `lost_share` the relative error of slopes where colours are
-    missing. `make_slopes` gives those of every pixel.
+    `walls` were restored in the slopes of its `reading`.
     """
 
     depth_mm: Array
-    valid: Bools
     zero: ZeroPlane
     walls: Sequence[PunchEdge]
-    frame: FrameChange | None
-    steepest: float
-    lost_share: Patch | None
-    make_slopes: Callable[[], SlopeMap]
-
-    @cached_property
-    def slopes(self) -> SlopeMap:
-        """Return the slopes (H, W), walls restored."""
-        return self.make_slopes()
-
-    @property
-    def drift(self) -> Drift | None:
-        """Return the drift of the picture's light."""
-        return None if self.frame is None else self.frame.drift
+    reading: SlopeReading
 
 
 class DepthError:
@@ -123,7 +107,7 @@ class DepthError:
         hidden_mm = self._hidden_mm(few, surface)
         return {
             "depth scale": scale,
-            "missing colour": self._lost(few, surface.lost_share),
+            "missing colour": self._lost(few, surface.reading.lost_share),
             "slope noise": None,  # within the next term
             "untouched gel": self.free_mm2,
             "zero plane": zero_variance(surface.zero, few.shape),
@@ -175,16 +159,18 @@ class DepthError:
         return missing_colour_variance(few, share, every=self.every, mm_per_px=self.mm_per_px)
 
     def _light(self, surface: Surface, shape: tuple[int, ...]) -> Picture | None:
-        if surface.drift is None or surface.drift.covariance is None:
+        covariance = surface.reading.frame.drift.covariance if surface.reading.frame else None
+        if covariance is None:
             return None
-        blocks = self.drift.variance(surface.drift.covariance, surface.zero)
+        blocks = self.drift.variance(covariance, surface.zero)
         return np.asarray(cv2.resize(blocks, shape[::-1], interpolation=cv2.INTER_LINEAR))
 
     def _hidden_mm(self, few: Picture, surface: Surface) -> float:
-        if surface.walls or not surface.steepest > self.steepest:
+        reading = surface.reading
+        if surface.walls or not reading.steepest > self.steepest:
             return 0.0
         return hidden_step_mm(
-            few, surface.slopes, steepest=self.steepest, every=self.every, mm_per_px=self.mm_per_px
+            few, reading.slopes, steepest=self.steepest, every=self.every, mm_per_px=self.mm_per_px
         )
 
 

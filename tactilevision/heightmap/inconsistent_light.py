@@ -241,7 +241,7 @@ def measured_light(
     shown: list[tuple[Bytes, Ball | None]] = [*pressed_balls(pictures, balls), *((rgb, None) for rgb in free)]
     cells, off, radii = [], [], []
     for rgb, ball in shown:
-        cells.append(check.read(method.read(rgb).frame)[:2])
+        cells.append(check.read(method.change.take(rgb))[:2])
         off.append(check.residual(*cells[-1]))
         apart = (
             np.full(method.reference.shape, np.inf)

@@ -24,7 +24,7 @@ from tactilevision.heightmap.reference_match import ReferenceMatch, check_refere
 from tactilevision.heightmap.walls import PunchEdge, WallLaw, restore_windows
 from tactilevision.heightmap.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.photometric.calibrate import Calibration
-from tactilevision.photometric.method import CalibratedMethod, TiledEvaluator
+from tactilevision.photometric.method import CalibratedMethod, SlopeReading
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.maps import (
@@ -60,7 +60,7 @@ class Reading:
     @property
     def slopes(self) -> SlopeMap:
         """Slopes (H, W), walls restored."""
-        return self.surface.slopes
+        return self.surface.reading.slopes
 
     @property
     def zero(self) -> ZeroPlane:
@@ -75,8 +75,8 @@ class Reading:
     @property
     def residuals(self) -> Pair:
         """Return misfit of the picture's light (no unit), and deviation of the zero plane in mm."""
-        drift = self.surface.drift
-        return (0.0 if drift is None else drift.misfit), self.zero.std_mm
+        frame = self.surface.reading.frame
+        return (frame.drift.misfit if frame else 0.0), self.zero.std_mm
 
     def terms_mm(self) -> dict[str, Picture]:
         """Return the deviation (h, w) mm by term (heightmap/deviation.py), on a grid of every nth pixel.
@@ -193,16 +193,16 @@ class Reconstructor:
     def read_rectified(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> Reading:
         """Return the reading of a rectified picture (H, W, 3), as `read`."""
         surface = self._surface(rgb)
-        found, error, drift = self._inconsistency(surface), self.error, surface.drift
+        found, error, frame = self._inconsistency(surface), self.error, surface.reading.frame
         height = HeightMap(
             surface.depth_mm,
-            surface.valid,
+            surface.reading.valid,
             self.sensor.mm_per_px,
             None if error is None else error.std_mm(surface, found.depth_mm if found else None),
             time_s,
             name,
             self._flags(surface, found),
-            colour_change=drift.normalised_residual if drift else None,
+            colour_change=frame.drift.normalised_residual if frame else None,
             inconsistent=found.inconsistent if found else None,
         )
         return Reading(height, surface, found, error)
@@ -221,40 +221,32 @@ class Reconstructor:
         return rectify(self.sensor, frame.rgb)
 
     def _surface(self, rgb: Bytes) -> Surface:
-        """Return slopes, walls, depth and zero plane of a rectified picture."""
-        if self.grids and self.referenced and (tiled := self.referenced.tiled_evaluator):
-            return self._on_two_grids(rgb, tiled, self.grids)
-        if self.referenced is None:
-            slopes, frame, steepest, lost = self.method.slopes(rgb), None, np.inf, None
-            untouched = flat_blocks(slopes)
-        else:
-            reading = self.referenced.read(rgb)
-            slopes, frame, steepest, lost = reading.slopes, reading.frame, reading.steepest, reading.lost_share
-            untouched = reading.frame.drift.untouched
-        law, scale, shape = WallLaw(self.readable, self.taught), self.sensor.mm_per_px, slopes.dz_dx.shape
-        valid = np.ones(shape, np.bool_) if slopes.valid is None else slopes.valid
-        planes, walls = (slopes.dz_dx, slopes.dz_dy), list[PunchEdge]()
-        if law.limit <= steepest < np.inf:
-            whole = slice(0, shape[0]), slice(0, shape[1])
-            walls = restore_windows([planes], [whole], valid=valid, mm_per_px=scale, law=law)
-        depth = integrate(SlopeMap(*planes), scale)
-        zero = self._zero_plane(depth, untouched, scale)
-        level(depth, zero)
-        return Surface(depth, valid, zero, walls, frame, steepest, lost, lambda: slopes)
-
-    def _on_two_grids(self, rgb: Bytes, tiled: TiledEvaluator, grids: TwoGridPoisson) -> Surface:
-        """Return `_surface` with gentle gel on a coarse grid; pixel slopes are made on demand."""
-        tiles, scale, law = tiled.read_tiles(rgb), self.sensor.mm_per_px, WallLaw(self.readable, self.taught)
+        """Return slopes, walls, depth and zero plane of a rectified picture, gentle gel on a coarse grid."""
+        scale, law = self.sensor.mm_per_px, WallLaw(self.readable, self.taught)
+        reading = self._slopes(rgb)
+        untouched = reading.frame.drift.untouched if reading.frame else flat_blocks(reading.slopes)
         walls: list[PunchEdge] = []
-        if tiles.steepest >= law.limit:
-            walls = restore_windows(tiles.fine, tiles.windows, valid=tiles.valid, mm_per_px=scale, law=law)
-        coarse = grids.coarse(tiles.coarse, tiles.windows, fine=tiles.fine)
-        zero = self._zero_plane(coarse, tiles.frame.drift.untouched, grids.coarse_mm)
+        if law.limit <= reading.steepest < np.inf:
+            walls = restore_windows(reading.fine, reading.windows, valid=reading.valid, mm_per_px=scale, law=law)
+        if self.grids is None or reading.coarse is None:
+            depth = integrate(SlopeMap(*reading.fine[0]), scale)
+            zero = self._zero_plane(depth, untouched, scale)
+            level(depth, zero)
+            return Surface(depth, zero, walls, reading)
+        coarse = self.grids.coarse(reading.coarse, reading.windows, fine=reading.fine)
+        zero = self._zero_plane(coarse, untouched, self.grids.coarse_mm)
         level(coarse, zero)
-        tilt = slope_of(zero, coarse.shape, mm_per_px=grids.coarse_mm)
-        depth = grids.whole(coarse, tiles.windows, fine=tiles.fine, tilt=tilt)
-        seen = tiles.frame, tiles.steepest, tiles.lost_share
-        return Surface(depth, tiles.valid, zero, walls, *seen, lambda: tiled.full_map(tiles))
+        tilt = slope_of(zero, coarse.shape, mm_per_px=self.grids.coarse_mm)
+        depth = self.grids.whole(coarse, reading.windows, fine=reading.fine, tilt=tilt)
+        return Surface(depth, zero, walls, reading)
+
+    def _slopes(self, rgb: Bytes) -> SlopeReading:
+        if self.referenced:
+            return (self.referenced.tiled_evaluator or self.referenced).read(rgb)
+        found = self.method.slopes(rgb)
+        whole = slice(0, rgb.shape[0]), slice(0, rgb.shape[1])
+        valid = np.ones(found.dz_dx.shape, np.bool_) if found.valid is None else found.valid
+        return SlopeReading([whole], [np.stack([found.dz_dx, found.dz_dy])], valid)
 
     def _zero_plane(self, depth: npt.NDArray[Any], untouched: Bools, mm_per_px: Pair) -> ZeroPlane:
         gel, trusted = self.sensor.gel, self.referenced.trusted_blocks if self.referenced else None
@@ -263,15 +255,15 @@ class Reconstructor:
 
     def _inconsistency(self, surface: Surface) -> Inconsistency | None:
         """Return what the light does not explain in a picture; None for too flat a map."""
-        if surface.frame is None or self.light_check is None:
+        if surface.reading.frame is None or self.light_check is None:
             return None
         low, high, *_ = cv2.minMaxLoc(surface.depth_mm)
-        return None if max(-low, high) < MIN_CHECKED_MM else self.light_check(surface.frame)
+        return None if max(-low, high) < MIN_CHECKED_MM else self.light_check(surface.reading.frame)
 
     def _flags(self, surface: Surface, inconsistency: Inconsistency | None) -> tuple[str, ...]:
         """Return the flags of the map as a whole."""
         depth, gel = surface.depth_mm, self.sensor.gel
-        flags = self.match.flags(surface.frame, surface.zero) if self.match else ()
+        flags = self.match.flags(surface.reading.frame, surface.zero) if self.match else ()
         found = {
             INCONSISTENT: (inconsistency is not None and inconsistency.doubtful) or rises_too_much(depth),
             DEEPER: gel is not None and depth.max() > gel.thickness_mm,

@@ -61,17 +61,39 @@ MIN_SIDE_PX = 64  # shorter side of the picture below which nothing is saved
 PAIR, ROUND = np.ones((2, 2), np.uint8), np.ones((3, 3), np.uint8)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class SlopeReading:
-    """The slopes of one frame, the frame compared with the untouched gel, and the greatest |slope|.
+    """The slopes of one frame: `fine` (2, rows, columns) in each of its `windows`.
 
-    `lost_share`: relative error of a slope where colours are missing; None where none is.
+    One window is the whole picture, unless gentle gel is read in means of `px` by `px` pixels, `coarse` (2, h, w).
+    `valid` (H, W) where slopes are known; `frame` is the picture compared with the untouched gel, None for a
+    method without a reference; `steepest` the greatest |slope|; `lost_share` the relative error of slopes where
+    colours are missing, None where none is.
     """
 
-    slopes: SlopeMap
-    frame: FrameChange
-    steepest: float
+    windows: Sequence[Window]
+    fine: Sequence[Picture]
+    valid: Bools
+    frame: FrameChange | None = None
+    steepest: float = np.inf
     lost_share: Patch | None = None
+    coarse: Picture | None = None
+    px: int = 1
+
+    @cached_property
+    def slopes(self) -> SlopeMap:
+        """Return the slopes (H, W) of every pixel, those of gentle gel interpolated between means."""
+        if self.coarse is None:
+            return SlopeMap(self.fine[0][0], self.fine[0][1], self.valid)
+        down, across = (self.px * count for count in self.coarse.shape[1:])
+        slopes: Picture = np.empty((2, *self.valid.shape), np.float32)
+        for plane, mean in zip(slopes, self.coarse, strict=True):
+            cv2.resize(mean, (across, down), dst=plane[:down, :across], interpolation=cv2.INTER_LINEAR)
+        slopes[:, down:] = slopes[:, down - 1, None]
+        slopes[..., across:] = slopes[..., across - 1, None]
+        for window, fine in zip(self.windows, self.fine, strict=True):
+            slopes[:, *window] = fine
+        return SlopeMap(slopes[0], slopes[1], self.valid)
 
 
 @dataclass
@@ -136,9 +158,7 @@ class CalibratedMethod:
         whole = slice(0, height), slice(0, width)
         frame = self.change.take(rgb_rectified)
         slopes, steepest = self.read_window(frame, whole)
-        return SlopeReading(
-            SlopeMap(slopes[0], slopes[1], self.valid(frame)), frame, steepest, self.lost_share(frame)
-        )
+        return SlopeReading([whole], [slopes], self.valid(frame), frame, steepest, self.lost_share(frame))
 
     def at(self, change: Floats, place: Floats) -> Floats:
         """Return slopes (N, 2) of changes (N, 3) at places (N, 2), by two colours where a change is NaN."""
@@ -273,21 +293,6 @@ class TwoColourReader:
 # Gentle gel in means of pixels.
 
 
-@dataclass(frozen=True, slots=True)
-class TiledSlopes:
-    """Slopes of one frame, gentle gel in means: `coarse` (2, h, w), and `fine` (2, rows, columns) for each of the
-    `windows` of the whole picture; the rest as in `SlopeReading`.
-    """
-
-    coarse: Picture
-    windows: list[Window]
-    fine: list[Picture]
-    valid: Bools
-    frame: FrameChange
-    steepest: float
-    lost_share: Patch | None = None
-
-
 def tile_px_for(method: CalibratedMethod) -> int:
     """Return the pixels along each side of the means of gentle gel; 1 for evaluation pixel by pixel."""
     side = min(method.reference.shape)
@@ -302,12 +307,10 @@ class TiledEvaluator:
     def __init__(self, method: CalibratedMethod, px: int) -> None:
         self.method, self.px, self.shape = method, px, method.reference.shape
         height, width = self.shape
-        self.size = width // px, height // px
-        self.even = slice(0, px * self.size[1]), slice(0, px * self.size[0])
-        full = method.change.maps
+        self.size, full = (width // px, height // px), method.change.maps
         x, y = (
-            np.asarray(places[:end].reshape(-1, px).mean(axis=1))
-            for places, end in ((full.x, self.even[1].stop), (full.y, self.even[0].stop))
+            np.asarray(places[: px * count].reshape(-1, px).mean(axis=1))
+            for places, count in zip((full.x, full.y), self.size, strict=True)
         )
         self.maps = ChangeMaps(self._over(full.mean), x, y, dark=full.dark)
         noise = self._over(method.change.noise)
@@ -330,12 +333,7 @@ class TiledEvaluator:
         self.maps.update_scale()
 
     def read(self, rgb: Bytes) -> SlopeReading:
-        """Return the slopes of every pixel, those of gentle gel interpolated between means."""
-        tiles = self.read_tiles(rgb)
-        return SlopeReading(self.full_map(tiles), tiles.frame, tiles.steepest, tiles.lost_share)
-
-    def read_tiles(self, rgb: Bytes) -> TiledSlopes:
-        """Return the slopes of a frame, gentle gel as means alone. Raises as the method does."""
+        """Return the slopes of a frame, gentle gel in means. Raises as the method does."""
         frame = self.method.change.take(rgb)
         missing = frame.missing.tiles(self.px, self.size) if frame.missing and self.method.two_colours else None
         greys, light = frame.means(self.px), self.maps.light(frame.drift.gains)
@@ -354,19 +352,7 @@ class TiledEvaluator:
             steepest = max(steepest, steep)
             fine.append(seen)
         valid, lost_share = self.method.valid(frame), self.method.lost_share(frame)
-        return TiledSlopes(slopes, windows, fine, valid, frame, steepest, lost_share)
-
-    def full_map(self, tiles: TiledSlopes) -> SlopeMap:
-        """Return the slopes of `tiles` pixel by pixel."""
-        down, across = (side.stop for side in self.even)
-        slopes: Picture = np.empty((2, *self.shape), np.float32)
-        for plane, mean in zip(slopes, tiles.coarse, strict=True):
-            cv2.resize(mean, (across, down), dst=plane[:down, :across], interpolation=cv2.INTER_LINEAR)
-        slopes[:, down:] = slopes[:, down - 1, None]
-        slopes[..., across:] = slopes[..., across - 1, None]
-        for window, fine in zip(tiles.windows, tiles.fine, strict=True):
-            slopes[:, *window] = fine
-        return SlopeMap(slopes[0], slopes[1], tiles.valid)
+        return SlopeReading(windows, fine, valid, frame, steepest, lost_share, slopes, self.px)
 
     def windows(self, slopes: Picture, *, missing: Bytes | None = None) -> list[Window]:
         """Return windows of the picture around steep or scattered `slopes` (2, h, w), with a margin of a block.

@@ -140,7 +140,7 @@ def test_without_a_law_of_light_slopes_of_no_surface_are_flagged() -> None:
     method = reader().referenced
     assert method is not None
     check = LightCheck(dataclasses.replace(method, light_law=None), SENSOR.mm_per_px)
-    frame = method.read(pressed(30)).frame
+    frame = method.change.take(pressed(30))
     assert check(frame).area_mm2 < MIN_AREA_MM2
     slopes = check.read(frame)[1]
     turned = np.zeros_like(slopes)

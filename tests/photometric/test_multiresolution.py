@@ -100,9 +100,9 @@ def test_a_contact_of_few_means_is_read_in_full_and_free_gel_is_not(name: str, p
     y, x = np.unravel_index(int(np.argmax(np.hypot(p, q))), SHAPE)
     rng = np.random.default_rng(10)
     for _ in range(3):
-        windows = reader.read_tiles(picture(p, q, rng)).windows
+        windows = reader.read(picture(p, q, rng)).windows
         assert any(r.start <= y < r.stop and c.start <= x < c.stop for r, c in windows)
-        assert reader.read_tiles(flat(rng)).windows == []
+        assert reader.read(flat(rng)).windows == []
 
 
 @each("name", ["polynomial", "lookup"])
