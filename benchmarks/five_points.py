@@ -112,7 +112,7 @@ def reproduced() -> list[str]:
     exact, ratio = modulus_at(line.c_N_per_mm, NU, radius_mm=RADIUS_MM), RADIUS_MM / THICKNESS_MM
     kappas = [float(fast_kappa(NU, a)) for a in (0.8, ratio)]
     true = line.c_N_per_mm * (1 - NU**2) / (2 * RADIUS_MM * kappas[1])
-    c10, d1 = neo_hooke(PRINTED_E, NU)
+    c10, d1 = neo_hooke(Material(PRINTED_E, NU))
     rows = [
         ("c (N/mm)", "3.4943", f"{line.c_N_per_mm:.4f}"),
         ("β", "1.5071", f"{line.beta:.4f}"),

@@ -20,10 +20,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact, friction_place
 from tactilevision.mechanics.kappa import load_table
-from tactilevision.mechanics.material import positive
+from tactilevision.mechanics.punch_equation import check_within, positive
 from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats
 
@@ -46,17 +45,13 @@ def softening(
     """
     d = positive("distance_mm", distance_mm) / float(positive("thickness_mm", thickness_mm))
     alpha = float(positive("radius_mm", radius_mm)) / thickness_mm
-    for what, low, high, value in (
-        ("d/h", DISTANCES[0], np.inf, float(d.min())),
-        ("Poisson's ratio", POISSON_NODES[0], POISSON_NODES[-1], poisson_ratio),
-        ("a/h", A_OVER_H_NODES[0], A_OVER_H_NODES[-1], alpha),
+    for what, ends, value in (
+        ("d/h", (DISTANCES[0], np.inf), d),
+        ("Poisson's ratio", (POISSON_NODES[0], POISSON_NODES[-1]), poisson_ratio),
+        ("a/h", (A_OVER_H_NODES[0], A_OVER_H_NODES[-1]), alpha),
     ):
-        if not low - ROUNDING <= value <= high + ROUNDING:
-            raise InputError(
-                f"the table of softening is for {what} in [{low:g}, {high:g}]", where="softening", value=value
-            )
-    along = np.tensordot(_weights(A_OVER_H_NODES, alpha), _table()[0], 1)
-    line = np.tensordot(_weights(POISSON_NODES, poisson_ratio), along, 1)
+        check_within(f"the table of softening is for {what} in", value, ends, where="softening")
+    line = _between((A_OVER_H_NODES, POISSON_NODES), _table()[0], (alpha, poisson_ratio))
     nodes = np.array(DISTANCES)
     decay = (line[-1] - line[-2]) / (nodes[-1] - nodes[-2])
     beyond = line[-1] + decay * (d - nodes[-1])
@@ -75,14 +70,8 @@ def rim_share(depth_mm: npt.ArrayLike, contact: FlatContact, *, poisson_ratio: f
     nu = min(poisson_ratio, POISSON_NODES[-1])
     distances = np.array([contact.pad_radius_mm, WIDE * h]) - a
     near, wide = softening(distances, radius_mm=a, thickness_mm=h, poisson_ratio=nu)
-    ratio = _table()[1]
-    for nodes, at in (
-        (RATIO_A_OVER_H, a / h),
-        (RATIO_POISSON, nu),
-        (RATIO_DISTANCES, distances[0] / h),
-        (tuple(map(friction_place, RATIO_FRICTIONS)), friction_place(contact.friction)),
-    ):
-        ratio = np.tensordot(_weights(nodes, at), ratio, 1)
+    axes = RATIO_A_OVER_H, RATIO_POISSON, RATIO_DISTANCES, tuple(map(friction_place, RATIO_FRICTIONS))
+    ratio = _between(axes, _table()[1], (a / h, nu, distances[0] / h, friction_place(contact.friction)))
     return np.asarray((near - wide) * np.interp(np.asarray(depth_mm, dtype=float) / h, RATIO_DEPTHS, ratio))
 
 
@@ -93,8 +82,12 @@ def _table() -> tuple[Floats, Floats]:
     return linear, ratio
 
 
-def _weights(nodes: tuple[float, ...], at: float) -> Floats:
-    """Return the weights of linear interpolation: the tables are nearly straight between nodes, and must not
-    overshoot.
+def _between(axes: tuple[tuple[float, ...], ...], values: Floats, at: tuple[float, ...]) -> Floats:
+    """Return the `values` at a place, the nearest of the table outside.
+
+    Linear along each of the first axes: the tables are nearly straight between nodes, and must not overshoot.
     """
-    return np.array([np.interp(at, nodes, row) for row in np.eye(len(nodes))])
+    from scipy.interpolate import interpn
+
+    inside = [np.clip(one, nodes[0], nodes[-1]) for nodes, one in zip(axes, at, strict=True)]
+    return np.asarray(interpn(axes, values, inside)[0])

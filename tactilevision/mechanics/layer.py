@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.material import positive, shear_modulus
+from tactilevision.mechanics.punch_equation import POISSON_RANGE, check_within, positive
 from tactilevision.records.measured import Floats
 
 SERIES_BELOW = 0.05  # u, below which sinh(2u) - 2u is a series: the truncation error is below 1e-13
@@ -48,8 +48,7 @@ def layer_compliance(u: npt.ArrayLike, poisson_ratio: float) -> LayerCompliance:
     u = np.asarray(u, dtype=float)
     if not (u >= 0).all():
         raise InputError("a wave number lies at or above 0", where="layer_compliance", value=float(np.min(u)))
-    if not 0 <= poisson_ratio <= 0.5:
-        raise InputError("Poisson's ratio lies in [0, .5]", where="layer_compliance", value=poisson_ratio)
+    check_within("Poisson's ratio lies in", poisson_ratio, POISSON_RANGE, where="layer_compliance")
     k, fall = 3 - 4 * poisson_ratio, np.exp(-2 * u)
     below = k * (1 + fall**2) + (4 * u**2 + 1 + k**2) * fall
     safe = np.where(u > 0, u, 1.0)
@@ -90,7 +89,7 @@ def surface_compliance(
     compliance[..., 2, 2] = part.normal
     compliance[..., 0, 2], compliance[..., 1, 2] = 1j * part.coupling * cosine, 1j * part.coupling * sine
     compliance[..., 2, 0], compliance[..., 2, 1] = -1j * part.coupling * cosine, -1j * part.coupling * sine
-    compliance *= thickness / float(shear_modulus(youngs_modulus_MPa, poisson_ratio))
+    compliance *= 2 * (1 + poisson_ratio) * thickness / float(positive("youngs_modulus_MPa", youngs_modulus_MPa))
     return compliance
 
 

@@ -17,10 +17,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 from numpy.polynomial import Legendre
 
 from tactilevision.errors import InputError
-from tactilevision.records.measured import Floats
+from tactilevision.records.constants import ROUNDING
+from tactilevision.records.measured import Floats, Pair
 
 NODES = 64  # of Gauss and Legendre on the punch's radius
 KERNEL_NODES = 320  # of the kernel's integral
@@ -108,12 +110,28 @@ def legendre_series(values: Floats) -> Legendre:
 
 def check_range(poisson_ratio: object, a_over_h: object, *, where: str) -> None:
     """Raise InputError unless every nu and every a/h (numbers or arrays) lies in the range of validity."""
-    for what, value, (low, high), remedy in (
-        ("Poisson's ratio", poisson_ratio, POISSON_RANGE, ""),
-        ("a/h", a_over_h, A_OVER_H_RANGE, "Check the punch radius and the gel thickness, both in mm."),
-    ):
-        numbers = np.asarray(value, dtype=float)
-        outside = ~((numbers >= low) & (numbers <= high))
-        if outside.any():
-            first = float(numbers[outside].flat[0])
-            raise InputError(f"{what} lies in [{low:g}, {high:g}]", where=where, value=first, remedy=remedy)
+    check_within("Poisson's ratio lies in", poisson_ratio, POISSON_RANGE, where=where)
+    remedy = "Check the punch radius and the gel thickness, both in mm."
+    check_within("a/h lies in", a_over_h, A_OVER_H_RANGE, where=where, remedy=remedy)
+
+
+def check_within(said: str, value: object, ends: Pair, *, where: str, remedy: str = "") -> None:
+    """Raise InputError unless every number of `value`, of any shape, lies between `ends`; `said` begins it."""
+    numbers, (low, high) = np.asarray(value, dtype=float), ends
+    outside = ~((numbers >= low - ROUNDING) & (numbers <= high + ROUNDING))
+    if outside.any():
+        first = float(numbers[outside].flat[0])
+        raise InputError(f"{said} [{low:g}, {high:g}]", where=where, value=first, remedy=remedy)
+
+
+def positive(name: str, value: npt.ArrayLike) -> Floats:
+    """Return `value` as an array of any shape, in its unit; raise InputError if any is not finite and above 0."""
+    numbers = np.asarray(value, dtype=float)
+    if not (np.isfinite(numbers) & (numbers > 0)).all():
+        raise InputError(
+            f"{name} is a finite number above 0",
+            where="mechanics",
+            value=np.min(numbers).item(),
+            remedy="Check its unit and its sign.",
+        )
+    return numbers

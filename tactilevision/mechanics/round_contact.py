@@ -8,8 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.material import positive
-from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE, equation_matrix, gauss, legendre_series
+from tactilevision.mechanics.punch_equation import (
+    A_OVER_H_RANGE,
+    POISSON_RANGE,
+    check_within,
+    equation_matrix,
+    gauss,
+    legendre_series,
+    positive,
+)
 from tactilevision.records.measured import Floats
 
 # Frictionless contact of a smooth round body, exact up to quadrature.
@@ -109,8 +116,7 @@ def contact_curve(
 
     depth = positive("depth_mm", depth_mm)
     thickness = float(positive("thickness_mm", thickness_mm))
-    if not 0 <= poisson_ratio <= 0.5:
-        raise InputError("Poisson's ratio lies in [0, .5]", where="contact_curve", value=poisson_ratio)
+    check_within("Poisson's ratio lies in", poisson_ratio, POISSON_RANGE, where="contact_curve")
     case = {"thickness_mm": thickness, "poisson_ratio": poisson_ratio}
     low, high = _bracket(body, (float(depth.min()), float(depth.max())), case)
     radii = np.geomspace(low, high, CURVE_POINTS)

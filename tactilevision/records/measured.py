@@ -104,6 +104,16 @@ class Material:
                 remedy="For an incompressible gel take 0.4999.",
             )
 
+    @property
+    def shear_modulus_MPa(self) -> float:
+        """Return mu = E / (2 (1 + nu))."""
+        return self.youngs_modulus_MPa / (2 * (1 + self.poisson_ratio))
+
+    @property
+    def bulk_modulus_MPa(self) -> float:
+        """Return K = E / (3 (1 - 2 nu))."""
+        return self.youngs_modulus_MPa / (3 * (1 - 2 * self.poisson_ratio))
+
     def as_json(self) -> dict[str, Any]:
         """Return E and nu in the form of every result file, value +- 1.96 std; null without a covariance."""
         found = {}

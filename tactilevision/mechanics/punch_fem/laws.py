@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -71,37 +69,17 @@ def outer(left: Floats, right: Floats) -> Floats:
 # CalculiX with D1 = 2/K; Hencky's law has g = ln J. All tend to the linear solid of the same Material.
 
 
-class Law(Protocol):
-    """A constitutive law. Stress is dW_d/dF (N, 5), tangent d²W_d/dF² (N, 5, 5), both in MPa."""
+class Law:
+    """A constitutive law: energy, stress dW_d/dF (N, 5) and tangent d²W_d/dF² (N, 5, 5) of distortion, in MPa.
 
-    @property
-    def name(self) -> str: ...
+    Unless overridden, its energy is a function of I1' = J^(-2/3) I1 and its volumetric measure g = J - 1.
+    """
 
-    def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
-        """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
-        ...
+    name: str
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
         """Return the energy of distortion per volume (N,), MPa."""
-        ...
-
-    def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the volumetric measure g(J) (N,), with g' and g''."""
-        ...
-
-
-def shear_modulus_MPa(material: Material) -> float:
-    """Return mu = E / (2 (1 + nu))."""
-    return material.youngs_modulus_MPa / (2 * (1 + material.poisson_ratio))
-
-
-def bulk_modulus_MPa(material: Material) -> float:
-    """Return K = E / (3 (1 - 2 nu))."""
-    return material.youngs_modulus_MPa / (3 * (1 - 2 * material.poisson_ratio))
-
-
-class FirstInvariantLaw:
-    """A law whose energy of distortion is a function of I1' = J^(-2/3) I1, with volumetric measure g = J - 1."""
+        raise NotImplementedError
 
     def slopes(self, i: Floats, shear_MPa: float) -> tuple[Floats, Floats]:
         """Return the first two derivatives of the energy by I1' (N,), MPa."""
@@ -109,7 +87,18 @@ class FirstInvariantLaw:
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
         """Return the stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
-        return from_first_invariant(state, lambda i: self.slopes(i, shear_MPa))
+        F, J, G = state.F, state.volume, state.volume_gradient
+        scale = J ** (-2 / 3)
+        length = np.einsum("ni,ni->n", F, F)
+        first, second = self.slopes(scale * length, shear_MPa)
+        gradient = scale[:, None] * (2 * F - (2 / 3 * length / J)[:, None] * G)
+        cross = outer(F, G)
+        hessian = -(4 / 3 / J)[:, None, None] * (cross + cross.transpose(0, 2, 1))
+        hessian += (10 / 9 * length / J**2)[:, None, None] * outer(G, G)
+        hessian -= (2 / 3 * length / J)[:, None, None] * state.volume_hessian
+        hessian[:, range(5), range(5)] += 2
+        tangent = (first * scale)[:, None, None] * hessian + second[:, None, None] * outer(gradient, gradient)
+        return first[:, None] * gradient, tangent
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the volumetric measure g(J) (N,), with g' and g''."""
@@ -117,7 +106,7 @@ class FirstInvariantLaw:
 
 
 @dataclass(frozen=True, slots=True)
-class Yeoh(FirstInvariantLaw):
+class Yeoh(Law):
     """W_d = (mu/2) [(I1' - 3) + c2 (I1' - 3)² + c3 (I1' - 3)³].
 
     c2 = C20/C10 and c3 = C30/C10 are pure numbers; both 0 is NeoHooke.
@@ -151,7 +140,7 @@ class NeoHooke(Yeoh):
 
 
 @dataclass(frozen=True, slots=True)
-class Gent(FirstInvariantLaw):
+class Gent(Law):
     """W_d = -(mu/2) Jm ln(1 - (I1' - 3)/Jm), defined while I1' - 3 < Jm; Jm -> infinity is NeoHooke.
 
     Beyond the limit the energy is infinite: the solver meets NaN there and cuts its step.
@@ -183,24 +172,6 @@ def first_invariant(state: Deformation) -> Floats:
     return value
 
 
-def from_first_invariant(
-    state: Deformation, slope: Callable[[Floats], tuple[Floats, Floats]]
-) -> tuple[Floats, Floats]:
-    """Return the stress (N, 5) and tangent (N, 5, 5), MPa, of an energy f(I1'); `slope` gives f' and f''."""
-    F, J, G = state.F, state.volume, state.volume_gradient
-    scale = J ** (-2 / 3)
-    length = np.einsum("ni,ni->n", F, F)
-    first, second = slope(scale * length)
-    gradient = scale[:, None] * (2 * F - (2 / 3 * length / J)[:, None] * G)
-    cross = outer(F, G)
-    hessian = -(4 / 3 / J)[:, None, None] * (cross + cross.transpose(0, 2, 1))
-    hessian += (10 / 9 * length / J**2)[:, None, None] * outer(G, G)
-    hessian -= (2 / 3 * length / J)[:, None, None] * state.volume_hessian
-    hessian[:, range(5), range(5)] += 2
-    tangent = (first * scale)[:, None, None] * hessian + second[:, None, None] * outer(gradient, gradient)
-    return first[:, None] * gradient, tangent
-
-
 # Hencky's law: linear elasticity between Kirchhoff stress and logarithmic strain.
 
 # |F_plane|² - 2 j = (F_rr - F_zz)² + (F_rz + F_zr)², free of cancellation; half its second derivative:
@@ -218,7 +189,7 @@ _SERIES_BELOW = 1e-3  # of the excess, below which the logarithm comes from its 
 
 
 @dataclass(frozen=True, slots=True)
-class Hencky:
+class Hencky(Law):
     """W_d = mu dev(ln V):dev(ln V), with volumetric measure g = ln J.
 
     In closed form, without eigenvectors: e1² + e2² + e3² = (ln j)²/2 + (arccosh x)²/2 + (ln F_tt)², where
@@ -307,9 +278,8 @@ def least_acoustic(law: Law, material: Material, *, state: Deformation) -> Float
     """Return the smallest eigenvalue of Q over all directions, in shear moduli (N,): below 0 ellipticity is
     lost.
     """
-    shear = shear_modulus_MPa(material)
+    shear, bulk, gradient = material.shear_modulus_MPa, material.bulk_modulus_MPa, state.volume_gradient
     g, dg, ddg = law.volume(state.volume)
-    bulk, gradient = bulk_modulus_MPa(material), state.volume_gradient
     tangent = law.distortion(state, shear)[1]
     tangent += (bulk * (dg**2 + g * ddg))[:, None, None] * outer(gradient, gradient)
     tangent += (bulk * g * dg)[:, None, None] * state.volume_hessian

@@ -17,10 +17,8 @@ from tactilevision.mechanics.punch_fem.laws import (
     IDENTITY,
     Deformation,
     Law,
-    bulk_modulus_MPa,
     deformation,
     outer,
-    shear_modulus_MPa,
 )
 from tactilevision.records.measured import Floats, Material
 
@@ -72,9 +70,9 @@ def linearise(
     NaN where the law is not defined there.
     """
     elements, points = mesh.weight_mm3.shape
-    bulk = bulk_modulus_MPa(material)
+    bulk = material.bulk_modulus_MPa
     p = pressure_at_points(mesh, pressure)
-    stress, tangent = law.distortion(state, shear_modulus_MPa(material))
+    stress, tangent = law.distortion(state, material.shear_modulus_MPa)
     g, dg, ddg = law.volume(state.volume)
     stress = stress + (p * dg)[:, None] * state.volume_gradient
     tangent = tangent + (p * dg)[:, None, None] * state.volume_hessian
@@ -109,6 +107,6 @@ def stored_energy(mesh: Discretisation, law: Law, *, material: Material, u: Floa
     """Return the strain energy in N mm for unknowns `u` (U,) mm: the integral of W_d + p g(J) - p²/(2K)."""
     state = deform(mesh, u)
     p = pressure_at_points(mesh, pressure)
-    density = law.energy(state, shear_modulus_MPa(material)) + p * law.volume(state.volume)[0]
-    density = density - p**2 / (2 * bulk_modulus_MPa(material))
+    density = law.energy(state, material.shear_modulus_MPa) + p * law.volume(state.volume)[0]
+    density = density - p**2 / (2 * material.bulk_modulus_MPa)
     return float(mesh.weight_mm3.ravel() @ density)

@@ -11,11 +11,11 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.boundary import rim_share
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.profile import LINEAR, SHAPE_PLACES, ProfileModel, PunchCase, linear_profile
+from tactilevision.mechanics.punch_equation import check_within
 from tactilevision.mechanics.tables import table as tables
 from tactilevision.mechanics.tables.blocks import hayes_stiffness
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, REACH, USUAL
 from tactilevision.mechanics.tables.table import shipped_table
-from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Floats, Material
 
 
@@ -117,17 +117,12 @@ class TableProfile:
 
     def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
         """Return rise and u_r per unit of depth at r/a >= 1 (any shape)."""
-        for what, value, (low, high) in (
+        for what, value, ends in (
             ("Poisson's ratio", case.poisson_ratio, POISSON_RANGE),
             ("a/h", case.a_over_h, A_OVER_H_RANGE),
             ("w/h", case.w_over_h, (0.0, DEEPEST)),
         ):
-            if not low - ROUNDING <= value <= high + ROUNDING:
-                raise InputError(
-                    f"the table of profiles is for {what} in [{low:g}, {high:g}]",
-                    where="TableProfile",
-                    value=value,
-                )
+            check_within(f"the table of profiles is for {what} in", value, ends, where="TableProfile")
         if not (r_over_a >= 1).all():
             raise InputError("the profile around the punch begins at r = a", where="TableProfile")
         mixture = shipped_table().mixture(self.law, case.friction, edge_over_h=self.edge_over_h)

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import skfem
 
+from tactilevision.mechanics.material import neo_hooke
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.discretisation import Ints, graded_mesh
-from tactilevision.mechanics.punch_fem.laws import bulk_modulus_MPa, shear_modulus_MPa
 from tactilevision.mechanics.punch_fem.problem import PunchProblem, default_mesh
 from tactilevision.records.measured import Floats
 
@@ -65,7 +65,7 @@ def _elements(quads: Ints, *, first: int, offset: int) -> str:
 
 
 def _material(problem: PunchProblem) -> str:
-    c10, d1 = shear_modulus_MPa(problem.material) / 2, 2 / bulk_modulus_MPa(problem.material)
+    c10, d1 = neo_hooke(problem.material)
     return f"""*MATERIAL, NAME=GEL
 *HYPERELASTIC, NEO HOOKE
 {c10}, {d1}

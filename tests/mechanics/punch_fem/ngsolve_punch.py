@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
-from tactilevision.mechanics.punch_fem.laws import bulk_modulus_MPa, shear_modulus_MPa
 from tactilevision.records.measured import Floats, Material
 
 
@@ -88,7 +87,7 @@ def _elastic(space: Any, material: Material, ng: Any) -> Any:
     F = ng.Grad(u) + ng.Id(2)
     hoop = 1 + u[0] / r
     J = ng.Det(F) * hoop
-    mu, bulk = shear_modulus_MPa(material), bulk_modulus_MPa(material)
+    mu, bulk = material.shear_modulus_MPa, material.bulk_modulus_MPa
     energy = mu / 2 * (J ** (-2 / 3) * (ng.InnerProduct(F, F) + hoop**2) - 3) + p * (J - 1) - p**2 / (2 * bulk)
     form = ng.BilinearForm(space, symmetric=True)
     form += ng.Variation(2 * np.pi * r * energy * ng.dx(bonus_intorder=2))
