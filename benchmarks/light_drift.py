@@ -214,9 +214,10 @@ def _least_turn(camera: Camera, press: BallPress | PunchPress, true: Sequence[An
         more, less = (camera.ideal(_Tilted(press, (sign * x, sign * y))) for sign in (1, -1))
         answers.append((more - less)[inside] / (2 * STEP))
     light = light[inside]
-    to_grey = 255 / camera.gamma * light ** (1 / camera.gamma - 1)
-    read = camera.read_noise / 255 * camera.gamma * 0.5 ** (1 - 1 / camera.gamma)
-    variance = to_grey**2 * (light / camera.full_well + read**2) + 1 / 12  # and rounding
+    made, gamma = camera.options, camera.options.gamma
+    to_grey = 255 / gamma * light ** (1 / gamma - 1)
+    read = made.read_noise / 255 * gamma * 0.5 ** (1 - 1 / gamma)
+    variance = to_grey**2 * (light / made.full_well + read**2) + 1 / 12  # and rounding
     answer = np.stack(answers, axis=-1) * to_grey[..., None]
     known = np.linalg.inv(np.einsum("ncs,nc,nct->nst", answer, 1 / variance, answer) + 1e-9 * np.eye(2))
     drawn = np.random.default_rng(0).standard_normal((len(known), 2))

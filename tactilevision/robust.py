@@ -19,8 +19,6 @@ from tactilevision.records.measured import Array, Floats
 MAD_TO_STD = 1.4826  # standard deviation over median absolute deviation of normal numbers; Huber (1981), 5.1
 TUKEY_WIDTH = 4.685  # deviations beyond which the biweight is 0: 95 % efficient on normal numbers; Huber, 7.9
 
-Floats = Floats
-
 
 def median(values: Array) -> Any:
     """Return the medians (...,) along the last axis of (..., n), in their unit, as np.median gives them.

@@ -16,7 +16,7 @@ from benchmarks.rendered.camera import build_camera, mix
 from benchmarks.rendered.families import Rig, draw_rig
 from benchmarks.rendered.sets import draw_gel, plan_steps
 from tactilevision.records.measured import Bools, Bytes, Floats
-from tactilevision.synthetic.camera import Camera
+from tactilevision.synthetic.camera import Camera, CameraOptions
 from tactilevision.synthetic.gel import Area, BallPress, Flat, Grid, Singles, Surface
 from tactilevision.synthetic.lights import Finish, Strip, Triple
 from tactilevision.synthetic.punch import PunchPress
@@ -50,12 +50,8 @@ def simulated_lamps(lamps: tuple[Strip, ...], grid: Grid, surface: Surface, *, s
         stray=np.zeros((*level.shape, 3), np.float32),
         vignette=level,
         to_raw=None,
-        blur_px=0.0,
-        gamma=1.0,
-        full_well=1e4,
-        read_noise=0.0,
         drift=(np.zeros(3), 1.0),
-        shadow_strip_mm=(0.0, 0.0) if shadows else None,
+        options=CameraOptions(blur_px=0.0, gamma=1.0, shadow_strip_mm=(0.0, 0.0) if shadows else None),
     )
     return camera.ideal(surface)
 

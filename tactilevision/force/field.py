@@ -383,7 +383,8 @@ def depth_factors(
     size = np.bincount(which, minlength=count)
     stretch = np.zeros(count)
     if len(displacement_mm) == 3:
-        stretch = np.bincount(which, surface_stretch(grid, displacement_mm).ravel()[cells], count) / size
+        along_x, along_y = (np.gradient(displacement_mm[k], grid.spacing_mm, axis=1 - k) for k in (0, 1))
+        stretch = np.bincount(which, (along_x + along_y).ravel()[cells], count) / size
     factor = patch_factor(
         np.sqrt(size * grid.cell_mm2 / np.pi),
         depth,
@@ -405,9 +406,3 @@ def patch_factor(
     return np.asarray(
         wider * fast_kappa(poisson_ratio, now) / (radius_mm * fast_kappa(poisson_ratio, before)), dtype=np.float64
     )
-
-
-def surface_stretch(grid: NodeGrid, displacement_mm: Floats) -> Floats:
-    """Return du_x/dx + du_y/dy (rows, columns), dimensionless."""
-    along = np.gradient(displacement_mm[0], grid.spacing_mm, axis=1)
-    return np.asarray(along + np.gradient(displacement_mm[1], grid.spacing_mm, axis=0))

@@ -370,19 +370,14 @@ class SideTable:
         """Return the stations that `cells` lie between and the weights (cells, stations) of linear
         interpolation.
         """
-        rows, columns = station_shape(self.grid)
         row, column = np.divmod(cells, self.grid.shape[1])
-        y = np.clip(self.grid.y_mm[row] / STATION_MM + (rows - 1) / 2, 0, rows - 1.001)
-        x = np.clip(self.grid.x_mm[column] / STATION_MM + (columns - 1) / 2, 0, columns - 1.001)
-        low_y, low_x = y.astype(np.intp), x.astype(np.intp)
-        part_y, part_x = y - low_y, x - low_x
-        corner = low_y * columns + low_x
-        steps = (0, 1, columns, columns + 1)
-        shares = ((1 - part_y) * (1 - part_x), (1 - part_y) * part_x, part_y * (1 - part_x), part_y * part_x)
-        used, place = np.unique(np.concatenate([corner + step for step in steps]), return_inverse=True)
-        weights = np.zeros((len(cells), len(used)))
-        np.add.at(weights, (np.tile(np.arange(len(cells)), 4), place), np.concatenate(shares))
-        return used, weights
+        down, across = (
+            np.stack([np.interp(mm / STATION_MM + (n - 1) / 2, np.arange(n), unit) for unit in np.eye(n)], axis=1)
+            for mm, n in zip((self.grid.y_mm[row], self.grid.x_mm[column]), station_shape(self.grid), strict=True)
+        )
+        weights = (down[:, :, None] * across[:, None, :]).reshape(len(cells), -1)
+        used = np.flatnonzero(weights.any(axis=0))
+        return used, weights[:, used]
 
 
 def station_shape(grid: NodeGrid) -> tuple[int, int]:

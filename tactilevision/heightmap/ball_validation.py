@@ -13,7 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.heightmap.poisson import integrate
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
 from tactilevision.photometric.ball_pictures import BallPicture, pressed_balls
-from tactilevision.photometric.ball_samples import INSIDE, radii_from
+from tactilevision.photometric.ball_samples import INSIDE, from_axis
 from tactilevision.photometric.calibrate import Calibration
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.cross_validation import ONE_SIGMA_SHARE, HeldOutLaw, off_inside
@@ -169,8 +169,7 @@ def seen_gain_std(
 
 def dent_mm(depth: Array, ball: Ball, *, mm_per_px: Pair) -> Pair:
     """Return the depth of the contact's centre relative to its rim: in `depth` (H, W), and of the ball, mm."""
-    y, x = np.indices(depth.shape, dtype=np.float64)
-    r = np.hypot((x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1])
+    r = from_axis(depth.shape, ball, mm_per_px)[2]
     share = r / (ball.contact_radius_px * mm_per_px[0])
     middle = share <= max(MIDDLE, float(share.min()))
     rim = (share > RIM[0]) & (share < RIM[1])
@@ -362,11 +361,10 @@ def odd_by_usual_light(read: Mapping[int, UsualReading], *, names: Sequence[str]
 def _reading(network: PhotometricMethod, rgb: Bytes, ball: Ball, *, mm_per_px: Pair) -> UsualReading:
     """Return the reading under one ball in a rectified picture (H, W, 3)."""
     read = network.slopes(rgb)
-    inside = radii_from(ball, read.dz_dx.shape, mm_per_px=mm_per_px) < INSIDE
-    under = rows, columns = np.nonzero(inside if read.valid is None else inside & read.valid)
-    x, y = ((np.array([columns, rows]).T - ball.centre_px) * mm_per_px).T
     contact_mm = ball.contact_radius_px * mm_per_px[0]
-    stated = np.stack(ball_slopes(x, y, contact_mm=contact_mm, radius_mm=ball.radius_mm))
+    x, y, r = from_axis(read.dz_dx.shape, ball, mm_per_px)
+    under = r < INSIDE * contact_mm if read.valid is None else (r < INSIDE * contact_mm) & read.valid
+    stated = np.stack(ball_slopes(x[under], y[under], contact_mm=contact_mm, radius_mm=ball.radius_mm))
     found = np.stack([read.dz_dx[under], read.dz_dy[under]])
     both, own, true = (float(np.sum(one)) + 1e-12 for one in (found * stated, found**2, stated**2))
     return UsualReading(max(both / true, 1e-3), both / float(np.sqrt(own * true)), float(rgb.mean()))

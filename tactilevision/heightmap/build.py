@@ -48,7 +48,7 @@ from tactilevision.photometric.reference import (
 )
 from tactilevision.photometric.storage import load_method, load_network
 from tactilevision.records.maps import Frame
-from tactilevision.records.measured import Array, Bytes, Floats, Pair
+from tactilevision.records.measured import Array, Bytes, Floats
 from tactilevision.records.rig import Sensor
 from tactilevision.robust import MAD_TO_STD
 from tactilevision.sensors import may_have_marks
@@ -234,13 +234,16 @@ def with_free_reference(
     The same as before unless the guessed frame shows a contact and the median of the frames shows none, neither
     by the frames nor against the guessed frame. `read` makes a reconstructor against such pictures.
     """
-    frames = some_frames(recording, count=MAX_FRAMES)
-    at = _contact(ready, frames)
-    if at is None:
+    frames, method = some_frames(recording, count=MAX_FRAMES), ready.referenced
+    at = method and contact_in_reference(method, ready.rectified_map, pictures=frames)
+    if not (at and method):
         return flats, ready, ()
     median: Bytes = np.median(frames, axis=0).round().astype(np.uint8)
     against = read([median])
-    if _contact(against, frames) is not None or _pressed(ready, median):
+    renewed = against.referenced
+    if renewed and contact_in_reference(renewed, against.rectified_map, pictures=frames):
+        return flats, ready, ()
+    if pressed_beside(method, ready.rectified_map, picture=median):
         return flats, ready, ()
     name = recording.frame_names[recording.flat_frames[0]]
     note = (
@@ -248,16 +251,6 @@ def with_free_reference(
         "frames is taken for the untouched gel; --reference states a picture of it"
     )
     return [median], against, (note,)
-
-
-def _contact(reader: Reconstructor, frames: Sequence[Bytes]) -> Pair | None:
-    method = reader.referenced
-    return None if method is None else contact_in_reference(method, reader.rectified_map, pictures=frames)
-
-
-def _pressed(reader: Reconstructor, picture: Bytes) -> bool:
-    method = reader.referenced
-    return method is None or pressed_beside(method, reader.rectified_map, picture=picture)
 
 
 # The sources of a reconstructor: a recording's own balls, a saved method, or a ready one.

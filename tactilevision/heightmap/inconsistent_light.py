@@ -120,7 +120,7 @@ class LightCheck:
     def __call__(self, frame: FrameChange) -> Inconsistency:
         """Return the inconsistent cells of a frame."""
         change, slopes, known = self.read(frame)
-        score, share = self._curl(slopes) if self.light is None else self._colours(change, slopes, self.light)
+        score, share = self._curl(slopes) if self.light is None else self._colours(change, slopes)
         score *= known
         if self.steep:
             score[cv2.dilate(_length(slopes), self.near) > self.steep] = 0.0
@@ -149,18 +149,15 @@ class LightCheck:
         slopes -= self.bias
         return change, slopes, known
 
-    def deviations(self, change: Picture, slopes: Picture) -> Picture:
-        """Return t (h, w) of changes (3, h, w) and slopes (2, h, w) of cells."""
-        assert self.light is not None
-        return self._deviations(self.residual(change, slopes), self._size(change), self.light.share)
-
-    def _colours(self, change: Picture, slopes: Picture, light: LightLaw) -> tuple[Picture, Picture]:
+    def _colours(self, change: Picture, slopes: Picture) -> tuple[Picture, Picture]:
         """Return t over its limit, and the unexplained share of the change of colour, (h, w) each."""
+        assert self.light is not None
         off, size = self.residual(change, slopes), self._size(change)
-        return self._deviations(off, size, light.share) / np.float32(light.limit), _length(off) / (size + TINY)
+        return self.deviations(off, size) / np.float32(self.light.limit), _length(off) / (size + TINY)
 
-    def _deviations(self, off: Picture, size: Picture, share: float) -> Picture:
-        usual = np.float32(share) * size
+    def deviations(self, off: Picture, size: Picture) -> Picture:
+        """Return t (h, w) of residuals (3, h, w) of changes of a mean `size` (h, w)."""
+        usual = np.float32(self.light.share if self.light else 0.0) * size
         return np.asarray(np.sqrt((off * off / (self.noise_square + usual * usual)).sum(axis=0)))
 
     def _noise_square(self, noise: Picture) -> Picture:
@@ -239,10 +236,11 @@ def measured_light(
         return None
     check = LightCheck(method, mm_per_px)
     shown: list[tuple[Bytes, Ball | None]] = [*pressed_balls(pictures, balls), *((rgb, None) for rgb in free)]
-    cells, off, radii = [], [], []
+    sizes, off, radii = [], [], []
     for rgb, ball in shown:
-        cells.append(check.read(method.change.take(rgb))[:2])
-        off.append(check.residual(*cells[-1]))
+        change, slopes, _ = check.read(method.change.take(rgb))
+        sizes.append(check._size(change))
+        off.append(check.residual(change, slopes))
         apart = (
             np.full(method.reference.shape, np.inf)
             if ball is None
@@ -254,7 +252,7 @@ def measured_light(
     check.noise_square = check._noise_square(noise)
     reached = [
         np.percentile(check.deviations(*one)[near <= NEARBY], REACHED)
-        for one, near, (_, ball) in zip(cells, radii, shown, strict=True)
+        for *one, near, (_, ball) in zip(off, sizes, radii, shown, strict=True)
         if ball is not None and (near <= NEARBY).any()  # a contact of a few pixels fills no cell
     ]
     limit = max(LEAST, float(np.percentile(reached or [LEAST], PICTURES)))

@@ -14,13 +14,15 @@ import scipy.linalg
 from tactilevision.errors import InputError
 from tactilevision.heightmap.reference_match import some_frames
 from tactilevision.photometric.ball_detection import first_guess
+from tactilevision.photometric.ball_samples import places_of
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
+from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial, design, terms_of
 from tactilevision.photometric.reference import Reference, make_reference
-from tactilevision.records.constants import ROUNDING, TINY
+from tactilevision.records.constants import NONZERO, ROUNDING, TINY
 from tactilevision.records.measured import Bools, Bytes, Floats, Picture
+from tactilevision.robust import mad_std
 
 if TYPE_CHECKING:
     from tactilevision.recording.model import Recording
@@ -48,12 +50,7 @@ MIN_EQUATIONS = 6  # equations; a contact at the border leaves fewer
 SAMPLES = 300  # sampled pixels of a contact for its slopes
 # highest power of place for one colour and for products of two; 2 and 1 are .1 to .9 degrees worse on D, F and G
 PLACE_ORDER = {1: 4, 2: 1}
-TERMS = tuple(
-    (k, m)
-    for k, product in enumerate(PRODUCTS)
-    for m, power in enumerate(POWERS)
-    if sum(power) <= PLACE_ORDER.get(len(product), -1)
-)  # colour product and power of place of each coefficient of one slope
+TERMS = terms_of(PLACE_ORDER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,18 +81,11 @@ def contact_of(change: Picture, valid: Bools, rng: np.random.Generator) -> Conta
     inside = np.flatnonzero((np.hypot(across, down) < 1.0) & known)
     if len(tests) < MIN_EQUATIONS or len(inside) < SAMPLES:
         return None
-    terms = design(u, place)
+    terms = design(u, place, TERMS)
     chosen = rng.choice(inside, SAMPLES, replace=False)
     equations = np.concatenate([tests[:, 1] @ terms, -tests[:, 0] @ terms], axis=1)
     outward = np.stack([across, down], axis=1)[chosen]
     return Contact(equations, terms[chosen], u[chosen], place[chosen], outward)
-
-
-def design(change: Floats, place: Floats) -> Floats:
-    """Return the values (N, K) of all TERMS, dimensionless, for changes (N, 3) at places (N, 2) from -1 to 1."""
-    colour = {k: np.prod(change[:, PRODUCTS[k]], axis=1) for k in {k for k, _ in TERMS}}
-    power = {m: place[:, 0] ** POWERS[m][0] * place[:, 1] ** POWERS[m][1] for m in {m for _, m in TERMS}}
-    return np.stack([colour[k] * power[m] for k, m in TERMS], axis=1)
 
 
 def _window(
@@ -110,8 +100,7 @@ def _window(
     known = valid[at].ravel()
     u = np.where(known, np.nan_to_num(np.stack([plane[at].ravel() for plane in change])), 0.0).T.astype(np.float64)
     row, column = (grid.ravel().astype(np.float64) for grid in np.meshgrid(rows, columns, indexing="ij"))
-    place = np.stack([2.0 * column / (width - 1) - 1.0, 2.0 * row / (height - 1) - 1.0], axis=1)
-    return ((column - x) / radius, (row - y) / radius), u, place, known
+    return ((column - x) / radius, (row - y) / radius), u, places_of(column, row, valid.shape), known
 
 
 def _tests(
@@ -185,10 +174,9 @@ def _axis(slopes: Floats, place: Floats) -> Floats:
     weights = np.ones(len(moment))
     for _ in range(ROUNDNESS_ITERATIONS):
         normal = (across * weights[:, None]).T @ across
-        normal[np.diag_indices(2)] += ROUNDING * np.trace(normal) + 1e-30
+        normal[np.diag_indices(2)] += ROUNDING * np.trace(normal) + NONZERO
         axis = np.linalg.solve(normal, (across * weights[:, None]).T @ moment)
-        off = np.abs(across @ axis - moment)
-        weights = 1.0 / (1.0 + (off / (OUTLYING * (1.4826 * np.median(off) + 1e-300))) ** 2)
+        weights = _cauchy(across @ axis - moment)
     return np.asarray(axis, np.float64)
 
 
@@ -243,7 +231,7 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
     anchor = change @ constant.T
     if prior is not None:
         anchor = 0.5 * (anchor + prior(change, place))
-    terms = np.concatenate([seen.samples, design(seen.change, elsewhere)])
+    terms = np.concatenate([seen.samples, design(seen.change, elsewhere, TERMS)])
     solve = partial(_solve, seen.equations, terms, anchor, scaled=len(seen.change), weight=ANCHOR / len(contacts))
     varies = len(contacts) >= MIN_VARYING
     coefficients = solve(rounds=MAX_ITERATIONS if varies else 0)
@@ -252,8 +240,7 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
         if rows:
             coefficients = solve(rounds=MAX_ITERATIONS, axes=rows)
     full = np.zeros((2, len(PRODUCTS), len(POWERS)))
-    at = np.array(TERMS)
-    full[:, at[:, 0], at[:, 1]] = coefficients
+    full[:, TERMS[:, 0], TERMS[:, 1]] = coefficients
     slopes = seen.samples @ coefficients.T
     return Polynomial(full, float(np.percentile(np.hypot(*slopes.T), STEEPEST)))
 
@@ -353,7 +340,7 @@ def _slope_spread(slopes: Floats) -> float:
 
 
 def _cauchy(residual: Floats) -> Floats:
-    scale = 1.4826 * float(np.median(np.abs(residual))) + 1e-300
+    scale = mad_std(residual, centre=0.0) + NONZERO
     return np.asarray(1.0 / (1.0 + (residual / (OUTLYING * scale)) ** 2))
 
 

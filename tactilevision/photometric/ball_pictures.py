@@ -17,6 +17,7 @@ from tactilevision.photometric.ball_samples import (
     Samples,
     ball_samples,
     join,
+    places_of,
     resting_samples,
     with_noise,
     with_same_colours,
@@ -66,8 +67,7 @@ def refined_circle(
         return ball
     colours = np.asarray(change[:, y, x].T, np.float64)
     known = np.isfinite(colours)
-    place = np.stack([2.0 * at / (n - 1) - 1.0 for at, n in zip((x, y), valid.shape[::-1], strict=True)], axis=1)
-    answers = answers_at(light, place)
+    answers = answers_at(light, places_of(x, y, valid.shape))
 
     def misfit(unknown: Floats) -> Floats:
         p, q = ball_slopes(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -78,7 +79,7 @@ def ball_samples(
     change: Picture, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Return at most `most` random samples inside the contact, of relative `change` (3, H, W), mask `valid`."""
-    x, y, distance = _from_axis(valid.shape, ball, mm_per_px)
+    x, y, distance = from_axis(valid.shape, ball, mm_per_px)
     inside = (distance < INSIDE * ball.contact_radius_px * mm_per_px[0]) & valid
     index = _draw(inside, most, rng)
     p, q = ball_slopes(
@@ -91,7 +92,7 @@ def resting_samples(
     change: Picture, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Return samples far from the ball, where the slope is 0 and `change` (3, H, W) is noise."""
-    _, _, distance = _from_axis(valid.shape, ball, mm_per_px)
+    _, _, distance = from_axis(valid.shape, ball, mm_per_px)
     index = _draw((distance > OUTSIDE * ball.contact_radius_px * mm_per_px[0]) & valid, most, rng)
     return _at(change, index, np.zeros((len(index[0]), 2)), number)
 
@@ -103,7 +104,7 @@ def far_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Bools:
 
 def radii_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Floats:
     """Return the distance (H, W) from the ball's axis, in contact radii."""
-    return _from_axis(shape, ball, mm_per_px)[2] / (ball.contact_radius_px * mm_per_px[0])
+    return from_axis(shape, ball, mm_per_px)[2] / (ball.contact_radius_px * mm_per_px[0])
 
 
 def with_noise(samples: Samples, noise: Picture) -> Samples:
@@ -120,10 +121,17 @@ def values_at(samples: Samples, pictures: Picture) -> Floats:
     return np.asarray(pictures[:, rows, columns].T, np.float64)
 
 
-def _from_axis(shape: tuple[int, ...], ball: Ball, mm_per_px: Pair) -> tuple[Floats, Floats, Floats]:
+def from_axis(shape: tuple[int, ...], ball: Ball, mm_per_px: Pair) -> tuple[Floats, Floats, Floats]:
+    """Return x, y and the distance (H, W) mm of a picture's pixels from the ball's axis."""
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
     x, y = (x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1]
     return x, y, np.hypot(x, y)
+
+
+def places_of(columns: npt.NDArray[Any], rows: npt.NDArray[Any], shape: tuple[int, ...]) -> Floats:
+    """Return the places (N, 2), from -1 to 1, of pixels (N,) of a picture (H, W)."""
+    height, width = shape
+    return np.stack([2.0 * columns / (width - 1) - 1.0, 2.0 * rows / (height - 1) - 1.0], axis=1)
 
 
 def _draw(where: Bools, most: int, rng: np.random.Generator) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
@@ -135,9 +143,8 @@ def _draw(where: Bools, most: int, rng: np.random.Generator) -> tuple[npt.NDArra
 def _at(
     change: Picture, index: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]], slopes: Floats, number: int
 ) -> Samples:
-    height, width = change.shape[1:]
-    place = np.stack([2.0 * index[1] / (width - 1) - 1.0, 2.0 * index[0] / (height - 1) - 1.0], axis=1)
-    changes = np.asarray(change[:, index[0], index[1]].T, dtype=np.float64)
+    place = places_of(index[1], index[0], change.shape[1:])
+    changes = np.asarray(change[:, *index].T, dtype=np.float64)
     return Samples(changes, place, slopes, np.full(len(place), number))
 
 

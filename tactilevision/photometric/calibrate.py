@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -54,9 +54,9 @@ from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import RIDGES, Polynomial, fit_polynomial
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, fit_two_colours
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.photometric.reference import BackgroundSums, Reference, SlopeBackground
+from tactilevision.photometric.reference import BackgroundSums, Reference
 from tactilevision.photometric.shading_law import response_of
-from tactilevision.records.measured import Floats, Pair
+from tactilevision.records.measured import Floats, Pair, Picture
 
 MAX_SLOPE_NOISE = 0.03  # slope of a pixel's noise, worst direction: real .001 to .006, a tenth as coloured .047
 MAX_EVEN_NOISE = (
@@ -114,14 +114,25 @@ def calibrate_from_balls(
         *_observability_warnings(light),
         *odd,
     ]
-    card = replace(
-        _card(best, pressed, light),
+    card = MethodCard(
+        method=best.law.name,
         balls=seen.count,
         balls_left_out=len(pictures) - seen.count,
         balls_cover=tuple(np.round(cover, 3).tolist()),
-        response=response_of(pressed, values_at(pressed, change.level)).to_card(),
+        held_out_direction_error_deg=best.direction_error_deg,
+        held_out_slope_rms=best.slope_error,
+        held_out_gain_std=gain_std(best.held_out, pressed),
+        place_gain_std=np.round(best.scale.gain_std, 5).tolist(),
+        extrapolated_gain_std=np.round(best.scale.extrapolated_std, 5).tolist(),
+        coverage_factor=best.scale.coverage_factor,
+        min_slope_noise=light.best,
+        max_slope_noise=light.worst,
         contact_in_reference_px=contact_px,
         balls_at_that_contact=at_contact,
+        fitted_by=getattr(best.fitter, "__name__", type(best.fitter).__name__),
+        ridge=best.ridge,
+        steepest_slope=float(np.hypot(*pressed.slopes.T).max()),
+        response=response_of(pressed, values_at(pressed, change.level)).to_card(),
     )
     relative = best.slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
     light_law = fit_light_law(pressed, best.held_out, others=best.others)
@@ -179,23 +190,6 @@ def _two_colours(best: _Fit, pressed: Samples, resting: Samples) -> TwoColourLaw
     return fit_two_colours(fit, pressed, resting, ridge=ridge, error=best.patch_error)
 
 
-def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
-    return MethodCard(
-        method=best.law.name,
-        held_out_direction_error_deg=best.direction_error_deg,
-        held_out_slope_rms=best.slope_error,
-        held_out_gain_std=gain_std(best.held_out, pressed),
-        place_gain_std=np.round(best.scale.gain_std, 5).tolist(),
-        extrapolated_gain_std=np.round(best.scale.extrapolated_std, 5).tolist(),
-        coverage_factor=best.scale.coverage_factor,
-        fitted_by=getattr(best.fitter, "__name__", type(best.fitter).__name__),
-        ridge=best.ridge,
-        min_slope_noise=light.best,
-        max_slope_noise=light.worst,
-        steepest_slope=float(np.hypot(*pressed.slopes.T).max()),
-    )
-
-
 def _odd_warnings(
     best: _Fit, balls: Sequence[Ball | None], pictures: Sequence[BallPicture], pressed: Samples, resting: Samples
 ) -> list[str]:
@@ -233,7 +227,7 @@ def _measure_background(
     pictures: Sequence[BallPicture],
     balls: Sequence[Ball | None],
     mm_per_px: Pair,
-) -> SlopeBackground:
+) -> Picture:
     """Return bias and noise of the law on the untouched part of the ball pictures."""
     evaluate = law.evaluator(change.reference.shape)
     sums = BackgroundSums(change.reference.shape)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import KEPT, Samples
-from tactilevision.photometric.protocols import ColourLaw
+from tactilevision.photometric.protocols import ColourLaw, Stored
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, colours_of, fit_light
 from tactilevision.records.measured import Array, Floats, Picture
 from tactilevision.robust import mad_std
@@ -364,7 +364,7 @@ def _without(samples: Samples, numbers: tuple[int, ...]) -> Samples:
 
 
 @dataclass(frozen=True, slots=True)
-class LightLaw:
+class LightLaw(Stored):
     """`terms` (46, 3) of the shading law; `share`: its relative error of a colour change at held-out balls.
 
     `noise` (3, h, w): error on untouched gel; `limit`: greatest error in ball pictures, in deviations. Both are
@@ -375,14 +375,6 @@ class LightLaw:
     share: float
     noise: Picture = field(default_factory=lambda: np.zeros((3, 1, 1), np.float32))
     limit: float = np.inf
-
-    def arrays(self) -> dict[str, Floats]:
-        """Return the arrays to store: `terms`, `noise`, and `limits` (share, limit)."""
-        return {
-            "terms": self.terms,
-            "noise": self.noise.astype(np.float64),
-            "limits": np.array([self.share, self.limit]),
-        }
 
 
 def fit_light_law(contact: Samples, held_out: Floats, *, others: Sequence[ColourLaw]) -> LightLaw | None:

@@ -41,7 +41,7 @@ from tactilevision.photometric.reference import (
     NOISE_LIMIT,
     BackgroundSums,
     Reference,
-    SlopeBackground,
+    background_over,
     damping,
     darkness,
     noise_bias,
@@ -114,7 +114,7 @@ class CalibratedMethod:
     law: ColourLaw
     reference: Reference
     relative_error: float = 0.0
-    background: SlopeBackground | None = None
+    background: Picture | None = None
     card: MethodCard = field(default_factory=MethodCard)
     two_colours: TwoColourLaws | None = None
     light_law: LightLaw | None = None
@@ -125,9 +125,9 @@ class CalibratedMethod:
         self.change = ColourChange(self.reference, response_from_card(self.card.response))
         self.evaluate = self.law.evaluator(self.reference.shape)
         noise = self.evaluate.noise(self.change.noise)
-        background = (
-            self.background.over(self.reference.shape) if self.background else (0 * noise, 0 * noise, noise)
-        )
+        background = np.stack([0 * noise, 0 * noise, noise])
+        if self.background is not None:
+            background = background_over(self.background, self.reference.shape)
         dark = self.evaluate.noise(self.change.scale * darkness(self.change.level))
         self.kept_share: Picture = np.asarray(1.0 / (1.0 + damping(background, dark) ** 2), np.float32)
         self.noise_bias = noise_bias(self.evaluate, self.change.noise)
@@ -140,7 +140,7 @@ class CalibratedMethod:
         self.trusted_blocks: Bools = np.asarray(kept_share > 0.95)
 
     @property
-    def current_background(self) -> SlopeBackground:
+    def current_background(self) -> Picture:
         """Bias and noise on untouched gel, by blocks, also without ball pictures."""
         if self.background is not None:
             return self.background

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.photometric.ball_detection import Ball, ball_slopes
-from tactilevision.photometric.ball_samples import CONTACT, INSIDE, TYPICAL, Samples, join
+from tactilevision.photometric.ball_samples import CONTACT, INSIDE, TYPICAL, Samples, from_axis, join, places_of
 from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.methods.network import Network, export_network, require_exporter
-from tactilevision.records.measured import Bools, Bytes, Floats, Pair
+from tactilevision.records.measured import Bytes, Floats, Pair
 
 if TYPE_CHECKING:
     import torch
@@ -91,14 +91,15 @@ def augmented(change: ColourChange, rgb: Bytes, *, ball: Ball, mm_per_px: Pair, 
     """Return at most `most` samples of one press from SHOWN augmented pictures."""
     import torch
 
-    box = _around(ball, rgb.shape, mm_per_px)
-    p, q, inside = _under(ball, box, mm_per_px)
     changes, _, valid = change.measure(rgb)
+    box = _around(ball, rgb.shape, mm_per_px)
+    x, y, distance = (whole[box] for whole in from_axis(rgb.shape[:2], ball, mm_per_px))
+    contact_mm = ball.contact_radius_px * mm_per_px[0]
+    p, q = ball_slopes(x, y, contact_mm=contact_mm, radius_mm=ball.radius_mm)
+    inside = (distance < INSIDE * contact_mm) & valid[box]
     cut = (slice(None), *box)
     grey = torch.as_tensor(np.ascontiguousarray(rgb[box].transpose(2, 0, 1)), dtype=torch.float32) / 255
-    planes = torch.as_tensor(
-        np.stack([*changes[cut], p, q, (inside & valid[box]).astype(float)]), dtype=torch.float32
-    )
+    planes = torch.as_tensor(np.stack([*changes[cut], p, q, inside.astype(float)]), dtype=torch.float32)
     with one_core(SEED + number), torch.no_grad():
         light, place = _augmentations(max(change.reference.noise_grey) / 255)
         many = grey[None].expand(SHOWN, -1, -1, -1).contiguous()
@@ -224,20 +225,10 @@ def _around(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> tuple[slice,
     return rows, slice(max(0, int(x - reach)), min(shape[1], int(x + reach) + 1))
 
 
-def _under(ball: Ball, box: tuple[slice, slice], mm_per_px: Pair) -> tuple[Floats, Floats, Bools]:
-    """Return slopes of the gel in the box, and the mask of the contact."""
-    y, x = np.mgrid[box].astype(np.float64)
-    x, y = (x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1]
-    contact_mm = ball.contact_radius_px * mm_per_px[0]
-    p, q = ball_slopes(x, y, contact_mm=contact_mm, radius_mm=ball.radius_mm)
-    return p, q, np.hypot(x, y) < INSIDE * contact_mm
-
-
 def _samples(
     stack: Floats, pixels: np.ndarray, box: tuple[slice, slice], shape: tuple[int, ...], number: int
 ) -> Samples:
     shot, row, column = pixels.T
     values = stack[shot, :, row, column]
-    y, x = row + box[0].start, column + box[1].start
-    place = np.stack([2.0 * x / (shape[1] - 1) - 1.0, 2.0 * y / (shape[0] - 1) - 1.0], axis=1)
+    place = places_of(column + box[1].start, row + box[0].start, shape)
     return Samples(values[:, :3], place, values[:, 3:5], np.full(len(pixels), number))

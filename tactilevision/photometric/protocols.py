@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Protocol
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.photometric.colour_change import Window, strips
 from tactilevision.records.maps import SlopeMap
@@ -39,6 +41,14 @@ class Evaluator(ABC):
         return out[0], out[1]
 
 
+@dataclass(frozen=True)
+class Stored:
+    """A dataclass of numbers and arrays that is stored by the names of its fields."""
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return {one.name: np.asarray(getattr(self, one.name)) for one in fields(self)}
+
+
 class ColourLaw(Protocol):
     """Slope as a function of colour change and place, without a reference picture."""
 
@@ -52,4 +62,4 @@ class ColourLaw(Protocol):
 
     def evaluator(self, shape: tuple[int, int]) -> Evaluator: ...
 
-    def arrays(self) -> dict[str, Floats]: ...
+    def arrays(self) -> dict[str, npt.NDArray[Any]]: ...

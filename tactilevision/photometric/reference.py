@@ -36,23 +36,17 @@ BLUR_PX = 8  # px, sigma of the blur of the simulated bias
 NOISE_LIMIT = 0.1  # slope noise at which a pixel weighs as much as the prior of flat gel
 
 
-@dataclass(frozen=True, slots=True)
-class SlopeBackground:
-    """`bias_x`, `bias_y`, `noise` (h, w) float32 of slopes on untouched gel, in blocks of BLOCK pixels."""
-
-    bias_x: Picture
-    bias_y: Picture
-    noise: Picture
-
-    def over(self, shape: tuple[int, int]) -> tuple[Picture, Picture, Picture]:
-        """Return the three maps at (H, W), linear between blocks."""
-        blocks = np.dstack([self.bias_x, self.bias_y, self.noise])
-        bias_x, bias_y, noise = cv2.split(cv2.resize(blocks, shape[::-1], interpolation=cv2.INTER_LINEAR))
-        return _single(bias_x), _single(bias_y), _single(noise)
+def background_over(background: Picture, shape: tuple[int, int]) -> Picture:
+    """Return bias in x, bias in y and noise (3, H, W) of slopes, linear between the blocks of `background`."""
+    blocks = cv2.resize(np.dstack([*background]), shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.stack(cv2.split(blocks))
 
 
 class BackgroundSums:
-    """Sums of slopes on untouched gel over pictures, by blocks."""
+    """Sums of slopes on untouched gel over pictures, by blocks of BLOCK pixels.
+
+    A background (3, h, w) is the bias in x, the bias in y and the noise of the slopes there.
+    """
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self.size = (max(2, shape[1] // BLOCK), max(2, shape[0] // BLOCK))
@@ -66,8 +60,8 @@ class BackgroundSums:
         self.sum_y += self._blocks(slope_y * mask)
         self.squares += self._blocks((slope_x**2 + slope_y**2) * mask)
 
-    def result(self, expected: Picture) -> SlopeBackground:
-        """Return bias and noise; no bias and the `expected` noise (H, W) where the gel was never untouched."""
+    def result(self, expected: Picture) -> Picture:
+        """Return the background; no bias and the `expected` noise (H, W) where the gel was never untouched."""
         counted = self.count > 0.5
         count = np.where(counted, self.count, 1.0)
         bias_x, bias_y = np.where(counted, self.sum_x / count, 0.0), np.where(counted, self.sum_y / count, 0.0)
@@ -75,9 +69,9 @@ class BackgroundSums:
         excess_share = np.maximum(0.0, 1.0 - MIN_BIAS / np.maximum(size, TINY))
         variance = 0.5 * np.maximum(self.squares / count - bias_x**2 - bias_y**2, 0.0)
         noise = np.where(counted, np.sqrt(variance), self._blocks(expected))
-        return SlopeBackground(_single(excess_share * bias_x), _single(excess_share * bias_y), _single(noise))
+        return _single(np.stack([excess_share * bias_x, excess_share * bias_y, noise]))
 
-    def added_to(self, background: SlopeBackground, kept_share: Picture) -> SlopeBackground:
+    def added_to(self, background: Picture, kept_share: Picture) -> Picture:
         """Return `background` with these mean slopes, damped by `kept_share` (H, W), added to its bias.
 
         They are smoothed over three blocks, over which the bias of a law hardly changes.
@@ -85,9 +79,7 @@ class BackgroundSums:
         count = np.where(self.count > 0.5, self.count, np.inf)
         damped = np.maximum(self._blocks(kept_share), 0.5)
         extra = [cv2.GaussianBlur(total / count / damped, (0, 0), 1.5) for total in (self.sum_x, self.sum_y)]
-        return SlopeBackground(
-            _single(background.bias_x + extra[0]), _single(background.bias_y + extra[1]), background.noise
-        )
+        return _single(background + np.stack([*extra, np.zeros_like(damped)]))
 
     def noise_over(self, noise: Picture) -> float:
         """Return the median ratio of this noise to `noise` (H, W)."""
@@ -105,11 +97,9 @@ def _single(values: Array) -> Picture:
     return np.asarray(values, np.float32)
 
 
-def damping(background: tuple[Picture, Picture, Picture], dark: Picture) -> Picture:
-    """Return D (H, W) from bias in x, bias in y, noise, and the slope error by darkness."""
-    return _single(
-        (background[0] ** 2 + background[1] ** 2 + background[2] ** 2) / NOISE_LIMIT**2 + (dark / DARK_LIMIT) ** 2
-    )
+def damping(background: Picture, dark: Picture) -> Picture:
+    """Return D (H, W) from bias in x, bias in y and noise (3, H, W), and the slope error by darkness."""
+    return _single((background**2).sum(axis=0) / NOISE_LIMIT**2 + (dark / DARK_LIMIT) ** 2)
 
 
 def darkness(levels: Picture) -> Picture:

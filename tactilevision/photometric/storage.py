@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +23,9 @@ from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.lookup import CELLS, Lookup
 from tactilevision.photometric.methods.network import OPSET, Network, open_bytes, run_network
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
-from tactilevision.photometric.methods.two_colours import COLOURS, TwoColourLaws, two_colour_laws
-from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.photometric.reference import Reference, SlopeBackground, light_of
+from tactilevision.photometric.methods.two_colours import COLOURS, TwoColourLaws
+from tactilevision.photometric.protocols import ColourLaw, Stored
+from tactilevision.photometric.reference import Reference, light_of
 from tactilevision.photometric.shading_law import TERMS
 from tactilevision.records.certified import TaughtWalls
 from tactilevision.records.measured import Floats
@@ -52,6 +53,7 @@ def taught_walls(numbers: npt.NDArray[Any], *, where: Path) -> TaughtWalls:
 # A calibrated method on disk: NAME.npz with its arrays, NAME.json with its card, which contains the hash of the
 # arrays.
 
+_Record = TypeVar("_Record", bound=Stored)
 FORMAT = 1  # version of a method's card; cards of another are refused
 
 _SHAPES: Mapping[str, tuple[int, ...]] = {
@@ -71,7 +73,8 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
     "two_colours_errors": (COLOURS,),
     "light_terms": (len(TERMS), COLOURS),
     "light_noise": (COLOURS, 0, 0),
-    "light_limits": (2,),
+    "light_share": (),
+    "light_limit": (),
     "walls": (WALL_NUMBERS,),
 }  # sides of each array; 0: any
 
@@ -95,7 +98,7 @@ def pack_method(method: CalibratedMethod) -> dict[str, bytes]:
         "relative_error": np.array(method.relative_error),
     }
     if method.background is not None:
-        arrays["quiet"] = np.stack([method.background.bias_x, method.background.bias_y, method.background.noise])
+        arrays["quiet"] = method.background
     if method.two_colours is not None:
         arrays |= {f"two_colours_{name}": values for name, values in method.two_colours.arrays().items()}
     if method.light_law is not None and np.isfinite(method.light_law.limit):
@@ -164,29 +167,19 @@ def _method(
     red, green, blue = (float(value) for value in arrays["noise_grey"])
     marks = find_marks(np.rint(arrays["reference"]).astype(np.uint8)) if arrays.get("marks", False) else None
     reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"].astype(bool), marks)
-    background = SlopeBackground(*arrays["quiet"]) if "quiet" in arrays else None
     law, error = _law(card, arrays, network, path), float(arrays["relative_error"])
     if error < 0:
         raise InputError("the method's relative error is negative", where=path, value=error)
     walls = taught_walls(arrays["walls"], where=path) if "walls" in arrays else None
-    laws = _two_colours(arrays), _light_law(arrays)
-    return CalibratedMethod(law, reference, error, background, card, *laws, walls)
+    two_colours = _stored(TwoColourLaws, "two_colours", arrays) if "two_colours_errors" in arrays else None
+    light_law = _stored(LightLaw, "light", arrays) if "light_terms" in arrays else None
+    return CalibratedMethod(law, reference, error, arrays.get("quiet"), card, two_colours, light_law, walls)
 
 
-def _light_law(arrays: Mapping[str, npt.NDArray[Any]]) -> LightLaw | None:
-    """Return the shading law, or None without one."""
-    if "light_terms" not in arrays:
-        return None
-    share, limit = map(float, arrays["light_limits"])
-    return LightLaw(arrays["light_terms"], share, np.asarray(arrays["light_noise"], np.float32), limit)
-
-
-def _two_colours(arrays: Mapping[str, npt.NDArray[Any]]) -> TwoColourLaws | None:
-    """Return the laws of two colours, or None without them."""
-    if "two_colours_coefficients" not in arrays:
-        return None
-    stored = {name: arrays[f"two_colours_{name}"] for name in ("coefficients", "steepest", "errors")}
-    return two_colour_laws(stored["coefficients"], steepest=stored["steepest"], errors=stored["errors"])
+def _stored(kind: type[_Record], prefix: str, arrays: Mapping[str, npt.NDArray[Any]]) -> _Record:
+    """Return the record whose fields are the arrays named by them after `prefix`."""
+    values = [arrays[f"{prefix}_{one.name}"] for one in fields(kind)]
+    return kind(*(value if value.ndim else value.item() for value in values))
 
 
 def _check_array(name: str, array: npt.NDArray[Any], path: Path) -> None:
@@ -240,13 +233,13 @@ def digest(path: Path) -> str:
 
 def _law(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], network: bytes | None, path: Path) -> ColourLaw:
     name = card.method
-    if name == Polynomial.name:
-        return Polynomial(arrays["law_coefficients"], float(arrays["law_steepest"]))
-    if name == Lookup.name:
-        return Lookup(arrays["law_table"].astype(np.float32), arrays["law_lowest"], arrays["law_highest"])
     if name == Network.name:
         return _network(card, network, path.with_suffix(".onnx"))
-    raise InputError("no photometric method of that name", where=path, value=name)
+    kinds: Mapping[str | None, Any] = {kind.name: kind for kind in (Polynomial, Lookup)}
+    if name not in kinds:
+        raise InputError("no photometric method of that name", where=path, value=name)
+    law: ColourLaw = _stored(kinds[name], "law", arrays)
+    return law
 
 
 def _about_network(network: Network) -> dict[str, Any]:

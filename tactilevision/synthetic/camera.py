@@ -59,9 +59,8 @@ class Camera:
     """Optics and noise of a camera; see `build_camera`.
 
     `ink` (H, W): brightness of the ink on the untouched gel; `stray` (H, W, 3): light that bypasses the gel;
-    `vignette` (H, W); `to_raw` (x, y): rectified places of the raw pixels, None without distortion. `full_well`:
-    electrons at white; `read_noise` in grey levels. `shadow_strip_mm`: lamps cast shadows, point lamps as strips
-    of this length and width; None: no shadows.
+    `vignette` (H, W); `to_raw` (x, y): rectified places of the raw pixels, None without distortion; `drift`: the
+    lamps' amplitudes and their period in s. Blur, gamma, noise and shadows are those of its `options`.
     """
 
     grid: Grid
@@ -71,13 +70,9 @@ class Camera:
     stray: Singles
     vignette: Singles
     to_raw: tuple[Singles, Singles] | None
-    blur_px: float
-    gamma: float
-    full_well: float
-    read_noise: float
     drift: tuple[Floats, float]
+    options: CameraOptions
     slope_response: SlopeResponse = SOUND
-    shadow_strip_mm: Pair | None = None
 
     def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
         """Return linear light (H, W, 3), 1 is white, in the camera's raw geometry, without noise."""
@@ -89,20 +84,21 @@ class Camera:
         light += self.stray
         if self.to_raw is not None:
             light = cv2.remap(light, *self.to_raw, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        if self.blur_px > 0:
-            light = cv2.GaussianBlur(light, (0, 0), self.blur_px)
+        if self.options.blur_px > 0:
+            light = cv2.GaussianBlur(light, (0, 0), self.options.blur_px)
         return np.asarray(np.maximum(light, 0.0), dtype=np.float32)
 
     def expose(self, light: Singles, rng: np.random.Generator | None, *, averaged: int = 1) -> Bytes:
         """Return a frame (H, W, 3) of the given light, the mean of `averaged`; without `rng`, without noise."""
+        gamma = self.options.gamma
         if rng is not None:
             # read noise is stated in grey levels near mid-grey, where the response has the slope 0.5^(1/γ-1)/γ
-            read = self.read_noise / 255 * self.gamma * 0.5 ** (1 - 1 / self.gamma)
-            std = np.sqrt((light / np.float32(self.full_well) + np.float32(read**2)) / averaged)
+            read = self.options.read_noise / 255 * gamma * 0.5 ** (1 - 1 / gamma)
+            std = np.sqrt((light / np.float32(self.options.full_well) + np.float32(read**2)) / averaged)
             noisy = light + std * rng.standard_normal(light.shape, dtype=np.float32)
             light = noisy.astype(np.float32, copy=False)
         index = np.clip(light * np.float32(_STEPS) + np.float32(0.5), 0, _STEPS).astype(np.uint16)
-        return np.asarray(_response(self.gamma)[index] + np.float32(0.5)).astype(np.uint8)
+        return np.asarray(_response(gamma)[index] + np.float32(0.5)).astype(np.uint8)
 
     def picture(self, surface: Surface, rng: np.random.Generator, *, time_s: float = 0.0) -> Bytes:
         """Return one frame (H, W, 3) of a surface."""
@@ -116,7 +112,7 @@ class Camera:
 
     def _shares(self, surface: Surface) -> tuple[Singles, ...] | None:
         """Return the visible share (H, W) of each lamp; None without shadows."""
-        size = self.shadow_strip_mm
+        size = self.options.shadow_strip_mm
         if size is None:
             return None
         strips = [light if isinstance(light, Strip) else strip_of(light, size) for light in self.lights]
@@ -236,12 +232,8 @@ def build_camera(options: CameraOptions, rng: np.random.Generator) -> Camera:
         stray=_stray(grid, random),
         vignette=_vignette(grid, random),
         to_raw=distortion(options).to_raw if options.distortion_px > 0 else None,
-        blur_px=options.blur_px,
-        gamma=options.gamma,
-        full_well=options.full_well,
-        read_noise=options.read_noise,
         drift=(options.drift * rng.uniform(0.3, 1.0, 3) * rng.choice([-1.0, 1.0], 3), rng.uniform(300, 900)),
-        shadow_strip_mm=options.shadow_strip_mm,
+        options=options,
     )
 
 

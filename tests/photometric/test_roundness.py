@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.heightmap.self_calibration import TERMS, Contact, design, round_equations
+from tactilevision.heightmap.self_calibration import TERMS, Contact, round_equations
+from tactilevision.photometric.methods.polynomial import design
 from tactilevision.records.measured import Floats
 
 LIGHT = np.array([[0.9, 0.3], [-0.7, 0.6], [0.1, -0.8]])  # change of three colours with the two slopes
 LAW = np.zeros((2, len(TERMS)))
 for colour in range(3):
-    LAW[:, TERMS.index((colour, 0))] = np.linalg.pinv(LIGHT)[:, colour]
+    LAW[:, TERMS.tolist().index([colour, 0])] = np.linalg.pinv(LIGHT)[:, colour]
 
 
 def dent(stretch: float, axis: tuple[float, float]) -> Contact:
@@ -22,7 +23,7 @@ def dent(stretch: float, axis: tuple[float, float]) -> Contact:
     slopes = -0.5 * away / np.array([stretch**2, 1.0])
     change = slopes @ LIGHT.T + 0.002 * rng.standard_normal((400, 3))
     place = np.zeros((400, 2))
-    return Contact(np.zeros((0, 2 * len(TERMS))), design(change, place), change, place, outward)
+    return Contact(np.zeros((0, 2 * len(TERMS))), design(change, place, TERMS), change, place, outward)
 
 
 def residual(rows: Floats, law: Floats) -> float:

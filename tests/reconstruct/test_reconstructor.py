@@ -213,9 +213,8 @@ def test_free_frames_take_off_slopes_that_are_not_there() -> None:
     rng = np.random.default_rng(10)
     free = [flat(rng) for _ in range(12)]
     background = calibrated().method.current_background
-    leaning = dataclasses.replace(
-        calibrated().method, background=dataclasses.replace(background, bias_x=background.bias_x - 0.01)
-    )
+    bias = np.array([0.01, 0.0, 0.0], np.float32)[:, None, None]
+    leaning = dataclasses.replace(calibrated().method, background=background - bias)
     settled = subtract_background(leaning, free)
     fresh = [flat(rng) for _ in range(6)]
     means = [np.mean([method.slopes(rgb).dz_dx for rgb in fresh]) for method in (leaning, settled)]

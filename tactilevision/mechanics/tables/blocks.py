@@ -11,7 +11,7 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCase
-from tactilevision.mechanics.tables.grid import Axes, continued, inside_cells, solved_nodes
+from tactilevision.mechanics.tables.grid import Axes, cells_of, continued, inside_cells, solved_nodes
 from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats
 
@@ -198,7 +198,7 @@ def _carry(coarse: Axes, values: Floats, fine: Axes) -> Floats:
     for axis in range(2):
         found = PchipInterpolator(coarse.stretched[axis], found, axis=axis)(fine.stretched[axis])
     places = np.stack(np.meshgrid(*fine.stretched, indexing="ij"), axis=-1).reshape(-1, 3)
-    known = inside_cells(coarse, solved_nodes(values), places=places).reshape(found.shape[:3])
+    known = inside_cells(coarse, cells_of(solved_nodes(values)), places=places).reshape(found.shape[:3])
     found[~known] = np.nan
     return np.asarray(found)
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from tactilevision.records.constants import NU_MAX
 from tactilevision.records.measured import Floats
 
 # w/h, nodes of the tables
-DEPTHS = (0.002, 0.006, 0.0125, 0.025, 0.04, 0.055, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.225, 0.25)
+DEPTHS = (0.002, 0.006, 0.0125, 0.025, 0.04, 0.055, 0.075, *(k / 40 for k in range(4, 11)))
 REACH = 3.5  # thicknesses beyond the punch
 PLACES = 25  # of the surface around the punch
 # (r - a)/h, uniform in the root, in which the edge is smooth
@@ -91,13 +92,10 @@ def case_path(folder: Path, case: Case) -> Path:
 def save_case(path: Path, solved: SolvedCase) -> None:
     """Write one case, whole or not at all."""
     with replacing(path) as temporary:
-        np.savez(temporary, depth=solved.depth, force=solved.force, u_r=solved.u_r, u_z=solved.u_z,
-                 sound=solved.sound, ended=solved.ended)  # fmt: skip
+        np.savez(temporary, allow_pickle=False, **asdict(solved))
 
 
 def load_case(path: Path) -> SolvedCase:
     """Read what save_case wrote."""
-    data = read_arrays(path)
-    return SolvedCase(
-        data["depth"], data["force"], data["u_r"], data["u_z"], float(data["sound"]), str(data["ended"])
-    )
+    data: dict[str, Any] = dict(read_arrays(path))
+    return SolvedCase(**data | {"sound": float(data["sound"]), "ended": str(data["ended"])})

@@ -52,7 +52,7 @@ class HoledSpline:
 
     def inside(self, places: Floats) -> Bools:
         """Return True (N,) where a place lies on the grid and in a cell that was solved."""
-        return _in_known_cells(self.axes, self.known, places)
+        return inside_cells(self.axes, self.known, places=places)
 
     def reach(self, poisson_ratio: float, a_over_h: float) -> float:
         """Return the greatest w/h that is known at this nu and a/h; 0 off the grid."""
@@ -76,16 +76,11 @@ def fit_grid(axes: Axes, values: Floats) -> HoledSpline:
         whole = np.moveaxis(line.c, 0, k)
         knots.append(line.t)
         orders.append(order)
-    return HoledSpline(axes, _cells(known), NdBSpline(tuple(knots), whole, tuple(orders)))
+    return HoledSpline(axes, cells_of(known), NdBSpline(tuple(knots), whole, tuple(orders)))
 
 
 def inside_cells(axes: Axes, known: Bools, *, places: Floats) -> Bools:
-    """Return True (N,) where a stretched place lies in a cell of which all corners are among the `known` nodes."""
-    return _in_known_cells(axes, _cells(known), places)
-
-
-def _in_known_cells(axes: Axes, known: Bools, places: Floats) -> Bools:
-    """Return the mask of places in a known cell; a place on a node belongs to the cells on both sides of it."""
+    """Return the mask (N,) of stretched places in a `known` cell; one on a node belongs to both its cells."""
     sides, on_grid = [], np.ones(len(places), dtype=bool)
     for k, nodes in enumerate(axes.stretched):
         slack = ROUNDING * (nodes[-1] - nodes[0])
@@ -115,8 +110,8 @@ def continued(depths: Floats, values: Floats) -> Floats:
     return whole
 
 
-def _cells(known: Bools) -> Bools:
-    """Return the mask of the cells of which all eight corners are known."""
+def cells_of(known: Bools) -> Bools:
+    """Return the mask of the cells of which all eight corners are among the `known` nodes (nu, a/h, depth)."""
     for axis in range(3):
         low = np.take(known, range(known.shape[axis] - 1), axis=axis)
         high = np.take(known, range(1, known.shape[axis]), axis=axis)

@@ -48,7 +48,7 @@ def force_ratio(
     mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
     nu, alpha = np.array(material.poisson_ratio), np.array(contact.a_over_h)
     places = there.axes.places(nu, alpha, depth_mm / contact.thickness_mm)
-    ratio, known = tables.stiffness_ratio(mixture, places)
+    ratio, known = tables.mixed(mixture, "stiffness", places)
     return ratio, known & (depth_mm >= 0)
 
 
@@ -68,7 +68,7 @@ def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mix
 
     axes = mixture[0][1].blocks[0].axes
     place = axes.places(np.array(case.poisson_ratio), np.array(case.a_over_h), np.array([case.w_over_h]))
-    excess, _ = tables.surface_excess(mixture, place)
+    excess, _ = tables.mixed(mixture, "surface", place)
     beyond = (r_over_a - 1) * case.a_over_h
     line = CubicSpline(np.sqrt(BESIDE), excess[0], axis=1)(np.sqrt(np.clip(beyond, 0, REACH)))
     fading = np.exp(-np.maximum(beyond - REACH, 0))

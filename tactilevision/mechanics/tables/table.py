@@ -7,12 +7,12 @@ import hashlib
 import math
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -79,8 +79,10 @@ def _interval(places: Sequence[float], at: float) -> int:
 # S is a spline in nu, a/h and depth, a monotone cubic in friction, and linear in the edge radius, also on to the
 # sharp limit. Cells of the grid that were not solved are unknown.
 
+AXES = "poisson_ratios", "a_over_h", "depths"  # nodes of a block
 SHIPPED = Path(__file__).with_name("punch.npz")
 EDGE_TOLERANCE = 0.1  # relative difference of edge radii that a table of one radius allows
+Quantity = Literal["stiffness", "surface"]
 Mixture = tuple[tuple[float, Neighbours], ...]  # weights of edges, that add up to 1, and their blocks
 
 
@@ -120,21 +122,23 @@ class Table:
         )
 
 
-def stiffness_ratio(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
-    """Return S (N,) at stretched places (N, 3) of the grid, and where it is known."""
-    return _mixed(mixture, _stiffness, places)
+def mixed(mixture: Mixture, what: Quantity, places: Floats) -> tuple[Floats, Bools]:
+    """Return a quantity (N, ...) at stretched places (N, 3) of the grid, and where it is known (N,).
 
-
-def surface_excess(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
-    """Return rise and u_r over w (N, 2, places outside the punch) beyond linear theory's, and where it is known
-    (N,).
+    "stiffness" is S; "surface" rise and u_r over w (2, places outside the punch) beyond linear theory's.
     """
-    return _mixed(mixture, _surface, places)
+    values = sum(
+        weight * near.blend([_spline(block, what)(places) for block in near.blocks]) for weight, near in mixture
+    )
+    known = np.all([_spline(block, what).inside(places) for _, near in mixture for block in near.about], axis=0)
+    return np.asarray(values), np.asarray(known)
 
 
 def reach(mixture: Mixture, poisson_ratio: float, *, a_over_h: float) -> float:
     """Return the greatest w/h that all blocks know here; 0 off the grid."""
-    return min(_stiffness(block).reach(poisson_ratio, a_over_h) for _, near in mixture for block in near.about)
+    return min(
+        _spline(block, "stiffness").reach(poisson_ratio, a_over_h) for _, near in mixture for block in near.about
+    )
 
 
 @lru_cache(maxsize=1)
@@ -161,9 +165,7 @@ def write_table(path: Path, blocks: Sequence[Block], *, notes: dict[str, Any]) -
     """Write PATH (.npz), every block at its own nodes, and its card (.json); `notes` go into the card."""
     arrays: dict[str, Any] = {}
     for number, block in enumerate(blocks):
-        arrays[f"poisson_ratios_{number}"] = block.axes.poisson_ratios
-        arrays[f"a_over_h_{number}"] = block.axes.a_over_h
-        arrays[f"depths_{number}"] = block.axes.depths
+        arrays |= {f"{name}_{number}": getattr(block.axes, name) for name in AXES}
         arrays[f"stiffness_{number}"] = block.stiffness.astype(np.float32)
         arrays[f"surface_{number}"] = block.surface.astype(np.float16)
     with replacing(path) as temporary:
@@ -175,20 +177,9 @@ def write_table(path: Path, blocks: Sequence[Block], *, notes: dict[str, Any]) -
     write_json(path.with_suffix(".json"), notes | content)
 
 
-@lru_cache(maxsize=64)
-def _stiffness(block: Block) -> HoledSpline:
-    return fit_grid(block.axes, block.stiffness)
-
-
-@lru_cache(maxsize=64)
-def _surface(block: Block) -> HoledSpline:
-    return fit_grid(block.axes, block.surface)
-
-
-def _mixed(mixture: Mixture, spline: Callable[[Block], HoledSpline], places: Floats) -> tuple[Floats, Bools]:
-    values = sum(weight * near.blend([spline(block)(places) for block in near.blocks]) for weight, near in mixture)
-    known = np.all([spline(block).inside(places) for _, near in mixture for block in near.about], axis=0)
-    return np.asarray(values), np.asarray(known)
+@lru_cache(maxsize=128)
+def _spline(block: Block, what: Quantity) -> HoledSpline:
+    return fit_grid(block.axes, getattr(block, what))
 
 
 def straight(places: Sequence[float], *, at: float) -> list[tuple[float, float]]:
@@ -215,7 +206,7 @@ def _block(about: dict[str, Any], data: Mapping[str, Any], number: int) -> Block
         law=about["law"],
         friction=math.inf if about["friction"] is None else float(about["friction"]),
         edge_over_h=about["edge_over_h"],
-        axes=Axes(*(data[f"{name}_{number}"] for name in ("poisson_ratios", "a_over_h", "depths"))),
+        axes=Axes(*(data[f"{name}_{number}"] for name in AXES)),
         stiffness=data[f"stiffness_{number}"].astype(float),
         surface=data[f"surface_{number}"].astype(float),
         nodes=about["solved_nodes"],

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import Samples
 from tactilevision.photometric.colour_change import Window
-from tactilevision.photometric.protocols import Evaluator
+from tactilevision.photometric.protocols import Evaluator, Stored
 from tactilevision.records.measured import Floats, Picture
 
 CELLS = 48  # entries along each colour
@@ -30,7 +30,7 @@ PRIOR = 4  # weight of the cubic in each cell, in samples
 
 
 @dataclass(frozen=True)
-class Lookup:
+class Lookup(Stored):
     """`table` (CELLS, CELLS, CELLS, 2) over changes from `lowest` (3,) to `highest` (3,)."""
 
     table: Picture
@@ -52,7 +52,7 @@ class Lookup:
     @cached_property
     def fine(self) -> Picture:
         """The table (FINE, FINE, FINE, 2) that is read: linear between entries, 0 for no change."""
-        fine = self.table
+        fine = self.table.astype(np.float32)
         for axis in range(3):
             fine = np.repeat(fine, 2, axis=axis)
             fine = 0.5 * (np.delete(fine, 0, axis=axis) + np.delete(fine, -1, axis=axis))
@@ -67,9 +67,6 @@ class Lookup:
 
     def evaluator(self, shape: tuple[int, int]) -> LookupEvaluator:
         return LookupEvaluator(self, shape)
-
-    def arrays(self) -> dict[str, Floats]:
-        return {"table": self.table.astype(np.float64), "lowest": self.lowest, "highest": self.highest}
 
 
 def fit_lookup(contact: Samples, untouched_samples: Samples, *, ridge: float) -> Lookup:

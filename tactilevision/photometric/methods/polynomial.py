@@ -19,15 +19,17 @@ REACH times the steepest.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache, reduce
 from itertools import combinations_with_replacement
 
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.photometric.ball_samples import KEPT, TYPICAL, Samples
 from tactilevision.photometric.colour_change import Window
-from tactilevision.photometric.protocols import ColourLaw, Evaluator
+from tactilevision.photometric.protocols import ColourLaw, Evaluator, Stored
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, colours_of, fit_light
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Floats, Picture
@@ -53,23 +55,25 @@ REACH = 1.5  # of the steepest slope of the samples; beyond, a polynomial diverg
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # relative to the power of the terms; held-out balls choose
 
 
-def _terms() -> list[tuple[int, int]]:
-    """Return (colour product, power in place) of every coefficient."""
-    return [
-        (k, m)
-        for k, product in enumerate(PRODUCTS)
-        for m, power in enumerate(POWERS)
-        if sum(power) <= PLACE_ORDER[len(product)]
-    ]
+def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.intp]:
+    """Return the colour product and power in place (terms, 2) of each coefficient, by orders in place."""
+    return np.array(
+        [
+            (k, m)
+            for k, product in enumerate(PRODUCTS)
+            for m, power in enumerate(POWERS)
+            if sum(power) <= place_order.get(len(product), -1)
+        ]
+    )
 
 
-TERMS = np.array(_terms())
+TERMS = terms_of(PLACE_ORDER)
 ORDERS = np.array([len(PRODUCTS[k]) for k in TERMS[:, 0]])  # in colour
 CUBIC = sum(len(product) < 4 for product in PRODUCTS)  # products of three colours at most
 
 
 @dataclass(frozen=True, slots=True)
-class Polynomial:
+class Polynomial(Stored):
     """`coefficients` (2, 34, 21): slope, colour product, power in place. `steepest` slope among the samples."""
 
     coefficients: Floats
@@ -79,9 +83,8 @@ class Polynomial:
 
     def at(self, change: Floats, place: Floats) -> Floats:
         """Return slopes (N, 2) for changes (N, 3) at places (N, 2)."""
-        order = 4 if self.fourth else 3
-        terms = TERMS[order >= ORDERS]
-        slopes = _design(change, place, order) @ self.coefficients[:, terms[:, 0], terms[:, 1]].T
+        terms = TERMS if self.fourth else TERMS[ORDERS <= 3]
+        slopes = design(change, place, terms) @ self.coefficients[:, terms[:, 0], terms[:, 1]].T
         bound = REACH * self.steepest
         return np.asarray(np.clip(slopes, -bound, bound))
 
@@ -96,9 +99,6 @@ class Polynomial:
 
     def evaluator(self, shape: tuple[int, int]) -> PolynomialEvaluator:
         return PolynomialEvaluator(self, shape)
-
-    def arrays(self) -> dict[str, Floats]:
-        return {"coefficients": self.coefficients, "steepest": np.array(self.steepest)}
 
 
 def fit_polynomial(
@@ -116,7 +116,7 @@ def fit_polynomial(
     have `share` of the weight.
     """
     terms = TERMS[order >= ORDERS]
-    resting = _design(untouched_samples.change, untouched_samples.place, order)
+    resting = design(untouched_samples.change, untouched_samples.place, terms)
     power, noise, target = _sums(contact, order)
     if simulated is not None:
         more = _sums(simulated, order)
@@ -145,16 +145,17 @@ def _sums(samples: Samples, order: int) -> tuple[Floats, Floats, Floats]:
     """Return weighted means over samples: of design products, of those of its noise, of design times slope."""
     weights = 1.0 / (np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
     weights /= weights.sum()
-    design = _design(samples.change, samples.place, order)
-    weighted = design * weights[:, None]
-    noise = np.zeros((design.shape[1], design.shape[1]))
+    terms = TERMS[order >= ORDERS]
+    values = design(samples.change, samples.place, terms)
+    weighted = values * weights[:, None]
+    noise = np.zeros((len(terms), len(terms)))
     if samples.noise is not None:
         rng = np.random.default_rng(0)  # fixed: a calibration does not change between runs
         error = samples.noise * rng.standard_normal(samples.noise.shape)
-        above, below = (_design(samples.change + e, samples.place, order) for e in (error, -error))
+        above, below = (design(samples.change + e, samples.place, terms) for e in (error, -error))
         scatter = 0.5 * (above - below)
         noise = (scatter * weights[:, None]).T @ scatter
-    return weighted.T @ design, noise, weighted.T @ samples.slopes
+    return weighted.T @ values, noise, weighted.T @ samples.slopes
 
 
 def _less_noise(power: Floats, noise: Floats) -> Floats:
@@ -213,12 +214,12 @@ class PolynomialEvaluator(Evaluator):
         return np.asarray(np.sqrt(np.einsum("skhw,khw->hw", linear**2, noise**2) / 2.0), dtype=np.float32)
 
 
-def _design(change: Floats, place: Floats, order: int) -> Floats:
+def design(change: Floats, place: Floats, terms: npt.NDArray[np.intp]) -> Floats:
+    """Return the values (N, K) of `terms` (K, 2), dimensionless, of changes (N, 3) at places (N, 2), -1 to 1."""
     colours = np.ascontiguousarray(change.T)
-    products = [reduce(np.multiply, colours[list(pick)]) for pick in PRODUCTS if len(pick) <= order]
+    products = {k: reduce(np.multiply, colours[list(PRODUCTS[k])]) for k in np.unique(terms[:, 0])}
     of_x, of_y = ([axis**n for n in range(MAX_ORDER + 1)] for axis in place.T)
     powers = [of_x[i] * of_y[j] for i, j in POWERS]
-    terms = TERMS[order >= ORDERS]
     columns = np.empty((len(terms), len(change)), np.result_type(change, place))
     for column, (k, m) in zip(columns, terms, strict=True):
         np.multiply(products[k], powers[m], out=column)

@@ -9,13 +9,14 @@ at held-out balls. Where fewer than two colours remain, slopes are filled from t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from tactilevision.photometric.ball_samples import Samples
 from tactilevision.photometric.cross_validation import FOLDS, Fitter, held_out, patch_error
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
-from tactilevision.photometric.protocols import ColourLaw
+from tactilevision.photometric.protocols import ColourLaw, Stored
 from tactilevision.records.measured import Floats
 
 COLOURS = 3  # red, green, blue: channels of a frame
@@ -23,16 +24,21 @@ THINNED = 4  # every fourth sample serves for the error
 UNKNOWN = 1.0  # relative error of a slope with fewer than two colours
 
 
-@dataclass(frozen=True, slots=True)
-class TwoColourLaws:
-    """`laws` of two colours each, by the number of the missing one.
+@dataclass(frozen=True, eq=False)
+class TwoColourLaws(Stored):
+    """`laws` of two colours each, by the number of the missing one, of `coefficients` (3, 2, 34, 21).
 
-    `errors`: relative errors of their slopes at held-out balls (`patch_error`) in excess of those of three
+    `errors` (3,): relative errors of their slopes at held-out balls (`patch_error`) in excess of those of three
     colours; 1 without balls.
     """
 
-    laws: tuple[Polynomial, ...]
-    errors: tuple[float, ...]
+    coefficients: Floats
+    steepest: Floats
+    errors: Floats
+
+    @cached_property
+    def laws(self) -> tuple[Polynomial, ...]:
+        return tuple(map(Polynomial, self.coefficients, self.steepest.tolist()))
 
     def at(self, change: Floats, place: Floats, *, otherwise: ColourLaw) -> Floats:
         """Return slopes (N, 2) of changes (N, 3), NaN where unknown, by `otherwise` where all are known."""
@@ -41,20 +47,6 @@ class TwoColourLaws:
             lost = np.isnan(change[:, colour])
             slopes[lost] = law.at(np.nan_to_num(change[lost]), place[lost])
         return slopes
-
-    def arrays(self) -> dict[str, Floats]:
-        """Return the arrays to store: `coefficients` (3, 2, 34, 21), `steepest` and `errors` (3,)."""
-        return {
-            "coefficients": np.stack([law.coefficients for law in self.laws]),
-            "steepest": np.array([law.steepest for law in self.laws]),
-            "errors": np.array(self.errors),
-        }
-
-
-def two_colour_laws(coefficients: Floats, *, steepest: Floats, errors: Floats) -> TwoColourLaws:
-    """Return the laws of stored `coefficients` (3, 2, 34, 21), `steepest` slopes and relative `errors` (3,)."""
-    laws = tuple(Polynomial(one, float(most)) for one, most in zip(coefficients, steepest, strict=True))
-    return TwoColourLaws(laws, tuple(map(float, errors)))
 
 
 def fit_two_colours(
@@ -77,4 +69,5 @@ def fit_two_colours(
         slopes, _ = held_out(fit, few, untouched_samples=rest, ridge=ridge)
         laws.append(law)
         errors.append(float(np.sqrt(max(patch_error(slopes, few) ** 2 - error**2, 0.0))))
-    return TwoColourLaws(tuple(laws), tuple(errors))
+    coefficients, steepest = zip(*((law.coefficients, law.steepest) for law in laws), strict=True)
+    return TwoColourLaws(np.stack(coefficients), np.array(steepest), np.array(errors))

@@ -17,7 +17,7 @@ from tactilevision.mechanics.tables.blocks import Block, build_blocks, deepened,
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, Grid, SolvedCase
 from tactilevision.mechanics.tables.grid import Axes, continued, fit_grid
 from tactilevision.mechanics.tables.solve import JAMS, Press, agreed, before_a_jam, solve_case
-from tactilevision.mechanics.tables.table import Table, read_table, stiffness_ratio, straight, write_table
+from tactilevision.mechanics.tables.table import Table, mixed, read_table, straight, write_table
 from tactilevision.records.measured import Floats
 
 AXES = Axes(np.array([0.3, 0.4, 0.45, 0.48, 0.4999]), np.array([0.2, 0.4, 0.7, 1.1, 1.5]), np.array(DEPTHS))
@@ -216,7 +216,7 @@ def test_the_table_mixes_frictions_and_edges_and_refuses_what_it_lacks(tmp_path:
     place = table.axes.places(np.array(0.47), np.array(0.8), np.array([0.05]))
 
     def ratio(friction: float, edge: float) -> float:
-        return float(stiffness_ratio(table.mixture("neo-hooke", friction, edge_over_h=edge), place)[0][0])
+        return float(mixed(table.mixture("neo-hooke", friction, edge_over_h=edge), "stiffness", place)[0][0])
 
     assert len(table.mixture("neo-hooke", 0.3, edge_over_h=1 / 60)) == 1
     assert ratio(0.3, 1 / 40) == pytest.approx((ratio(0.3, 1 / 60) + ratio(0.3, 1 / 30)) / 2)
