@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball_detection import Ball
-from tactilevision.photometric.ball_samples import Samples
 from tactilevision.photometric.colour_change import ColourChange
-from tactilevision.photometric.cross_validation import FOLDS, Fitter, beyond_others, gains_of, held_out
+from tactilevision.photometric.cross_validation import FOLDS, BallFit, beyond_others, gains_of
 from tactilevision.photometric.drift import solid
 from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bytes, Floats, Pair
@@ -213,35 +213,27 @@ LOST_BEYOND = 1.0  # of the scale per half picture; eight sets have .3 to 1.4
 MIN_OUTLIER = 4  # deviations: correct balls reach 3 at most
 
 
-def outlier_among(
-    suspects: Sequence[int], fit: Fitter, *, contact: Samples, untouched_samples: Samples, ridge: float
-) -> dict[int, float]:
-    """Return the outlier among `suspects`, numbers of balls in `contact`, with its scale of slope; {} for none.
-
-    `fit` and `ridge` make the law.
-    """
-    if len(np.unique(contact.press)) <= MIN_OTHERS:
+def outlier_among(of: BallFit, suspects: Sequence[int]) -> dict[int, float]:
+    """Return the outlier among `suspects`, numbers of balls, with its scale of slope; {} for none."""
+    if len(np.unique(of.contact.press)) <= MIN_OTHERS:
         return {}
-    seen = {number: _significance(number, fit, contact, untouched_samples, ridge) for number in suspects}
+    seen = {number: _significance(number, of) for number in suspects}
     off, number = max(((abs(z), number) for number, (_, z) in seen.items()), default=(0.0, -1))
     return {number: float(np.exp(seen[number][0]))} if off > MIN_OUTLIER else {}
 
 
-def _significance(
-    number: int, fit: Fitter, contact: Samples, untouched_samples: Samples, ridge: float
-) -> tuple[float, float]:
+def _significance(number: int, of: BallFit) -> tuple[float, float]:
     """Return ln of a ball's scale over the median of the others, and z; zeros where it is beyond MAX_OFF."""
-    suspect = contact.press == number
-    ball, others = contact.where(suspect), contact.where(~suspect)
-    resting = untouched_samples.where(untouched_samples.press != number)
-    slopes, laws = held_out(fit, others, untouched_samples=resting, ridge=ridge)
-    law = fit(others, resting, ridge=ridge)
-    scale, *parts = _ln([gains_of(one.at(ball.change, ball.place), ball)[number] for one in (law, *laws)]).tolist()
-    usual = _ln([*gains_of(slopes, others).values()])
+    suspect = of.contact.press == number
+    ball, resting = of.contact.where(suspect), of.resting.where(of.resting.press != number)
+    others = replace(of, contact=of.contact.where(~suspect), resting=resting)
+    laws = others.law, *others.others
+    scale, *parts = _ln([gains_of(one.at(ball.change, ball.place), ball)[number] for one in laws]).tolist()
+    usual = _ln([*gains_of(others.held_out, others.contact).values()])
     off = scale - float(np.median(usual))
     if abs(off) > MAX_OFF:
         return 0.0, 0.0
-    beyond = LOST_BEYOND * beyond_others(contact, np.array([number]))[number]
+    beyond = LOST_BEYOND * beyond_others(of.contact, np.array([number]))[number]
     spread = (FOLDS - 1) * float(np.var(parts))  # the mean of three squares, times two
     return off, off / float(np.sqrt(max(mad_std(usual), MIN_SCATTER) ** 2 + spread + beyond**2))
 

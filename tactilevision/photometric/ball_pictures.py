@@ -23,7 +23,7 @@ from tactilevision.photometric.ball_samples import (
     with_same_colours,
 )
 from tactilevision.photometric.colour_change import ColourChange
-from tactilevision.photometric.cross_validation import groups_of, held_out, patch_error
+from tactilevision.photometric.cross_validation import BallFit, groups_of
 from tactilevision.photometric.markers import marked
 from tactilevision.photometric.methods.polynomial import LAW_RIDGE, SHARES, InverseShading
 from tactilevision.photometric.shading_law import PLACE_PENALTIES, answers_at, colours_by, fit_light
@@ -263,10 +263,7 @@ def _held_out_error(seen: FoundBalls) -> float:
         samples.where(np.arange(len(samples.press)) % THINNED == 0)
         for samples in with_same_colours(*seen.every, min_balls=MIN_BALLS)
     )
-    slopes, _ = held_out(
-        InverseShading(PLACE_PENALTIES[1], SHARES[0]), pressed, untouched_samples=resting, ridge=LAW_RIDGE
-    )
-    return patch_error(slopes, pressed)
+    return BallFit(InverseShading(PLACE_PENALTIES[1], SHARES[0]), LAW_RIDGE, pressed, resting).error
 
 
 def check_count(usable: int, of: int, faults: Sequence[tuple[str, InputError]]) -> None:

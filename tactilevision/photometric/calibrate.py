@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -39,15 +40,13 @@ from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.colour_change import ColourChange
 from tactilevision.photometric.cross_validation import (
     SLOPE_SOFTENING,
+    BallFit,
     Fitter,
     HeldOutLaw,
     ScaleUncertainty,
     fit_light_law,
     gain_std,
     gains_of,
-    gains_without,
-    held_out,
-    patch_error,
     scale_uncertainty,
 )
 from tactilevision.photometric.method import CalibratedMethod
@@ -104,10 +103,13 @@ def calibrate_from_balls(
     if (prepared := getattr(fit, "prepared", None)) is not None:
         fit = prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     best = _best_fit(fit, pressed, resting)
+    scale = scale_uncertainty(best)
+    direction = float(np.median(direction_error_deg(best.held_out, pressed.slopes)))
+    slope_error = float(np.sqrt(np.mean(np.sum((best.held_out - pressed.slopes) ** 2, axis=1))))
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light, cover = slope_observability(pressed), 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px, at_contact = pressed_reference(change, [picture.rgb for picture in pictures], alone.balls)
-    odd = _odd_warnings(best, balls, pictures, pressed, resting)
+    odd = _odd_warnings(best, scale, balls, pictures)
     warnings += reference_warnings(contact_px) or [
         *scale_warnings(pressed.change, pressed.slopes),
         *coverage_warnings(cover),
@@ -119,12 +121,12 @@ def calibrate_from_balls(
         balls=seen.count,
         balls_left_out=len(pictures) - seen.count,
         balls_cover=tuple(np.round(cover, 3).tolist()),
-        held_out_direction_error_deg=best.direction_error_deg,
-        held_out_slope_rms=best.slope_error,
+        held_out_direction_error_deg=direction,
+        held_out_slope_rms=slope_error,
         held_out_gain_std=gain_std(best.held_out, pressed),
-        place_gain_std=np.round(best.scale.gain_std, 5).tolist(),
-        extrapolated_gain_std=np.round(best.scale.extrapolated_std, 5).tolist(),
-        coverage_factor=best.scale.coverage_factor,
+        place_gain_std=np.round(scale.gain_std, 5).tolist(),
+        extrapolated_gain_std=np.round(scale.extrapolated_std, 5).tolist(),
+        coverage_factor=scale.coverage_factor,
         min_slope_noise=light.best,
         max_slope_noise=light.worst,
         contact_in_reference_px=contact_px,
@@ -134,84 +136,53 @@ def calibrate_from_balls(
         steepest_slope=float(np.hypot(*pressed.slopes.T).max()),
         response=response_of(pressed, values_at(pressed, change.level)).to_card(),
     )
-    relative = best.slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
-    light_law = fit_light_law(pressed, best.held_out, others=best.others)
+    relative = slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
     return Calibration(
-        CalibratedMethod(best.law, reference, relative, background, card, _two_colours(best, *every), light_law),
+        CalibratedMethod(
+            best.law, reference, relative, background, card, _two_colours(best, *every), fit_light_law(best)
+        ),
         tuple(balls),
-        best.direction_error_deg,
-        best.slope_error,
+        direction,
+        slope_error,
         tuple(warnings),
-        tuple(best.scale.held_out_laws.get(number) for number in range(len(pictures))),
+        tuple(scale.held_out_laws.get(number) for number in range(len(pictures))),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    """A law of all balls, its fitter, and its errors at held-out balls.
-
-    `held_out` (N, 2): slopes of the samples by `others`, laws without some of the balls.
-    """
-
-    law: ColourLaw
-    fitter: Fitter
-    ridge: float
-    held_out: Floats
-    others: list[ColourLaw]
-    scale: ScaleUncertainty
-    direction_error_deg: float
-    slope_error: float
-    patch_error: float
-
-
-def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
-    """Return the law by the fitter and ridge with the least error at held-out balls.
+def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> BallFit:
+    """Return the fit by the fitter and ridge with the least error at held-out balls.
 
     Raises InputError where too few balls have the same known colours.
     """
     white = InputError("two colours are overexposed there", remedy="Dim the light, or press balls elsewhere.")
     check_count(known := len(np.unique(pressed.press)), known, [("the others", white)])
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES[:3])]
-    scores = [held_out(fitter, pressed, untouched_samples=resting, ridge=ridge) for fitter, ridge in ways]
-    patch_errors = [patch_error(slopes, pressed) for slopes, _ in scores]
-    best = int(np.argmin(patch_errors))
-    (fitter, ridge), (slopes, others) = ways[best], scores[best]
-    law = fitter(pressed, resting, ridge=ridge)
-    scale = scale_uncertainty(fitter, pressed, untouched_samples=resting, ridge=ridge, law=law, others=others)
-    direction = float(np.median(direction_error_deg(slopes, pressed.slopes)))
-    error = float(np.sqrt(np.mean(np.sum((slopes - pressed.slopes) ** 2, axis=1))))
-    return _Fit(law, fitter, ridge, slopes, others, scale, direction, error, patch_errors[best])
+    return min((BallFit(fitter, ridge, pressed, resting) for fitter, ridge in ways), key=lambda made: made.error)
 
 
-def _two_colours(best: _Fit, pressed: Samples, resting: Samples) -> TwoColourLaws:
+def _two_colours(best: BallFit, pressed: Samples, resting: Samples) -> TwoColourLaws:
     """Return laws of two colours each, by the fitter of the law of three where that is a polynomial."""
     as_best = isinstance(best.law, Polynomial)
     fit, ridge = (best.fitter, best.ridge) if as_best else (fit_polynomial, RIDGES[1])
-    return fit_two_colours(fit, pressed, resting, ridge=ridge, error=best.patch_error)
+    return fit_two_colours(BallFit(fit, ridge, pressed, resting), error=best.error)
 
 
 def _odd_warnings(
-    best: _Fit, balls: Sequence[Ball | None], pictures: Sequence[BallPicture], pressed: Samples, resting: Samples
+    best: BallFit, scale: ScaleUncertainty, balls: Sequence[Ball | None], pictures: Sequence[BallPicture]
 ) -> list[str]:
     """Return warnings of contradictory radii, then of single outliers."""
     radii = contradicting_radii(
-        {number: ball.radius_mm for number in map(int, np.unique(pressed.press)) if (ball := balls[number])},
-        lambda group, steeper: gains_without(
-            np.array(group),
-            best.fitter,
-            contact=pressed.steepened(steeper),
-            untouched_samples=resting,
-            ridge=best.ridge,
+        {number: ball.radius_mm for number in map(int, np.unique(best.contact.press)) if (ball := balls[number])},
+        lambda group, steeper: replace(best, contact=best.contact.steepened(steeper)).gains_without(
+            np.array(group)
         ),
     )
     return radii + odd_balls(
-        gains_of(best.held_out, pressed),
+        gains_of(best.held_out, best.contact),
         balls,
         names=[picture.name for picture in pictures],
-        unsure={number: held.std for number, held in best.scale.held_out_laws.items()},
-        outlier_among=lambda suspects: outlier_among(
-            suspects, best.fitter, contact=pressed, untouched_samples=resting, ridge=best.ridge
-        ),
+        unsure={number: held.std for number, held in scale.held_out_laws.items()},
+        outlier_among=partial(outlier_among, best),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import cv2
@@ -191,35 +191,57 @@ def groups_of(contact: Samples) -> list[npt.NDArray[np.int64]]:
     return [numbers[fold::FOLDS] for fold in range(FOLDS)]
 
 
-def held_out(
-    fit: Fitter, contact: Samples, *, untouched_samples: Samples, ridge: float
-) -> tuple[Floats, list[ColourLaw]]:
-    """Return the slopes (N, 2) of every sample by a law fitted without its ball, and these laws."""
-    slopes, laws = np.empty_like(contact.slopes), []
+@dataclass(frozen=True, eq=False)
+class BallFit:
+    """A `fitter` with its `ridge`, and samples to fit: of balls, `contact`, and of untouched gel, `resting`."""
+
+    fitter: Fitter
+    ridge: float
+    contact: Samples
+    resting: Samples
+
+    @cached_property
+    def law(self) -> ColourLaw:
+        """Return the law of all balls."""
+        return self.fitter(self.contact, self.resting, ridge=self.ridge)
+
+    @cached_property
+    def others(self) -> list[ColourLaw]:
+        """Return the laws without one group of balls each."""
+        return [self.without(group) for group in groups_of(self.contact)]
+
+    @cached_property
+    def held_out(self) -> Floats:
+        """Return the slopes (N, 2) of every sample by the law fitted without its ball."""
+        slopes = np.empty_like(self.contact.slopes)
+        for group, law in zip(groups_of(self.contact), self.others, strict=True):
+            held = np.isin(self.contact.press, group)
+            slopes[held] = law.at(self.contact.change[held], self.contact.place[held])
+        return slopes
+
+    @cached_property
+    def error(self) -> float:
+        """Return the `patch_error` at held-out balls."""
+        return patch_error(self.held_out, self.contact)
+
+    def without(self, group: npt.NDArray[np.int64]) -> ColourLaw:
+        """Return the law without a `group` of balls (balls,), by their numbers."""
+        numbers = tuple(group.tolist())
+        return self.fitter(_without(self.contact, numbers), _without(self.resting, numbers), ridge=self.ridge)
+
+    def gains_without(self, group: npt.NDArray[np.int64]) -> dict[int, float]:
+        """Return the relative depth scale at each ball of a `group` (balls,), by the law of the others."""
+        held = self.contact.where(np.isin(self.contact.press, group))
+        return gains_of(self.without(group).at(held.change, held.place), held)
+
+
+def scale_uncertainty(of: BallFit) -> ScaleUncertainty:
+    """Return the uncertainty of the depth scale of the law."""
+    contact, stated = of.contact, _stated_std(of)
+    fitted_std = gain_std(of.law.at(contact.change, contact.place), contact)
+    rate = _growth_rate(of, inside_std=fitted_std)
+    gains, outside = gains_of(of.held_out, contact), dict[int, float]()
     for group in groups_of(contact):
-        held = np.isin(contact.press, group)
-        laws.append(_fit_without(group, fit, contact, untouched_samples, ridge=ridge))
-        slopes[held] = laws[-1].at(contact.change[held], contact.place[held])
-    return slopes, laws
-
-
-def scale_uncertainty(
-    fit: Fitter,
-    contact: Samples,
-    *,
-    untouched_samples: Samples,
-    ridge: float,
-    law: ColourLaw,
-    others: list[ColourLaw],
-) -> ScaleUncertainty:
-    """Return the uncertainty of the depth scale of `law`; `others` are fitted alike, each without a group."""
-    stated = _stated_std(fit, contact, untouched_samples, ridge=ridge, laws=others)
-    fitted_std = gain_std(law.at(contact.change, contact.place), contact)
-    rate = _growth_rate(fit, contact, untouched_samples, ridge=ridge, inside_std=fitted_std)
-    gains, outside = dict[int, float](), dict[int, float]()
-    for group, other in zip(groups_of(contact), others, strict=True):
-        held = contact.where(np.isin(contact.press, group))
-        gains |= gains_of(other.at(held.change, held.place), held)
         beyond = beyond_others(contact, group)
         outside |= dict(zip(beyond, extrapolated_std(rate, np.array([*beyond.values()])).tolist(), strict=True))
     errors = np.array([gains[number] - 1.0 for number in stated])
@@ -227,22 +249,20 @@ def scale_uncertainty(
     factor = coverage_factor(off)
     held_out_laws = {
         number: HeldOutLaw(other, factor * stated[number], outside[number])
-        for group, other in zip(groups_of(contact), others, strict=True)
+        for group, other in zip(groups_of(contact), of.others, strict=True)
         for number in map(int, group)
     }
-    inside = gain_map(law, others, contact=contact)
+    inside = gain_map(of.law, of.others, contact=contact)
     extrapolated = extrapolated_std(rate, distance_beyond(contact.place, places())).reshape(inside.shape)
     return ScaleUncertainty(factor * inside, extrapolated, factor, held_out_laws)
 
 
-def _growth_rate(
-    fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float, inside_std: float
-) -> float:
+def _growth_rate(of: BallFit, *, inside_std: float) -> float:
     """Return the error of the depth scale per half picture beyond the balls, from held-out sides."""
     errors, far = list[float](), list[float]()
-    for side in sides_of(contact):
-        gains = gains_without(side, fit, contact=contact, untouched_samples=untouched_samples, ridge=ridge)
-        beyond = beyond_others(contact, side)
+    for side in sides_of(of.contact):
+        gains = of.gains_without(side)
+        beyond = beyond_others(of.contact, side)
         errors += [gains[number] - 1.0 for number in beyond]
         far += beyond.values()
     return growth_rate(np.array(errors), np.array(far), inside_std=inside_std)
@@ -255,17 +275,11 @@ def beyond_others(contact: Samples, group: npt.NDArray[np.int64]) -> dict[int, f
     return dict(zip(map(int, group), map(float, distance_beyond(others, centres)), strict=True))
 
 
-def _stated_std(
-    fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float, laws: list[ColourLaw]
-) -> dict[int, float]:
-    """Return the deviation of the depth scale stated by `laws`, each at the balls of the group it lacks."""
-    groups, stated = groups_of(contact), dict[int, float]()
-    pairs = {
-        (a, b): _fit_without(np.concatenate([groups[a], groups[b]]), fit, contact, untouched_samples, ridge=ridge)
-        for a in range(FOLDS)
-        for b in range(a)
-    }
-    for a, (law, group) in enumerate(zip(laws, groups, strict=True)):
+def _stated_std(of: BallFit) -> dict[int, float]:
+    """Return the deviation of the depth scale stated by each law without a group, at the balls of this group."""
+    contact, groups, stated = of.contact, groups_of(of.contact), dict[int, float]()
+    pairs = {(a, b): of.without(np.concatenate([groups[a], groups[b]])) for a in range(FOLDS) for b in range(a)}
+    for a, (law, group) in enumerate(zip(of.others, groups, strict=True)):
         others = [pair for both, pair in pairs.items() if a in both]
         gains = gain_map(law, others, contact=contact.where(~np.isin(contact.press, group)))
         for number in map(int, group):
@@ -304,15 +318,6 @@ def gains_of(slopes: Floats, samples: Samples) -> dict[int, float]:
     }
 
 
-def gains_without(
-    group: npt.NDArray[np.int64], fit: Fitter, *, contact: Samples, untouched_samples: Samples, ridge: float
-) -> dict[int, float]:
-    """Return the relative depth scale at each ball of a `group` (balls,), by a law of the others."""
-    held = contact.where(np.isin(contact.press, group))
-    law = _fit_without(group, fit, contact, untouched_samples, ridge=ridge)
-    return gains_of(law.at(held.change, held.place), held)
-
-
 def gain_std(slopes: Floats, samples: Samples) -> float:
     """Return the robust scatter about 1 of the depth scale over balls, by `slopes` (N, 2)."""
     return mad_std(np.array([*gains_of(slopes, samples).values()]), centre=1.0)
@@ -340,13 +345,6 @@ def patches_of(samples: Samples) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.
     ring = np.floor(PATCHES[1] * BELOW_ONE * (steepness / steepness.max()) ** 2)
     _, patch = np.unique(np.stack([samples.press, sector, ring]), axis=1, return_inverse=True)
     return patch.ravel(), np.bincount(patch.ravel())
-
-
-def _fit_without(
-    group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float
-) -> ColourLaw:
-    numbers = tuple(group.tolist())
-    return fit(_without(contact, numbers), _without(untouched_samples, numbers), ridge=ridge)
 
 
 @lru_cache(maxsize=KEPT)
@@ -377,19 +375,20 @@ class LightLaw(Stored):
     limit: float = np.inf
 
 
-def fit_light_law(contact: Samples, held_out: Floats, *, others: Sequence[ColourLaw]) -> LightLaw | None:
-    """Fit the shading law to samples of balls; `held_out` slopes (N, 2) by `others`, each fitted without a group.
+def fit_light_law(of: BallFit) -> LightLaw | None:
+    """Fit the shading law to the samples of balls; its error is that at the slopes of held-out balls.
 
     None where only two colours are known: they leave no residual.
     """
+    contact = of.contact
     if not contact.change.any(axis=0).all():
         return None
     patch, count = patches_of(contact)
     off = np.empty_like(contact.change)
-    for group, _ in zip(groups_of(contact), others, strict=True):
+    for group in groups_of(contact):
         out = np.isin(contact.press, group)
         light = fit_light(contact.where(~out), PLACE_PENALTIES[1])
-        off[out] = contact.change[out] - colours_of(light, held_out[out], place=contact.place[out])
+        off[out] = contact.change[out] - colours_of(light, of.held_out[out], place=contact.place[out])
     misfit, size = (
         sum(float(np.sum(np.bincount(patch, column) ** 2 / count)) for column in many.T)
         for many in (off, contact.change)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactilevision.photometric.ball_samples import Samples
-from tactilevision.photometric.cross_validation import held_out, patch_error
+from tactilevision.photometric.cross_validation import BallFit
 from tactilevision.photometric.methods.polynomial import (
     POWERS,
     AutoMethod,
@@ -79,8 +79,7 @@ def at_rest(rng: np.random.Generator) -> Samples:
 
 
 def off(fit: object, contact: Samples, rest: Samples) -> float:
-    slopes, _ = held_out(fit, contact, untouched_samples=rest, ridge=1e-2)  # type: ignore[arg-type]
-    return patch_error(slopes, contact)
+    return BallFit(fit, 1e-2, contact, rest).error  # type: ignore[arg-type]
 
 
 def test_lamps_that_gel_turns_away_from_ask_for_it() -> None:

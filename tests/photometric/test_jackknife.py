@@ -14,12 +14,12 @@ from tactilevision.photometric.cross_validation import (
     DIRECTIONS,
     PLACES,
     STEEP,
+    BallFit,
     coverage_factor,
     extrapolated_std,
     gain_map,
     gain_std,
     gains_of,
-    held_out,
     jackknife_std,
     nearest_inside,
     off_inside,
@@ -91,13 +91,11 @@ def many() -> tuple[Floats, Floats, Floats]:
     off, stated, borne = [], [], []
     for seed in range(10):
         samples = balls(np.random.default_rng(seed), range(BALLS))
-        law, (_, others) = fitted(samples), held_out(fitting, samples, untouched_samples=still(), ridge=1e-3)
-        stated.append(gain_map(law, others, contact=samples))
-        uncertainty = scale_uncertainty(
-            fitting, samples, untouched_samples=still(), ridge=1e-3, law=law, others=others
-        )
+        made = BallFit(fitting, 1e-3, samples, still())
+        stated.append(gain_map(made.law, made.others, contact=samples))
+        uncertainty = scale_uncertainty(made)
         borne.append(np.hypot(uncertainty.gain_std, uncertainty.extrapolated_std))
-        off.append(true_gain(law))
+        off.append(true_gain(made.law))
     return np.stack(off), np.stack(stated), np.stack(borne)
 
 
@@ -156,25 +154,20 @@ def test_balls_beyond_the_others_say_nothing_of_those_among_them() -> None:
 
 def test_doubt_beyond_the_balls_leaves_the_deviation_among_them(monkeypatch: pytest.MonkeyPatch) -> None:
     samples = balls(np.random.default_rng(0), range(BALLS))
-    law, (_, others) = fitted(samples), held_out(fitting, samples, untouched_samples=still(), ridge=1e-3)
-    found = []
+    made, found = BallFit(fitting, 1e-3, samples, still()), []
     for times in (1.0, 10.0):
         monkeypatch.setattr(
             cross_validation, "extrapolated_std", lambda rate, far, t=times: extrapolated_std(t * rate, far)
         )
-        found.append(
-            scale_uncertainty(fitting, samples, untouched_samples=still(), ridge=1e-3, law=law, others=others)
-        )
+        found.append(scale_uncertainty(made))
     assert found[1].gain_std == pytest.approx(found[0].gain_std)
     assert found[1].extrapolated_std.mean() > 2.0 * found[0].extrapolated_std.mean()
 
 
 def test_each_ball_has_a_law_that_never_saw_it() -> None:
     samples = balls(np.random.default_rng(0), range(BALLS))
-    found, others = held_out(fitting, samples, untouched_samples=still(), ridge=1e-3)
-    uncertainty = scale_uncertainty(
-        fitting, samples, untouched_samples=still(), ridge=1e-3, law=fitted(samples), others=others
-    )
+    made = BallFit(fitting, 1e-3, samples, still())
+    found, uncertainty = made.held_out, scale_uncertainty(made)
     assert sorted(uncertainty.held_out_laws) == list(range(BALLS))
     for number, held in uncertainty.held_out_laws.items():
         at = samples.press == number
@@ -192,8 +185,6 @@ def test_beyond_the_outermost_balls_less_is_known() -> None:
 def test_sums_over_samples_are_made_once_for_all_fits() -> None:
     samples, rest, made = balls(np.random.default_rng(0), range(BALLS)), still(), list[int]()
     for ridge in (1e-3, 1e-2):
-        law = fitting(samples, rest, ridge=ridge)
-        _, others = held_out(fitting, samples, untouched_samples=rest, ridge=ridge)
-        scale_uncertainty(fitting, samples, untouched_samples=rest, ridge=ridge, law=law, others=others)
+        scale_uncertainty(BallFit(fitting, ridge, samples, rest))
         made.append(polynomial._sums.cache_info().misses)
     assert made[1] == made[0]

@@ -8,13 +8,12 @@ at held-out balls. Where fewer than two colours remain, slopes are filled from t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from tactilevision.photometric.ball_samples import Samples
-from tactilevision.photometric.cross_validation import FOLDS, Fitter, held_out, patch_error
+from tactilevision.photometric.cross_validation import FOLDS, BallFit
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.protocols import ColourLaw, Stored
 from tactilevision.records.measured import Floats
@@ -49,25 +48,22 @@ class TwoColourLaws(Stored):
         return slopes
 
 
-def fit_two_colours(
-    fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float, error: float
-) -> TwoColourLaws:
-    """Fit the laws to samples, whose changes may be NaN, by a `fit` of polynomials.
+def fit_two_colours(of: BallFit, *, error: float) -> TwoColourLaws:
+    """Fit the laws to samples whose changes may be NaN, by a fitter of polynomials.
 
     `error`: relative error of slopes by three colours.
     """
     laws, errors = list[Polynomial](), list[float]()
     for colour in range(COLOURS):
-        seen, resting = contact.without(colour), untouched_samples.without(colour)
-        if len(np.unique(seen.press)) < FOLDS:  # another colour is always missing
+        seen = replace(of, contact=of.contact.without(colour), resting=of.resting.without(colour))
+        if len(np.unique(seen.contact.press)) < FOLDS:  # another colour is always missing
             laws.append(Polynomial(np.zeros((2, len(PRODUCTS), len(POWERS))), 1.0))
             errors.append(UNKNOWN)
             continue
-        law = fit(seen, resting, ridge=ridge)
-        assert isinstance(law, Polynomial)
-        few, rest = (s.where(np.arange(len(s.press)) % THINNED == 0) for s in (seen, resting))
-        slopes, _ = held_out(fit, few, untouched_samples=rest, ridge=ridge)
-        laws.append(law)
-        errors.append(float(np.sqrt(max(patch_error(slopes, few) ** 2 - error**2, 0.0))))
+        assert isinstance(seen.law, Polynomial)
+        contact, resting = (s.where(np.arange(len(s.press)) % THINNED == 0) for s in (seen.contact, seen.resting))
+        few = replace(seen, contact=contact, resting=resting)
+        laws.append(seen.law)
+        errors.append(float(np.sqrt(max(few.error**2 - error**2, 0.0))))
     coefficients, steepest = zip(*((law.coefficients, law.steepest) for law in laws), strict=True)
     return TwoColourLaws(np.stack(coefficients), np.array(steepest), np.array(errors))
