@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -45,142 +45,66 @@ SHAPE_END = 1.5  # thicknesses over which the last error of the shape fades
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
-    """The shared unknowns. `friction_share`: see friction_share of profile.py; `shape` (k,): error of the
-    profile's rise over the depth at the places of the model's shape_error.
-    """
-
-    poisson_ratio: float
-    thickness_mm: float
-    friction_share: float
-    gain: float
-    shape: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
 class Press:
-    """A view's blocks, with the face's `depth_mm` on the map's scale, and the curvature that the zero plane may
-    have."""
+    """A view's blocks, whitened to unit variance: W (.), W' W = covariance^-1.
+
+    `depth_mm` of the face on the map's scale; `std` (UNKNOWNS,) the prior of each unknown; `whitener` (n, n) is W;
+    `goal` (n,) the depths; `plain` (n, 9) the columns that do not depend on the profile; `mean`, `mean_x` and
+    `mean_y` (n, m) as in Blocks.
+    """
 
     blocks: Blocks
     depth_mm: float
-    bowl_std_per_mm: float
-
-
-def prepare(blocks: Blocks, bowl_std_per_mm: float) -> Press | None:
-    """Return the view, or None if it shows too little gel outside the punch, or neither the face nor a known
-    depth.
-    """
-    outside, depth = ~blocks.face, blocks.view.certified_depth_mm
-    if outside.sum() < MIN_BLOCKS:
-        return None
-    if blocks.face.any():
-        far = outside & (np.hypot(blocks.x_mm, blocks.y_mm) > np.quantile(blocks.r_mm, 0.6))
-        floor = np.median(blocks.depth_mm[far]) if far.any() else 0.0
-        depth = float(np.median(blocks.depth_mm[blocks.face]) - floor)
-    return Press(blocks, depth, max(bowl_std_per_mm, PINNED / 10)) if depth > 0 else None
-
-
-def true_depth(press: Press, gain: float) -> float:
-    """Return the depth of the punch: certified where that is known, else the map's own over its gain."""
-    certified = press.blocks.view.certified_depth_mm
-    return certified if np.isfinite(certified) else press.depth_mm / gain
-
-
-def profile(press: Press, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
-    """Return the depth over the face's depth, a ratio, on the press's radial grid (n,).
-
-    `rise_factor` scales the gel outside the face.
-    """
-    radius, r = press.blocks.view.radius_mm, press.blocks.r_mm
-    a_over_h = float(np.clip(radius / joint.thickness_mm, *model.a_over_h_range))  # a step of the fit may leave it
-    w_over_h = min(true_depth(press, joint.gain) / joint.thickness_mm, model.deepest)
-    if np.isfinite(press.blocks.view.certified_depth_mm):  # repeats share a profile, to 1e-4 of the depth
-        w_over_h = DEPTH_STEP * round(w_over_h / DEPTH_STEP)
-    case = PunchCase(joint.poisson_ratio, a_over_h, w_over_h, friction_of_share(joint.friction_share))
-    depth = -_seen(case, model.source, float(r[1] / radius), len(r))
-    return np.where(r > radius, rise_factor * depth - _shape(r, press, joint, model), depth)
-
-
-@lru_cache(maxsize=256)
-def _seen(case: PunchCase, source: ProfileSource, step_over_a: float, count: int) -> Floats:
-    """Return seen_profile on the radial grid of a view; cached, since most steps of a fit need the same case."""
-    return seen_profile(step_over_a * np.arange(count, dtype=float), case, source=source)
-
-
-def _shape(r_mm: Floats, press: Press, joint: Joint, model: ProfileModel) -> Floats:
-    """Return the error of the rise over the depth, linear between the model's places, fading as the profile
-    does.
-    """
-    if not joint.shape:
-        return np.zeros(len(r_mm))
-    beyond = (r_mm - press.blocks.view.radius_mm) / joint.thickness_mm
-    places = [place for place, _ in model.shape_error]
-    return np.interp(beyond, [*places, places[-1] + SHAPE_END], [*joint.shape, 0.0])
-
-
-@dataclass(frozen=True, slots=True)
-class WhitePress:
-    """A press whose blocks were whitened to unit variance: W (.), W' W = covariance^-1.
-
-    `whitener` (n, n) is W; `goal` (n,) the depths; `plain` (n, 9) the columns that do not depend on the
-    profile; `mean`, `mean_x`, `mean_y` (n, m) as in Blocks; `std` (UNKNOWNS,) the prior of each unknown.
-    """
-
-    press: Press
+    std: Floats
     whitener: Floats
     goal: Floats
     plain: Floats
     mean: Floats
     mean_x: Floats
     mean_y: Floats
-    std: Floats
+
+    def true_depth(self, gain: float = 1.0) -> float:
+        """Return the depth of the punch: certified where that is known, else the map's own over its gain."""
+        certified = self.blocks.view.certified_depth_mm
+        return certified if np.isfinite(certified) else self.depth_mm / gain
 
 
-def whiten(press: Press, noise: NoiseModel) -> WhitePress:
-    """Apply the noise model of the block means once, so that each step of the fit is cheap."""
-    blocks = press.blocks
+def face_depth(blocks: Blocks) -> float:
+    """Return the depth of the face on the map's scale; NaN where it shows too little gel outside, or no depth."""
+    outside = ~blocks.face
+    if outside.sum() < MIN_BLOCKS:
+        return np.nan
+    if not blocks.face.any():
+        return blocks.view.certified_depth_mm
+    far = outside & (np.hypot(blocks.x_mm, blocks.y_mm) > np.quantile(blocks.r_mm, 0.6))
+    floor = np.median(blocks.depth_mm[far]) if far.any() else 0.0
+    return float(np.median(blocks.depth_mm[blocks.face]) - floor)
+
+
+def whiten(blocks: Blocks, depth_mm: float, noise: NoiseModel, *, bowl_std_per_mm: float) -> Press:
+    """Apply the noise model of the block means once, so that each step of the fit is cheap.
+
+    `depth_mm` of the face; `bowl_std_per_mm` of the curvature that the zero plane may have.
+    """
     if noise.std_mm == 0:
         inverse = np.diag(np.sqrt(blocks.share) / noise.white_mm)
     else:
         inverse = np.linalg.inv(np.linalg.cholesky(noise.covariance(blocks)))
-    face = blocks.face.astype(float)
-    turning = [face * blocks.x_mm, face * blocks.y_mm]
-    x, y = blocks.x_mm, blocks.y_mm
-    plain = [face * press.depth_mm, *turning, np.ones(len(face)), x, y, x**2 / 2, x * y, y**2 / 2]
-    centre, bowl = max(blocks.view.centre_std_mm, PINNED), press.bowl_std_per_mm
+    face, x, y = blocks.face.astype(float), blocks.x_mm, blocks.y_mm
+    plain = [face * depth_mm, face * x, face * y, np.ones(len(face)), x, y, x**2 / 2, x * y, y**2 / 2]
+    centre, bowl = max(blocks.view.centre_std_mm, PINNED), max(bowl_std_per_mm, PINNED / 10)
     face_std = (PINNED, FACE_TILT_STD, FACE_TILT_STD)  # the step at the wall is as good as the rest of the map
     std = np.array([FREE_DEPTH_STD, *face_std, *PLANE_STD, bowl, bowl, bowl, centre, centre])
-    mean, mean_x, mean_y = (inverse @ part.toarray() for part in (blocks.mean, blocks.mean_x, blocks.mean_y))
-    return WhitePress(
-        press, inverse, inverse @ blocks.depth_mm, inverse @ np.stack(plain, axis=1), mean, mean_x, mean_y, std
+    means = (inverse @ part.toarray() for part in (blocks.mean, blocks.mean_x, blocks.mean_y))
+    return Press(
+        blocks, depth_mm, std, inverse, inverse @ blocks.depth_mm, inverse @ np.stack(plain, axis=1), *means
     )
 
 
-def residual(white: WhitePress, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
-    """Return the residual after the press's own unknowns were fitted, (n + UNKNOWNS + 1,), in standard deviations.
-
-    The last UNKNOWNS + 1 are those of the priors and the certified depth.
-    """
-    matrix, goal = _system(white, joint, model, rise_factor)
-    return np.asarray(goal - matrix @ np.linalg.lstsq(matrix, goal, rcond=None)[0])
-
-
-def unknowns(white: WhitePress, joint: Joint, *, model: ProfileModel) -> Floats:
-    """Return the press's own unknowns (UNKNOWNS,), in the order given above."""
-    return np.asarray(np.linalg.lstsq(*_system(white, joint, model, 1.0), rcond=None)[0])
-
-
-def _system(white: WhitePress, joint: Joint, model: ProfileModel, rise_factor: float) -> tuple[Floats, Floats]:
-    view, depth = white.press.blocks.view, profile(white.press, joint, model=model, rise_factor=rise_factor)
-    slope = white.press.depth_mm * np.gradient(depth, white.press.blocks.r_mm[1])
-    profiled = [white.mean @ depth, -(white.mean_x @ slope), -(white.mean_y @ slope)]
-    columns = np.column_stack([profiled[0], white.plain, profiled[1], profiled[2]])
-    known = np.isfinite(view.certified_depth_mm)
-    weight = 1 / view.certified_depth_std_mm if known else 0.0
-    matrix = np.concatenate([columns, np.diag(1 / white.std), weight * np.eye(1, len(white.std))])
-    certified = weight * joint.gain * view.certified_depth_mm if known else 0.0
-    return matrix, np.concatenate([white.goal, np.zeros(len(white.std)), [certified]])
+@lru_cache(maxsize=256)
+def _seen(case: PunchCase, source: ProfileSource, step_over_a: float, count: int) -> Floats:
+    """Return seen_profile on the radial grid of a view; cached, since most steps of a fit need the same case."""
+    return seen_profile(step_over_a * np.arange(count, dtype=float), case, source=source)
 
 
 # Poisson's ratio from the picture: the less compressible the gel, the more it rises around a flat punch.
@@ -249,7 +173,9 @@ UPPER = (0.5, 1.0, 2.0)  # of all but nu, whose bounds are the model's
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
+class _Fit:
+    """The presses of a fit, and the prior of its k joint unknowns theta, in the order of SurfaceFit's values."""
+
     presses: tuple[Press, ...]
     thickness_mm: float
     prior: Floats
@@ -261,6 +187,76 @@ class _Task:
         low, high = self.model.poisson_range
         free = np.ones(len(self.model.shape_error))
         return np.array([low, *LOWER, *-free]), np.array([high, *UPPER, *free])
+
+    def profile(self, press: Press, theta: Floats, rise_factor: float) -> Floats:
+        """Return the depth over the face's depth, a ratio, on the press's radial grid (n,).
+
+        `rise_factor` scales the gel outside the face. The error of its shape is linear between the model's places,
+        and fades as the profile does.
+        """
+        nu, log_thickness, friction_share, gain, *shape = (float(value) for value in theta)
+        model, view, r = self.model, press.blocks.view, press.blocks.r_mm
+        thickness = self.thickness_mm * float(np.exp(log_thickness))
+        # a step of the fit may leave the range
+        a_over_h = float(np.clip(view.radius_mm / thickness, *model.a_over_h_range))
+        w_over_h = min(press.true_depth(gain) / thickness, model.deepest)
+        if np.isfinite(view.certified_depth_mm):  # repeats share a profile, to 1e-4 of the depth
+            w_over_h = DEPTH_STEP * round(w_over_h / DEPTH_STEP)
+        case = PunchCase(nu, a_over_h, w_over_h, friction_of_share(friction_share))
+        depth = -_seen(case, model.source, float(r[1] / view.radius_mm), len(r))
+        places = [place for place, _ in model.shape_error] or [0.0]
+        off = np.interp(
+            (r - view.radius_mm) / thickness, [*places, places[-1] + SHAPE_END], [*(shape or [0.0]), 0.0]
+        )
+        return np.where(r > view.radius_mm, rise_factor * depth - off, depth)
+
+    def system(self, press: Press, theta: Floats, rise_factor: float = 1.0) -> tuple[Floats, Floats]:
+        """Return the linear equations of the press's own unknowns (UNKNOWNS,), and their right side.
+
+        Both are in standard deviations; the last UNKNOWNS + 1 rows are priors and the certified depth.
+        """
+        view, depth = press.blocks.view, self.profile(press, theta, rise_factor)
+        slope = press.depth_mm * np.gradient(depth, press.blocks.r_mm[1])
+        columns = np.column_stack(
+            [press.mean @ depth, press.plain, -(press.mean_x @ slope), -(press.mean_y @ slope)]
+        )
+        known = np.isfinite(view.certified_depth_mm)
+        weight = 1 / view.certified_depth_std_mm if known else 0.0
+        matrix = np.concatenate([columns, np.diag(1 / press.std), weight * np.eye(1, len(press.std))])
+        certified = weight * theta[3] * view.certified_depth_mm if known else 0.0
+        return matrix, np.concatenate([press.goal, np.zeros(len(press.std)), [certified]])
+
+    def residuals(self, theta: Floats, rise_factor: float = 1.0) -> list[Floats]:
+        """Return each press's residual (n + UNKNOWNS + 1,) after its own unknowns were fitted."""
+        systems = (self.system(press, theta, rise_factor) for press in self.presses)
+        return [goal - matrix @ np.linalg.lstsq(matrix, goal, rcond=None)[0] for matrix, goal in systems]
+
+    def slopes(self, theta: Floats) -> list[Floats]:
+        """Return the derivative of each press's residual by the joint unknowns, (n + UNKNOWNS + 1, k).
+
+        Inwards at a bound.
+        """
+        base, columns = self.residuals(theta), []
+        steps = np.where(theta + STEP <= self.bounds[1], STEP, -STEP)
+        for step, unit in zip(steps, np.eye(len(theta)), strict=True):
+            moved = self.residuals(theta + step * unit)
+            columns.append([(b - a) / step for a, b in zip(base, moved, strict=True)])
+        return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
+
+    def solved(self, theta: Floats) -> Floats:
+        """Return the joint unknowns of the least squares, from a start at theta."""
+        from scipy.optimize import least_squares
+
+        def everything(theta: Floats) -> Floats:
+            return np.concatenate([*self.residuals(theta), (theta - self.prior) / self.prior_std])
+
+        def slopes(theta: Floats) -> Floats:
+            return np.concatenate([*self.slopes(theta), np.diag(1 / self.prior_std)])
+
+        start = np.clip(theta, self.bounds[0] + PINNED, self.bounds[1] - PINNED)
+        scale = np.minimum(self.prior_std, 0.1)
+        found = least_squares(everything, start, slopes, self.bounds, x_scale=scale, ftol=1e-5, xtol=1e-5)
+        return np.asarray(found.x)
 
 
 def fit_poisson_ratio(
@@ -294,49 +290,6 @@ def fit_poisson_ratio(
 def _fit(
     views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: SurfaceFitSettings
 ) -> SurfaceFit:
-    task = _task(views, thickness, model, settings)
-    rough = _solve(task, task.prior, [whiten(press, WHITE) for press in task.presses])
-    task = replace(task, presses=_presses(_centred(task, rough), thickness[0], model, settings))
-    white = [whiten(press, WHITE) for press in task.presses]
-    misfits = [residual(w, _joint(task, rough), model=model)[: len(w.goal)] * WHITE.white_mm for w in white]
-    noise = estimate_noise([press.blocks for press in task.presses], misfits, block_mm=settings.block_mm)
-    white = [whiten(press, noise) for press in task.presses]
-    fit = _report(task, _solve(task, rough, white), white)
-    used = {press.blocks.view.name for press in task.presses}
-    return replace(fit, left_out=tuple(view.name for view in views if view.name not in used))
-
-
-def _presses(
-    views: Sequence[SurfaceView], thickness_mm: float, model: ProfileModel, settings: SurfaceFitSettings
-) -> tuple[Press, ...]:
-    found = []
-    for view in views:
-        reach = view.radius_mm + settings.reach * thickness_mm
-        blocks = reduce_view(view, block_mm=settings.block_mm, guard_mm=settings.guard_mm, reach_mm=reach)
-        press = prepare(blocks, settings.bowl_std_per_mm)
-        low, high = model.a_over_h_range
-        if press is None or not low <= view.radius_mm / thickness_mm <= high:
-            continue
-        if true_depth(press, 1.0) <= model.deepest * thickness_mm:
-            found.append(press)
-    return tuple(found)
-
-
-def _centred(task: _Task, theta: Floats) -> list[SurfaceView]:
-    """Move the views to the centre that a first fit gives: near the edge the profile is too curved for one
-    step.
-    """
-    moved = []
-    for press in task.presses:
-        view = press.blocks.view
-        x, y = unknowns(whiten(press, WHITE), _joint(task, theta), model=task.model)[-2:]
-        moved.append(replace(view, centre_mm=(view.centre_mm[0] + float(x), view.centre_mm[1] + float(y))))
-    return moved
-
-
-def _task(
-    views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: SurfaceFitSettings
-) -> _Task:
     presses = _presses(views, thickness[0], model, settings)
     if not presses:
         raise InputError(
@@ -348,84 +301,84 @@ def _task(
     friction_std = SHARE_STD if model.frictional else PINNED
     shape = [std for _, std in model.shape_error]
     std = np.array([np.inf, max(thickness[1] / thickness[0], PINNED), friction_std, settings.gain_std, *shape])
-    start = np.array([START, 0.0, LIKELY_SHARE, 1.0, *np.zeros(len(shape))])
-    return _Task(presses, thickness[0], start, std, model)
+    fit = _Fit(presses, thickness[0], np.array([START, 0.0, LIKELY_SHARE, 1.0, *np.zeros(len(shape))]), std, model)
+    rough = fit.solved(fit.prior)
+    fit = replace(fit, presses=_presses(_centred(fit, rough), thickness[0], model, settings))
+    blocks = [press.blocks for press in fit.presses]
+    misfits = [
+        off[: len(press.goal)] * WHITE.white_mm
+        for press, off in zip(fit.presses, fit.residuals(rough), strict=True)
+    ]
+    noise = estimate_noise(blocks, misfits, block_mm=settings.block_mm)
+    bowl = settings.bowl_std_per_mm
+    again = (whiten(press.blocks, press.depth_mm, noise, bowl_std_per_mm=bowl) for press in fit.presses)
+    fit = replace(fit, presses=tuple(again))
+    theta, used = fit.solved(rough), {part.view.name for part in blocks}
+    left_out = tuple(view.name for view in views if view.name not in used)
+    return SurfaceFit(_estimate(fit, theta), theta, model.name, left_out)
 
 
-def _joint(task: _Task, theta: Floats) -> Joint:
-    nu, log_thickness, friction, gain, *shape = (float(value) for value in theta)
-    return Joint(nu, task.thickness_mm * float(np.exp(log_thickness)), friction, gain, tuple(shape))
+def _presses(
+    views: Iterable[SurfaceView], thickness_mm: float, model: ProfileModel, settings: SurfaceFitSettings
+) -> tuple[Press, ...]:
+    """Return the views that show a depth and gel outside the punch, within the model's range."""
+    found, (low, high) = [], model.a_over_h_range
+    for view in views:
+        reach = view.radius_mm + settings.reach * thickness_mm
+        blocks = reduce_view(view, block_mm=settings.block_mm, guard_mm=settings.guard_mm, reach_mm=reach)
+        if (depth := face_depth(blocks)) > 0 and low <= view.radius_mm / thickness_mm <= high:
+            press = whiten(blocks, depth, WHITE, bowl_std_per_mm=settings.bowl_std_per_mm)
+            if press.true_depth() <= model.deepest * thickness_mm:
+                found.append(press)
+    return tuple(found)
 
 
-def _residuals(
-    task: _Task, theta: Floats, white: Sequence[WhitePress], *, rise_factor: float = 1.0
-) -> list[Floats]:
-    joint = _joint(task, theta)
-    return [residual(press, joint, model=task.model, rise_factor=rise_factor) for press in white]
+def _centred(fit: _Fit, theta: Floats) -> Iterator[SurfaceView]:
+    """Move the views to the centre that a first fit gives: near the edge the profile is too curved for one
+    step.
+    """
+    for press in fit.presses:
+        view = press.blocks.view
+        x, y = np.linalg.lstsq(*fit.system(press, theta), rcond=None)[0][-2:]
+        yield replace(view, centre_mm=(view.centre_mm[0] + float(x), view.centre_mm[1] + float(y)))
 
 
-def _solve(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> Floats:
-    from scipy.optimize import least_squares
-
-    def everything(values: Floats) -> Floats:
-        parts = _residuals(task, values, white)
-        return np.concatenate([*parts, (values - task.prior) / task.prior_std])
-
-    def slopes(values: Floats) -> Floats:
-        return np.concatenate([*_slopes(task, values, white), np.diag(1 / task.prior_std)])
-
-    start = np.clip(theta, task.bounds[0] + PINNED, task.bounds[1] - PINNED)
-    scale = np.minimum(task.prior_std, 0.1)
-    found = least_squares(everything, start, jac=slopes, bounds=task.bounds, x_scale=scale, ftol=1e-5, xtol=1e-5)
-    return np.asarray(found.x)
-
-
-def _report(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> SurfaceFit:
-    now = _residuals(task, theta, white)
-    slopes = _slopes(task, theta, white)
-    information = np.diag(task.prior_std**-2.0)
+def _estimate(fit: _Fit, theta: Floats) -> Estimate:
+    """Return nu with its interval: the fit's own, widened to the scatter and the model's error."""
+    model, now, slopes = fit.model, fit.residuals(theta), fit.slopes(theta)
+    information = np.diag(fit.prior_std**-2.0)
     own = [slope.T @ slope for slope in slopes]
     covariance = np.linalg.inv(information + sum(own)).astype(float)
     scores = np.array([slope.T @ part for slope, part in zip(slopes, now, strict=True)])
-    other = _residuals(task, theta, white, rise_factor=1 + task.model.relative_error)
+    other = fit.residuals(theta, 1 + model.relative_error)
     pull = sum(slope.T @ (b - a) for slope, a, b in zip(slopes, now, other, strict=True))
     systematic = float((covariance @ pull)[0])
-    depths = _by_depth(white, scores)
-    groups = (scores, _by_direction(white, slopes, now), depths)
+    depth = np.array([press.true_depth() for press in fit.presses])
+    depths = _by_depth(depth, scores)
+    groups = (scores, _by_direction(fit.presses, slopes, now), depths)
     shown = max(_clustered(covariance, information, part) for part in groups)
     if len(depths) < MIN_CLUSTERS:  # no scatter shows the model's error at these depths
-        systematic = float(np.hypot(systematic, task.model.single_depth_std / np.sqrt(len(depths))))
+        systematic = float(np.hypot(systematic, model.single_depth_std / np.sqrt(len(depths))))
     own_nu = np.array([part[0, 0] for part in own])
-    alone = theta[0] - scores[:, 0] / own_nu
-    systematic = float(np.hypot(systematic, _trend(task.presses, alone, own_nu)))
-    std = np.sqrt(covariance[0, 0])
-    nu = _estimate(theta[0], std, shown, systematic, task.model.poisson_range)
-    return SurfaceFit(nu, theta, task.model.name)
+    systematic = float(np.hypot(systematic, _trend(depth, theta[0] - scores[:, 0] / own_nu, own_nu)))
+    value, (least, most) = float(theta[0]), model.poisson_range
+    half = float(np.hypot(max(Z95 * np.sqrt(covariance[0, 0]), shown), Z95 * systematic))
+    low, high = max(value - half, 0.0), min(value + half, 0.5)
+    if high - low > NO_ANSWER_WIDTH:
+        return Estimate(None, None, (low, high), "1", "the rise around the punch is below the noise of the maps")
+    if not least + AT_END < value < most - AT_END:
+        return Estimate(None, None, (low, high), "1", f"the fit lies at the bound of Poisson's ratio, {value:.4f}")
+    return Estimate(value, half / Z95, (low, high), "1")
 
 
-def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Floats]:
-    """Return the derivative of each press's residual by the k joint unknowns, (n + UNKNOWNS + 1, k).
-
-    Inwards at a bound.
-    """
-    base = _residuals(task, theta, white)
-    columns = []
-    for index in range(len(theta)):
-        step = np.zeros(len(theta))
-        step[index] = STEP if theta[index] + STEP <= task.bounds[1][index] else -STEP
-        moved = _residuals(task, theta + step, white)
-        columns.append([(b - a) / step[index] for a, b in zip(base, moved, strict=True)])
-    return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
-
-
-def _by_direction(white: Sequence[WhitePress], slopes: Sequence[Floats], now: Sequence[Floats]) -> Floats:
+def _by_direction(presses: Sequence[Press], slopes: Sequence[Floats], now: Sequence[Floats]) -> Floats:
     """Return the scores (SECTORS, k) of the blocks that lie in one direction from the punch, over all presses.
 
     An error of one light is the same in one direction in every press.
     """
     total = np.zeros((SECTORS, slopes[0].shape[1]))
-    for press, slope, part in zip(white, slopes, now, strict=True):
-        count, blocks = len(press.goal), press.press.blocks
+    for press, slope, part in zip(presses, slopes, now, strict=True):
+        count, blocks = len(press.goal), press.blocks
         misfit = np.linalg.solve(press.whitener, part[:count])
         scores = (press.whitener.T @ slope[:count]) * misfit[:, None]
         turn = np.arctan2(blocks.y_mm, blocks.x_mm) / (2 * np.pi) % 1.0
@@ -433,14 +386,13 @@ def _by_direction(white: Sequence[WhitePress], slopes: Sequence[Floats], now: Se
     return total
 
 
-def _trend(presses: Sequence[Press], estimates: Floats, weights: Floats) -> float:
+def _trend(depth: Floats, estimates: Floats, weights: Floats) -> float:
     """Return half of nu's change over the depths, as far as it exceeds what noise and scatter give at 95 %.
 
     The gel has one nu: a change with depth is an error of the profile or the map at unknown depths.
     """
     from scipy.stats import t
 
-    depth = np.array([true_depth(press, 1.0) for press in presses])
     reach = float(np.ptp(depth))
     if len(depth) < MIN_CLUSTERS or reach < SAME_DEPTH * depth.max():
         return 0.0
@@ -453,9 +405,8 @@ def _trend(presses: Sequence[Press], estimates: Floats, weights: Floats) -> floa
     return 0.5 * reach * float(np.sqrt(max(slope**2 - chance, 0.0)))
 
 
-def _by_depth(white: Sequence[WhitePress], scores: Floats) -> Floats:
+def _by_depth(depth: Floats, scores: Floats) -> Floats:
     """Return scores (groups, k) of presses of about one depth: repeats do not reduce a model's error there."""
-    depth = np.array([true_depth(press.press, 1.0) for press in white])
     order = np.argsort(depth)
     group = np.concatenate([[0], np.cumsum(np.diff(depth[order]) > SAME_DEPTH * depth[order][1:])])
     total = np.zeros((int(group[-1]) + 1, scores.shape[1]))
@@ -470,16 +421,6 @@ def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float
     count = len(scores)
     if count < MIN_CLUSTERS:
         return 0.0
-    meat = scores.T @ scores * count / (count - 1) + information * np.isfinite(information)
+    meat = scores.T @ scores * count / (count - 1) + information
     spread = covariance @ meat @ covariance
     return float(t.ppf(0.975, count - 1) * np.sqrt(spread[0, 0]))
-
-
-def _estimate(value: float, std: float, shown: float, systematic: float, bounds: tuple[float, float]) -> Estimate:
-    half = float(np.hypot(max(Z95 * std, shown), Z95 * systematic))
-    low, high = max(value - half, 0.0), min(value + half, 0.5)
-    if high - low > NO_ANSWER_WIDTH:
-        return Estimate(None, None, (low, high), "1", "the rise around the punch is below the noise of the maps")
-    if not bounds[0] + AT_END < value < bounds[1] - AT_END:
-        return Estimate(None, None, (low, high), "1", f"the fit lies at the bound of Poisson's ratio, {value:.4f}")
-    return Estimate(float(value), half / Z95, (low, high), "1")
