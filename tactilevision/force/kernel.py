@@ -26,7 +26,7 @@ from tactilevision.records.measured import Floats
 # displacement by traction over x, y, z.
 
 WAVES = 4  # times the grid's own: shorter ones average out over a cell
-REACH = 8.0  # thicknesses of gel between a load and its next image
+REACH = 8  # thicknesses of gel between a load and its next image
 
 
 @dataclass(frozen=True, slots=True)

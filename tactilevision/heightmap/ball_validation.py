@@ -21,6 +21,7 @@ from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.network import find_model
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.photometric.storage import load_network
+from tactilevision.records.constants import TINY
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Array, Bytes, Floats, Pair
 from tactilevision.records.rig import Sensor
@@ -366,5 +367,5 @@ def _reading(network: PhotometricMethod, rgb: Bytes, ball: Ball, *, mm_per_px: P
     under = r < INSIDE * contact_mm if read.valid is None else (r < INSIDE * contact_mm) & read.valid
     stated = np.stack(ball_slopes(x[under], y[under], contact_mm=contact_mm, radius_mm=ball.radius_mm))
     found = np.stack([read.dz_dx[under], read.dz_dy[under]])
-    both, own, true = (float(np.sum(one)) + 1e-12 for one in (found * stated, found**2, stated**2))
+    both, own, true = (float(np.sum(one)) + TINY for one in (found * stated, found**2, stated**2))
     return UsualReading(max(both / true, 1e-3), both / float(np.sqrt(own * true)), float(rgb.mean()))

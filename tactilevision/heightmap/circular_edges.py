@@ -96,7 +96,7 @@ def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float,
     keep = weight
     for last in (False, True):
         a, b, c = weighted_solution(terms, squares, weights=keep)
-        radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
+        radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), TINY)))
         if not last:
             off = np.sqrt((x - 0.5 * a) ** 2 + (y - 0.5 * b) ** 2) - radius
             keep = weight * geman_mcclure_weight(off, 2.0 * residual_std(off))
@@ -147,7 +147,7 @@ def _fit_edge(
     if spread > OFF_ROUND_PX * px or not MIN_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
         return None
     centre = x + shift_x, y + shift_y
-    outer = (1 + OUTER_SHARE) * radius + 8.0 * px
+    outer = (1 + OUTER_SHARE) * radius + 8 * px
     places, median, highest, std = _profile(slopes, mm_per_px, (*centre, radius), outer)
     half, quarter = _flanks(places, np.stack([median, median]), np.array([0.5, 0.25]))
     blur = (half - quarter) / (QUARTER - HALF)

@@ -451,5 +451,5 @@ def hidden_step_mm(depth_mm: Picture, slopes: SlopeMap, *, steepest: float, ever
     if steep_px < MIN_STEEP_PX:
         return 0.0
     area_px = max(float(every**2) * np.count_nonzero(depth_mm > BEHIND * depth_mm.max()), 1.0)
-    width_px = steep_px / np.sqrt(4.0 * np.pi * area_px)
+    width_px = steep_px / np.sqrt(4 * np.pi * area_px)
     return float(steepest * width_px * np.sqrt(mm_per_px[0] * mm_per_px[1]))

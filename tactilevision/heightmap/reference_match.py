@@ -109,8 +109,7 @@ REACH_PX = 16  # px: the largest shift searched
 # deviations of the correlation at which its peak is significant; unmoved real frames have 15 and more
 SHIFT_SIGMA = 12
 MIN_PEAK_RATIO = 1.5  # times the correlation at zero shift
-MIN_PX = 1.5  # px: gel that is pressed sideways moves by as much
-ALIKE_PX = 1.5  # px from the median shift, within which shifts agree
+MIN_PX = 1.5  # px: gel that is pressed sideways moves by as much, and frames differ by less from their median
 SHIFT_FRAMES = 8  # maximum number of frames examined, evenly spaced
 
 
@@ -125,7 +124,7 @@ def image_shift(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair 
     if not shifts:
         return None
     median = np.median(shifts, axis=0)
-    alike = [shift for shift in shifts if np.hypot(*(shift - median)) < ALIKE_PX]
+    alike = [shift for shift in shifts if np.hypot(*(shift - median)) < MIN_PX]
     if 2 * len(alike) <= len(chosen):
         return None
     x, y = np.mean(alike, axis=0)
@@ -136,7 +135,7 @@ def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | Non
     """Return the shift (2,) of one picture in px; None where it has not moved or the shift is not measurable."""
     shape = picture.shape[:2]
     whole = np.fft.irfft2(spectrum.conj() * _spectrum(picture), s=shape)
-    noise = mad_std(whole, centre=0.0) + 1e-12
+    noise = mad_std(whole, centre=0.0) + TINY
     reach = min(REACH_PX, (min(shape) - 3) // 2)
     around = np.roll(whole, (reach + 1, reach + 1), axis=(0, 1))[: 2 * reach + 3, : 2 * reach + 3] / noise
     y, x = np.unravel_index(np.argmax(around[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))

@@ -212,7 +212,7 @@ class Law:
                 after = misfit(trial)
                 if after[0] < squares:
                     break
-                damping *= 30.0
+                damping *= 30
             else:
                 break
             unknown, (squares, uphill, normal, off), damping = trial, after, max(0.1 * damping, DAMPING)
@@ -270,7 +270,7 @@ class Law:
 def _blur(rows: Floats, sigma: float) -> Floats:
     """Return lines (K, n) blurred by `sigma` of their steps."""
     sigma = min(max(sigma, 0.3), 0.25 * rows.shape[1])  # the fit may overshoot
-    size = round(8.0 * sigma + 1.0) | 1
+    size = round(8 * sigma + 1) | 1
     return np.asarray(cv2.GaussianBlur(rows, (size, 1), sigma, borderType=cv2.BORDER_REPLICATE))
 
 
@@ -416,7 +416,7 @@ def fit_edge(edge: CircularEdge, walls: WallLaw, *, px: float) -> PunchEdge | No
     shift, reach = float(unknown[0]), hidden + px
     falls, fall, rate = law.falls(unknown, reach - shift)
     with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
-    inner = -3.0 * float(np.hypot(*np.exp(unknown[1:3])))
+    inner = -3 * float(np.hypot(*np.exp(unknown[1:3])))
     steps = np.where(known & (s > inner + shift), mean, 0.0) * (s[1] - s[0])  # mm
     within = np.clip((reach - s) / (s[1] - s[0]) + 0.5, 0.0, 1.0)  # a bin across the reach counts in part
     read, beyond = float(steps @ within), float(steps @ (1.0 - within))

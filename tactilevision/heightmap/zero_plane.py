@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from tactilevision.photometric.drift import blocks_of, distance_px
-from tactilevision.records.constants import ROUNDING
+from tactilevision.records.constants import ROUNDING, TINY
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.records.maps import SlopeMap
 from tactilevision.records.measured import Array, Bools, Floats, Pair, Picture
@@ -33,7 +33,7 @@ DECAY_PER_THICKNESS = 0.9  # of the thickness: decay length of the rise: punches
 DECAY_STD = 0.17  # relative, from contact to contact
 USUAL_THICKNESS_MM = 3  # mm, of gel whose thickness is not stated
 THICKNESS_STD = 0.3  # relative deviation of such a thickness
-FIRST_WEIGHT = 1e3  # relative to all blocks: the first round keeps L
+FIRST_WEIGHT = 1000  # relative to all blocks: the first round keeps L
 MIN_RISE = 1e-3  # of the blocks' scatter: no rise at all
 CORRELATED = 50  # blocks, a tenth of the picture: correlation of integrated slope errors
 MIN_BLOCKS = 12  # untouched blocks; fewer do not determine a tilt
@@ -221,7 +221,7 @@ def _reweighted_fit(
         square -= depth
         square *= square
         square[touched] = np.inf
-        scale = MAD_TO_STD * float(np.partition(square, count // 2)[count // 2]) ** 0.5 + 1e-12
+        scale = MAD_TO_STD * float(np.partition(square, count // 2)[count // 2]) ** 0.5 + TINY
         if (
             max(abs(now - then) for now, then in zip(solution[:3], before[:3], strict=True))
             < CONVERGENCE_TOL * scale
@@ -229,7 +229,7 @@ def _reweighted_fit(
             break
         if rises:
             prior_weight = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * MIN_RISE)) ** 2
-        square *= 1.0 / (3.0 * scale) ** 2
+        square *= 1 / (3 * scale) ** 2
         square += 1.0
         square *= square  # 1 over the weight of Geman & McClure
         weighted = terms / square

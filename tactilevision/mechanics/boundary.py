@@ -27,14 +27,14 @@ from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Floats
 
 TABLE = Path(__file__).with_name("boundary_table.npz")
-DISTANCES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)  # d/h, nodes of the table
+DISTANCES = (0.25, 0.5, 0.75, 1.0, 1.5, 2, 3, 4, 5)  # d/h, nodes of the table
 POISSON_NODES = (0.3, 0.4, 0.45, 0.48, 0.499)  # Poisson's ratio, nodes of the table
 A_OVER_H_NODES = (0.4, 0.6, 2.5 / 3, 1.2, 1.5)  # a/h, nodes of the table
 RATIO_DISTANCES = tuple(2.0**k for k in range(-2, 2))  # d/h; beyond, where s is small, the last value is kept
 RATIO_POISSON = (POISSON_NODES[0], *POISSON_NODES[2:])  # Poisson's ratio, nodes of the ratios
 RATIO_A_OVER_H = A_OVER_H_NODES[::2]  # a/h, nodes of the ratios
 RATIO_FRICTIONS = (0.0, 0.15, 0.3, np.inf)  # Coulomb's coefficient, nodes of the ratios
-RATIO_DEPTHS = (0.01, 0.05, 0.1, 0.15, 0.2, 0.25)  # w/h, nodes of the ratios
+RATIO_DEPTHS = (0.01, *(k / 20 for k in range(1, 6)))  # w/h, nodes of the ratios
 
 
 def softening(

@@ -58,7 +58,7 @@ def stiffness_at_touch(poisson_ratio: float, a_over_h: float, *, d_over_h: float
     edge.
     """
     face = GluedFace(3 * a_over_h, slides=True)
-    model = build(PunchProblem(Material(1.0, poisson_ratio), face, 3.0, 3 * (a_over_h + d_over_h)))
+    model = build(PunchProblem(Material(1.0, poisson_ratio), face, 3, 3 * (a_over_h + d_over_h)))
     (state,) = march(equations(model), [1e-4], log=[])
     return state.force_N / state.depth_mm
 

@@ -28,7 +28,7 @@ from tactilevision.mechanics.surface_view import (
     reduce_view,
 )
 from tactilevision.mechanics.tables.punch import TABULATED
-from tactilevision.records.constants import Z95
+from tactilevision.records.constants import TAILS95, Z95
 from tactilevision.records.measured import Estimate, Floats
 
 # One press, its linear unknowns eliminated, in this order: apparent depth u (mm); relative error of the face's
@@ -401,7 +401,7 @@ def _trend(depth: Floats, estimates: Floats, weights: Floats) -> float:
     slope = float(weights @ (away * estimates)) / power
     residuals = estimates - np.average(estimates, weights=weights) - slope * away
     scatter = float(weights @ residuals**2) / (len(depth) - 2)  # 1 for noise alone
-    chance = float(t.ppf(0.975, len(depth) - 2)) ** 2 * max(scatter, 1.0) / power
+    chance = float(t.ppf(TAILS95[1], len(depth) - 2)) ** 2 * max(scatter, 1.0) / power
     return 0.5 * reach * float(np.sqrt(max(slope**2 - chance, 0.0)))
 
 
@@ -423,4 +423,4 @@ def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float
         return 0.0
     meat = scores.T @ scores * count / (count - 1) + information
     spread = covariance @ meat @ covariance
-    return float(t.ppf(0.975, count - 1) * np.sqrt(spread[0, 0]))
+    return float(t.ppf(TAILS95[1], count - 1) * np.sqrt(spread[0, 0]))

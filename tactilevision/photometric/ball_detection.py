@@ -117,7 +117,7 @@ def find_ball(
             np.abs(change.reshape(-1, 3) if usable is None else change[usable]), TOP_PERCENTILE, axis=0
         )
         with suppress(InputError):
-            equalised = refined(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
+            equalised = refined(first_guess(np.asarray(change / np.maximum(top, TINY), np.float32), usable))
             ball = min(ball, equalised, key=lambda fit: fit.residual)
     return ball
 

@@ -17,7 +17,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.opening import number
 from tactilevision.records.measured import Pair
 
-MAX_RATIO = 1e6  # of a deviation to the depth: the square of more may overflow
+MAX_RATIO = 1_000_000  # of a deviation to the depth: the square of more may overflow
 PACKAGES = ("numpy", "torch", "kornia", "onnxruntime")
 
 Rows = list[Any]  # (h, w) or (h, w, 3), over blocks of the picture

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
+from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Bytes, Floats, Picture
 
 MIN_COUNT = 12  # spots that make a pattern
@@ -97,7 +98,7 @@ def fill(planes: Picture, mask: Bytes) -> None:
     share = [1.0 - mask.astype(np.float32)]
     for _ in range(LEVELS):
         share.append(cv2.pyrDown(share[-1]))
-    trust = [np.maximum(s, 1e-6) for s in share]
+    trust = [np.maximum(s, TINY) for s in share]
     hole = mask > 0
     for plane in planes:
         sums = [plane * share[0]]

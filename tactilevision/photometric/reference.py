@@ -298,7 +298,7 @@ def light_of(reference: Reference) -> Floats:
     usable = reference.usable.astype(np.float32)
     share = cv2.resize(usable, BLOCKS, interpolation=cv2.INTER_AREA)[..., None]
     mean = cv2.resize(reference.rgb * usable[..., None], BLOCKS, interpolation=cv2.INTER_AREA)
-    return np.where(share > 0.5, mean / np.maximum(share, 1e-6), np.nan).astype(np.float64)
+    return np.where(share > 0.5, mean / np.maximum(share, TINY), np.nan).astype(np.float64)
 
 
 def change_of_light(before: npt.ArrayLike, after: npt.ArrayLike) -> float:
