@@ -54,7 +54,7 @@ def report(name: str, steps: int = 12) -> None:
     start = time.process_time()
     solution = press_to_depths(problem, depths)
     seconds = time.process_time() - start
-    iterations = sum(step.iterations for step in solution.steps)
+    iterations = sum(0 if isinstance(step, str) else step.iterations for step in solution.steps)
     fine = press_to_depths(refined(problem), depths[: steps // 2]).force_N
     change = np.abs(solution.force_N[: steps // 2] / fine - 1).max()
     print(

@@ -14,7 +14,7 @@ from tactilevision.mechanics import boundary as b
 from tactilevision.mechanics.flat_contact import WIDE
 from tactilevision.mechanics.kappa import fingerprint
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
-from tactilevision.mechanics.punch_fem.newton import State, equations, march
+from tactilevision.mechanics.punch_fem.newton import State, march
 from tactilevision.mechanics.punch_fem.problem import GluedFace, PunchProblem, build
 from tactilevision.records.measured import Floats, Material
 
@@ -59,7 +59,7 @@ def stiffness_at_touch(poisson_ratio: float, a_over_h: float, *, d_over_h: float
     """
     face = GluedFace(3 * a_over_h, slides=True)
     model = build(PunchProblem(Material(1.0, poisson_ratio), face, 3, 3 * (a_over_h + d_over_h)))
-    (state,) = march(equations(model), [1e-4], log=[])
+    (state,) = march(model, [1e-4], log=[])
     return state.force_N / state.depth_mm
 
 
@@ -89,6 +89,6 @@ def _forces(poisson_ratio: float, a_over_h: float, pad_over_h: float, friction: 
 
 def _reached(problem: PunchProblem) -> Iterator[State]:
     try:
-        yield from march(equations(build(problem)), b.RATIO_DEPTHS, log=[])
+        yield from march(build(problem), b.RATIO_DEPTHS, log=[])
     except ConvergenceError:
         return

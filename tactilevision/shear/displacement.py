@@ -319,10 +319,7 @@ class Untouched:
             )
         if self.markers is not None:
             return _by_markers(self.markers, frame, self.mm_per_px)
-        if self.texture is None:
-            return _nothing(self.shape, self.mm_per_px, (NOTHING_TO_FOLLOW,))
-        followed = follow_texture(self.texture, frame)
-        if followed is None:
+        if self.texture is None or (followed := follow_texture(self.texture, frame)) is None:
             return _nothing(self.shape, self.mm_per_px, (NOTHING_TO_FOLLOW,))
         motion, std_px, valid = followed
         scale = np.array(self.mm_per_px)

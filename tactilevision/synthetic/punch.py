@@ -97,7 +97,7 @@ def punch_profile(
     from scipy.interpolate import CubicSpline
 
     from tactilevision.mechanics.punch_fem.contact import RoundedPunch
-    from tactilevision.mechanics.punch_fem.newton import State, equations, march
+    from tactilevision.mechanics.punch_fem.newton import State, march
     from tactilevision.mechanics.punch_fem.press import surface_profile
     from tactilevision.mechanics.punch_fem.problem import PunchProblem, build
 
@@ -105,7 +105,7 @@ def punch_profile(
     model = build(PunchProblem(Material(1.0, poisson_ratio), punch, thickness_mm, pad_radius_mm))
     states: list[State] = []
     try:
-        for state in march(equations(model), [thickness_mm * share for share in _DEPTHS], log=[]):
+        for state in march(model, [thickness_mm * share for share in _DEPTHS], log=[]):
             states.append(state)  # noqa: PERF402 - depths before an error are kept
     except ConvergenceError:
         if len(states) < 2:

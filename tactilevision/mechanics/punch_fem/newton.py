@@ -9,14 +9,7 @@ import numpy as np
 
 from tactilevision.errors import ConvergenceError
 from tactilevision.mechanics.punch_fem.contact import ContactHistory, ContactState, RoundedPunch, touch, untouched
-from tactilevision.mechanics.punch_fem.discretisation import (
-    Discretisation,
-    Pattern,
-    assemble,
-    factorise,
-    find_pattern,
-    scatter,
-)
+from tactilevision.mechanics.punch_fem.discretisation import Discretisation, assemble, factorise, scatter
 from tactilevision.mechanics.punch_fem.problem import Model
 from tactilevision.mechanics.punch_fem.solid import ElementSystem, corner_volumes, deform, linearise
 from tactilevision.records.constants import ROUNDING
@@ -28,8 +21,7 @@ from tactilevision.records.measured import Floats
 @dataclass(frozen=True, slots=True)
 class State:
     """An equilibrium: unknowns `u` (N,), `pressure` (E, 3), contact history, punch depth and force on the gel,
-    Newton's iterations, the residual force over the punch's, and whether the surface has folded (only if the
-    problem allows it).
+    Newton's iterations, and whether the surface has folded (only if the problem allows it).
     """
 
     u: Floats
@@ -38,16 +30,7 @@ class State:
     depth_mm: float
     force_N: float
     iterations: int
-    imbalance: float
     folded: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Equations:
-    """A model with the sparse pattern of its free unknowns."""
-
-    model: Model
-    pattern: Pattern
 
 
 MAX_ITERATIONS = 10  # of one step
@@ -64,24 +47,15 @@ WORST_ERROR = 3  # relative out-of-balance force that is too much at any time
 MAX_WITH_PATIENCE = 30  # iterations of one step there
 
 
-def equations(model: Model) -> Equations:
-    """Set up the pattern of a press to given depths."""
-    free = ~model.held
-    free[model.mesh.punch] = False
-    glued = not isinstance(model.problem.punch, RoundedPunch)
-    tables = (model.mesh.dofs,) if glued else (model.mesh.dofs, model.mesh.surface.dofs)
-    return Equations(model, find_pattern(tables, free))
-
-
 def at_rest(model: Model) -> State:
     """Return the undeformed gel, the punch just touching."""
     mesh, punch = model.mesh, model.problem.punch
     history = untouched(mesh.surface, punch) if isinstance(punch, RoundedPunch) else None
-    return State(np.zeros(mesh.size), np.zeros((len(mesh.dofs), 3)), history, 0.0, 0.0, 0, 0.0)
+    return State(np.zeros(mesh.size), np.zeros((len(mesh.dofs), 3)), history, 0.0, 0.0, 0)
 
 
 def solve_step(
-    system: Equations, last: State, *, depth_mm: float, guess: tuple[Floats, Floats], patient: bool = False
+    model: Model, last: State, *, depth_mm: float, guess: tuple[Floats, Floats], patient: bool = False
 ) -> State | str:
     """Return the equilibrium at `depth_mm`, from the converged `last` and a guess (u (n,) in mm, pressure), or
     why there is none.
@@ -89,8 +63,7 @@ def solve_step(
     Where the guess has another depth, the first iteration is the tangent predictor. `patient`
     goes on where a shorter step would usually be cheaper.
     """
-    model, mesh = system.model, system.model.mesh
-    u, pressure = guess
+    mesh, (u, pressure) = model.mesh, guess
     jump = -depth_mm - u[mesh.punch]
     history, most = last.history, MAX_WITH_PATIENCE if patient else MAX_ITERATIONS
     for iteration in range(most + 1):
@@ -99,7 +72,8 @@ def solve_step(
             return "an element turned inside out"
         solid = linearise(mesh, model.problem.law, material=model.problem.material, state=state, pressure=pressure)
         contact = contact_at(model, u, history=history, keep=iteration == 0)
-        error = _imbalance(system, solid, contact)
+        residual = _sum(model, solid.internal, contact)
+        error = _imbalance(model, residual)
         late = iteration >= LATE and error > LATE_ERROR and not patient
         if not np.isfinite(error) or (iteration > 1 and error > WORST_ERROR) or late:
             return f"the iteration diverges (residual {error:.1e})"
@@ -110,10 +84,10 @@ def solve_step(
             folded = bool(corner_volumes(mesh, u).min() <= 0)
             if folded and not model.problem.may_fold:
                 return "the surface folds at the punch's edge"
-            reaction = -float(_sum(system, solid.internal, contact)[mesh.punch])
+            reaction = -float(residual[mesh.punch])
             reached = None if contact is None else contact.history
-            return State(u, pressure, reached, -float(u[mesh.punch]), reaction, iteration, error, folded)
-        du, jump = _increment(system, solid, contact, jump), 0.0
+            return State(u, pressure, reached, -float(u[mesh.punch]), reaction, iteration, folded)
+        du, jump = _increment(model, solid, contact, jump), 0.0
         if contact is not None and last.history is not None:
             history = replace(last.history, trial_MPa=contact.trial_MPa)
         u = u + du
@@ -132,13 +106,12 @@ def contact_at(
     return touch(model.mesh.surface, punch, stiffness=model.contact_stiffness, u=u, history=history, keep=keep)
 
 
-def _imbalance(system: Equations, solid: ElementSystem, contact: ContactState | None) -> float:
-    """Return the norm of the out-of-balance forces over the punch's force."""
-    residual = _sum(system, solid.internal, contact)
-    problem, punch = system.model.problem, system.model.mesh.punch
+def _imbalance(model: Model, residual: Floats) -> float:
+    """Return the norm of the out-of-balance forces (N,) over the punch's force."""
+    problem, punch = model.problem, model.mesh.punch
     floor = 1e-5 * problem.material.youngs_modulus_MPa * problem.thickness_mm**2
     scale = max(abs(float(residual[punch])), floor)
-    return float(np.linalg.norm(residual[system.pattern.free])) / scale
+    return float(np.linalg.norm(residual[model.pattern.free])) / scale
 
 
 def _volume_error(mesh: Discretisation, solid: ElementSystem) -> float:
@@ -146,26 +119,21 @@ def _volume_error(mesh: Discretisation, solid: ElementSystem) -> float:
     return float(np.abs(solid.pressure_residual[:, 0] / mesh.weight_mm3.sum(axis=1)).max())
 
 
-def _sum(system: Equations, forces: Floats, contact: ContactState | None) -> Floats:
-    mesh = system.model.mesh
-    if contact is None:
-        return scatter(mesh.size, (mesh.dofs,), forces=(forces,))
-    return scatter(mesh.size, (mesh.dofs, mesh.surface.dofs), forces=(forces, contact.force))
+def _sum(model: Model, forces: Floats, contact: ContactState | None) -> Floats:
+    parts = (forces,) if contact is None else (forces, contact.force)
+    return scatter(model.mesh.size, model.tables, forces=parts)
 
 
-def _increment(system: Equations, solid: ElementSystem, contact: ContactState | None, jump: float) -> Floats:
+def _increment(model: Model, solid: ElementSystem, contact: ContactState | None, jump: float) -> Floats:
     """Return Newton's increment of all unknowns, the punch's prescribed `jump` included."""
-    mesh, free = system.model.mesh, system.pattern.free
-    right = -_sum(system, solid.force, contact)
-    du = np.zeros(mesh.size)
+    mesh, free = model.mesh, model.pattern.free
+    right, du = -_sum(model, solid.force, contact), np.zeros(mesh.size)
+    parts = (solid.stiffness,) if contact is None else (solid.stiffness, contact.stiffness)
     if jump:
         du[mesh.punch] = jump
-        right -= scatter(mesh.size, (mesh.dofs,), forces=((solid.stiffness @ du[mesh.dofs][:, :, None])[:, :, 0],))
-        if contact is not None:
-            dofs = mesh.surface.dofs
-            right -= scatter(mesh.size, (dofs,), forces=((contact.stiffness @ du[dofs][:, :, None])[:, :, 0],))
-    parts = (solid.stiffness,) if contact is None else (solid.stiffness, contact.stiffness)
-    du[free] = factorise(assemble(system.pattern, parts)).solve(right[free])
+        for dofs, stiffness in zip(model.tables, parts, strict=True):
+            right -= scatter(mesh.size, (dofs,), forces=((stiffness @ du[dofs][:, :, None])[:, :, 0],))
+    du[free] = factorise(assemble(model.pattern, parts)).solve(right[free])
     return du
 
 
@@ -175,53 +143,32 @@ SMALLEST_CUT = 1 / 64  # of a step, below which none is cut further
 QUICK = 5  # iterations after which a step may grow
 
 
-@dataclass(frozen=True, slots=True)
-class StepRecord:
-    """One attempted step: its target depth (mm), iterations, the residual force over the punch's, and why
-    it failed ("" if it did not).
-    """
-
-    target: float
-    iterations: int
-    imbalance: float
-    failure: str = ""
-
-
-def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord]) -> Iterator[State]:
+def march(model: Model, targets: Sequence[float], *, log: list[State | str]) -> Iterator[State]:
     """Yield the equilibrium at each depth (mm) of `targets` in turn.
 
-    Every attempt is added to `log`. Raises ConvergenceError where a step fails even at 1/64 of its length; what
-    was yielded before stays true.
+    Every attempt is added to `log`: its equilibrium, or why there is none. Raises ConvergenceError where a step
+    fails even at 1/64 of its length; what was yielded before stays true.
     """
-    last, before, step = at_rest(system.model), None, first_step(system)
-    patient = True
+    last, before, patient, punch = at_rest(model), None, True, model.problem.punch
+    # the first touch wraps the edge's radius; a glued face has none
+    step = punch.edge_radius_mm / 4 if isinstance(punch, RoundedPunch) else np.inf
     for target in targets:
         whole = abs(target - last.depth_mm)
         while abs(left := target - last.depth_mm) > 1e-12 * max(abs(target), whole):
             parts = np.ceil(abs(left) / step - ROUNDING)
             aim = target if parts <= 1 else last.depth_mm + left / parts
-            outcome = solve_step(
-                system, last, depth_mm=aim, guess=_extrapolate(before, last, aim), patient=patient
-            )
+            guess = _extrapolate(before, last, aim)
+            outcome = solve_step(model, last, depth_mm=aim, guess=guess, patient=patient)
+            log.append(outcome)
             taken = abs(aim - last.depth_mm)
             if isinstance(outcome, str):
-                log.append(StepRecord(float(aim), 0, float("nan"), outcome))
                 step, patient = taken / 2, True
                 if step < SMALLEST_CUT * whole:
                     raise ConvergenceError(_lost(last, aim, outcome))
                 continue
-            log.append(StepRecord(float(aim), outcome.iterations, outcome.imbalance))
             step = max(step, taken * 2) if outcome.iterations <= QUICK else max(step, taken)
             before, last, patient = last, outcome, False
         yield last
-
-
-def first_step(system: Equations) -> float:
-    """Return the first step to try: a quarter of the edge radius, which the first touch wraps; glued, any."""
-    punch = system.model.problem.punch
-    if not isinstance(punch, RoundedPunch):
-        return np.inf
-    return punch.edge_radius_mm / 4
 
 
 def _extrapolate(before: State | None, last: State, aim: float) -> tuple[Floats, Floats]:

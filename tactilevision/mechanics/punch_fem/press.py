@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.discretisation import Surface
-from tactilevision.mechanics.punch_fem.newton import State, StepRecord, contact_at, equations, march
+from tactilevision.mechanics.punch_fem.newton import State, contact_at, march
 from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build
 from tactilevision.mechanics.punch_fem.solid import stored_energy
 from tactilevision.records.measured import Floats
@@ -22,8 +22,8 @@ class PunchSolution:
     `depth_mm`, `force_N`, `energy_N_mm` (T,): the punch's depth and force into the gel, and the strain energy.
     `r_mm` (S,) material radii of the surface's nodes; `u_r_mm`, `u_z_mm` (T, S) their displacements, the rise
     around the punch positive. `contact_r_mm` (C,) material radii; `pressure_MPa`, `shear_MPa` (T, C) true contact
-    tractions on the gel, shear positive outward along the punch; None where a face is glued. `steps` every
-    attempted step.
+    tractions on the gel, shear positive outward along the punch; None where a face is glued. `steps`: the
+    equilibrium of every attempted step, or why there is none.
     """
 
     depth_mm: Floats
@@ -35,10 +35,10 @@ class PunchSolution:
     contact_r_mm: Floats | None
     pressure_MPa: Floats | None
     shear_MPa: Floats | None
-    steps: tuple[StepRecord, ...]
+    steps: tuple[State | str, ...]
 
 
-def gather(model: Model, states: list[State], *, steps: list[StepRecord]) -> PunchSolution:
+def gather(model: Model, states: list[State], *, steps: list[State | str]) -> PunchSolution:
     """Collect the equilibria of one march."""
     r, _ = surface_profile(model, states[0])
     profiles = np.stack([surface_profile(model, state)[1] for state in states])
@@ -115,6 +115,6 @@ def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSol
             remedy=f"The gel is {problem.thickness_mm} mm thick.",
         )
     model = build(problem)
-    steps: list[StepRecord] = []
-    states = list(march(equations(model), depths.tolist(), log=steps))
+    steps: list[State | str] = []
+    states = list(march(model, depths.tolist(), log=steps))
     return gather(model, states, steps=steps)

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
-from tactilevision.mechanics.punch_fem.discretisation import Discretisation, MeshSettings, discretise, graded_mesh
+from tactilevision.mechanics.punch_fem.discretisation import (
+    Discretisation,
+    Ints,
+    MeshSettings,
+    Pattern,
+    discretise,
+    find_pattern,
+    graded_mesh,
+)
 from tactilevision.mechanics.punch_fem.laws import Law, NeoHooke
 from tactilevision.records.constants import ROUNDING
 from tactilevision.records.measured import Bools, Material
@@ -63,7 +72,7 @@ def default_mesh(problem: PunchProblem) -> MeshSettings:
     return MeshSettings(min(edge / 3, largest), largest, inside_mm=2 * edge + slides_out, outside_mm=edge)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Model:
     """A problem on its mesh. `held` (N,) unknowns that stay 0; glued ones share the punch's own number already."""
 
@@ -76,6 +85,19 @@ class Model:
         """The penalty in MPa/mm."""
         size_mm = (self.problem.mesh or default_mesh(self.problem)).edge_size_mm
         return self.problem.penalty * self.problem.material.youngs_modulus_MPa / size_mm
+
+    @property
+    def tables(self) -> tuple[Ints, ...]:
+        """The unknowns (K, n) of the elements and, unless the face is glued, of the surface's edges."""
+        mesh = self.mesh
+        return (mesh.dofs,) if isinstance(self.problem.punch, GluedFace) else (mesh.dofs, mesh.surface.dofs)
+
+    @cached_property
+    def pattern(self) -> Pattern:
+        """The sparse pattern of the unknowns that are free at given depths of the punch."""
+        free = ~self.held
+        free[self.mesh.punch] = False
+        return find_pattern(self.tables, free)
 
 
 def build(problem: PunchProblem) -> Model:

@@ -13,7 +13,7 @@ from tactilevision.errors import ConvergenceError
 from tactilevision.files.runs import output_lock
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.laws import Hencky, Law, NeoHooke, least_acoustic
-from tactilevision.mechanics.punch_fem.newton import State, StepRecord, equations, march
+from tactilevision.mechanics.punch_fem.newton import State, march
 from tactilevision.mechanics.punch_fem.press import surface_profile
 from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build, default_mesh
 from tactilevision.mechanics.punch_fem.solid import deform
@@ -111,15 +111,15 @@ def before_a_jam(case: Case, depths: Sequence[float], *, force: Floats) -> int:
 
 def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
     model = build(problem_of(case, coarser))
-    steps: list[StepRecord] = []
+    steps: list[State | str] = []
     states: list[State] = []
     ended = ""
     try:
-        for state in march(equations(model), depths, log=steps):
+        for state in march(model, depths, log=steps):
             states.append(state)  # noqa: PERF402 - what was reached before an error is kept
     except ConvergenceError:
-        ended = steps[-1].failure
-        last = max((step.target for step in steps if not step.failure), default=0.0)
+        ended = str(steps[-1])
+        last = max((step.depth_mm for step in steps if isinstance(step, State)), default=0.0)
         states = [state for state in states if state.depth_mm * BRINK <= last]
     force = np.array([state.force_N / state.depth_mm for state in states])
     surface = np.array([_surface(model, state, case) for state in states]).reshape(-1, 2, len(BESIDE))

@@ -255,8 +255,6 @@ class InverseShading:
     uneven: float
     share: float
 
-    ridges = (LAW_RIDGE,)
-
     @property
     def __name__(self) -> str:
         return f"through_light: uneven {self.uneven:g}, share {self.share:g}"
