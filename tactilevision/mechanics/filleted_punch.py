@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from tactilevision.mechanics.kappa import OFFSET
 from tactilevision.mechanics.punch_equation import (
     KERNEL_END,
     KERNEL_NODES,
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
 SHARP_MM = 1e-5  # a smaller rounding is ignored
 MIN_FLAT = 0.05  # least flat part of the radius
 STEPS = 33  # of the contact's radius in the spline of its growth
-OFFSET = 0.002  # the table's variable is -ln(.5 + OFFSET - nu), regular at nu = .5
 RATIOS = (0.05, 5)  # r/h, range of the table
 SIZES = (9, 16, 8)  # nodes over nu, ln(r/h) and b/r
 

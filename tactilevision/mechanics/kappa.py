@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 TABLE = Path(__file__).with_name("kappa_table.npz")
 TABLE_SHAPE = (49, 61)  # nodes over nu and a/h
-OFFSET = 0.002  # the spline's variable is -ln(.5 + OFFSET - nu): kappa is steepest at nu = .5
+OFFSET = 0.002  # tables run over -ln(.5 + OFFSET - nu): kappa is steepest at nu = .5
 
 
 @overload
