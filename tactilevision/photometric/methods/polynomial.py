@@ -56,7 +56,7 @@ RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # relative to the power of the terms; held-ou
 
 
 def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.intp]:
-    """Return the colour product and power in place (terms, 2) of each coefficient, by orders in place."""
+    """Return the colour product and the power in place (terms, 2), dimensionless, by orders in place."""
     return np.array(
         [
             (k, m)
