@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
+import logging
 import os
 import re
 import struct
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Lock
 from typing import Any
 
@@ -21,29 +23,22 @@ from tactilevision.files.opening import check
 # Headers: the size of a picture before it is unpacked, its colours and its orientation.
 #
 # PNG: IHDR (ISO 15948, 11.2.2), acTL and eXIf (11.3.8, 11.3.4.6 of its third edition). JPEG: SOF (ITU T.81,
-# B.2.2), APP1 (Exif 2.3, 4.5.4). TIFF: tags 254, 256, 257, 262, 274 (TIFF 6.0, p. 36, 18, 37, 36). BMP: the
-# information header.
+# B.2.2), APP1 (Exif 2.3, 4.5.4). TIFF: tags 254, 256, 257, 262, 274 (TIFF 6.0, p. 36, 18, 37, 36), by tifffile,
+# which takes the first of a repeated tag, as libtiff does. BMP: the information header.
 
 _PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
-_TIFF = {b"II*\0": "<", b"MM\0*": ">"}
-_BIG_TIFF = {b"II+\0": "<", b"MM\0+": ">"}
-_ORDERS = _TIFF | _BIG_TIFF  # order of bytes by the first four
-_DAMAGED = (struct.error, IndexError, KeyError, OverflowError)
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # also BigTIFF, either order of bytes
 _FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers of JPEG that state a size
-_WHOLE = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 16: "Q", 17: "q"}  # types of TIFF for whole numbers
 _GREY = frozenset((0, 4))  # colour types of PNG: grey, without and with transparency
-_NO_PICTURE = 1 | 4  # bits of TIFF's tag 254: a smaller copy, a transparency mask
 _OS2_HEADER = 12  # bytes of BMP's oldest header, whose sides have 16 bits
-_SECOND = 254  # tag of TIFF: what kind of copy
-_SPACE = 262  # tag of TIFF: what kind of colours
 _TURN = 274  # tag of TIFF: the orientation
 _READ_SPACES = (0, 1, 2, 3, 5, 6)  # of tag 262: grey, RGB, palette, inks, YCbCr, which decoders convert to RGB
 _PALETTE = 3  # colour type of PNG, and of tag 262
 _MARK = 0xFF  # of JPEG: the first byte of a marker
 _APP1 = 0xE1  # of JPEG: the marker of the segment that may hold Exif's tags
 _UPRIGHT = 1  # of tag 274: not turned
-_FORMS = {False: (2, 12, "I"), True: (8, 20, "Q")}  # directories small and big: bytes of head, entry; numbers
-_MAX_ENTRIES = 4096  # of a directory that are looked at
+
+logging.getLogger("tifffile").addHandler(logging.NullHandler())  # it reports damage to stderr where nobody listens
 
 
 class UnknownPictureError(InputError):
@@ -84,9 +79,10 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
             old = struct.unpack_from("<I", data, 14)[0] == _OS2_HEADER
             width, height = struct.unpack_from("<HH" if old else "<ii", data, 18)
             return abs(int(width)), abs(int(height))
-        if data[:4] in _ORDERS:
-            return _tiff(data)
-    except _DAMAGED:
+        if data.startswith(_TIFF):
+            page = _pages(data)[0]
+            return (page.imagewidth, page.imagelength) if page.imagewidth and page.imagelength else None
+    except Exception:  # of any kind, as tifffile raises for damage
         return None
     return None
 
@@ -102,8 +98,8 @@ def why_no_colours(data: bytes) -> str:
     elif data.startswith(_BMP) and len(data) > 30:
         old = int.from_bytes(data[14:18], "little") == _OS2_HEADER
         space = _PALETTE if data[24 if old else 28] <= 8 else space
-    elif data[:4] in _ORDERS:
-        space = _directory(data, None)[0].get(_SPACE, space)
+    elif data.startswith(_TIFF):
+        space = _pages(data)[0].photometric
         if space not in _READ_SPACES:
             return "its numbers are not red, green and blue (TIFF's tag 262)"
     return "it has a palette of few colours" if space == _PALETTE else ""
@@ -114,24 +110,20 @@ def upright(data: bytes) -> bytes:
 
     For bytes that `check_picture` has passed.
     """
-    if data[:4] not in _ORDERS:
+    if not data.startswith(_TIFF):
         return data
-    lying = bytearray(data)
-    order = _ORDERS[data[:4]]
-    for tag, kind, place in _entries(data, None):
-        if tag == _TURN and kind in _WHOLE and place + struct.calcsize(order + _WHOLE[kind]) <= len(data):
-            struct.pack_into(order + _WHOLE[kind], lying, place, _UPRIGHT)
+    lying, page = bytearray(data), _pages(data)[0]
+    for tag in page.tags.getall(_TURN, []):
+        with suppress(struct.error):  # beyond the end, or no number: libtiff does not follow it
+            struct.pack_into(f"{page.parent.byteorder}{tag.dataformat[-1]}", lying, tag.valueoffset, _UPRIGHT)
     return bytes(lying)
 
 
 def orientation(data: bytes) -> int:
     """Return the orientation that a file states (tag 274 of Exif and TIFF), 1 to 8; 1, unturned, without one."""
     try:
-        tiff = _exif(data)
-        order = _ORDERS[tiff[:4]]
-        places = [(kind, place) for tag, kind, place in _entries(tiff, None) if tag == _TURN and kind in _WHOLE]
-        return int(struct.unpack_from(order + _WHOLE[places[0][0]], tiff, places[0][1])[0]) if places else _UPRIGHT
-    except _DAMAGED:
+        return int(_pages(_exif(data))[0].tags.valueof(_TURN, _UPRIGHT))
+    except Exception:  # as in `picture_size`
         return _UPRIGHT
 
 
@@ -158,13 +150,13 @@ def is_stack(data: bytes) -> bool:
     if data.startswith(_PNG):
         film = data.find(b"acTL", 0, max(data.find(b"IDAT"), 0))
         return film > 0 and int.from_bytes(data[film + 4 : film + 8], "big") > 1
-    if data[:4] not in _ORDERS:
+    if not data.startswith(_TIFF):
         return False
     try:
-        after = _directory(data, None)[1]
-        return after != 0 and not _directory(data, after)[0].get(_SECOND, 0) & _NO_PICTURE
-    except _DAMAGED:
-        return False  # damaged: its decoder reports it
+        second = _pages(data)[1]
+    except Exception:  # none, or damaged: its decoder reports it
+        return False
+    return not (second.is_reduced or second.is_mask)
 
 
 def is_cut(data: bytes) -> bool:
@@ -197,46 +189,11 @@ def _jpeg(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _tiff(data: bytes) -> tuple[int, int] | None:
-    """Return the tags of the first picture in the file, which is the one that is read."""
-    found = _directory(data, None)[0]
-    return (int(found[256]), int(found[257])) if {256, 257} <= set(found) else None
+def _pages(data: bytes) -> Any:
+    """Return the directories of a TIFF, or of Exif, which has its form; reading one raises errors of any kind."""
+    import tifffile
 
-
-def _directory(data: bytes, start: int | None) -> tuple[dict[int, int], int]:
-    """Return the tags of the directory at `start` (None: the first) that are read here, and the next one's place,
-    0: none.
-
-    The first of a repeated tag counts.
-    """
-    order, start, count = _head(data, start)
-    first, entry, number = _FORMS[data[:4] in _BIG_TIFF]
-    found: dict[int, int] = {}
-    for tag, kind, place in _entries(data, start):
-        if tag in (256, 257) or (tag in (_SECOND, _SPACE) and kind in _WHOLE):
-            found.setdefault(tag, struct.unpack_from(order + _WHOLE[kind], data, place)[0])
-    after = start + first + entry * count
-    there = after + struct.calcsize(number) <= len(data)
-    return found, struct.unpack_from(order + number, data, after)[0] if there else 0
-
-
-def _entries(data: bytes, start: int | None) -> Iterator[tuple[int, int, int]]:
-    """Yield tag, type and the place of the value of each entry in a directory (`start` None: the first)."""
-    order, start, count = _head(data, start)
-    first, entry, number = _FORMS[data[:4] in _BIG_TIFF]
-    for k in range(min(count, _MAX_ENTRIES)):
-        at = start + first + entry * k
-        tag, kind, _ = struct.unpack_from(order + "HH" + number, data, at)
-        yield tag, kind, at + 4 + struct.calcsize(number)
-
-
-def _head(data: bytes, start: int | None) -> tuple[str, int, int]:
-    """Return order of bytes, place, and number of entries of a directory."""
-    big = data[:4] in _BIG_TIFF
-    order = _ORDERS[data[:4]]
-    if start is None:
-        start = int(struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)[0])
-    return order, start, int(struct.unpack_from(order + ("Q" if big else "H"), data, start)[0])
+    return tifffile.TiffFile(io.BytesIO(data)).pages
 
 
 # Decoding. libjpeg, libpng and libtiff report damage to stderr alone, and fill up what is lost, so stderr is
