@@ -5,11 +5,8 @@ from __future__ import annotations
 import io
 import math
 import os
-import tokenize
 import zipfile
-import zlib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,22 +14,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.files.opening import check, open_regular
+from tactilevision.files.opening import check, damage, open_regular
 
-DAMAGED = (ValueError, EOFError, OSError, KeyError, TypeError, AttributeError, SyntaxError, OverflowError,
-           MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error, tokenize.TokenError)  # fmt: skip
-
-
-class DamagedArrayError(InputError):
-    """The file is cut short or damaged; another copy may be sound."""
+_AGAIN = "Copy it again from its source."
 
 
 def read_array(data: bytes, *, where: object) -> npt.NDArray[Any]:
     """Read the one array of a .npy file, as it is, of any shape, in its unit.
 
-    Raises DamagedArrayError where it is damaged or holds objects, InputError where it is too large.
+    Raises InputError where it is damaged, holds objects, or is too large.
     """
-    with _reading("array", where):
+    with damage(where, what="the array is damaged", remedy=_AGAIN):
         _check_header(io.BytesIO(data), where)
         return np.asarray(np.lib.format.read_array(io.BytesIO(data), allow_pickle=False))
 
@@ -56,7 +48,7 @@ def unpack_arrays(data: bytes, *, where: object) -> Mapping[str, npt.NDArray[Any
 
 
 def _unpacked(file: BinaryIO, where: object) -> Mapping[str, npt.NDArray[Any]]:
-    with _reading("array", where), zipfile.ZipFile(file) as packed:
+    with damage(where, what="the array is damaged", remedy=_AGAIN), zipfile.ZipFile(file) as packed:
         total = sum(about.file_size for about in packed.infolist())
         check(total / 1e6, "MAX_ARRAY_MB", what="what it unpacks to, in MB,", where=where)
         return {about.filename.removesuffix(".npy"): _member(packed, about, where) for about in packed.infolist()}
@@ -76,25 +68,10 @@ def _check_header(file: BinaryIO, where: object) -> None:
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(file)
     if dtype.hasobject:
-        raise DamagedArrayError(
-            "the array is damaged, or holds Python objects, which are never read",
-            where=where,
-            remedy="Store numbers.",
-        )
+        what = "the array is damaged, or holds Python objects, which are never read"
+        raise InputError(what, where=where, remedy="Store numbers.")
     size = math.prod(int(side) for side in shape) * dtype.itemsize
     check(size / 1e6, "MAX_ARRAY_MB", what=f"an array of shape {shape}, in MB,", where=where)
-
-
-@contextmanager
-def _reading(what: str, where: object) -> Iterator[None]:
-    try:
-        yield
-    except InputError:
-        raise
-    except DAMAGED as fault:
-        said = (" ".join(str(fault).split()) or type(fault).__name__)[:200]
-        remedy = "Copy it again from its source."
-        raise DamagedArrayError(f"the {what} is damaged: {said}", where=where, remedy=remedy) from fault
 
 
 # Archives: zip files of stored members. Nothing is unpacked to disk. Compressed, encrypted and repeated members
@@ -110,7 +87,8 @@ def read_archive(path: Path | str) -> dict[str, bytes]:
     Raises InputError where it is damaged, too large, or not such an archive; OSError where the file system
     refuses.
     """
-    with open_regular(path) as file, _reading("archive", path), zipfile.ZipFile(file) as packed:
+    with open_regular(path) as file, damage(path, what="the archive is damaged", remedy=_AGAIN):
+        packed = zipfile.ZipFile(file)
         members = packed.infolist()
         _check(members, Path(path), size=os.fstat(file.fileno()).st_size)
         return {about.filename: packed.read(about) for about in members}

@@ -66,22 +66,18 @@ _KINDS = {
 }
 
 
-class IrregularFileError(InputError):
-    """A pipe, a device, a folder or a socket is where a file should be."""
-
-
 def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
     """Open a file for reading bytes; `limit` names the largest size.
 
-    Raises IrregularFileError for a pipe, a device, a folder or a socket; InputError for a file beyond the limit;
-    OSError where the file system refuses. It never waits: a pipe is opened without blocking.
+    Raises InputError for a pipe, a device, a folder or a socket, and for a file beyond the limit; OSError where
+    the file system refuses. It never waits: a pipe is opened without blocking.
     """
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
     try:
         about = os.fstat(handle)
         kind = stat.S_IFMT(about.st_mode)
         if kind != stat.S_IFREG:
-            raise IrregularFileError(
+            raise InputError(
                 f"is {_KINDS.get(kind, 'no regular file')}, not a file",
                 where=path,
                 remedy="Put a file in its place." if kind == stat.S_IFDIR else "Copy its content into a file.",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -13,7 +14,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.files.arrays import read_array
-from tactilevision.files.opening import IrregularFileError, check, check_regular, read_bytes
+from tactilevision.files.opening import check, check_regular, read_bytes
 from tactilevision.files.pictures import check_picture, decode, is_cut, is_grey, is_stack, upright, why_no_colours
 from tactilevision.records.measured import Bytes
 
@@ -46,37 +47,41 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
 
     Raises as `read_image` does.
     """
-    try:
-        data = read_bytes(path)
-    except FileNotFoundError as fault:
-        raise TornImageError("the file is missing", where=path, remedy=_REMEDY_TORN) from fault
-    except IrregularFileError as fault:
-        raise TornImageError(fault.what, where=path, remedy=fault.remedy) from fault
-    except OSError as fault:
-        raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
-    return _stored(data, path)
+    with _torn(path):
+        return _stored(read_bytes(path), path)
 
 
 def decode_image(data: bytes, path: Path) -> Bytes:
     """Decode the bytes of a file as `read_image` does; `path` names them in errors."""
-    return as_rgb(_stored(data, path), path)
+    with _torn(path):
+        return as_rgb(_stored(data, path), path)
+
+
+@contextmanager
+def _torn(path: Path) -> Iterator[None]:
+    """Raise TornImageError for a file that is missing, of another kind, beyond a limit or damaged."""
+    try:
+        yield
+    except FileNotFoundError as fault:
+        raise TornImageError("the file is missing", where=path, remedy=_REMEDY_TORN) from fault
+    except OSError as fault:
+        raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
+    except RecordingError:
+        raise
+    except InputError as fault:
+        remedy = fault.remedy or _REMEDY_TORN
+        raise TornImageError(fault.what, where=path, value=fault.value, remedy=remedy) from fault
 
 
 def _stored(data: bytes, path: Path) -> npt.NDArray[Any]:
     if not data:
-        raise TornImageError("the picture is empty", where=path, remedy=_REMEDY_TORN)
+        raise InputError("the picture is empty", where=path)
     if path.suffix.lower() == ".npy":
         return _array(data, path)
-    try:
-        check_picture(data, where=path)
-    except InputError as fault:
-        raise TornImageError(fault.what, where=path, value=fault.value, remedy=fault.remedy) from fault
+    check_picture(data, where=path)
     if is_stack(data):
-        raise TornImageError(
-            "the file holds several pictures instead of one",
-            where=path,
-            remedy="Save each as its own file, or all as a video.",
-        )
+        remedy = "Save each as its own file, or all as a video."
+        raise InputError("the file holds several pictures instead of one", where=path, remedy=remedy)
     picture = _decoded(upright(data), path)
     if is_grey(data):
         return picture[..., 0] if picture.ndim == 3 else picture
@@ -159,26 +164,22 @@ def _scaled(picture: npt.NDArray[Any], white: float) -> Bytes:
 
 
 def _array(data: bytes, path: Path) -> npt.NDArray[Any]:
-    try:
-        array = read_array(data, where=path)
-        check(array.size / 3, "MAX_PIXELS", what="the array's pixels", where=path)
-    except InputError as fault:
-        remedy = fault.remedy or _REMEDY_TORN
-        raise TornImageError(fault.what, where=path, value=fault.value, remedy=remedy) from fault
+    array = read_array(data, where=path)
+    check(array.size / 3, "MAX_PIXELS", what="the array's pixels", where=path)
     if not array.size:
-        raise TornImageError("the picture is empty", where=path, value=array.shape, remedy=_REMEDY_TORN)
+        raise InputError("the picture is empty", where=path, value=array.shape)
     return array
 
 
 def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
     """Decode the picture in OpenCV's order of colours."""
     if is_cut(data):
-        raise TornImageError("the picture is cut short", where=path, remedy=_REMEDY_TORN)
+        raise InputError("the picture is cut short", where=path)
     picture, damage = decode(data)
     if picture is None:
-        raise TornImageError("the picture cannot be decoded", where=path, remedy=_REMEDY_TORN)
+        raise InputError("the picture cannot be decoded", where=path)
     if damage:
-        raise TornImageError("the picture is damaged", where=path, value=damage, remedy=_REMEDY_TORN)
+        raise InputError("the picture is damaged", where=path, value=damage)
     return picture
 
 
