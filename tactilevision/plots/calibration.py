@@ -84,8 +84,7 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine]) -> Figure:
         xlabel=strain_label, ylabel="force over depth, P / w (N/mm)", title="The line that gives c and β"
     )
     rest.set(xlabel=strain_label, ylabel=LEFT, title="Measured less fitted force")
-    style.legend_below(figure, corner=corner)
-    return figure
+    return style.legend_below(figure, corner=corner)
 
 
 def scatter(
@@ -133,8 +132,7 @@ def draw_material(modulus_of_nu: Sequence[Pair], modulus: Estimate, poisson: Est
     if poisson.value is not None and modulus.value is not None:
         axes.plot(poisson.value, modulus.value, "o", color=style.ORANGE, ms=LOOK.best, label="best E and ν")
     axes.set(xlabel="Poisson's ratio ν", ylabel="Young's modulus E (MPa)", title="E and ν at the fitted c")
-    style.legend_below(figure, columns=2)
-    return figure
+    return style.legend_below(figure, columns=2)
 
 
 @style.house_look
@@ -154,8 +152,7 @@ def draw_history(dates: Sequence[str], modulus: Sequence[Estimate], *, moved: Se
         axes.errorbar([place], [estimate.value], yerr=bar, fmt="o", color=colour, label=label)
     axes.set_xticks(range(len(dates)), dates, rotation=30, ha="right")
     axes.set(ylabel="Young's modulus E (MPa)", title="Ageing of the gel (95 % intervals)")
-    style.legend_below(figure, columns=2)
-    return figure
+    return style.legend_below(figure, columns=2)
 
 
 # Young's modulus and Poisson's ratio together.
@@ -202,8 +199,7 @@ def draw_joint(
         )
     axes.set(xlim=(left, right), ylim=(floor, floor + height), xlabel="Poisson's ratio ν")
     axes.set(ylabel="Young's modulus E (MPa)", title="E and ν together, and ν by each route")
-    style.legend_below(figure, columns=2)
-    return figure
+    return style.legend_below(figure, columns=2)
 
 
 def _frame(
@@ -250,8 +246,7 @@ def draw_press(evidence: Evidence, point: CertifiedPoint, *, rgb: Bytes | None) 
     figure.suptitle(f"Press {press} ({punch}): {verdict}", x=1 / 50, ha="left", fontsize=11)
     _bevel_signal(bevel, evidence)
     _force(force, evidence, point)
-    style.legend_below(figure)
-    return figure
+    return style.legend_below(figure)
 
 
 def _bevel_window(axes: Axes, evidence: Evidence) -> None:

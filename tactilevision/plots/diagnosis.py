@@ -67,8 +67,7 @@ def draw_offsets(shown: Offsets) -> Figure:
     axes.set_xticks(place[::step], labels[::step], rotation=45, ha="right")
     axes.margins(y=LOOK.room)
     axes.set(xlabel="press, in order", ylabel="own offset of depth (µm)", title="Each press's own offset")
-    style.legend_below(figure)
-    return figure
+    return style.legend_below(figure)
 
 
 @style.house_look
@@ -108,8 +107,7 @@ def draw_overlay(strip: Strip, name: str) -> Figure:
     style.zero_line(axes)
     label_covariate(axes, strip.words, strip.unit, levels=strip.levels, values=strip.centre)
     axes.set_ylabel(LEFT)
-    style.legend_below(figure, columns=1)
-    return figure
+    return style.legend_below(figure, columns=1)
 
 
 @style.house_look
@@ -134,8 +132,7 @@ def draw_sighting(seen: Sighting) -> Figure:
         axes.set(xlabel=label, ylabel="read / certified depth", ylim=limits)
     for axes in places[len(seen.against) :]:
         axes.set_axis_off()
-    style.legend_below(figure, columns=2)
-    return figure
+    return style.legend_below(figure, columns=2)
 
 
 @style.house_look

@@ -208,8 +208,7 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
     axes[-1].set(xlabel="time (s), pauses shortened" if timed else "frame")
     if timed:
         _name_presses(axes[0], place, time_s, presses)
-    style.legend_below(figure)
-    return figure
+    return style.legend_below(figure)
 
 
 @style.house_look

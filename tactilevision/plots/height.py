@@ -53,8 +53,7 @@ def draw_height(height: HeightMap, rgb: Bytes | None = None) -> Figure:
     style.outlined_entry(above, "the cuts", ls=":")
     above.axhline(row * height.mm_per_px[1], color="white", lw=LOOK.hair, ls=":")
     above.axvline(column * height.mm_per_px[0], color="white", lw=LOOK.hair, ls=":")
-    style.legend_below(figure, corner=corner)
-    return figure
+    return style.legend_below(figure, corner=corner)
 
 
 @style.house_look
@@ -73,8 +72,7 @@ def draw_normals(height: HeightMap) -> Figure:
     style.as_map(tilt, title=titled(height, "tilt, arrows point deeper"))
     style.as_map(lit, title="Lit from above left")
     _unknown_entry(tilt, height.valid)
-    style.legend_below(figure)
-    return figure
+    return style.legend_below(figure)
 
 
 def _draw_arrows(axes: Axes, height: HeightMap, slopes: tuple[Floats, Floats]) -> None:
@@ -138,8 +136,7 @@ def draw_overlay(rgb: Bytes, height: HeightMap) -> Figure:
     figure, (axes,) = style.new_figure(*style.MAP_IN)
     overlay(axes, rgb, height=height, footprint=None)
     axes.set_title(titled(height, "frame and its depth"))
-    style.legend_below(figure)
-    return figure
+    return style.legend_below(figure)
 
 
 @style.house_look
@@ -156,8 +153,7 @@ def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second
     flagged = replace(second, flags=add(first.flags, second.flags))
     style.as_map(axes, title=titled(replace(flagged, name=""), title))
     _unknown_entry(axes, first.valid & second.valid)
-    style.legend_below(figure)
-    return figure
+    return style.legend_below(figure)
 
 
 def change_mm(first: HeightMap, second: HeightMap) -> Floats:

@@ -64,8 +64,7 @@ def draw_presses(curves: ForceCurves, presses: Sequence[PressCurve]) -> Figure:
     for axes, label in zip(grid.ravel(), ("time (s)", "depth w (mm)", "time (s)") * rows, strict=True):
         axes.set_xlabel(label, fontsize=LOOK.small, labelpad=1)
         axes.yaxis.set_label_coords(-1 / 3, 0.5)  # clear of the widest number
-    style.legend_below(figure, columns=4)
-    return figure
+    return style.legend_below(figure, columns=4)
 
 
 def _reach(axes: Axes, reach: float) -> None:
@@ -119,8 +118,7 @@ def draw_overview(curves: ForceCurves, thickness_mm: float) -> Figure:
         axes.plot([], [], "-", lw=LOOK.line, color="black", label="the model, each press")
         axes.set(xlabel="depth over thickness, w / h", ylim=(bottom, top), title=curves.models[k])
         axes.set_ylabel("force over depth, P / w (N/mm)")
-    style.legend_below(figure, columns=2 if len(colours) > 1 else 3)
-    return figure
+    return style.legend_below(figure, columns=2 if len(colours) > 1 else 3)
 
 
 def _secant_range(curves: ForceCurves, shallow_mm: float) -> tuple[float, float]:
@@ -145,8 +143,7 @@ def draw_strips(shown: ResidualStrips) -> Figure:
         _strip(axes, strip, shown, kept)
     for axes in places[count:]:
         axes.set_axis_off()
-    style.legend_below(figure, columns=2)
-    return figure
+    return style.legend_below(figure, columns=2)
 
 
 def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int]) -> None:
@@ -232,8 +229,7 @@ def draw_error_fall(fall: ErrorFall) -> Figure:
     axes.set(ylabel=f"rms error on presses {what} ({unit})", title=title, xlim=(middle - reach, middle + reach))
     axes.margins(y=LOOK.room)
     axes.grid(visible=False, axis="x")
-    style.legend_below(figure)
-    return figure
+    return style.legend_below(figure)
 
 
 @style.house_look

@@ -236,8 +236,8 @@ def arrows(axes: Axes, x: Any, y: Any, u: Any, v: Any, *, colour: str, scale: fl
     axes.quiver(x, y, u, v, color=colour, angles="xy", scale_units="xy", scale=scale, width=ARROW)
 
 
-def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None) -> None:
-    """Draw one legend of all axes, each label once: below them, or in the empty axes `corner`."""
+def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None) -> Figure:
+    """Draw one legend of all axes, each label once: below them, or in the empty axes `corner`. Return the figure."""
     from matplotlib.lines import Line2D
 
     entries = {
@@ -246,7 +246,7 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
     if not entries:
-        return
+        return figure
     handles, labels = list(entries.values()), list(entries)
     if corner is not None:
         corner.set_axis_off()
@@ -257,6 +257,7 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
     for handle in legend.legend_handles:
         if isinstance(handle, Line2D):
             handle.set(markersize=max(handle.get_markersize(), 5), alpha=1)  # small dots of a cloud
+    return figure
 
 
 def as_label(name: str) -> str:

@@ -43,8 +43,7 @@ def draw_depth_report(card: Mapping[str, Any]) -> Figure:
         panels[1].set_title(steps)
     percent = TextPath((-0.5, -0.5), "%", size=1)
     panels[0].plot([], [], " ", marker=percent, color=style.GREY, label="share of a band within its deviation")
-    style.legend_below(figure, columns=2)
-    return figure
+    return style.legend_below(figure, columns=2)
 
 
 def _widen(axes: Axes, values: Sequence[float]) -> None:
@@ -128,8 +127,7 @@ def draw_validation(panels: Sequence[Panel], quantity: str, *, title: str = "") 
         _share_limits(row)
     for panel, lower in zip(panels, below, strict=True):
         _shade(lower, panel)
-    style.legend_below(figure)
-    return figure
+    return style.legend_below(figure)
 
 
 def _against(axes: Axes, panel: Panel) -> None:
