@@ -23,7 +23,6 @@ from tactilevision.files.documents import csv_text
 from tactilevision.files.tiff import masked, write_tiff
 from tactilevision.files.writing import make_folder, write_text
 from tactilevision.files.zarr_store import begin_frames, end_frames, settle, write_frame
-from tactilevision.heightmap.deviation import DepthError
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.press.certified_faces import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.recording.model import BadFrame, Recording
@@ -119,11 +118,11 @@ class DepthJob:
         except InputError as fault:
             return FrameResult(frame.name, f"rejected: {fault.what}")
         contact = find_contact(height, self.reconstructor.error)
-        peak_mm, area_mm2 = peak_and_area(height, contact)
+        deepest_mm, area_mm2 = measure(height, contact)
         flags = add(height.flags, contact_flags(contact, self.reconstructor.error))
         self.keep(replace(height, flags=flags), frame.name, number)
-        std_mm = std_at(height, peak_mm)
-        return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags)
+        std_mm = std_at(height, deepest_mm)
+        return FrameResult(frame.name, "ok", deepest_mm, area_mm2, spent, std_mm, flags)
 
     def kept(self, result: FrameResult) -> bool:
         """Return whether the map is there; a store that is being filled is there as a whole."""
@@ -186,34 +185,26 @@ def _map_names(recording: Recording) -> dict[str, str]:
     return names
 
 
-def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, float]:
-    """Return peak depth (mm) of a map (H, W), and its area in contact (mm²; contact/region.py).
-
-    The peak is the 99.9th percentile of the valid depths, robust to single pixels. `error` is that of the map's
-    method.
-    """
-    return peak_and_area(height, find_contact(height, error))
+def measure(height: HeightMap, contact: Bools) -> tuple[float, float]:
+    """Return peak depth (mm) of a map (H, W), and its area in contact (mm²); NaN where no depth is known."""
+    area_mm2 = float(np.count_nonzero(contact)) * height.mm_per_px[0] * height.mm_per_px[1]
+    return peak_mm(height), area_mm2 if height.valid.any() else float("nan")
 
 
-def peak_and_area(height: HeightMap, contact: Bools) -> tuple[float, float]:
-    """Return peak depth (mm) and area in contact (mm²) as `measure` does, of a map whose contact (H, W) is
-    known.
+def peak_mm(height: HeightMap) -> float:
+    """Return the 99.9th percentile of the valid depths (H, W), mm, which is robust to single pixels.
+
+    Its neighbours are among the few that a sample of the depths shows to be the deepest. NaN where none is valid.
     """
     depth = height.depth_mm.ravel() if height.valid.all() else height.depth_mm[height.valid]
     if depth.size == 0:
-        return float("nan"), float("nan")
-    area_mm2 = np.count_nonzero(contact) * height.mm_per_px[0] * height.mm_per_px[1]
-    return _peak_mm(depth), float(area_mm2)
-
-
-def _peak_mm(depth_mm: Array) -> float:
-    """Return the 99.9th percentile of depths (n,), from the few that a sample of them shows to be the deepest."""
-    few = depth_mm[::PEAK_SAMPLED]
+        return float("nan")
+    few = depth[::PEAK_SAMPLED]
     limit = np.partition(few, len(few) * 99 // 100)[len(few) * 99 // 100]
-    deepest = depth_mm.take(np.flatnonzero(depth_mm > limit))
-    above = PEAK_SHARE * (len(depth_mm) - 1)  # number of depths above the percentile
+    deepest = depth.take(np.flatnonzero(depth > limit))
+    above = PEAK_SHARE * (len(depth) - 1)  # number of depths above the percentile
     if len(deepest) < above + 2:
-        return float(np.percentile(depth_mm, 100 * (1 - PEAK_SHARE)))
+        return float(np.percentile(depth, 100 * (1 - PEAK_SHARE)))
     return _at_share(np.sort(deepest), 1 - above / (len(deepest) - 1))
 
 
@@ -226,14 +217,14 @@ def _at_share(ordered: Array, share: float) -> float:
     return float(low + step * part if part < 0.5 else ordered[below + 1] - step * (1 - part))
 
 
-def std_at(height: HeightMap, peak_mm: float) -> float:
-    """Return the standard deviation in mm of the depths (H, W) from `peak_mm` on: their median.
+def std_at(height: HeightMap, depth_mm: float) -> float:
+    """Return the standard deviation in mm of the depths (H, W) from `depth_mm` on: their median.
 
     NaN where it is not known.
     """
     if height.std_mm is None:
         return float("nan")
-    deep = np.flatnonzero(height.depth_mm >= peak_mm)
+    deep = np.flatnonzero(height.depth_mm >= depth_mm)
     there = height.std_mm.take(deep)[height.valid.take(deep)]
     return float(median(there)) if there.size and not np.isnan(there).any() else float("nan")
 

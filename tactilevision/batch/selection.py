@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.batch.folder import MAPS, STDS, TABLE
+from tactilevision.batch.folder import MAPS, STDS, TABLE, peak_mm
 from tactilevision.errors import InputError
 from tactilevision.files.documents import cell_text
 from tactilevision.files.tiff import read_tiff
@@ -20,7 +20,6 @@ from tactilevision.records.maps import HeightMap
 from tactilevision.records.rig import Press
 
 TRIED = 12  # frames among which the deepest is sought
-PEAK = 99.9  # percentile of a map's depths that is compared
 
 
 def frame_number(recording: Recording, name: str) -> int:
@@ -78,8 +77,7 @@ def deepest_frame(recording: Recording, reconstructor: Reconstructor) -> int:
         except InputError as refused:
             fault = refused
             continue
-        known = height.depth_mm[height.valid]
-        found.append((float(np.percentile(known, PEAK)) if known.size else -1.0, number))
+        found.append((float(np.nan_to_num(peak_mm(height), nan=-1.0)), number))
     if not found:
         assert fault is not None
         raise fault

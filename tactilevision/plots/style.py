@@ -237,7 +237,7 @@ def arrows(axes: Axes, x: Any, y: Any, u: Any, v: Any, *, colour: str, scale: fl
 
 
 def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None) -> Figure:
-    """Draw one legend of all axes, each label once: below them, or in the empty axes `corner`. Return the figure."""
+    """Draw one legend of all axes, each label once, below them or in the empty axes `corner`; return the figure."""
     from matplotlib.lines import Line2D
 
     entries = {

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
+from tactilevision.batch.folder import peak_mm
 from tactilevision.errors import InputError
 from tactilevision.files.writing import replacing, write_text
 from tactilevision.plots import style
@@ -311,7 +312,7 @@ class _Stage:
         first = shots[0].height
         self.figure, (self.frame, self.above, *courses) = style.new_quad(legend_in=0.5)
         self.picture = self.frame.imshow(shots[0].rgb, extent=extent_mm(first))
-        self.peak = np.array([_peak(shot.height) for shot in shots])
+        self.peak = np.array([peak_mm(shot.height) for shot in shots])
         top = max(float(np.nanmax(self.peak, initial=0.0)), FLAT_MM)
         limits = (-LOOK.room * top, top)
         self.depth = style.show_map(self.above, known_mm(first), extent_mm(first), limits=limits)
@@ -384,10 +385,6 @@ def _write_gif(path: Path, stack: Sequence[Bytes], frames_per_s: float) -> None:
 def _times(shots: Sequence[Shot]) -> Floats:
     times = np.array([shot.height.time_s for shot in shots])
     return times - times[0] if np.isfinite(times).all() else np.arange(len(shots), dtype=float)
-
-
-def _peak(height: HeightMap) -> float:
-    return float(np.percentile(height.depth_mm[height.valid], 99.9)) if height.valid.any() else float("nan")
 
 
 # One self-contained page: a height map as a surface to turn, its facts, its pictures.

@@ -13,8 +13,9 @@ import pytest
 import tifffile
 import zarr
 
-from tactilevision.batch.folder import COLUMNS, Form, measure, peak_and_area, reconstruct_folder, std_at
+from tactilevision.batch.folder import COLUMNS, Form, measure, reconstruct_folder, std_at
 from tactilevision.batch.jobs import Journal
+from tactilevision.contact.region import find_contact
 from tactilevision.files.tiff import read_tiff, write_tiff
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.protocols import PhotometricMethod
@@ -194,7 +195,8 @@ def test_measure_finds_a_pressed_disc() -> None:
     y, x = np.mgrid[:200, :200] * 0.05
     inside = np.hypot(x - 5, y - 5) < 2
     depth = np.where(inside, 0.3, 0.0) + rng.normal(0, 0.005, x.shape)
-    peak, area = measure(HeightMap(depth, np.ones_like(inside), (0.05, 0.05)))
+    height = HeightMap(depth, np.ones_like(inside), (0.05, 0.05))
+    peak, area = measure(height, find_contact(height))
     assert peak == pytest.approx(0.3, abs=0.02)
     assert area == pytest.approx(np.pi * 4, rel=0.02)
 
@@ -212,7 +214,7 @@ def test_waves_of_untouched_gel_are_no_contact_and_a_gentle_touch_is() -> None:
         maps = [
             HeightMap(depth, np.ones(x.shape, np.bool_), (scale, scale), std) for depth in (waves, waves + touch)
         ]
-        areas.append([measure(height)[1] for height in maps])
+        areas.append([measure(height, find_contact(height))[1] for height in maps])
     free, touched = np.array(areas).T
     assert np.count_nonzero(free) <= 1
     assert touched.min() > 0.2
@@ -261,5 +263,5 @@ def test_the_peak_is_the_percentile_of_all_depths() -> None:
     for size in ((30, 40), (101, 203), (320, 427)):
         depth = np.asarray(rng.normal(size=size) ** 3, np.float32)
         height = HeightMap(depth, np.ones(size, np.bool_), (0.05, 0.05))
-        peak_mm, _ = peak_and_area(height, np.zeros(size, np.bool_))
+        peak_mm, _ = measure(height, np.zeros(size, np.bool_))
         assert peak_mm == pytest.approx(np.percentile(depth, 99.9), rel=1e-6)

@@ -20,7 +20,7 @@ import pytest
 from benchmarks.own_contacts import KINDS
 from benchmarks.ready_cards import SENSORS, by_network
 from benchmarks.real_frames import real_balls
-from tactilevision.batch.folder import measure
+from tactilevision.contact.region import find_contact
 from tactilevision.heightmap.build import tuned
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric.ball_pictures import BallPicture, collect_balls
@@ -161,9 +161,9 @@ def test_the_ready_network_sees_real_presses(folder: str, least: float) -> None:
     path = find_model("gelslim3")
     assert path is not None
     reader = Reconstructor(get_sensor("gelslim3"), load_network(path, make_reference([flat])))
-    seen = [measure(reader.rectified_map(shot.rgb), reader.error)[1] > 0 for shot in shots]
+    seen = [find_contact(reader.rectified_map(shot.rgb), reader.error).any() for shot in shots]
     assert np.mean(seen) >= least
-    assert measure(reader.rectified_map(flat), reader.error)[1] == 0
+    assert not find_contact(reader.rectified_map(flat), reader.error).any()
 
 
 @pytest.mark.slow
@@ -191,11 +191,11 @@ def test_real_screws_and_balls_are_contacts_and_free_gel_is_none() -> None:
         sensor = get_sensor("gelslim3", rectification=tuple(table[axis].astype(np.float32) for axis in ("y", "x")))
     screws = sorted((REAL / "gelslim3_mcubelab" / "markerless_objects").glob("*.jpg"))
     pressed = [rectify(sensor, read(name)) for name in screws] + [shot.rgb for shot in shots[::6]]
-    assert all(measure(reader.rectified_map(rgb), reader.error)[1] > 0 for rgb in pressed)
+    assert all(find_contact(reader.rectified_map(rgb), reader.error).any() for rgb in pressed)
     rng = np.random.default_rng(0)
     for gain in ((1.0, 1.0, 1.0), (1.07, 1.07, 1.07), (1.0, 0.93, 1.0)):
         free = np.clip(flat * np.array(gain) + rng.normal(0.0, 1.5, flat.shape), 0, 255).round().astype(np.uint8)
-        assert measure(reader.rectified_map(free), reader.error)[1] == 0
+        assert not find_contact(reader.rectified_map(free), reader.error).any()
 
 
 @pytest.mark.slow
