@@ -22,6 +22,7 @@ from tactilevision.mechanics.tables.solve import LAWS, tabulate as solve
 from tactilevision.mechanics.tables.table import merge
 from tactilevision.pipeline import validate_recording
 from tactilevision.recording import layout
+from tactilevision.records.constants import NU_MAX
 from tactilevision.result_folders import CALIBRATION, write_validation
 from tactilevision.synthetic.lights import SHADOW_STRIP_MM
 from tactilevision.synthetic.options import SimulationOptions
@@ -110,8 +111,8 @@ def _grid(
     return Grid(
         laws=laws,
         frictions=_within("--friction", friction, usual.frictions, (0.0, math.inf)),
-        poisson_ratios=_within("--poisson-ratio", poisson_ratio, usual.poisson_ratios, (0.0, 0.4999)),
-        a_over_h=_within("--a-over-h", a_over_h, usual.a_over_h, (0.05, 3.0)),
+        poisson_ratios=_within("--poisson-ratio", poisson_ratio, usual.poisson_ratios, (0.0, NU_MAX)),
+        a_over_h=_within("--a-over-h", a_over_h, usual.a_over_h, (0.05, 3)),
         edges_over_h=_within("--edge-over-h", edge_over_h, usual.edges_over_h, (1e-3, 0.2)),
     )
 

@@ -66,7 +66,7 @@ MethodOption = Annotated[
 ]
 BallOption = Annotated[
     float | None,
-    typer.Option(min=0.01, max=1000.0, help="Radius of all balls, for ball presses without a table."),
+    typer.Option(min=0.01, max=1000, help="Radius of all balls, for ball presses without a table."),
 ]
 EvenSoOption = Annotated[
     bool, typer.Option("--even-so", help="Continue although the light's calibration fails its own balls.")

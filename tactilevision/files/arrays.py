@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.files.opening import check, damage, open_regular
+from tactilevision.files.opening import MB, check, damage, open_regular
 
 _AGAIN = "Copy it again from its source."
 
@@ -50,7 +50,7 @@ def unpack_arrays(data: bytes, *, where: object) -> Mapping[str, npt.NDArray[Any
 def _unpacked(file: BinaryIO, where: object) -> Mapping[str, npt.NDArray[Any]]:
     with damage(where, what="the array is damaged", remedy=_AGAIN), zipfile.ZipFile(file) as packed:
         total = sum(about.file_size for about in packed.infolist())
-        check(total / 1e6, "MAX_ARRAY_MB", what="what it unpacks to, in MB,", where=where)
+        check(total / MB, "MAX_ARRAY_MB", what="what it unpacks to, in MB,", where=where)
         return {about.filename.removesuffix(".npy"): _member(packed, about, where) for about in packed.infolist()}
 
 
@@ -71,7 +71,7 @@ def _check_header(file: BinaryIO, where: object) -> None:
         what = "the array is damaged, or holds Python objects, which are never read"
         raise InputError(what, where=where, remedy="Store numbers.")
     size = math.prod(int(side) for side in shape) * dtype.itemsize
-    check(size / 1e6, "MAX_ARRAY_MB", what=f"an array of shape {shape}, in MB,", where=where)
+    check(size / MB, "MAX_ARRAY_MB", what=f"an array of shape {shape}, in MB,", where=where)
 
 
 # Archives: zip files of stored members. Nothing is unpacked to disk. Compressed, encrypted and repeated members
@@ -96,7 +96,7 @@ def read_archive(path: Path | str) -> dict[str, bytes]:
 
 def _check(members: list[zipfile.ZipInfo], path: Path, *, size: int) -> None:
     total = sum(about.file_size for about in members)
-    check(total / 1e6, "MAX_ARRAY_MB", what="what it holds, in MB,", where=path)
+    check(total / MB, "MAX_ARRAY_MB", what="what it holds, in MB,", where=path)
     names = [about.filename for about in members]
     if len(names) > MAX_MEMBERS or len(set(names)) != len(names):
         raise InputError(

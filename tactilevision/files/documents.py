@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tactilevision.errors import InputError
-from tactilevision.files.opening import check, limit, read_bytes
+from tactilevision.files.opening import MB, check, limit, read_bytes
 
 _STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.S)
 
@@ -57,7 +57,7 @@ def read_json(path: Path | str) -> dict[str, Any]:
 
 def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
     """Parse the table of a JSON text, its numbers finite. Raises InputError if it is no such table."""
-    check(len(text) / 1e6, "MAX_TEXT_MB", what="its size in MB", where=where)
+    check(len(text) / MB, "MAX_TEXT_MB", what="its size in MB", where=where)
     try:
         content = json.loads(
             text, parse_float=_finite, parse_int=_whole, parse_constant=_finite, object_pairs_hook=_once

@@ -19,6 +19,7 @@ from tactilevision.errors import InputError, TactilevisionError
 # Limits of what a file may hold, far beyond what a sensor gives. A variable of the environment raises each:
 # TACTILEVISION_MAX_PIXELS=200000000.
 
+MB = 10**6  # bytes
 MAX_PIXELS = 50_000_000  # of one picture: 8192 x 6144
 MAX_ARRAY_MB = 2_000  # unpacked, of one .npy or .npz file
 MAX_FILE_MB = 4_000  # of one picture, table or array on disk
@@ -82,7 +83,7 @@ def open_regular(path: Path | str, *, limit: str = "MAX_FILE_MB") -> BinaryIO:
                 where=path,
                 remedy="Put a file in its place." if kind == stat.S_IFDIR else "Copy its content into a file.",
             )
-        check(about.st_size / 1e6, limit, what="its size in MB", where=path)
+        check(about.st_size / MB, limit, what="its size in MB", where=path)
         return os.fdopen(handle, "rb")
     except BaseException:
         os.close(handle)

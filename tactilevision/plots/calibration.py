@@ -107,7 +107,7 @@ def scatter(
             axes.plot(x[kept], y[kept], ".", ms=LOOK.dot, color=colour, alpha=LOOK.faint, label=label)
             continue
         x_bar, y_bar = (None if bar is None else np.nan_to_num(bar[kept]) for bar in bars)
-        mark: dict[str, Any] = {"fmt": "o", "mfc": face, "elinewidth": LOOK.hair}
+        mark: dict[str, Any] = {"fmt": "o", "mfc": face, "elinewidth": LOOK.line}
         axes.errorbar(x[kept], y[kept], xerr=x_bar, yerr=y_bar, color=colour, label=label, **mark)
 
 
@@ -175,7 +175,7 @@ def draw_joint(
 
     `routes` (name, 95 % interval, used) are bars below the curve; arrows stand for intervals off the picture.
     """
-    figure, (axes,) = style.new_figure(height_in=5.2)
+    figure, (axes,) = style.new_figure(height_in=5)
     axes.plot(*curve.T, color=style.BLUE, label="E(ν) at the fitted c")
     axes.fill(*region.T, color=style.YELLOW, alpha=LOOK.faint, lw=0, label="95 % of E and ν together")
     if best is not None:

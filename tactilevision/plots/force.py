@@ -14,7 +14,7 @@ from tactilevision.force.calibrated import Sensitivity
 from tactilevision.force.comparison import Residuals
 from tactilevision.force.frame import FrameForce
 from tactilevision.plots import style
-from tactilevision.plots.height import centre_mm, deepest_place, depth_image, known_mm
+from tactilevision.plots.height import FLAT_MM, centre_mm, deepest_place, depth_image, known_mm
 from tactilevision.plots.style import LOOK
 from tactilevision.records.constants import KILO, MICRO, TINY, Z95
 from tactilevision.records.maps import HeightMap, ShearMap, TractionMap
@@ -33,7 +33,6 @@ NAMES = ("x", "y", "z")
 SAID = {"youngs_modulus": "Young's modulus", "poisson_ratio": "Poisson's ratio", "both together": "both together"}
 WORDS = {"x": "shear traction t_x (kPa)", "y": "shear traction t_y (kPa)", "z": "pressure t_z (kPa)"}
 LINE = 100  # letters of a line of small print across a figure
-GEL_MM = 0.1  # least depth of gel that the cut shows
 
 
 @style.house_look
@@ -84,9 +83,9 @@ def draw_sensitivity(found: TractionMap, ranges: Sequence[Sensitivity]) -> Figur
         axes.annotate(words, place, xytext=(6, 0), textcoords="offset points", va="center")
     axes.barh(len(ranges), 2 * half, left=-half, color=style.GREY, height=0.5)
     axes.annotate(f"± {half:.1f} %", (half, len(ranges)), xytext=(6, 0), textcoords="offset points", va="center")
-    axes.axvline(0, color="black", lw=LOOK.hair)
+    axes.axvline(0, color="black", lw=LOOK.line)
     axes.set_yticks(range(len(ranges) + 1), [*labels, "with depth and all else"])
-    axes.set_xlim(-(1 + LOOK.room) * widest, 2.5 * widest)
+    axes.set_xlim(-(1 + LOOK.room) * widest, 3 * widest)
     axes.invert_yaxis()
     title = f"Change of fz = {found.resultant_N[2]:.3f} N over the calibration's 95 % intervals"
     axes.set(xlabel="change of fz (%)", title=title)
@@ -100,7 +99,7 @@ def _cut(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     x = np.arange(height.depth_mm.shape[1]) * height.mm_per_px[0]
     depth = known_mm(height)[row]
     axes.plot(x, depth, color=style.BLUE, label="the gel's surface")
-    low, high = float(np.nanmin(depth, initial=0)), float(np.nanmax(depth, initial=GEL_MM))
+    low, high = float(np.nanmin(depth, initial=0)), float(np.nanmax(depth, initial=FLAT_MM))
     floor = (1 + LOOK.room) * high
     axes.fill_between(x, depth, floor, color=style.SKY, alpha=LOOK.band, lw=0)
     y_mm = row * height.mm_per_px[1] - middle[1]
@@ -201,7 +200,7 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
         if np.isfinite(read[:, k]).any():
             for part in parts:
                 label = "F/T sensor" if part is parts[0] else None
-                axis.plot(place[part], read[part, k], color="black", lw=LOOK.hair, ls="--", label=label)
+                axis.plot(place[part], read[part, k], color="black", lw=LOOK.line, ls="--", label=label)
         axis.set(ylabel=f"f{NAMES[k]} (N)")
         axis.margins(x=0)
     axes[0].set_title("Force on the gel, with its 95 % interval", pad=16 if presses and timed else 6)
@@ -245,7 +244,7 @@ def draw_residuals(found: Residuals) -> Figure:
 
 def _cloud(axes: Axes, x: Floats, left: Floats, std: Floats, usable: npt.NDArray[np.bool_]) -> None:
     style.zero_line(axes)
-    bars: dict[str, Any] = {"fmt": "none", "ecolor": style.SKY, "elinewidth": LOOK.hair, "alpha": LOOK.faint}
+    bars: dict[str, Any] = {"fmt": "none", "ecolor": style.SKY, "elinewidth": LOOK.line, "alpha": LOOK.faint}
     axes.errorbar(x[usable], left[usable], yerr=Z95 * std[usable], **bars)
     axes.plot(x[~usable], left[~usable], "o", ms=3, mfc="none", mec=style.GREY, label="flagged: not counted")
     axes.plot(x[usable], left[usable], "o", ms=3, color=style.BLUE, label="a frame, and the 95 % interval of both")

@@ -51,8 +51,8 @@ def draw_height(height: HeightMap, rgb: Bytes | None = None) -> Figure:
     row, column = deepest_place(height)
     cut_lines(cuts, height, row=row, column=column)
     style.outlined_entry(above, "the cuts", ls=":")
-    above.axhline(row * height.mm_per_px[1], color="white", lw=LOOK.hair, ls=":")
-    above.axvline(column * height.mm_per_px[0], color="white", lw=LOOK.hair, ls=":")
+    above.axhline(row * height.mm_per_px[1], color="white", lw=LOOK.line, ls=":")
+    above.axvline(column * height.mm_per_px[0], color="white", lw=LOOK.line, ls=":")
     return style.legend_below(figure, corner=corner)
 
 
@@ -249,7 +249,7 @@ def _lit(down_x: Floats, down_y: Floats) -> Floats:
 def overlay(axes: Axes, rgb: Bytes, *, height: HeightMap, footprint: Footprint | None) -> None:
     """Draw a frame (H, W, 3), the contours of its depth, and the circle of the indenter's face, in mm."""
     axes.imshow(rgb, extent=extent_mm(height))
-    _contours(axes, height, 3, linewidths=LOOK.hair)
+    _contours(axes, height, 3, linewidths=LOOK.line)
     if footprint is not None:
         (middle_x, middle_y), (x, y), turn = centre_mm(height), footprint.centre_mm, np.linspace(0, 2 * np.pi, 200)
         across, along = footprint.radius_mm * np.cos(turn), footprint.radius_mm * np.sin(turn)
@@ -304,7 +304,6 @@ def deepest_place(height: HeightMap) -> tuple[int, int]:
 
 Terms = Mapping[str, npt.NDArray[np.floating[Any]]]
 COLOURS = (*style.CYCLE, "#F2D54B", "#4B3A1D", "#8C2D5A", "#101010")  # in the order of the terms
-MIN_SHARE = 0.002  # of the picture: a term that is the largest over less has no entry in the legend
 DEEP = 0.5  # of the greatest depth: what counts as contact for the bars
 
 
@@ -314,7 +313,7 @@ def draw_terms(height: HeightMap, terms: Terms) -> Figure:
 
     `terms` are deviations in mm by name, on a grid over the map's picture (Reading.terms_mm).
     """
-    figure, (above, bars) = style.new_figure(rows=2, height_in=7.6)
+    figure, (above, bars) = style.new_figure(rows=2, height_in=8)
     entries = _draw_largest(above, height, terms)
     above.set_title(titled(height, "largest part of the depth's deviation"))
     _draw_bars(bars, height, terms)
@@ -336,7 +335,7 @@ def _draw_largest(axes: Axes, height: HeightMap, terms: Terms) -> list[Artist]:
     entries: list[Artist] = [
         Patch(color=colour, label=f"{name}: {100 * share:.0f} % of the picture")
         for name, colour, share in zip(terms, COLOURS, shares, strict=False)
-        if share >= MIN_SHARE
+        if round(100 * share)
     ]
     if not known.all():
         entries.append(Patch(color=style.INVALID, label="depth not known"))
@@ -344,8 +343,8 @@ def _draw_largest(axes: Axes, height: HeightMap, terms: Terms) -> list[Artist]:
     if top > 0:
         depth = np.ma.masked_where(~height.valid, height.depth_mm)
         extent = extent_mm(height)
-        axes.contour(depth, [DEEP * top], colors="black", linewidths=LOOK.hair, extent=extent, origin="upper")
-        entries.append(Line2D([], [], color="black", lw=LOOK.hair, label="half of the greatest depth"))
+        axes.contour(depth, [DEEP * top], colors="black", linewidths=LOOK.line, extent=extent, origin="upper")
+        entries.append(Line2D([], [], color="black", lw=LOOK.line, label="half of the greatest depth"))
     scale_bar(axes, height, colour="black")
     style.as_map(axes)
     return entries

@@ -49,14 +49,9 @@ def radius_colours(radii_mm: Sequence[float]) -> dict[float, str]:
 @style.house_look
 def draw_presses(curves: ForceCurves, presses: Sequence[PressCurve]) -> Figure:
     """Draw a row a press: force over time, force over depth, and the residual of each model over time."""
-    from matplotlib.figure import Figure
-
     rows = max(len(presses), 1)
     height_in = ROW_IN * rows + 1
-    figure = Figure(figsize=(style.WIDTH_IN, height_in))  # a fixed layout: sheets of presses are many
-    bottom, top = LOOK.bar / height_in, 1 - 0.25 / height_in
-    figure.subplots_adjust(left=0.1, right=0.985, bottom=bottom, top=top, wspace=0.55, hspace=0.6)
-    grid = figure.subplots(rows, 3, squeeze=False)
+    figure, grid = style.fixed_figure(rows, 3, height_in=height_in, below_in=LOOK.bar, spaces=(1 / 2, 2 / 3))
     reach = KILO * max((float(np.max(np.abs(one.residual_N))) for one in presses), default=1.0)
     for row, one in zip(grid, presses, strict=True):
         _press(row, one, curves.models)
@@ -83,7 +78,7 @@ def _press(row: Sequence[Axes], one: PressCurve, models: Sequence[str]) -> None:
     ):
         for axes, x in ((over_time, one.time_s), (over_depth, one.depth_mm)):
             axes.plot(x, force, color=colour, lw=LOOK.line, label=name)
-        left.plot(one.time_s, KILO * rest, ".-", ms=3, lw=LOOK.hair, color=colour, label=name)
+        left.plot(one.time_s, KILO * rest, ".-", ms=3, lw=LOOK.line, color=colour, label=name)
     style.zero_line(left)
     punch = f"{style.as_label(one.indenter)}, " if one.indenter else ""
     over_time.set_title(

@@ -104,11 +104,10 @@ GRID = "#e6e6e6"
 class Look:
     """Sizes of what figures show: widths of lines, marks and text in points, opacities from 0 to 1, inches."""
 
-    hair: float = 0.8  # zero lines and error bars
-    line: float = 1.2  # one of several courses or limits
-    strong: float = 1.6  # the course that a figure is about
-    dot: float = 2.5  # one of many samples
-    mark: float = 4.5  # one point of a few
+    line: int = 1  # zero lines, error bars, and one of several courses or limits
+    strong: int = 2  # the course that a figure is about
+    dot: int = 2  # one of many samples
+    mark: int = 4  # one point of a few
     best: int = 6  # the estimate
     band: float = 0.2  # opacity of an interval or region
     faint: float = 0.4  # opacity of samples that overlap, and of the background
@@ -119,13 +118,12 @@ class Look:
 
 
 LOOK = Look()
-WIDTH_IN = 7.0  # the widest figure of a report: at 500 px its text is still 9 px high
-MAP_IN = (5.8, 4.3)  # width and height of a figure of one map, in
+WIDTH_IN = 7  # the widest figure of a report: at 500 px its text is still 9 px high
+MAP_IN = (6, 6 * 3 / 4)  # width and height of a figure of one map, in
 ARROW = 0.003  # width of arrows on a map, as a share of the map's
 SPAN = (0.5, 99.5)  # percentiles of the values between which an axis or a colour scale reaches
 LOSSLESS = 101  # quality of a lossless WebP picture, as OpenCV states it
 PHOTO_QUALITY = 90  # of a lossy WebP picture, 0 to 100
-WORTH_IT = 0.6  # of the lossless size: a lossy picture below it is a photograph, and is taken
 LONGEST_LABEL = 24  # letters of a name in a figure: two of them fit a title over two panels
 FORMS = ("png", "svg", "pdf")  # a figure is always written as the first, which pages embed
 
@@ -140,7 +138,7 @@ RC: Any = {
     "axes.titlelocation": "left",
     "axes.grid": True,
     "grid.color": GRID,
-    "grid.linewidth": LOOK.hair,
+    "grid.linewidth": LOOK.line,
     "axes.axisbelow": True,
     "legend.frameon": False,
     "lines.linewidth": LOOK.strong,
@@ -174,20 +172,31 @@ def new_figure(
     return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
 
 
-def new_quad(*, legend_in: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure of two by two axes at fixed places: faster than a constrained layout."""
+def fixed_figure(
+    rows: int, columns: int, *, height_in: float, below_in: float, spaces: tuple[float, float]
+) -> tuple[Figure, Any]:
+    """Return a figure with its axes (rows, columns) at fixed places: faster than a constrained layout.
+
+    `spaces` between them across and down are shares of one's width and height; `below_in` is left for a legend.
+    """
     from matplotlib.figure import Figure
 
-    height_in = legend_in + 5
     figure = Figure(figsize=(WIDTH_IN, height_in))
-    below, above = (legend_in + 0.5) / height_in, 1 - 0.5 / height_in
-    figure.subplots_adjust(left=0.1, right=0.95, bottom=below, top=above, wspace=1 / 3, hspace=LOOK.band)
-    return figure, list(figure.subplots(2, 2, squeeze=False).ravel())
+    below, above = below_in / height_in, 1 - 0.5 / height_in
+    figure.subplots_adjust(left=0.1, right=0.95, bottom=below, top=above, wspace=spaces[0], hspace=spaces[1])
+    return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def new_quad(*, legend_in: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure of two by two axes at fixed places."""
+    spaces = (1 / 3, LOOK.band)
+    figure, axes = fixed_figure(2, 2, height_in=legend_in + 5, below_in=legend_in + 0.5, spaces=spaces)
+    return figure, list(axes.ravel())
 
 
 def zero_line(axes: Axes, at: float = 0) -> None:
     """Draw the horizontal line that values are compared with."""
-    axes.axhline(at, color=GREY, lw=LOOK.hair)
+    axes.axhline(at, color=GREY, lw=LOOK.line)
 
 
 def note(axes: Axes, words: str) -> None:
@@ -237,7 +246,7 @@ def arrows(axes: Axes, x: Any, y: Any, u: Any, v: Any, *, colour: str, scale: fl
 
 
 def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None) -> Figure:
-    """Draw one legend of all axes, each label once, below them or in the empty axes `corner`; return the figure."""
+    """Return the figure with one legend of all axes, each label once, below them or in the empty axes `corner`."""
     from matplotlib.lines import Line2D
 
     entries = {
@@ -286,7 +295,7 @@ def data_uri(path: Path | str) -> str:
         cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, quality])[1].tobytes()
         for quality in (LOSSLESS, PHOTO_QUALITY)
     )
-    small = lossy if len(lossy) < WORTH_IT * len(lossless) else lossless
+    small = lossy if 2 * len(lossy) < len(lossless) else lossless  # a photograph, or a drawing
     return "data:image/webp;base64," + base64.b64encode(small).decode()
 
 

@@ -71,7 +71,7 @@ def _draw_row(panels: Sequence[Axes], name: str, contacts: Sequence[Known]) -> N
             middle, width, rms_um = 0.5 * (band.low + band.high), band.high - band.low, KILO * band.rms_mm
             axes.bar(middle, 2 * rms_um, max(width, band.high / 25), bottom=-rms_um, alpha=LOOK.band,
                      color=style.YELLOW, label="rms error of a band" if number == 0 else None)  # fmt: skip
-        axes.errorbar([getattr(one, key) for one in contacts], off_um, yerr=stated_um, fmt="o", lw=LOOK.hair,
+        axes.errorbar([getattr(one, key) for one in contacts], off_um, yerr=stated_um, fmt="o", lw=LOOK.line,
                       color=style.BLUE, label="one contact, and its stated deviation (std)")  # fmt: skip
         style.zero_line(axes)
         axes.margins(x=LOOK.room)
@@ -133,7 +133,7 @@ def draw_validation(panels: Sequence[Panel], quantity: str, *, title: str = "") 
 def _against(axes: Axes, panel: Panel) -> None:
     every = np.concatenate([panel.measured, *(one.computed for one in panel.series)])
     top = float(every[np.isfinite(every)].max())
-    axes.axline((0, 0), slope=1, color=style.GREY, lw=LOOK.hair, zorder=1)
+    axes.axline((0, 0), slope=1, color=style.GREY, lw=LOOK.line, zorder=1)
     place = (LOOK.bar * top, LOOK.bar * top)
     axes.annotate("equal", place, xytext=(6, -10), textcoords="offset points", color=style.GREY)
     order = np.argsort(panel.measured)
@@ -149,7 +149,7 @@ def _errors(axes: Axes, panel: Panel) -> None:
     for one, colour, marker in zip(panel.series, style.CYCLE, MARKERS, strict=False):
         line = "-" if np.unique(panel.depth_mm).size == panel.depth_mm.size else ""
         axes.plot(panel.depth_mm[order], 100 * one.error[order], marker + line, mfc="white", mew=LOOK.line,
-                  lw=LOOK.hair, color=colour, label=one.name)  # fmt: skip
+                  lw=LOOK.line, color=colour, label=one.name)  # fmt: skip
     axes.set_xlim(0, (1 + LOOK.room / 3) * float(panel.depth_mm.max()))
 
 

@@ -18,6 +18,7 @@ from tactilevision.recording.layout import nearest
 from tactilevision.recording.model import StageSeries
 from tactilevision.recording.tables import Table, read_table
 from tactilevision.records.certified import CertificationDetails, CertifiedPoint, EdgeDrop, EdgeProfile
+from tactilevision.records.constants import MICRO
 from tactilevision.records.measured import Curve, Floats, ForceSeries
 from tactilevision.records.rig import Indenter, Press
 from tactilevision.robust import MAD_TO_STD
@@ -244,7 +245,7 @@ def read_presses(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[P
         )
     order = np.argsort(start, kind="stable")
     for before, after in pairwise(order.tolist()):
-        if end[before] > start[after] + 1e-6:  # below any clock's step
+        if end[before] > start[after] + MICRO:  # below any clock's step
             raise table.fault(
                 after,
                 f"press {table.words['press'][after]} starts at {start[after]:.12g} s, before press "

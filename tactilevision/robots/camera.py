@@ -27,7 +27,7 @@ GONE_S = 2.0  # s without a frame after which a camera counts as gone; slow ones
 PAUSE_S = 0.005  # s before a camera that gave no frame is read again
 AUTOMATIC = 3  # value of CAP_PROP_AUTO_EXPOSURE for automatic exposure under Video4Linux
 FORMATS = {"mjpeg": "MJPG", "raw": "YUYV"}  # values of --format, and their FourCC
-DEFAULT_RATE_HZ = 30.0  # of pictures played that state none
+DEFAULT_RATE_HZ = 30  # of pictures played that state none
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,7 @@ def _as_rgb(bgr: npt.NDArray[Any], name: str) -> Bytes:
     return check_coloured(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8), name)
 
 
-LAST_S = 15.0  # s that a source may take for its last frame; drivers give up after ten
+LAST_S = 15  # s that a source may take for its last frame; drivers give up after ten
 
 
 class Newest:
@@ -238,7 +238,6 @@ class Newest:
 # Compression: by how much neighbours differ more across the borders of 8-pixel blocks than within them.
 
 FRAMES = 60  # frames of an audit: a second or two
-LOST = 1.5  # usual steps of time after which a frame is missing
 MAX_CHANGE = 0.02  # share of lost or repeated frames, and relative change of brightness, that give a warning
 MAX_BLOCKS_GREY = 0.2  # grey levels: raw pictures have below .05, JPEG of any quality .3 to .7, video 1.3
 STEP = 4  # px between samples of the brightness
@@ -286,7 +285,7 @@ def audit(shots: Sequence[Shot], *, timed: bool = True) -> Audit:
         raise InputError("an audit needs frames", where="audit", value=len(shots))
     steps = np.diff([shot.time_s for shot in shots])
     usual = float(np.median(steps)) if timed else 0.0
-    lost = int(np.sum(np.maximum(np.rint(steps / usual) - 1, 0)[steps > LOST * usual])) if usual > 0 else 0
+    lost = int(np.sum(np.maximum(np.rint(steps / usual) - 1, 0))) if usual > 0 else 0
     alike = [np.array_equal(a.rgb, b.rgb) for a, b in pairwise(shots)]
     return Audit(
         len(shots),

@@ -13,7 +13,7 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.files.documents import read_json
-from tactilevision.files.opening import check, check_regular, damage, inside
+from tactilevision.files.opening import MB, check, check_regular, damage, inside
 from tactilevision.files.pictures import check_picture
 from tactilevision.records.measured import Bytes
 from tactilevision.robots.logs import library
@@ -49,7 +49,7 @@ def parts(path: Path, columns: Sequence[str] | None = None) -> Iterator[Any]:
         if missing:
             raise InputError("a column is missing", where=path, value=missing[0])
         for batch in file.iter_batches(batch_size=ROWS, columns=columns, use_threads=False):
-            check(batch.nbytes / 1e6, "MAX_ARRAY_MB", what="a part of the table, in MB,", where=path)
+            check(batch.nbytes / MB, "MAX_ARRAY_MB", what="a part of the table, in MB,", where=path)
             yield batch
 
 
@@ -120,7 +120,7 @@ def read_dataset(root: Path | str, camera: str) -> DataSet:
             value=version,
             remedy="LeRobot converts v2.1 to v3.0: lerobot.datasets.v30.convert_dataset_v21_to_v30.",
         )
-    if not isinstance(features, dict) or not isinstance(rate, int | float) or not 0 < rate < 1e5:
+    if not isinstance(features, dict) or not isinstance(rate, int | float) or not rate > 0:
         raise InputError("states no features, or no rate (fps)", where=root / INFO, value=rate)
     kinds = {name: str(one.get("dtype")) for name, one in features.items() if isinstance(one, dict)}
     cameras = {name: kind for name, kind in kinds.items() if kind in ("video", "image")}

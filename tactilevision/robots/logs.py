@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tactilevision.errors import InputError
-from tactilevision.files.opening import check, check_regular, damage, limit
+from tactilevision.files.opening import MB, check, check_regular, damage, limit
 
 
 def library(name: str) -> Any:
@@ -28,7 +28,6 @@ def library(name: str) -> Any:
 
 # Compressed parts of a log.
 
-MB = 10**6  # bytes in a megabyte
 ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame of Zstandard (RFC 8878, 3.1.1)
 
 

@@ -173,7 +173,7 @@ def check_clock(stamps: Sequence[Stamp], where: str) -> float:
     """
     if any(one.header_ns == 0 for one in stamps):
         raise InputError("a header holds no time", where=where, remedy="Use the log's time with --clock log.")
-    ahead_s = np.array([one.header_ns - one.log_ns for one in stamps]) * 1e-9
+    ahead_s = np.array([one.header_ns - one.log_ns for one in stamps]) / 10**9
     middle = float(np.median(ahead_s))
     off = np.flatnonzero(np.abs(ahead_s - middle) > MAX_DELAY_S)
     if off.size > 1 or (off.size and len(stamps) < 3):
@@ -199,7 +199,7 @@ def check_same_clock(frames_s: float, wrench_s: float, *, where: object) -> None
 
 def times_s(stamps: Sequence[Stamp], clock: Clock, *, origin_ns: int) -> Floats:
     """Return times (n,) in s after `origin_ns` on the chosen clock."""
-    return np.array([_time_ns(one, clock) - origin_ns for one in stamps], dtype=float) * 1e-9
+    return np.array([_time_ns(one, clock) - origin_ns for one in stamps], dtype=float) / 10**9
 
 
 def first_ns(stamps: Sequence[Stamp], clock: Clock) -> int:

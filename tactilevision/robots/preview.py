@@ -31,7 +31,7 @@ TEXT_PX = 22  # px of a line of text
 QUALITY = 85  # of the JPEGs
 INK = (32, 32, 32)  # grey levels of the text
 PAPER = (250, 250, 250)  # grey levels below the text
-WAIT_S = 10.0  # s that a request waits for the first frame
+WAIT_S = 10  # s that a request waits for the first frame
 UNKNOWN = (150, 150, 150)  # grey levels where no depth is known
 FILES = {
     "": Answer(
