@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 
@@ -52,6 +53,15 @@ def check_known(name: str, known: Iterable[str], *, what: str, where: object) ->
     names = list(known)
     if name not in names:
         raise InputError(what, where=where, value=name, remedy="Known are " + ", ".join(names) + ".")
+
+
+def library(name: str, *, extra: str, where: object) -> Any:
+    """Import a module of an extra. Raises InputError if its package is missing."""
+    try:
+        return import_module(name)
+    except ImportError as fault:
+        what, remedy = f"the package {name.partition('.')[0]} is missing", f"pip install 'tactilevision[{extra}]'."
+        raise InputError(what, where=where, remedy=f"Install it: {remedy}") from fault
 
 
 class RecordingError(InputError):

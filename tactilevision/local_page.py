@@ -16,6 +16,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from mimetypes import MimeTypes
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 from urllib.parse import parse_qs, urlsplit
@@ -32,6 +34,7 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+KINDS = MimeTypes()  # by the endings of files, without those that this machine adds
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "X-Content-Type-Options": "nosniff",
@@ -50,15 +53,29 @@ class Answer:
     headers: Mapping[str, str] = field(default_factory=dict)
 
 
+def page_files(folder: Path) -> dict[str, Answer]:
+    """Return the files of a page by their names; page.html is the page itself."""
+    paths = {"" if path.name == "page.html" else path.name: path for path in folder.iterdir()}
+    kinds = {name: f"{KINDS.guess_type(path.name)[0]}; charset=utf-8" for name, path in paths.items()}
+    return {name: Answer(kinds[name], path.read_bytes()) for name, path in paths.items()}
+
+
 class LocalPage(ABC):
-    """An open page; subclasses define `get` and `post`.
+    """An open page of `files` by name; subclasses define `get` for other names, and `post`.
 
     Each returns an Answer, a dictionary that is sent as JSON, or None for an unknown name. An InputError is
     reported by its message, a KeyError, ValueError or TypeError as a request that is not understood.
     """
 
-    def __init__(self, *, port: int = 0, headers: Mapping[str, str] | None = None, option: str = "--port") -> None:
-        self.headers = {**HEADERS, **(headers or {})}
+    def __init__(
+        self,
+        files: Mapping[str, Answer],
+        *,
+        port: int = 0,
+        headers: Mapping[str, str] | None = None,
+        option: str = "--port",
+    ) -> None:
+        self.files, self.headers = files, {**HEADERS, **(headers or {})}
         self.token = secrets.token_urlsafe(24)
         try:
             self._server = _Listener((LOCALHOST, port), self)
@@ -124,7 +141,8 @@ class _Handler(BaseHTTPRequestHandler):
         name = self._let_in(parts.path, post=False)
         if name is not None:
             asked = {key: values[-1] for key, values in parse_qs(parts.query).items()}
-            self._answer(lambda: self.server.page.get(name, asked))
+            page = self.server.page
+            self._answer(lambda: page.files.get(name) or page.get(name, asked))
 
     def do_POST(self) -> None:
         name = self._let_in(self.path, post=True)

@@ -38,8 +38,8 @@ from calibration.tasks.compare import Compared, Comparison, rms_of_presses
 from calibration.workbench.analysis import Evidence, Verdict
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.opened import Frames, Opened
-from tactilevision.errors import InputError
-from tactilevision.local_page import POLICY, Answer, LocalPage
+from tactilevision.errors import InputError, library
+from tactilevision.local_page import POLICY, Answer, LocalPage, page_files
 from tactilevision.plots.misfit import CERTAIN, evidence, model_colours, radius_colours
 from tactilevision.records.constants import KILO, TINY
 from tactilevision.records.measured import Bytes
@@ -472,14 +472,6 @@ ANSWERS: Mapping[str, Callable[[Bench, Mapping[str, str]], Answer | dict[str, An
 }
 
 
-PAGE = Path(__file__).parent / "page"
-PAGE_FILES: Mapping[str, tuple[str, str]] = {
-    "": ("page.html", "text/html; charset=utf-8"),
-    "page.js": ("page.js", "text/javascript; charset=utf-8"),
-    "charts.js": ("charts.js", "text/javascript; charset=utf-8"),
-    "frames.js": ("frames.js", "text/javascript; charset=utf-8"),
-    "page.css": ("page.css", "text/css; charset=utf-8"),
-}
 PLOTLY = "plotly.js"
 KEPT = {"Cache-Control": "private, max-age=86400"}  # for plotly, which is large
 PLOTLYS_POLICY = POLICY.replace("style-src 'self'", "style-src 'self' 'unsafe-inline'").replace(
@@ -492,8 +484,9 @@ class Server(LocalPage):
 
     def __init__(self, bench: Bench, port: int = 0) -> None:
         self.bench = bench
-        plotly()  # fails here where it is missing
-        super().__init__(port=port, headers={"Content-Security-Policy": PLOTLYS_POLICY})
+        script = Answer("text/javascript; charset=utf-8", plotly(), KEPT)  # fails here where it is missing
+        files = page_files(Path(__file__).parent / "page") | {PLOTLY: script}
+        super().__init__(files, port=port, headers={"Content-Security-Policy": PLOTLYS_POLICY})
 
     def __exit__(
         self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
@@ -502,11 +495,6 @@ class Server(LocalPage):
         super().__exit__(kind, fault, trace)
 
     def get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
-        if name in PAGE_FILES:
-            file, kind = PAGE_FILES[name]
-            return Answer(kind, (PAGE / file).read_bytes())
-        if name == PLOTLY:
-            return Answer("text/javascript; charset=utf-8", plotly(), KEPT)
         return ANSWERS[name](self.bench, asked) if name in ANSWERS else None
 
     def post(self, name: str, content: dict[str, Any]) -> dict[str, Any] | None:
@@ -522,12 +510,5 @@ class Server(LocalPage):
 @cache
 def plotly() -> bytes:
     """Return plotly's script from the installed package. Raises InputError where it is missing."""
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError as fault:
-        raise InputError(
-            "the workbench needs plotly, which is not installed",
-            where="workbench",
-            remedy="pip install 'tactilevision[workbench]'",
-        ) from fault
-    return str(get_plotlyjs()).encode()
+    offline = library("plotly.offline", extra="workbench", where="workbench")
+    return str(offline.get_plotlyjs()).encode()

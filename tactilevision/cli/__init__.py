@@ -68,7 +68,3 @@ def _terminate(number: int, frame: FrameType | None) -> NoReturn:
     """Raise on SIGTERM as on Ctrl-C, so that workers end and unfinished files are removed."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise Terminated
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -75,10 +75,7 @@ def tabulate(
     a_over_h: Numbers = None,
     edge_over_h: Numbers = None,
     processes: Annotated[int | None, typer.Option(min=1, help="How many; by default one a core.")] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option("--cluster", "--scheduler", metavar="ADDRESS", help="A Dask cluster, or its scheduler file."),
-    ] = None,
+    cluster: console.ClusterOption = None,
     json: console.JsonOption = None,
 ) -> None:
     """Solve the flat punch over nu, a/h, depth, friction, law and edge radius; writes OUT/punch.npz and its card.

@@ -6,7 +6,6 @@ import math
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +16,7 @@ from tactilevision.errors import InputError
 from tactilevision.files.opening import number
 from tactilevision.heightmap.ball_validation import RIM, dent_mm, unfit_warnings
 from tactilevision.heightmap.poisson import integrate
-from tactilevision.local_page import Answer, LocalPage
+from tactilevision.local_page import Answer, LocalPage, page_files
 from tactilevision.photometric.ball_detection import Ball
 from tactilevision.photometric.ball_pictures import BallPicture, locate
 from tactilevision.photometric.ball_samples import ball_samples
@@ -405,21 +404,12 @@ def _label_json(label: Label) -> dict[str, Any]:
     }
 
 
-PAGES = {
-    "": ("page.html", "text/html; charset=utf-8"),
-    "page.js": ("page.js", "text/javascript; charset=utf-8"),
-    "plot.js": ("plot.js", "text/javascript; charset=utf-8"),
-    "page.css": ("page.css", "text/css; charset=utf-8"),
-    "icon.svg": ("icon.svg", "image/svg+xml"),
-}
-
-
 class Guide(LocalPage):
     """The page while it is open. `wait` returns when the person has finished."""
 
     def __init__(self, session: Session, *, port: int = 0) -> None:
         self.session, self.done = session, threading.Event()
-        super().__init__(port=port)
+        super().__init__(page_files(Path(__file__).parent / "page"), port=port)
 
     def wait(self) -> None:
         """Wait until the page reports the end; Ctrl-C ends it, too."""
@@ -427,10 +417,7 @@ class Guide(LocalPage):
             pass
 
     def get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
-        """Return a file of the page, the presses, a picture or a section."""
-        if name in PAGES:
-            file, kind = PAGES[name]
-            return Answer(kind, (files("tactilevision.profile") / "page" / file).read_bytes())
+        """Return the presses, a picture or a section."""
         if name == "presses":
             return self.session.to_json()
         kind_of_view, _, at = name.partition("/")

@@ -67,8 +67,9 @@ def read_table(path: Path, columns: Columns, *, least_rows: int = 1) -> Table:
                     remedy="A quotation mark must be closed.",
                 ) from fault
     except UnicodeDecodeError as fault:
+        line = 1 + path.read_bytes().decode(errors="replace").partition("\ufffd")[0].count("\n")
         raise RecordingError(
-            "is not UTF-8 text", where=f"{path}, line {_undecodable(path)}", remedy="Save it as CSV UTF-8."
+            "is not UTF-8 text", where=f"{path}, line {line}", remedy="Save it as CSV UTF-8."
         ) from fault
     except FileNotFoundError as fault:
         remedy = f"Add the table: columns {', '.join(columns.required)}."
@@ -215,12 +216,3 @@ def _misspelt(path: Path, header: Iterable[str], columns: Columns) -> tuple[str,
     absent = [name for name in columns.maybe_numbers + columns.maybe_words if name not in header]
     pairs = ((name, nearest(name, absent)) for name in header if name not in columns.known)
     return tuple(f"{path.name}: column {name} has no meaning here; {near} has" for name, near in pairs if near)
-
-
-def _undecodable(path: Path) -> int:
-    for number, line in enumerate(path.read_bytes().split(b"\n"), start=1):
-        try:
-            line.decode("utf-8")
-        except UnicodeDecodeError:
-            return number
-    return 1

@@ -6,25 +6,14 @@ import bz2
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from tactilevision import errors
 from tactilevision.errors import InputError
 from tactilevision.files.opening import MB, check, check_regular, damage, limit
 
-
-def library(name: str) -> Any:
-    """Import a module of the extra `logs`. Raises InputError where its package is missing."""
-    try:
-        return import_module(name)
-    except ImportError as fault:
-        raise InputError(
-            f"the package {name.partition('.')[0]} is missing",
-            where="logs and data sets",
-            remedy="Install it: pip install 'tactilevision[logs]'.",
-        ) from fault
-
+library = partial(errors.library, extra="logs", where="logs and data sets")
 
 # Compressed parts of a log.
 

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
-from importlib import import_module
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -15,7 +14,7 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from tactilevision.errors import InputError, OutputError
+from tactilevision.errors import InputError, OutputError, library
 from tactilevision.files.writing import replacing
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.local_page import Answer, LocalPage
@@ -91,7 +90,7 @@ class Preview(LocalPage):
     """The page while it is open; `show` gives it the newest result."""
 
     def __init__(self, reconstructor: Reconstructor, port: int) -> None:
-        super().__init__(port=port, option="--preview")
+        super().__init__(FILES, port=port, option="--preview")
         self.reconstructor = reconstructor
         self._newest: tuple[LiveResult, float] | None = None
         self._came = threading.Event()
@@ -102,10 +101,8 @@ class Preview(LocalPage):
         self._came.set()
 
     def get(self, name: str, asked: Mapping[str, str]) -> Answer | None:
-        """Return a file of the page, or the newest picture once there is one."""
-        if name != "frame.jpg":
-            return FILES.get(name)
-        if not self._came.wait(WAIT_S) or self._newest is None:
+        """Return the newest picture once there is one."""
+        if name != "frame.jpg" or not self._came.wait(WAIT_S) or self._newest is None:
             return None
         result, rate_Hz = self._newest
         picture = draw(rectify(self.reconstructor.sensor, result.shot.rgb), result, rate_Hz=rate_Hz)
@@ -143,14 +140,7 @@ _STATE = {
 
 def check_installed() -> None:
     """Raise InputError where the extra is missing."""
-    try:
-        import_module("foxglove")
-    except ImportError as fault:
-        raise InputError(
-            "the package foxglove-sdk is missing",
-            where="--foxglove and --mcap",
-            remedy="Install it: pip install 'tactilevision[foxglove]'.",
-        ) from fault
+    library("foxglove", extra="foxglove", where="--foxglove and --mcap")
 
 
 class Foxglove:
