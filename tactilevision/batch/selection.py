@@ -24,13 +24,16 @@ TRIED = 12  # frames among which the deepest is sought
 
 def frame_number(recording: Recording, name: str) -> int:
     """Return the number of a frame by its name or stem. Raises InputError where there is none."""
-    names = recording.frame_names
-    stems = [Path(one).stem for one in names]
-    for known in (names, stems):
-        if name in known:
-            return known.index(name)
-    remedy = f"It has {names[0]} to {names[-1]}."
-    raise InputError("has no such frame", where=recording.path, value=name, remedy=remedy)
+    return _place_of([name], recording.frame_names, what="has no such frame", where=recording.path)
+
+
+def _place_of(asked: Sequence[str], names: Sequence[str], *, what: str, where: Path) -> int:
+    """Return the number of the first name, or else stem, that was asked for."""
+    for known in (list(names), [Path(one).stem for one in names]):
+        for name in asked:
+            if name in known:
+                return known.index(name)
+    raise InputError(what, where=where, value=asked[0], remedy=f"It has {names[0]} to {names[-1]}.")
 
 
 def frames_of(recording: Recording, what: str) -> list[int]:
@@ -97,12 +100,7 @@ class Maps:
 
     def number(self, name: str) -> int:
         """Return the number of a map by its file's or frame's name. Raises InputError where there is none."""
-        for known in (self.names, [Path(one).stem for one in self.names]):
-            for asked in (name, Path(name).stem):
-                if asked in known:
-                    return known.index(asked)
-        remedy = f"It has {self.names[0]} to {self.names[-1]}."
-        raise InputError("has no such map", where=self.folder, value=name, remedy=remedy)
+        return _place_of([name, Path(name).stem], self.names, what="has no such map", where=self.folder)
 
     def named(self, name: str) -> tuple[HeightMap, None]:
         """Return the map (H, W), in mm, with its deviation where `depth --std` wrote one, and no picture."""

@@ -28,7 +28,6 @@ from tactilevision.recording import layout
 from tactilevision.recording.ball_folder import read_ball_folder
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.model import Recording, require
-from tactilevision.recording.read import read_recording
 
 SensorOption = Annotated[
     str | None,
@@ -108,8 +107,6 @@ class Choice:
         """Read a recording, or a bare folder of frames whose sensor is named."""
         if self.profile is not None:
             recording = open_with_profile(path, self.profile, reference=self.reference)
-        elif self._is_recording(path):
-            recording = self._of_recording(path)
         else:
             recording = read_folder(
                 path,
@@ -147,20 +144,9 @@ class Choice:
             return None
         return sensor_for(recording, self.profile)
 
-    def _is_recording(self, path: Path) -> bool:
-        """Return whether `path` is to be read as a recording, with its recording.toml."""
-        if not path.exists() or any(path.glob(f"*/{layout.SETTINGS}")):  # the reader explains
-            return self.sensor is None
-        return self.sensor is None and (path / layout.SETTINGS).is_file()
-
     def _has_own_reference(self) -> bool:
         """Return whether a saved method was named, which has a picture of the untouched gel."""
         return self.method is not None and Path(self.method).with_suffix(".npz").is_file()
-
-    def _of_recording(self, path: Path) -> Recording:
-        if self.reference is None and self.mm_per_px is None:
-            return read_recording(path)
-        return read_folder(path, reference=self.reference, mm_per_px=self.mm_per_px)
 
 
 def open_balls(path: Path, chosen: Choice, ball_radius_mm: float | None) -> Recording:

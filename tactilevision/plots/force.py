@@ -191,7 +191,8 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
         for name in ("resultant_N", "resultant_std_N", "measured_N")
     )
     timed = bool(np.isfinite(time_s).all())
-    place = _without_pauses(time_s) if timed else np.arange(len(rows), dtype=float)
+    steps_s = np.clip(np.diff(time_s, prepend=time_s[:1]), 0, PAUSE_S)
+    place = np.cumsum(steps_s) if timed else np.arange(len(rows), dtype=float)
     shown = [k for k in (2, 0, 1) if k == 2 or np.nan_to_num(force[:, k]).any()]
     figure, axes = style.new_figure(rows=len(shown))
     parts = _parts(place, time_s if timed else place)
@@ -258,11 +259,6 @@ def _course(
         axes.plot(place[part], force[part], color=colour, marker=".", ms=LOOK.dot, label=label)
         low, high = (force[part] + s * Z95 * std[part] for s in (-1, 1))
         axes.fill_between(place[part], low, high, color=colour, alpha=LOOK.band, lw=0)
-
-
-def _without_pauses(time_s: Floats) -> Floats:
-    step = np.diff(time_s, prepend=time_s[:1])
-    return np.cumsum(np.clip(step, 0, PAUSE_S))
 
 
 def _parts(place: Floats, time_s: Floats) -> list[slice]:

@@ -65,11 +65,6 @@ class Label:
         return self.circle is not None and self.state != "excluded"
 
 
-def table_of(recording: Recording) -> Path:
-    """Return the file of the labels of a recording, or of a bare folder of presses."""
-    return _place(recording.path)[1]
-
-
 def labels_of(recording: Recording) -> tuple[Label, ...]:
     """Return the presses of the table and, excluded, the pictures of the folder that it does not list.
 
@@ -281,7 +276,7 @@ class Session:
 
     def __init__(self, recording: Recording, *, method: str = "polynomial") -> None:
         self.recording, self.sensor, self.fit_by = recording, recording.sensor, PHOTOMETRIC[method]
-        self.table = table_of(recording)
+        self.table = _place(recording.path)[1]
         self.labels = list(labels_of(recording))
         flats = [rectify(self.sensor, rgb) for rgb in read_flats(recording)]
         with faults_of_flats(recording):

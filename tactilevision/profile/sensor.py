@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +75,7 @@ class CalibratedSensor:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle the profile and rebuild the sensor from it."""
-        return _rebuilt, (self.profile, self.indenter)
+        return partial(CalibratedSensor, indenter=self.indenter), (self.profile,)
 
     @cached_property
     def field(self) -> ForceField | None:
@@ -190,10 +190,6 @@ class CalibratedSensor:
 def _as_then(profile: Profile) -> tuple[str, ...]:
     """Return the warnings of when the profile was made."""
     return tuple(f"when {profile.path.name} was made: {one}" for one in profile.warnings)
-
-
-def _rebuilt(profile: Profile, indenter: Indenter | None) -> CalibratedSensor:
-    return CalibratedSensor(profile, indenter=indenter)
 
 
 def _chosen(profile: Profile, indenter: Indenter | str | None) -> Indenter | None:

@@ -119,7 +119,7 @@ def read_folder(
     """
     root = Path(path)
     flats = list_references(_named(reference, root))
-    if sensor is None and (root / layout.SETTINGS).is_file():
+    if sensor is None and _is_recording(root):
         return _of_recording(root, flats, mm_per_px)
     frames_path, names = _frames_of(root)
     if sensor is None:
@@ -137,8 +137,10 @@ def read_folder(
     warnings += check_references(size, found[0][:1], white_level=white_level)
     warnings += doubts_of_turning(frames_path, names[first:], found[0])
     if settings is not None:
-        sensor, notes = _built(settings, place, size, mm_per_px)
-        warnings += notes
+        stated = {} if mm_per_px is None else {"mm_per_px": [mm_per_px, mm_per_px]}
+        settings, guessed = guess_scale(settings.model_copy(update=stated), size)
+        sensor, notes = build_sensor(settings, place, frame_size_px=size)
+        warnings += guessed + notes
     return Recording(
         path=root,
         name=root.resolve().name,
@@ -154,6 +156,11 @@ def read_folder(
     )
 
 
+def _is_recording(root: Path) -> bool:
+    """Return whether `root` is a recording, or for its reader to refuse: missing, or a folder of recordings."""
+    return (root / layout.SETTINGS).is_file() or not root.exists() or any(root.glob(f"*/{layout.SETTINGS}"))
+
+
 def _of_recording(root: Path, flats: tuple[Path, ...], mm_per_px: float | None) -> Recording:
     own = read_recording(root, sensor={} if mm_per_px is None else {"mm_per_px": [mm_per_px, mm_per_px]})
     size, seen = own.frame_size_px, own.warnings
@@ -161,17 +168,6 @@ def _of_recording(root: Path, flats: tuple[Path, ...], mm_per_px: float | None) 
         seen += check_references(size, flats[:1], white_level=own.white_level)
         seen += doubts_of_turning(own.frames_path, own.frame_names, flats)
     return replace(own, flats=flats or own.flats, sensor=_scaled(own.sensor, mm_per_px), warnings=seen)
-
-
-def _built(
-    settings: SensorSettings, place: Path, size: tuple[int, int], mm_per_px: float | None
-) -> tuple[Sensor, tuple[str, ...]]:
-    """Build the sensor of settings that may leave its scale open."""
-    if mm_per_px is not None:
-        settings = settings.model_copy(update={"mm_per_px": [mm_per_px, mm_per_px]})
-    settings, guessed = guess_scale(settings, size)
-    sensor, notes = build_sensor(settings, place, frame_size_px=size)
-    return sensor, guessed + notes
 
 
 def _scaled(sensor: Sensor | Path | str, mm_per_px: float | None) -> Sensor:

@@ -62,11 +62,11 @@ class Recording:
 
     `frame_names` and `frame_times_s` (N,) list the pictures in `frames_path` (a folder, one video or None) on the
     camera's clock, NaN where the time is unknown; `frame_size_px` (width, height) is their size on disk, None if
-    none could be read. `forces` and `force_std_N` are in the rectified frame's axes: `force_rotation` (3, 3) has
-    been applied. `clock_offset_s` is F/T clock minus camera clock, None if it has to be estimated. `white_level`
-    is the number of full white in the files, None for the largest of their bit depth. `flats` are pictures of the
-    untouched gel; without any, `flat_frames` are the frames taken for it. `extra` holds the columns without a
-    field here, by table and column; `settings` is recording.toml as written; `warnings` are for a person to read.
+    none could be read. `forces` and `force_std_N` are in the rectified frame's axes. `clock_offset_s` is F/T clock
+    minus camera clock, None if it has to be estimated. `white_level` is the number of full white in the files,
+    None for the largest of their bit depth. `flats` are pictures of the untouched gel; without any, `flat_frames`
+    are the frames taken for it. `extra` holds the columns without a field here, by table and column; `settings` is
+    recording.toml as written; `warnings` are for a person to read.
     """
 
     path: Path
@@ -75,7 +75,6 @@ class Recording:
     date: datetime.date | None = None
     force_std_N: tuple[float, float, float] | None = None
     force_rate_Hz: float | None = None
-    force_rotation: Floats | None = None
     depth_source: Literal["vision", "stage", "gauge"] = "vision"
     depth_std_mm: float | None = None
     clock_offset_s: float | None = None

@@ -26,7 +26,6 @@ from tactilevision.recording.read_tables import (
     read_points,
     read_presses,
     read_stage,
-    rotation,
 )
 from tactilevision.recording.sensor import build_sensor
 from tactilevision.recording.tables import Table
@@ -247,7 +246,6 @@ def read_recording(path: Path | str, *, sensor: Mapping[str, Any] | None = None)
         date=settings.date,
         force_std_N=as_three(settings.force.std_N) if settings.force.std_N else None,
         force_rate_Hz=settings.force.rate_Hz,
-        force_rotation=rotation(settings.force, toml),
         depth_source=settings.depth.source,
         depth_std_mm=settings.depth.std_mm,
         clock_offset_s=settings.clock.offset_s,

@@ -169,12 +169,10 @@ def the_picture_topic(path: Path | str) -> str:
     shown = sorted(name for name, kind in log.topics.items() if ros2_name(kind) in (IMAGE, COMPRESSED))
     if len(shown) == 1:
         return shown[0]
-    has = ", ".join(shown or (f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]))
-    raise InputError(
-        "the log has several topics of pictures" if shown else "the log has no topic of pictures",
-        where=log.path,
-        remedy=f"Name one with --frames: {has}." if shown else f"It has: {has or 'no topic at all'}.",
-    )
+    if shown:
+        remedy = f"Name one with --frames: {', '.join(shown)}."
+        raise InputError("the log has several topics of pictures", where=log.path, remedy=remedy)
+    raise InputError("the log has no topic of pictures", where=log.path, remedy=_topics(log))
 
 
 def _messages(
@@ -204,9 +202,14 @@ def _check_topic(log: Log, topic: str, count: int) -> None:
     """Raise InputError with the topics of the log where this one has fewer than two messages."""
     if count >= 2:
         return
-    has = [f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]]
     said = "the topic has fewer than two messages" if topic in log.topics else "the log has no such topic"
-    raise InputError(said, where=log.path, value=topic, remedy=f"It has: {', '.join(has) or 'no topic at all'}.")
+    raise InputError(said, where=log.path, value=topic, remedy=_topics(log))
+
+
+def _topics(log: Log) -> str:
+    """Return a sentence that lists the topics of a log."""
+    has = [f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]]
+    return f"It has: {', '.join(has) or 'no topic at all'}."
 
 
 def _check_clocks(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> int:

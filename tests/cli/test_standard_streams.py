@@ -20,7 +20,7 @@ FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has
 
 def in_shell(line: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
     """`line` of a shell, in which "$@" is the command line with `arguments`."""
-    command = [sys.executable, "-m", "tactilevision.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "tactilevision", *map(str, arguments)]
     return subprocess.run(
         ["sh", "-c", line, "sh", *command],
         capture_output=True,

@@ -37,7 +37,7 @@ TINY = (
 
 def start(out: Path, *options: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-m", "tactilevision.cli", "tabulate", str(out), *TINY, *options],
+        [sys.executable, "-m", "tactilevision", "tabulate", str(out), *TINY, *options],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
