@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -98,49 +97,51 @@ def plan(
 
     Give --radius, --heights and --thickness, or a RECORDING that states them.
     """
-    if recording is not None:
-        design = _read(recording)
-    elif thickness is not None:
-        design = Design(Gel(thickness), ())
-    else:
-        remedy = "Give it in mm, or name a recording."
-        raise InputError("the gel's thickness is needed", where="--thickness", remedy=remedy)
-    guess = _range("--poisson-ratio", poisson_ratio, design.poisson_ratio)
-    gel = console.stated(
-        design.gel,
-        thickness_mm=thickness,
-        thickness_std_mm=thickness_std,
-        shape=None if pad_radius is None else "disc",
-        radius_mm=pad_radius,
-        poisson_ratio=None if poisson_ratio_std is None else sum(guess) / 2,
-        poisson_ratio_std=poisson_ratio_std,
-    )
-    faces = faces_of(design, console.numbers("--radius", radius), console.numbers("--heights", heights))
-    gain = None if gain_noise is None else gain_noise / 100
-    noise = console.stated(design.noise, depth_std_mm=depth_noise, force_std_N=force_noise, gain=gain)
-    design = replace(
-        design,
-        gel=gel,
-        indenters=tuple(
-            console.stated(face, edge_radius_mm=edge_radius, height_std_mm=height_std) for face in faces
+    usual = _usual(recording, thickness)
+    guess = _range("--poisson-ratio", poisson_ratio, usual.poisson_ratio)
+    faces = faces_of(usual, console.numbers("--radius", radius), console.numbers("--heights", heights))
+    stated = {"edge_radius_mm": edge_radius, "height_std_mm": height_std}
+    design = console.stated(
+        usual,
+        gel=console.stated(
+            usual.gel,
+            thickness_mm=thickness,
+            thickness_std_mm=thickness_std,
+            shape=None if pad_radius is None else "disc",
+            radius_mm=pad_radius,
+            poisson_ratio=None if poisson_ratio_std is None else sum(guess) / 2,
+            poisson_ratio_std=poisson_ratio_std,
         ),
-        repeats=design.repeats if repeats is None else repeats,
-        youngs_modulus_MPa=_range("--modulus", modulus, design.youngs_modulus_MPa),
+        indenters=tuple(console.stated(face, **stated) for face in faces),
+        repeats=repeats,
+        youngs_modulus_MPa=_range("--modulus", modulus, usual.youngs_modulus_MPa),
         poisson_ratio=guess,
-        noise=noise,
-        lubricated=lubricated or design.lubricated,
+        noise=console.stated(
+            usual.noise, depth_std_mm=depth_noise, force_std_N=force_noise, gain=_share(gain_noise)
+        ),
+        lubricated=lubricated or None,
     )
-    found = find_plan(design, goal=Goal(within / 100, within_nu, None if within_c is None else within_c / 100))
+    found = find_plan(design, goal=Goal(within / 100, within_nu, _share(within_c)))
     console.say(*_report(found))
     if out is not None:
         write_json(out, found.as_json())
         console.say(f"wrote {out}")
 
 
-def _read(path: Path) -> Design:
-    recording = read_recording(path)
-    console.warn(recording.warnings)
-    return design_of(recording)
+def _usual(path: Path | None, thickness_mm: float | None) -> Design:
+    """Return the design of a recording, or one of a gel of this thickness alone."""
+    if path is not None:
+        recording = read_recording(path)
+        console.warn(recording.warnings)
+        return design_of(recording)
+    if thickness_mm is None:
+        remedy = "Give it in mm, or name a recording."
+        raise InputError("the gel's thickness is needed", where="--thickness", remedy=remedy)
+    return Design(Gel(thickness_mm), ())
+
+
+def _share(percent: float | None) -> float | None:
+    return None if percent is None else percent / 100
 
 
 def _range(name: str, text: str | None, usual: Pair) -> Pair:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,7 +12,7 @@ import typer
 
 from tactilevision.batch.folder import FrameResult, reconstruct_folder, summary
 from tactilevision.batch.selection import strongest_frames
-from tactilevision.batch.tree import Branch, reconstruct_tree
+from tactilevision.batch.tree import Light, reconstruct_tree
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
 from tactilevision.force import comparison
@@ -38,11 +37,7 @@ def depth(
     mm_per_px: source.ScaleOption = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            help="calibration.json of this recording: corrects faces.",
-        ),
+        typer.Option(exists=True, dir_okay=False, help="calibration.json of this recording: corrects faces."),
     ] = None,
     form: Annotated[
         Literal["tiff", "zarr"], typer.Option("--format", help="One TIFF a frame, or one Zarr store.")
@@ -57,33 +52,15 @@ def depth(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into height maps: depth/NAME.tiff in mm (float32, NaN where invalid), and depth.csv."""
-    warned: list[str] = []
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
-    light = _light(chosen, warned, path)
     how: dict[str, Any] = {"form": form, "workers": workers, "cluster": cluster, "with_std": with_std}
-    maps = "depth.zarr" if form == "zarr" else "depth/NAME.tiff"
+    maps, warned = "depth.zarr" if form == "zarr" else "depth/NAME.tiff", list[str]()
+    light = _light(chosen, warned, path)
     if source.is_tree(path):
-        if calibration is not None:
-            raise InputError(
-                "a calibration belongs to one recording, not to a tree of recordings",
-                where=path,
-                remedy="Name the recording, or omit --calibration.",
-            )
-        how |= {"read": chosen.open_branch, "light": light, "method": chosen.way}
-        with console.progress_bar("frames") as progress:
-            branches = reconstruct_tree(path, out, progress=progress, **how)
-        rows, refused = _rows_of(branches)
-        content = {"passed_over": refused, "faces_certified": False}
+        rows, content = _of_tree(path, out, chosen, light, calibration, how)
         maps = f"SOURCE/{maps}"
     else:
-        recording = chosen.open(path)
-        with console.progress_bar("calibrating the light"):
-            reconstructor = light(recording)
-            reconstructor, anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
-        with console.progress_bar("frames") as progress:
-            rows = reconstruct_folder(recording, reconstructor, out, anchor=anchor, progress=progress, **how)
-        content = {"passed_over": {}, "faces_certified": anchor.depth_scale is not None}
-        _draw(recording, reconstructor, rows, out / "figures", most=pictures, anchor=anchor)
+        rows, content = _of_recording(chosen.open(path), out, light, calibration, how, most=pictures)
     _say(rows, out, maps)
     console.hand_over(summary(rows) | content | {"warnings": warned}, json)
     if all(row.status != "ok" for row in rows):
@@ -92,7 +69,7 @@ def depth(
         )
 
 
-def _light(chosen: source.Choice, warned: list[str], root: Path) -> Callable[[Recording], Reconstructor]:
+def _light(chosen: source.Choice, warned: list[str], root: Path) -> Light:
     """Return the function that calibrates the light of a recording below `root`, and collects its warnings."""
 
     def warn(recording: Recording, lines: tuple[str, ...]) -> None:
@@ -111,12 +88,37 @@ def _light(chosen: source.Choice, warned: list[str], root: Path) -> Callable[[Re
     return light
 
 
-def _rows_of(branches: tuple[Branch, ...]) -> tuple[tuple[FrameResult, ...], dict[str, str]]:
+def _of_tree(
+    path: Path, out: Path, chosen: source.Choice, light: Light, calibration: Path | None, how: dict[str, Any]
+) -> tuple[tuple[FrameResult, ...], dict[str, Any]]:
     """Return the rows of all sources in a tree, with frames by their path, and why others were skipped."""
+    if calibration is not None:
+        raise InputError(
+            "a calibration belongs to one recording, not to a tree of recordings",
+            where=path,
+            remedy="Name the recording, or omit --calibration.",
+        )
+    with console.progress_bar("frames") as progress:
+        branches = reconstruct_tree(
+            path, out, read=chosen.open_branch, light=light, method=chosen.way, progress=progress, **how
+        )
     for branch in branches:
         console.say(f"{branch.name}: " + (f"passed over: {branch.why}" if branch.why else _counted(branch.rows)))
     rows = tuple(replace(row, frame=branch.path_of(row)) for branch in branches for row in branch.rows)
-    return rows, {branch.name: branch.why for branch in branches if branch.why}
+    refused = {branch.name: branch.why for branch in branches if branch.why}
+    return rows, {"passed_over": refused, "faces_certified": False}
+
+
+def _of_recording(
+    recording: Recording, out: Path, light: Light, calibration: Path | None, how: dict[str, Any], *, most: int
+) -> tuple[tuple[FrameResult, ...], dict[str, Any]]:
+    """Return the rows of a recording, whose `most` deepest frames are drawn."""
+    with console.progress_bar("calibrating the light"):
+        reconstructor, anchor = source.open_face_correction(recording, light(recording), calibration=calibration)
+    with console.progress_bar("frames") as progress:
+        rows = reconstruct_folder(recording, reconstructor, out, anchor=anchor, progress=progress, **how)
+    _draw(recording, reconstructor, rows, out / "figures", most=most, anchor=anchor)
+    return rows, {"passed_over": {}, "faces_certified": anchor.depth_scale is not None}
 
 
 def _counted(rows: tuple[FrameResult, ...]) -> str:
@@ -175,13 +177,12 @@ def force(
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
     chosen = source.Choice(sensor, reference, method, mm_per_px, even_so)
     material = _material(chosen, calibration)
-    offset_s = None if calibration is None else read_clock_offset(calibration)
     recording = with_gel(chosen.open(path), calibration)
     with console.progress_bar("calibrating the light"):
         job = _job(recording, chosen, material, calibration, out=out, form=form)
-    reconstructor, anchor = job.reconstructor, job.anchor
-    console.warn([*recording.warnings, *reconstructor.warnings])
+    console.warn([*recording.warnings, *job.reconstructor.warnings])
     with console.progress_bar("frames") as progress:
+        offset_s = None if calibration is None else read_clock_offset(calibration)
         how: dict[str, Any] = {"clock_offset_s": offset_s, "workers": workers, "cluster": cluster}
         rows = force_folder(recording, job, progress=progress, **how)
     read = [row for row in rows if row.read]
@@ -197,8 +198,8 @@ def force(
         "frames": len(rows),
         "read": len(read),
         "material": material.as_json(),
-        "faces_certified": anchor.depth_scale is not None,
-        "warnings": list(reconstructor.warnings),
+        "faces_certified": job.anchor.depth_scale is not None,
+        "warnings": list(job.reconstructor.warnings),
         "shear": shear,
         "measured": measured,
         "sensitivity": _figures(recording, job, rows, out / "figures", compared=compared, most=pictures),

@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from tactilevision.cli import console, source
-from tactilevision.cli.source import check_scale
 from tactilevision.profile.sensor import load_sensor
 from tactilevision.robots import log_export, log_import as imports
 from tactilevision.robots.lerobot import annotate
@@ -29,9 +28,7 @@ def import_log(
     wrench: Annotated[str | None, typer.Option(metavar="TOPIC", help="Forces: WrenchStamped.")] = None,
     clock: Annotated[Clock, typer.Option(help="Times of the headers, or those of the log.")] = Clock.HEADER,
     sensor: Annotated[str | None, typer.Option(help="Its kind's name, or its profile (.tvs).")] = None,
-    mm_per_px: Annotated[
-        float | None, typer.Option("--mm-per-px", callback=check_scale, help="Scale of the frames.")
-    ] = None,
+    mm_per_px: source.ScaleOption = None,
     rotation: Annotated[
         str | None, typer.Option(metavar="LIST", help="Nine numbers: the frame's x, y, z in the wrench's axes.")
     ] = None,

@@ -56,7 +56,7 @@ ScaleOption = Annotated[
     typer.Option(
         "--mm-per-px",
         callback=check_scale,
-        help="Scale of the (rectified) frames; for a bare folder by default guessed from the sensor.",
+        help="Scale of the (rectified) frames or the depth TIFF; of a bare folder by default guessed.",
     ),
 ]
 MethodOption = Annotated[

@@ -74,18 +74,9 @@ def train(
     with console.progress_bar("calibrating the light"):
         made = build_reconstructor(source, method)
     console.warn([*source.warnings, *made.warnings])
-    assert made.referenced is not None
-    data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
-    known, certified = _certified(source, made)
-    kept = made.referenced
-    if certified:
-        with console.progress_bar("learning walls"):
-            kept = with_walls(kept, sources.taught(source, made, certified)[0].taught)
-    if getattr(kept, "walls", None) is not None:
-        known["flat_steps_walls"] = "as read before the walls' law was fitted to these faces"
-    card = made.referenced.card.extended(known | provenance(data, licence=licence))
-    _save(kept.with_card(card), out, network=method == "network")
-    shown = {name: value for name, value in card.to_json().items() if not isinstance(value, dict | list)}
+    kept = _trained(source, made, licence)
+    _save(kept, out, network=method == "network")
+    shown = {name: value for name, value in kept.card.to_json().items() if not isinstance(value, dict | list)}
     console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))
     if guide:
         _save_profile(source, made, out)
@@ -101,6 +92,19 @@ def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, 
         console.say(f"mark the circles at {page.address}", "Ctrl-C ends without writing them")
         page.wait()
     console.say(f"wrote {session.table}")
+
+
+def _trained(source: Recording, made: Reconstructor, licence: str) -> CalibratedMethod:
+    """Return the method with its card, and with the walls' law of the recording's own certified presses."""
+    kept, (known, certified) = made.referenced, _certified(source, made)
+    assert kept is not None
+    if certified:
+        with console.progress_bar("learning walls"):
+            kept = with_walls(kept, sources.taught(source, made, certified)[0].taught)
+    if kept.walls is not None:
+        known["flat_steps_walls"] = "as read before the walls' law was fitted to these faces"
+    data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
+    return kept.with_card(kept.card.extended(known | provenance(data, licence=licence)))
 
 
 def _save_profile(source: Recording, made: Reconstructor, out: Path) -> None:
@@ -235,7 +239,7 @@ def _contents(profile: Profile) -> list[str]:
     else:
         E, nu = material.youngs_modulus_MPa, material.poisson_ratio
         lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given; {_SHEAR[profile.followed]}")
-    if getattr(profile.method, "walls", None) is not None:
+    if profile.method.walls is not None:
         lines.append("  the walls' law is fitted to certified faces, and used for any flat face")
     if profile.face_law is not None:
         lines.append("  depths of flat faces follow the certified ones where an indenter is named")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +24,7 @@ from tactilevision.batch.selection import (
 )
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError, check_known
-from tactilevision.files.exports import EXPORTS, UNKNOWN, export as write
+from tactilevision.files.exports import EXPORTS, UNKNOWN, export as export_map
 from tactilevision.force.frame import Readings
 from tactilevision.heightmap.deviation import contributions_mm
 from tactilevision.heightmap.reconstructor import Reading, Reconstructor
@@ -37,10 +38,7 @@ from tactilevision.records.measured import Bytes
 
 def view(
     path: Annotated[
-        Path,
-        typer.Argument(
-            help="A depth TIFF, what `depth` wrote, a recording, a video, a frame, or a folder of frames."
-        ),
+        Path, typer.Argument(help="A depth TIFF, what `depth` wrote, or a recording, video, frame or folder.")
     ],
     out: console.OutOption = Path("view_out"),
     frame: Annotated[str | None, typer.Option(help="Name of the frame; the deepest of a few if omitted.")] = None,
@@ -56,23 +54,13 @@ def view(
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
-    mm_per_px: Annotated[
-        float | None,
-        typer.Option(
-            callback=source.check_scale, help="Scale of frames, or of a depth TIFF that does not state its own."
-        ),
-    ] = None,
+    mm_per_px: source.ScaleOption = None,
     terms: Annotated[
         bool, typer.Option("--terms", help="Also draw the largest term of the depth's deviation at each place.")
     ] = False,
-    html: Annotated[
-        bool, typer.Option("--html", help="Also write a self-contained page with a surface to turn.")
-    ] = False,
+    html: Annotated[bool, typer.Option("--html", help="Also write a page with a surface to turn.")] = False,
     window: Annotated[
-        bool,
-        typer.Option(
-            "--window", help="Open a window: all frames, profiles by mouse, differences, a surface to turn."
-        ),
+        bool, typer.Option("--window", help="Open a window: frames, profiles by mouse, differences, 3-D.")
     ] = False,
 ) -> None:
     """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""
@@ -86,22 +74,28 @@ def view(
     figures = _draw(height, rgb, other)
     if terms:
         figures["terms"] = draw.draw_terms(height, _terms(height, opened))
-    stem = Path(height.name).stem
-    for name, figure in figures.items():
-        path_out = out / f"{stem}_{name}.png"
-        style.save_figure(figure, path_out)
-        console.say(f"wrote {path_out}")
-    if html:
-        flat = [out / f"{stem}_{name}.png" for name in figures if name != "surface"]
-        console.say(f"wrote {viewer.write_surface_page(out, height, flat)}")
-    for form in export or []:
-        console.say(f"wrote {write(height, out, form=form)}")
+    for written in _write(figures, height, out, html=html, forms=export or []):
+        console.say(f"wrote {written}")
     if film is not None and isinstance(opened, _Opened):
         console.say(f"wrote {_film(opened, film, filmed, out)}")
     if window:
         maps, number = (lambda n: opened.named(opened.names[n])[0]), opened.number(height.name)
         shown = viewer.Window(opened.names, maps, number=number, marked=other)
         style.show([shown.figure], title=f"tactilevision: {path}")
+
+
+def _write(
+    figures: Mapping[str, Figure], height: HeightMap, out: Path, *, html: bool, forms: Sequence[str]
+) -> Iterator[Path]:
+    """Write the figures, the page and the map in other forms; yield each file once it is written."""
+    paths = {name: out / f"{Path(height.name).stem}_{name}.png" for name in figures}
+    for name, figure in figures.items():
+        style.save_figure(figure, paths[name])
+        yield paths[name]
+    if html:
+        yield viewer.write_surface_page(out, height, [path for name, path in paths.items() if name != "surface"])
+    for form in forms:
+        yield export_map(height, out, form=form)
 
 
 def _check(forms: list[str], *, screen: bool) -> None:
