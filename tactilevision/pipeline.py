@@ -7,12 +7,12 @@ recording that brings points or curves of depth and force is taken as it is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol
 
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress, Watch
 from tactilevision.errors import InputError, NothingCertified, TactilevisionError
@@ -320,15 +320,14 @@ def certify_recordings(
     from tactilevision.recording.model import require
 
     heard, opened = listener or Collected(), oldest_first(recordings)
+    how: dict[str, Any] = {"poisson_ratio": poisson_ratio, "scale_doubt": scale_doubt}
     if cluster is not None:
-        act = partial(_certify_there, poisson_ratio=poisson_ratio, scale_doubt=scale_doubt)
-        found = each_on_cluster(act, opened, cluster=cluster, title="certifying recordings", listener=heard)
-        return [replace(one, recording=recording) for one, recording in zip(found, opened, strict=True)]
+        return _certify_on_cluster(opened, cluster, heard, how)
     for recording in opened:
         heard.warn(recording.warnings)
         if not (recording.curves or recording.points):
             require(recording, "frames", step="certifying depths")
-    return [_certify(one, heard, poisson_ratio=poisson_ratio, scale_doubt=scale_doubt) for one in opened]
+    return [_certify(one, heard, **how) for one in opened]
 
 
 def oldest_first(recordings: Sequence[Source]) -> list[Recording]:
@@ -421,17 +420,10 @@ def calibrate_each(
     cluster: str | None = None,
     listener: Listener | None = None,
 ) -> list[Calibrated]:
-    """Calibrate each recording by itself, the oldest first; on a cluster each is a task of its own."""
-    heard, nu = listener or Collected(), law == DEFAULT_LAW
-    if cluster is None:
-        certified = certify_recordings(recordings, poisson_ratio=nu, listener=heard)
-        return [calibrate_certified(one, law=law, prior=prior) for one in certified]
-    opened, act = oldest_first(recordings), partial(_calibrate_there, law=law, prior=prior)
-    found = each_on_cluster(act, opened, cluster=cluster, title="calibrating recordings", listener=heard)
-    return [
-        replace(one, certified=replace(one.certified, recording=recording))
-        for one, recording in zip(found, opened, strict=True)
-    ]
+    """Calibrate each recording by itself, the oldest first; a cluster certifies them."""
+    nu = law == DEFAULT_LAW
+    certified = certify_recordings(recordings, poisson_ratio=nu, cluster=cluster, listener=listener)
+    return [calibrate_certified(one, law=law, prior=prior) for one in certified]
 
 
 def with_warnings_of(result: CalibrationResult, certified: Sequence[CertifiedRecording]) -> CalibrationResult:
@@ -486,50 +478,35 @@ def _surfaces(certified: CertifiedRecording) -> Iterator[Any]:
             yield Surface(evidence.height_map, centre, punch.radius_mm, point.depth_mm, punch.bevel)
 
 
-# Each recording as a task of its own on a Dask cluster: the result and its warnings travel back.
-
-T = TypeVar("T")
+# Each recording as a task of its own on a Dask cluster: its certificate and its warnings travel back.
 
 
-def _certify_there(
-    path: Path, listener: Listener, *, poisson_ratio: bool, scale_doubt: bool
-) -> CertifiedRecording:
-    """Return one recording certified, without its reconstructor, which is large."""
-    found = certify_recordings([path], poisson_ratio=poisson_ratio, scale_doubt=scale_doubt, listener=listener)
-    return replace(found[0], reconstructor=None)
-
-
-def _calibrate_there(path: Path, listener: Listener, *, law: str, prior: bool) -> Calibrated:
-    found = calibrate_each([path], law=law, prior=prior, listener=listener)[0]
-    return replace(found, certified=replace(found.certified, reconstructor=None))
-
-
-def each_on_cluster(
-    act: Callable[[Path, Listener], T], given: Sequence[Recording], *, cluster: str, title: str, listener: Listener
-) -> list[T]:
-    """Return `act(path, listener)` of each recording in order, pass its warnings on and raise its errors.
+def _certify_on_cluster(
+    given: Sequence[Recording], cluster: str, listener: Listener, how: dict[str, Any]
+) -> list[CertifiedRecording]:
+    """Certify each recording in order, pass its warnings on and raise its errors.
 
     It writes nothing, so a task that is lost is done again. Raises ClusterError as `cluster_pool` does.
     """
     from tactilevision.cluster.pool import cluster_pool
 
-    with cluster_pool(cluster) as pool, listener.progress_bar(title) as progress:
-        tasks = [pool.submit(_heard, act, one.path.absolute()) for one in given]
-        found: list[T] = []
-        for task in tasks:
+    with cluster_pool(cluster) as pool, listener.progress_bar("certifying recordings") as progress:
+        tasks = [pool.submit(_certify_there, one.path.absolute(), how) for one in given]
+        found: list[CertifiedRecording] = []
+        for task, recording in zip(tasks, given, strict=True):
             outcome, warnings = task.result()
             listener.warn(warnings)
             if isinstance(outcome, TactilevisionError):
                 raise outcome
-            found.append(outcome)
+            found.append(replace(outcome, recording=recording))
             progress(len(found), len(given))
     return found
 
 
-def _heard(act: Callable[[Path, Listener], T], path: Path) -> tuple[T | TactilevisionError, list[str]]:
-    """Return the outcome, or why there is none, and its warnings."""
+def _certify_there(path: Path, how: dict[str, Any]) -> tuple[CertifiedRecording | TactilevisionError, list[str]]:
+    """Return a recording certified, without its reconstructor, which is large, or why not; and its warnings."""
     heard = Collected()
     try:
-        return act(path, heard), heard.warnings
+        return replace(certify_recordings([path], **how, listener=heard)[0], reconstructor=None), heard.warnings
     except TactilevisionError as fault:
         return fault, heard.warnings
