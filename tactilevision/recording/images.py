@@ -203,7 +203,7 @@ def iter_video(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Bytes 
                 going = capture.grab()
                 position += 1
             picture = capture.retrieve()[1] if going else None
-            yield index, None if picture is None else _rgb(np.asarray(picture), path)
+            yield index, None if picture is None else rgb_of(np.asarray(picture), path)
     finally:
         if going:
             with _lock:
@@ -253,9 +253,9 @@ def _open(path: Path) -> cv2.VideoCapture:
     return capture
 
 
-def _rgb(picture: npt.NDArray[Any], path: Path) -> Bytes:
-    if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
-        raise RecordingError(
-            "the video does not have 8-bit colours", where=path, value=f"{picture.shape} {picture.dtype}"
-        )
-    return check_coloured(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8), path)
+def rgb_of(bgr: npt.NDArray[Any], where: Path | str, *, source: str = "the video", remedy: str = "") -> Bytes:
+    """Return a decoded picture (H, W, 3), blue first, as red first. Raises RecordingError for another kind."""
+    if bgr.ndim != 3 or bgr.shape[2] != 3 or bgr.dtype != np.uint8:
+        found = f"{bgr.shape} {bgr.dtype}"
+        raise RecordingError(f"{source} gives no colours of 8 bits", where=where, value=found, remedy=remedy)
+    return check_coloured(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8), where)

@@ -11,11 +11,10 @@ from typing import Any, Protocol, Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.heightmap.scene_faults import blocks_grey
-from tactilevision.recording.images import check_coloured
+from tactilevision.recording.images import rgb_of
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import iter_frames
 from tactilevision.records.maps import Frame
@@ -73,7 +72,8 @@ class Camera:
             there, bgr = self.capture.read()
             now_s = self.clock()
             if there:
-                yield Shot(_as_rgb(bgr, self.name), now_s, number, f"{number:06d}")
+                rgb = rgb_of(bgr, self.name, source="the camera", remedy="Try --format mjpeg, or raw.")
+                yield Shot(rgb, now_s, number, f"{number:06d}")
                 number, last_s = number + 1, now_s
             elif now_s - last_s > GONE_S:
                 raise InputError(
@@ -151,17 +151,6 @@ class Played:
 
     def close(self) -> None:
         """Do nothing: no file stays open."""
-
-
-def _as_rgb(bgr: npt.NDArray[Any], name: str) -> Bytes:
-    if bgr.ndim != 3 or bgr.shape[2] != 3 or bgr.dtype != np.uint8:
-        raise InputError(
-            "the camera gives no colours of 8 bits",
-            where=name,
-            value=f"{bgr.shape} {bgr.dtype}",
-            remedy="Try --format mjpeg, or raw.",
-        )
-    return check_coloured(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8), name)
 
 
 LAST_S = 15  # s that a source may take for its last frame; drivers give up after ten

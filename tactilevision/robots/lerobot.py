@@ -304,16 +304,9 @@ class _Work:
 
 def _look(dataset: DataSet, sensor: CalibratedSensor) -> tuple[str, ...]:
     """Return warnings of the profile by the first frames. Raises InputError where they have another size."""
-    shown: list[Bytes] = [rgb for _, rgb in islice(pictures(dataset), LOOKED_AT)]
-    wanted, found = sensor.profile.frame_size_px, shown[0].shape[1::-1]
-    if found != wanted:
-        raise InputError(
-            f"the profile {sensor.profile.name} was made for frames of {wanted[0]} x {wanted[1]} px",
-            where=f"{dataset.root}, {dataset.camera}",
-            value=f"{found[0]} x {found[1]} px",
-            remedy="Calibrate the sensor on frames of this size.",
-        )
-    sensor.look([sensor.reconstructor.rectified(Frame(rgb)) for rgb in shown])
+    name = f"{dataset.root}, {dataset.camera}"
+    shown = [Frame(rgb, name=name) for _, rgb in islice(pictures(dataset), LOOKED_AT)]
+    sensor.look([sensor.reconstructor.rectified(frame) for frame in shown])
     return sensor.warnings
 
 
