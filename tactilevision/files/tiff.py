@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.files.documents import parse_json
 from tactilevision.files.opening import check, check_numbers, check_regular, damage, number
 from tactilevision.files.writing import replacing
 from tactilevision.records.maps import HeightMap, add
@@ -62,7 +64,9 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
             where=path,
             value=f"{depth.shape} {depth.dtype}",
         )
-    content = _parsed(about)
+    content: dict[str, Any] = {}
+    with suppress(InputError):  # another program's description
+        content = parse_json(about, where=path)
     check_numbers(depth[np.isfinite(depth)], what="a depth in mm", where=path)
     scale = mm_per_px or _scale(content, path)
     if scale is None:
@@ -76,14 +80,6 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
         flags=add((), map(str, flags)) if isinstance(flags, list) else (),
         positions=content.get("positions", "deformed"),
     )
-
-
-def _parsed(description: str) -> dict[str, Any]:
-    try:
-        content = json.loads(description)
-    except (ValueError, RecursionError):
-        return {}
-    return content if isinstance(content, dict) else {}
 
 
 def _scale(about: dict[str, Any], path: Path) -> Pair | None:

@@ -114,19 +114,10 @@ def read_maps(path: Path) -> Maps:
     """Read map_x, map_y (height, width) float32 of a rectification: rectified[y, x] = raw[map_y, map_x]."""
     try:
         arrays = read_arrays(path)
-    except OSError as fault:
-        raise RecordingError(
-            f"the rectification cannot be read: {fault.strerror or fault}",
-            where=path,
-            remedy="[sensor] rectification names a file in the folder of recording.toml.",
-        ) from fault
-    except InputError as fault:
-        raise RecordingError(
-            f"the rectification cannot be read: {fault.what}",
-            where=path,
-            value=fault.value,
-            remedy="Save it with numpy.savez(path, map_x=..., map_y=...).",
-        ) from fault
+    except (OSError, InputError) as fault:
+        said = fault.what if isinstance(fault, InputError) else fault.strerror or fault
+        remedy = "Save it in the folder of recording.toml with numpy.savez(path, map_x=..., map_y=...)."
+        raise RecordingError(f"the rectification cannot be read: {said}", where=path, remedy=remedy) from fault
     return maps_of(arrays, path)
 
 
