@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +10,12 @@ import numpy as np
 
 from tactilevision.batch.folder import MAPS, STDS, TABLE, peak_mm
 from tactilevision.errors import InputError
-from tactilevision.files.documents import cell_text
 from tactilevision.files.tiff import read_tiff
 from tactilevision.heightmap.reconstructor import Reconstructor
+from tactilevision.recording.layout import Columns
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import list_images, read_frame
+from tactilevision.recording.tables import read_table
 from tactilevision.records.maps import HeightMap
 from tactilevision.records.rig import Press
 
@@ -114,15 +114,11 @@ class Maps:
 
     def best(self) -> tuple[HeightMap, None]:
         """Return the deepest map by depth.csv, or else the first."""
-        deepest, peak_mm = self.names[0], 0.0
         if len(self.names) == 1:
-            return self.named(deepest)
-        with (self.root / TABLE).open(newline="", encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                said = row.get("peak_mm") or "nan"
-                if said.replace(".", "", 1).isdecimal() and float(said) > peak_mm:
-                    deepest, peak_mm = cell_text(row["frame"]), float(said)
-        return self.named(deepest)
+            return self.named(self.names[0])
+        listed = read_table(self.root / TABLE, Columns(words=("frame",), maybe_numbers=("peak_mm",)))
+        peaks_mm = np.nan_to_num(listed.optional("peak_mm"))
+        return self.named(listed.words["frame"][int(np.argmax(peaks_mm))] if peaks_mm.max() > 0 else self.names[0])
 
 
 def find_maps(path: Path, mm_per_px: float | None = None) -> Maps | None:

@@ -11,6 +11,7 @@ import re
 import shutil
 import tempfile
 import time
+import uuid
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -73,15 +74,13 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """
     target = Path(path)
     _check_replaceable(target)
+    temporary = target.parent / f"{unfinished()}{uuid.uuid4().hex}{target.suffix}"
     with output_errors(target):
         target.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=unfinished(), suffix=target.suffix, dir=target.parent)
-        os.close(handle)
-    temporary = Path(name)
+        temporary.touch(exist_ok=False)
     try:
         with output_errors(target):
             yield temporary
-            temporary.chmod(0o666 & ~_umask())
             temporary.replace(target)
     finally:
         with suppress(OSError):
@@ -216,9 +215,3 @@ def _finite(content: object) -> object:
     if isinstance(content, float) and not math.isfinite(content):
         return None
     return content
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

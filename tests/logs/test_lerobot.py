@@ -259,7 +259,7 @@ def test_a_name_that_leads_elsewhere_is_refused(root: Path, tmp_path: Path) -> N
 
 def test_nothing_is_written_where_frames_do_not_fit(root: Path, tmp_path: Path) -> None:
     sensor, out = CalibratedSensor(profile()), tmp_path / "out"
-    with pytest.raises(InputError, match=r"240 x 180 px.*16 x 12 px"):
+    with pytest.raises(InputError, match=r"16 x 12 px.*240 x 180 px"):
         annotate(read_dataset(root, WRIST), sensor, out)
     encode(root / VIDEO, [0.1 * k for k in range(9)])
     with pytest.raises(InputError, match="the video ends"):
