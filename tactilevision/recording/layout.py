@@ -5,7 +5,10 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields, replace
+
+from tactilevision.records.certified import CertifiedPoint
+from tactilevision.records.rig import Press
 
 SETTINGS = "recording.toml"
 FRAMES = "frames"
@@ -50,26 +53,25 @@ class Columns:
         return self.required + self.maybe_words + self.maybe_numbers
 
 
+def _columns_of(record: type) -> Columns:
+    """Return the columns of a record's words and numbers, of which those with a default are optional."""
+
+    def names(kind: str, *, optional: bool) -> tuple[str, ...]:
+        return tuple(f.name for f in fields(record) if f.type == kind and (f.default is not MISSING) == optional)
+
+    return Columns(
+        numbers=names("float", optional=False),
+        words=names("str", optional=False),
+        maybe_numbers=names("float", optional=True),
+        maybe_words=names("str", optional=True),
+    )
+
+
 FRAME_COLUMNS = Columns(words=("frame",), numbers=("time_s",))
 FORCE_COLUMNS = Columns(
     numbers=("time_s", "fx_N", "fy_N", "fz_N"), maybe_numbers=("tx_Nm", "ty_Nm", "tz_Nm", "temperature_C")
 )
-PRESS_COLUMNS = Columns(
-    words=("press", "indenter"),
-    numbers=("start_s", "end_s"),
-    maybe_words=("date",),
-    maybe_numbers=(
-        "target_depth_mm",
-        "x_mm",
-        "y_mm",
-        "rest_s",
-        "speed_mm_s",
-        "hold_s",
-        "temperature_C",
-        "time_of_day_s",
-        "lubricated",
-    ),
-)
+PRESS_COLUMNS = _columns_of(Press)
 STAGE_COLUMNS = Columns(numbers=("time_s", "z_mm"))
 CURVE_COLUMNS = Columns(
     words=("press",),
@@ -77,26 +79,8 @@ CURVE_COLUMNS = Columns(
     maybe_words=("phase",),
     maybe_numbers=("z_mm",),
 )
-POINT_COLUMNS = Columns(
-    words=("press", "indenter"),
-    gap_numbers=("depth_mm", "fz_N"),
-    maybe_words=("accepted", "reason"),
-    maybe_numbers=(
-        "depth_std_mm",
-        "fz_std_N",
-        "fx_N",
-        "fy_N",
-        "time_s",
-        "depth_uncorrected_mm",
-        "rest_s",
-        "speed_mm_s",
-        "x_mm",
-        "y_mm",
-        "temperature_C",
-        "lubricated",
-        "hold_s",
-    ),
-)
+_POINT = _columns_of(CertifiedPoint)
+POINT_COLUMNS = replace(_POINT, numbers=(), gap_numbers=_POINT.numbers, maybe_words=("accepted", "reason"))
 BALL_COLUMNS = Columns(
     words=("frame",),
     numbers=("ball_radius_mm",),
