@@ -6,6 +6,7 @@ import datetime
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -144,36 +145,30 @@ def step_noise(readings: Floats) -> Floats:
 
 # Columns of points.csv with details of the certification, and the surface next to the face.
 
-_NUMBERS = {  # column of the file: field of CertificationDetails
-    "rise_ratio": "pile_up_ratio",
-    "rise_ratio_std": "pile_up_ratio_std",
-    "lean_std_mm": "tilt_std_mm",
-    "touch_std_s": "contact_std_s",
-    "touch_shared_std_mm": "contact_shared_std_mm",
-    "touch_sigmas": "contact_sigmas",
-    "reconstructed_depth_mm": "reconstructed_depth_mm",
-    "reconstructed_std_mm": "reconstructed_std_mm",
-    "ruler_std": "travel_scale_std",
-    "touches_late_mm": "contact_delay_mm",
-    "touches_late_std_mm": "contact_delay_std_mm",
-    "centre_x_mm": "centre_x_mm",
-    "centre_y_mm": "centre_y_mm",
-    "face_radius_mm": "face_radius_mm",
-    "tilt_x": "tilt_x",
-    "tilt_y": "tilt_y",
+_RENAMED = {  # field of CertificationDetails: its column
+    "pile_up_ratio": "rise_ratio",
+    "pile_up_ratio_std": "rise_ratio_std",
+    "tilt_std_mm": "lean_std_mm",
+    "contact_std_s": "touch_std_s",
+    "contact_shared_std_mm": "touch_shared_std_mm",
+    "contact_sigmas": "touch_sigmas",
+    "contact_channel": "touch_channel",
+    "travel_scale_std": "ruler_std",
+    "contact_delay_mm": "touches_late_mm",
+    "contact_delay_std_mm": "touches_late_std_mm",
 }
-_WORDS = {"touch_channel": "contact_channel", "findings": "findings"}
-_READINGS, _DWELL = "force_readings", "force_dwell"
+_KINDS = ("float", "str", "int | None", "bool | None")  # of its fields, in the order of their columns
+_DETAILS = sorted(fields(CertificationDetails), key=lambda field: _KINDS.index(str(field.type)))
+_COLUMNS = {_RENAMED.get(field.name, field.name): field for field in _DETAILS}
 _PROFILE = ("slope_gain_std", "ball_slope")
 _DROP = re.compile(r"fall_(\d+)_([\d.]+)_([\d.]+)_mm")
 
 
 def point_columns(point: CertifiedPoint) -> dict[str, Any]:
     """Return the cells of one point by column: details, edge profile (fall_AZIMUTH_FROM_TO_mm) and extra."""
-    details = point.details
-    cells: dict[str, Any] = {column: getattr(details, name) for column, name in (_NUMBERS | _WORDS).items()}
-    cells[_READINGS] = details.force_readings
-    cells[_DWELL] = None if details.force_dwell is None else int(details.force_dwell)
+    cells: dict[str, Any] = {column: getattr(point.details, field.name) for column, field in _COLUMNS.items()}
+    if cells["force_dwell"] is not None:
+        cells["force_dwell"] = int(cells["force_dwell"])
     if point.edge_profile is not None:
         for drop in point.edge_profile.drops:
             cells[f"fall_{drop.azimuth_deg:.0f}_{drop.from_mm:.2f}_{drop.to_mm:.2f}_mm"] = drop.drop_mm
@@ -185,15 +180,7 @@ def split_columns(cells: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments `details`, `edge_profile` and `extra` of CertifiedPoint from the further cells of one
     row.
     """
-    numbers: dict[str, Any] = {name: _number(cells, column) for column, name in _NUMBERS.items()}
-    words: dict[str, Any] = {name: _word(cells, column) for column, name in _WORDS.items()}
-    readings, dwell = _number(cells, _READINGS), _number(cells, _DWELL)
-    details = CertificationDetails(
-        **numbers,
-        **words,
-        force_readings=int(readings) if np.isfinite(readings) else None,
-        force_dwell=bool(dwell) if np.isfinite(dwell) else None,
-    )
+    details = {field.name: _detail(cells, column, str(field.type)) for column, field in _COLUMNS.items()}
     drops = []
     for name in cells:
         place, drop_mm = _DROP.fullmatch(name), _number(cells, name)
@@ -201,9 +188,19 @@ def split_columns(cells: Mapping[str, Any]) -> dict[str, Any]:
             azimuth_deg, from_mm, to_mm = (float(text) for text in place.groups())
             drops.append(EdgeDrop(azimuth_deg, from_mm, to_mm, drop_mm))
     profile = EdgeProfile(tuple(drops), *(_number(cells, name) for name in _PROFILE)) if drops else None
-    known = {*_NUMBERS, *_WORDS, _READINGS, _DWELL, *_PROFILE}
+    known = {*_COLUMNS, *_PROFILE}
     extra = {name: cell for name, cell in cells.items() if name not in known and not _DROP.fullmatch(name)}
-    return {"details": details, "edge_profile": profile, "extra": extra}
+    return {"details": CertificationDetails(**details), "edge_profile": profile, "extra": extra}
+
+
+def _detail(cells: Mapping[str, Any], column: str, kind: str) -> Any:
+    """Return the value of a cell for a field of this kind."""
+    if kind == "str":
+        return _word(cells, column)
+    number = _number(cells, column)
+    if kind == "float":
+        return number
+    return None if not np.isfinite(number) else bool(number) if kind.startswith("bool") else int(number)
 
 
 def _number(cells: Mapping[str, Any], name: str) -> float:
