@@ -49,7 +49,6 @@ class Result(Protocol):
     @property
     def frame(self) -> str:
         """The frame's name."""
-        ...
 
 
 R = TypeVar("R", bound=Result)
@@ -64,38 +63,30 @@ class Job(Protocol[R]):
     @property
     def out(self) -> Path:
         """Folder of the results."""
-        ...
 
     @property
     def reconstructor(self) -> Reconstructor:
         """What reads the frames."""
-        ...
 
     @property
     def record(self) -> type[R]:
         """Class of the records."""
-        ...
 
     @property
     def journal(self) -> str:
         """Name of the journal in the folder."""
-        ...
 
     def decides(self) -> tuple[object, ...]:
         """Return what determines a result besides the frame and its height map."""
-        ...
 
     def prepare(self, names: Sequence[str], *, anew: bool) -> None:
         """Clean up after killed runs; where nothing is resumed, `anew`, make an empty place for the results."""
-        ...
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> R:
         """Compute one result; `number` is the frame's place among `Recording.frame_names`."""
-        ...
 
     def kept(self, result: R) -> bool:
         """Return whether what the record promises is still on disk."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,6 @@ class Source(Protocol):
     @property
     def waits(self) -> bool:
         """Return whether it can wait for its reader; a camera cannot."""
-        ...
 
     def shots(self) -> Iterator[Shot]: ...
 
