@@ -78,11 +78,13 @@ def open_client(where: str) -> Any:
         what = "a cluster needs dask.distributed, which is not installed"
         raise ClusterError(what, where=WHERE, remedy=remedy) from fault
     address = address_of(where)
-    _check_form(address)
     try:
+        _check_form(address)
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except ClusterError:
+        raise
     except (OSError, ValueError) as fault:
-        remedy = "Start one with `dask scheduler`, or omit --cluster."
+        remedy = "Start one with `dask scheduler`, or omit --cluster. Its dashboard has another port."
         raise ClusterError("no Dask scheduler answers", where=WHERE, value=address, remedy=remedy) from fault
     try:
         _check(client, address)
@@ -112,14 +114,10 @@ def _check_form(address: str) -> None:
 
 
 async def _greet(address: str) -> None:
-    """Raise ClusterError if something other than Dask answers, such as a web page, for which Dask waits."""
+    """Raise OSError or ValueError if anything but Dask answers, such as a web page, for which Dask waits."""
     from distributed.comm import connect
 
-    try:
-        comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S + LATE_S)
-    except (OSError, ValueError) as fault:
-        remedy = "Start one with `dask scheduler`, or omit --cluster. Its dashboard has another port."
-        raise ClusterError("no Dask scheduler answers", where=WHERE, value=address, remedy=remedy) from fault
+    comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S + LATE_S)
     comm.abort()
 
 
