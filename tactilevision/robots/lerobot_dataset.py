@@ -8,13 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-
 from tactilevision.errors import InputError
 from tactilevision.files.documents import read_json
 from tactilevision.files.opening import MB, check, check_regular, damage, inside
-from tactilevision.files.pictures import check_picture
+from tactilevision.recording.images import decode_image
 from tactilevision.records.measured import Bytes
 from tactilevision.robots.logs import library
 
@@ -267,8 +264,4 @@ def _unpacked(row: Row, where: str) -> Bytes:
     place = f"{where}, episode {row.episode.number}, frame {row.frame}"
     if not row.packed:
         raise InputError("a picture is not in its table", where=place, remedy="Store pictures within the tables.")
-    check_picture(row.packed, where=place)
-    bgr = cv2.imdecode(np.frombuffer(row.packed, np.uint8), cv2.IMREAD_COLOR)
-    if bgr is None:
-        raise InputError("a picture is damaged", where=place, remedy=AGAIN)
-    return np.ascontiguousarray(bgr[..., ::-1])
+    return decode_image(row.packed, Path(place))
