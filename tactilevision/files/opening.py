@@ -19,7 +19,7 @@ from tactilevision.errors import InputError, TactilevisionError
 # Limits of what a file may hold, far beyond what a sensor gives. A variable of the environment raises each:
 # TACTILEVISION_MAX_PIXELS=200000000.
 
-MB = 10**6  # bytes
+MB = 10**6  # bytes in a megabyte
 MAX_PIXELS = 50_000_000  # of one picture: 8192 x 6144
 MAX_ARRAY_MB = 2_000  # unpacked, of one .npy or .npz file
 MAX_FILE_MB = 4_000  # of one picture, table or array on disk

@@ -254,7 +254,7 @@ def _open(path: Path) -> cv2.VideoCapture:
 
 
 def rgb_of(bgr: npt.NDArray[Any], where: Path | str, *, source: str = "the video", remedy: str = "") -> Bytes:
-    """Return a decoded picture (H, W, 3), blue first, as red first. Raises RecordingError for another kind."""
+    """Return a picture (H, W, 3), grey levels, blue first, as red first. Raises RecordingError for other kinds."""
     if bgr.ndim != 3 or bgr.shape[2] != 3 or bgr.dtype != np.uint8:
         found = f"{bgr.shape} {bgr.dtype}"
         raise RecordingError(f"{source} gives no colours of 8 bits", where=where, value=found, remedy=remedy)
