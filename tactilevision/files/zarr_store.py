@@ -1,8 +1,6 @@
 """Write a height map, or fields of many frames, as a Zarr store of format 2.
 
-Every frame is one chunk and so one file, written whole: many processes fill one store. The files of the format are
-written here: zarr itself would start threads, after which workers could not be forked (files/runs.py).
-Source: Zarr storage specification, version 2.
+Every frame is one chunk and so one file, written whole: many processes fill one store.
 """
 
 from __future__ import annotations
@@ -11,20 +9,23 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.errors import InputError
 from tactilevision.files.tiff import masked
 from tactilevision.files.writing import output_errors, unfinished
 from tactilevision.records.maps import HeightMap
 
 Singles = npt.NDArray[np.float32]
-_COMPRESSOR = {"id": "blosc", "cname": "lz4", "clevel": 5, "shuffle": 1, "blocksize": 0}  # the default of zarr
+ZARR_THREADS = "zarr.core.sync"  # where zarr 3 keeps them
 
 
 def write_zarr(path: Path | str, height: HeightMap) -> None:
@@ -41,10 +42,13 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
         "flags": list(height.flags),
     }
     with output_errors(path):
-        _new_group(scratch, about)
+        group = _new_group(scratch, about)
         for name, values in fields.items():
-            _new_array(scratch / name, values.shape, values.shape, axes=["y", "x"], unit="mm")
-            _write_chunk(scratch / name / "0.0", values)
+            array = group.create_array(
+                name, shape=values.shape, chunks=values.shape, dtype="f4", fill_value=np.nan
+            )
+            array.attrs.update({"unit": "mm", "_ARRAY_DIMENSIONS": ["y", "x"]})
+            array[:] = values
         _move(scratch, path)
 
 
@@ -57,65 +61,57 @@ def begin_frames(
     about: Mapping[str, Any],
 ) -> None:
     """Make a store of `fields` (name: unit), (frames, rows, columns) float32 of NaN, and of `frame`, the names."""
-    with output_errors(scratch):
-        _new_group(scratch, about)
+    with output_errors(scratch), _own_threads():
+        group = _new_group(scratch, about)
         for name, unit in fields.items():
-            axes = ["frame", "y", "x"]
-            _new_array(scratch / name, (len(frames), *shape), (1, *shape), axes=axes, unit=unit)
+            array = group.create_array(
+                name, shape=(len(frames), *shape), chunks=(1, *shape), dtype="f4", fill_value=np.nan
+            )
+            array.attrs.update({"unit": unit, "_ARRAY_DIMENSIONS": ["frame", "y", "x"]})
         names = np.array(list(frames), dtype=np.str_)
-        kind: dict[str, Any] = {"dtype": names.dtype.str, "fill_value": "", "compressor": None}
-        _new_array(scratch / "frame", names.shape, names.shape, axes=["frame"], **kind)
-        (scratch / "frame" / "0").write_bytes(names.tobytes())
+        listed = group.create_array("frame", shape=names.shape, dtype=names.dtype)
+        listed.attrs["_ARRAY_DIMENSIONS"] = ["frame"]
+        listed[:] = names
 
 
 def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) -> None:
-    """Write one frame's fields; (rows, columns) each."""
+    """Write one frame's fields; (rows, columns) each, as zarr writes a chunk, without its threads."""
     with output_errors(scratch):
         for name, values in fields.items():
-            _write_chunk(scratch / name / f"{number}.0.0", values)
+            folder = scratch / name
+            made = (folder / ".zarray").stat()  # a cluster's worker may write many stores to one path
+            codec = _codec(str(folder), (made.st_ino, made.st_mtime_ns))
+            chunk = folder / ".".join([str(number)] + ["0"] * values.ndim)
+            partial = chunk.with_name(f"{chunk.name}.{uuid.uuid4().hex}.partial")
+            partial.write_bytes(codec.encode(np.ascontiguousarray(values, "<f4")))
+            os.replace(partial, chunk)
 
 
 def end_frames(scratch: Path, path: Path) -> None:
     """Move the finished store to its place, without partial files of killed writers."""
+    _codec.cache_clear()
     with output_errors(path):
         for left in list(scratch.rglob("*.partial")):
             left.unlink()
         _move(scratch, path)
 
 
-def _new_group(scratch: Path, about: Mapping[str, Any]) -> None:
-    shutil.rmtree(scratch, ignore_errors=True)
-    scratch.mkdir(parents=True)
-    _write_parts(scratch, {".zgroup": {"zarr_format": 2}, ".zattrs": dict(about)})
-
-
-def _new_array(
-    folder: Path, shape: tuple[int, ...], chunks: tuple[int, ...], *, axes: list[str], unit: str = "", **kind: Any
-) -> None:
-    """Make an array without chunks, float32 of NaN unless `kind` states another type."""
-    folder.mkdir()
-    usual = {"dtype": "<f4", "fill_value": "NaN", "compressor": _COMPRESSOR, "order": "C", "filters": None}
-    about = usual | kind | {"shape": shape, "chunks": chunks, "dimension_separator": ".", "zarr_format": 2}
-    attributes: dict[str, Any] = {"unit": unit} if unit else {}
-    _write_parts(folder, {".zarray": about, ".zattrs": attributes | {"_ARRAY_DIMENSIONS": axes}})
-
-
-def _write_parts(folder: Path, parts: Mapping[str, Any]) -> None:
-    for name, content in parts.items():
-        (folder / name).write_text(json.dumps(content, indent=2))
-
-
-def _write_chunk(chunk: Path, values: Singles) -> None:
-    partial = chunk.with_name(f"{chunk.name}.{uuid.uuid4().hex}.partial")
-    partial.write_bytes(_codec().encode(np.ascontiguousarray(values, "<f4")))
-    os.replace(partial, chunk)
-
-
-@cache
-def _codec() -> Any:
+@lru_cache(maxsize=16)
+def _codec(folder: str, made: tuple[int, int]) -> Any:
+    """Return the codec of a field's chunks. Raises InputError if zarr is missing."""
+    _zarr()
     import numcodecs  # type: ignore[import-untyped]  # comes with zarr
 
-    return numcodecs.get_codec(_COMPRESSOR)
+    return numcodecs.get_codec(json.loads((Path(folder) / ".zarray").read_text())["compressor"])
+
+
+def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
+    _codec.cache_clear()
+    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.parent.mkdir(parents=True, exist_ok=True)
+    group = _zarr().open_group(str(scratch), mode="w", zarr_format=2)
+    group.attrs.update(dict(about))
+    return group
 
 
 def settle(path: Path) -> None:
@@ -137,3 +133,42 @@ def _move(scratch: Path, path: Path) -> None:
 
 def _old(path: Path) -> Path:
     return path.with_name(f".{path.name}-old")
+
+
+@contextmanager
+def _own_threads() -> Iterator[None]:
+    """End zarr's threads if they were started inside, so that workers can be forked (files/runs.py)."""
+    _zarr()
+    if _loop_and_thread() is not None:  # started by others, who may be using them
+        yield
+        return
+    try:
+        yield
+    finally:
+        begun = _loop_and_thread()
+        if begun is not None:
+            loop, thread = begun
+            loop.call_soon_threadsafe(loop.stop)
+            thread.join()  # zarr itself waits .2 s, which is too short on a busy machine
+            import_module(ZARR_THREADS).cleanup_resources()
+
+
+def _loop_and_thread() -> tuple[Any, Any] | None:
+    """Return zarr's event loop and thread; None of a version that keeps them elsewhere."""
+    with suppress(ImportError, AttributeError):
+        sync = import_module(ZARR_THREADS)
+        if sync.loop[0] is not None and sync.iothread[0] is not None:
+            return sync.loop[0], sync.iothread[0]
+    return None
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ImportError as fault:
+        raise InputError(
+            "the package zarr is not installed",
+            where="--format zarr",
+            remedy="pip install zarr, or choose another format.",
+        ) from fault
+    return zarr
