@@ -113,5 +113,5 @@ def risen(candidate: Candidate, data: Observations) -> float:
     """Return the median share of the certified depths that a fitted effect takes off; 0 for other effects."""
     if not isinstance(candidate.effect, InPicture) or not candidate.effect.of_certificate:
         return 0.0
-    left = candidate.effect.seen(np.ones(data.size), candidate.own_values, data)
+    left = candidate.effect.inner.seen(np.ones(data.size), candidate.own_values, data)
     return float(1 - np.median(left))

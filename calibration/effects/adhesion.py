@@ -17,7 +17,7 @@ Sources: Kendall, J. Phys. D 4 (1971) 1186; Johnson, Kendall, Roberts, Proc. R. 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,7 +35,6 @@ LAW = 0.05  # share of the tension that follows the law alone
 STEP = 0.01  # of the radius, for the derivative of the stiffness
 
 
-@dataclass(frozen=True, slots=True)
 class Adhesion(EffectBase):
     """Adhesion with one work of adhesion."""
 

@@ -10,7 +10,7 @@ Source: Struik, Physical Aging in Amorphous Polymers (1978), ch. 4 (logarithmic 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, 
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class Ageing(EffectBase):
     """Logarithmic drift with a rate and an onset."""
 

@@ -10,14 +10,13 @@ Source: definition of springs in series.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class BackingCompliance(EffectBase):
     """One spring in series with the gel."""
 

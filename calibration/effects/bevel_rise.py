@@ -27,7 +27,6 @@ USUAL_DISTANCE = 2.0  # of the punch's radius, from its axis: bevel of an indent
 TYPICAL_RISE = 0.1  # rise over depth at a bevel whose distance is not stated
 
 
-@dataclass(frozen=True, slots=True)
 class BevelRise(Pictured):
     """One multiple of the computed rise."""
 

@@ -16,11 +16,11 @@ sides, and A w, by judgement.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from calibration.effects.in_picture import BesideFaces, InPicture, OfPicture
+from calibration.effects.in_picture import OfPicture
 from calibration.inputs.observations import Observations
 from calibration.model.stages import ManualCheck, Parameter, Prior, Stage
 from tactilevision.records.measured import Floats
@@ -30,7 +30,6 @@ TOE = Prior(0.35, 0.15, "walls of rendered presses")  # mm by which walls and th
 SOFT_MM = 0.3  # mm over which a strip's shadow ends, and over which a ring's slope is taken
 
 
-@dataclass(frozen=True, slots=True)
 class CastShadow(OfPicture):
     """One tilt and one reach for all sides."""
 
@@ -68,7 +67,3 @@ class CastShadow(OfPicture):
         end_mm = {(number, label): (REACH.mean + 2 * REACH.std) * w - TOE.mean for number, label, w in presses}
         falls = tuple(f for f in data.falls if f.from_mm >= end_mm.get((f.recording, f.press), np.inf))
         return replace(data, falls=falls)
-
-    def in_picture(self, data: Observations | None = None) -> InPicture:
-        """Return the effect in the picture: slopes next to faces show it."""
-        return BesideFaces(self)

@@ -11,7 +11,7 @@ distinguish it. Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from calibration.model.stages import EffectBase, ManualCheck, Stage, State, ampl
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class ClockOffset(EffectBase):
     """One shift in time."""
 

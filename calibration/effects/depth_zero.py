@@ -9,14 +9,13 @@ or samples in air before contact distinguish it. Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class DepthZero(EffectBase):
     """One shift of the depth."""
 

@@ -11,7 +11,7 @@ Int. J. Eng. Sci. 3 (1965) 47; Hayes et al., J. Biomech. 5 (1972) 541.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from calibration.model.stages import EDGE, EffectBase, ManualCheck, Parameter, S
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class EdgeFillet(EffectBase):
     """One additional edge radius for all indenters."""
 

@@ -8,14 +8,13 @@ zero while P is linear in w; other radii or samples in air distinguish it. Sourc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class ForceBias(EffectBase):
     """One force added to every reading."""
 

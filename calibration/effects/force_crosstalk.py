@@ -9,7 +9,7 @@ Source: definition, the last row of a linear cross-talk matrix.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from calibration.model.stages import AxesEffect, ManualCheck, Stage, State, ampl
 from tactilevision.records.measured import Bools, Floats
 
 
-@dataclass(frozen=True, slots=True)
 class ForceCrosstalk(AxesEffect):
     """Two factors, one for each tangential force."""
 

@@ -8,14 +8,13 @@ a dead weight does. Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class ForceGain(EffectBase):
     """One factor on every reading."""
 

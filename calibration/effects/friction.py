@@ -12,7 +12,7 @@ punch distinguish it. Source: Spence, Proc. R. Soc. A 305 (1968) 55.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +26,6 @@ LINEAR = (0.093, 0.277, 0.526, 0.796)  # s1, per unit of w/h
 QUADRATIC = (2.81, 2.54, 2.31, 2.07)  # s2, per unit of (w/h)^2
 
 
-@dataclass(frozen=True, slots=True)
 class Friction(EffectBase):
     """One share of full sticking."""
 

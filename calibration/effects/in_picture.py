@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from calibration.model.stages import EffectBase, Parameter, Stage, State
 from tactilevision.records.measured import Floats
 
@@ -20,6 +18,14 @@ class Pictured(EffectBase):
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
         raise NotImplementedError(f"{type(self).__name__} does not change the reconstructed depth")
+
+    def unseen(self, data: Observations) -> str:
+        """Return why the picture of certified depths cannot show the effect; empty where it can."""
+        return ""
+
+    def in_picture(self, data: Observations | None = None) -> InPicture:
+        """Return the effect as it shows in the reconstructed depth."""
+        return InPicture(self)
 
 
 @dataclass(frozen=True)
@@ -42,13 +48,13 @@ class InPicture(EffectBase):
         """Fitted parameters."""
         return self.inner.parameters
 
+    def missing(self, data: Observations) -> str:
+        """Return why these depths cannot show the effect; empty where they can."""
+        return self.inner.unseen(data)
+
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the reconstructed depth."""
-        return replace(state, depth_mm=self.seen(state.depth_mm, values, data))
-
-    def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
-        """Return the reconstructed depth (N,) of true depths (N,), mm."""
-        return self.inner.seen(depth_mm, values, data)
+        return replace(state, depth_mm=self.inner.seen(state.depth_mm, values, data))
 
     def starts(self, data: Observations) -> Floats:
         """Return values (S, q) to begin a fit from."""
@@ -56,11 +62,17 @@ class InPicture(EffectBase):
 
 
 class OfPicture(Pictured):
-    """An effect of the picture alone: it changes neither a force nor a certified depth."""
+    """An effect of the picture alone: only slopes of the gel outside the contact show it, no force or depth."""
 
     def missing(self, data: Observations) -> str:
         """Return why forces cannot show it."""
         return "needs frames: it shows in the gel outside the contact, compared with certified depths"
+
+    def unseen(self, data: Observations) -> str:
+        """Return why these depths cannot show the effect; empty where they can."""
+        if data.slopes is None:
+            return "needs frames of six presses of a flat cylinder, with the gel next to its face in view"
+        return ""
 
     def absent(self, data: Observations) -> bool:
         """Return True: certified depths do not change, and others cannot show it."""
@@ -69,18 +81,3 @@ class OfPicture(Pictured):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state unchanged."""
         return state
-
-
-@dataclass(frozen=True)
-class BesideFaces(InPicture):
-    """An effect that shows only in the slopes of the gel outside the contact."""
-
-    needs_times: bool = False
-
-    def missing(self, data: Observations) -> str:
-        """Return why these depths cannot show the effect; empty where they can."""
-        if data.slopes is None:
-            return "needs frames of six presses of a flat cylinder, with the gel next to its face in view"
-        if self.needs_times and not (np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0):
-            return "needs times of several presses"
-        return ""

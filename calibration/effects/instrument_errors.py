@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from calibration.effects.viscoelasticity import TAU_S, TAUS, relaxed
-from calibration.inputs.conditions import running_share
+from calibration.inputs.conditions import missing_times, running_share
 from calibration.inputs.denoised_depth import UNLOAD, branches
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, Parameter, Stage, State, amplitude
@@ -170,7 +170,7 @@ class OverTime(InstrumentError):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show it; empty where they can."""
-        return "" if np.isfinite(data.time_s).all() and data.count > 2 else "needs times of several presses"
+        return missing_times(data)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the drift."""

@@ -12,18 +12,15 @@ Source: first order of a gain that depends on the side.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from calibration.effects.in_picture import BesideFaces, InPicture, OfPicture
-from calibration.inputs.conditions import running_share
+from calibration.effects.in_picture import OfPicture
+from calibration.inputs.conditions import missing_times, running_share
 from calibration.inputs.observations import Observations
 from calibration.model.stages import ManualCheck, Stage, amplitude
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class LampFading(OfPicture):
     """One direction and rate."""
 
@@ -53,6 +50,6 @@ class LampFading(OfPicture):
         share = np.where(np.isnan(slopes.azimuth_deg), 0.0, side * running_share(data))
         return np.asarray(depth_mm * (1 + share))
 
-    def in_picture(self, data: Observations | None = None) -> InPicture:
-        """Return the effect in the picture: slopes next to faces show it, where presses have times."""
-        return BesideFaces(self, needs_times=True)
+    def unseen(self, data: Observations) -> str:
+        """Return why these depths cannot show the effect; empty where they can."""
+        return super().unseen(data) or missing_times(data)

@@ -11,7 +11,7 @@ form by judgement; decay of end effects in a bonded layer: Horgan, Knowles, Adv.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from tactilevision.records.measured import Floats
 SAME_MM = 0.5  # distances from the edge nearer than this count as one
 
 
-@dataclass(frozen=True, slots=True)
 class LateralBoundary(EffectBase):
     """One amplitude and one decay length."""
 

@@ -11,7 +11,7 @@ Sources: Ogden, Roxburgh, Proc. R. Soc. A 455 (1999) 2861, eq. 41; Mars, Tire Sc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -26,7 +26,6 @@ KEPT = 8  # data sets whose history is cached: a fit asks at every step
 SPOT_MM = 0.5  # presses nearer than this share their history
 
 
-@dataclass(frozen=True, slots=True)
 class Mullins(EffectBase):
     """An amplitude, a width and its growth."""
 

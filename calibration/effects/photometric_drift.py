@@ -9,19 +9,18 @@ the beginning and the end distinguishes it. Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from calibration.effects.in_picture import InPicture, Pictured
+from calibration.effects.in_picture import Pictured
 from calibration.effects.photometric_gain import NOT_VISION
-from calibration.inputs.conditions import running_share
+from calibration.inputs.conditions import missing_times, running_share
 from calibration.inputs.observations import Observations
 from calibration.model.stages import ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class PhotometricDrift(Pictured):
     """One drift over all of the data."""
 
@@ -40,7 +39,11 @@ class PhotometricDrift(Pictured):
 
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show the drift; empty where they can."""
-        return _missing_times(data) if data.depth_source == "vision" else NOT_VISION
+        return self.unseen(data) if data.depth_source == "vision" else NOT_VISION
+
+    def unseen(self, data: Observations) -> str:
+        """Return why certified depths cannot show the drift; empty where they can."""
+        return missing_times(data)
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""
@@ -49,21 +52,3 @@ class PhotometricDrift(Pictured):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth scaled over time."""
         return replace(state, depth_mm=state.depth_mm / self.seen(np.ones(data.size), values, data))
-
-    def in_picture(self, data: Observations | None = None) -> InPicture:
-        """Return the effect in the picture: certified depths show it where presses have times."""
-        return _DriftInPicture(self)
-
-
-@dataclass(frozen=True)
-class _DriftInPicture(InPicture):
-    """The drift compared with certified depths."""
-
-    def missing(self, data: Observations) -> str:
-        """Return why these depths cannot show the drift; empty where they can."""
-        return _missing_times(data)
-
-
-def _missing_times(data: Observations) -> str:
-    timed = np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0 and data.count >= 3
-    return "" if timed else "needs times of several presses"

@@ -9,11 +9,11 @@ Source: definition.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from calibration.effects.in_picture import InPicture, Pictured
+from calibration.effects.in_picture import Pictured
 from calibration.inputs.observations import Observations
 from calibration.model.stages import ManualCheck, Stage, State, amplitude
 from tactilevision.records.measured import Floats
@@ -21,7 +21,6 @@ from tactilevision.records.measured import Floats
 NOT_VISION = "the depth does not come from the picture"
 
 
-@dataclass(frozen=True, slots=True)
 class PhotometricGain(Pictured):
     """One factor on the depth."""
 
@@ -51,7 +50,3 @@ class PhotometricGain(Pictured):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Return the state with the depth scaled."""
         return replace(state, depth_mm=state.depth_mm / (1 + values[0]))
-
-    def in_picture(self, data: Observations | None = None) -> InPicture:
-        """Return the effect in the picture: any certified depth shows it."""
-        return InPicture(self)

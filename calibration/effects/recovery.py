@@ -15,7 +15,7 @@ Colloid Interface Sci. 147 (2009) 214 (breakdown by strain, build-up at rest).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from math import exp
 
@@ -29,7 +29,6 @@ from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class Recovery(EffectBase):
     """A share right after a press, and the time it takes to recover."""
 

@@ -11,7 +11,7 @@ Source: Gao, Chiu, Lee, Int. J. Solids Struct. 29 (1992) 2471, eq. 28.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from calibration.model.stages import EffectBase, Parameter, Stage, State
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class Skin(EffectBase):
     """An excess and a thickness."""
 

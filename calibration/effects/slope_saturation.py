@@ -12,7 +12,7 @@ distinguishes it. Source: form by judgement (tanh is the simplest response with 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -27,7 +27,6 @@ from tactilevision.records.measured import Floats
 WALL_PRIOR = Prior(WALLS_PER_MM, WALLS_PER_MM_STD, "what pixels and blur leave of a wall")
 
 
-@dataclass(frozen=True, slots=True)
 class SlopeSaturation(Pictured):
     """One ceiling, as its inverse."""
 
@@ -66,10 +65,17 @@ class SlopeSaturation(Pictured):
 
     def in_picture(self, data: Observations | None = None) -> InPicture:
         """Return the effect in the picture: a ceiling of slopes where these data have slopes next to faces."""
-        return _SaturationInPicture(self if data is None or data.slopes is None else SlopeCeiling())
+        return InPicture(self if data is None or data.slopes is None else SlopeCeiling())
+
+    def unseen(self, data: Observations) -> str:
+        """Return why these depths cannot show saturation: of a punch only slopes next to its face do."""
+        std = data.reconstructed_std_mm
+        stated = std is not None and np.isfinite(std).all() and (std > 0).all()
+        if stated and data.slopes is None:
+            return "behind a punch's walls the height map's own std covers it; balls would show it"
+        return ""
 
 
-@dataclass(frozen=True, slots=True)
 class SlopeCeiling(SlopeSaturation):
     """One ceiling of slopes, as its inverse, and how steep a face's walls appear."""
 
@@ -90,16 +96,3 @@ class SlopeCeiling(SlopeSaturation):
         own = 1 / np.nanmedian(slopes.ball_slope)
         walls = wall_share(k / own, own * m * data.depth_mm)
         return np.asarray(depth_mm * np.where(np.isnan(slopes.slope), walls, read_share(k * slopes.slope)))
-
-
-@dataclass(frozen=True)
-class _SaturationInPicture(InPicture):
-    """Behind a punch's walls only slopes next to the face show more than the height map's own std."""
-
-    def missing(self, data: Observations) -> str:
-        """Return why these depths cannot show saturation; empty where they can."""
-        std = data.reconstructed_std_mm
-        stated = std is not None and np.isfinite(std).all() and (std > 0).all()
-        if stated and data.slopes is None:
-            return "behind a punch's walls the height map's own std covers it; balls would show it"
-        return ""

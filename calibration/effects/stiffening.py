@@ -10,7 +10,7 @@ Chem. Technol. 66 (1993) 754; Gent, ibid. 69 (1996) 59.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from calibration.model.stages import EffectBase, Parameter, Stage, State
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class Stiffening(EffectBase):
     """One coefficient."""
 

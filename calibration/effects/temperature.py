@@ -9,7 +9,7 @@ temperature, distinguish it. Source: Treloar, The Physics of Rubber Elasticity (
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from calibration.model.stages import EffectBase, ManualCheck, Stage, State, ampl
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class Temperature(EffectBase):
     """One coefficient."""
 

@@ -10,7 +10,7 @@ opposite places distinguish it. Source: the law's own h.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from tactilevision.records.measured import Bools, Floats
 MIN_RANGE_MM = 1.0  # range of places along an axis that determines a slope
 
 
-@dataclass(frozen=True, slots=True)
 class ThicknessWedge(AxesEffect):
     """Two slopes of the thickness."""
 

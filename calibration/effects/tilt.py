@@ -16,7 +16,7 @@ Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from tactilevision.mechanics.tilted_punch import upright
 from tactilevision.records.measured import Floats
 
 
-@dataclass(frozen=True, slots=True)
 class Tilt(EffectBase):
     """One angle for all presses."""
 

@@ -144,6 +144,12 @@ def bins(covariate: Covariate, most: int) -> Ints:
     return np.unique(np.searchsorted(np.unique(edges), covariate.values), return_inverse=True)[1]
 
 
+def missing_times(data: Observations) -> str:
+    """Return why `running_share` is not known; empty where it is."""
+    timed = np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0 and data.count >= 3
+    return "" if timed else "needs times of several presses"
+
+
 def running_share(data: Observations) -> Floats:
     """Return the share of the rig's running time that has passed at each sample (N,), 0 to 1."""
     order = np.argsort(data.time_s, kind="stable")
