@@ -19,13 +19,13 @@ from calibration.model.stages import Effect
 from calibration.report.diagnosis_report import diagnosis_page
 from calibration.report.figures import (
     FigureFolder,
-    comparison_pictures,
+    comparison_figures,
     diagnosis_evidence,
     of_fit,
     of_history,
     of_presses,
 )
-from calibration.report.misfit import error_fall_of_comparison, error_fall_of_picture, error_fall_of_sight
+from calibration.report.misfit import error_fall_of_sight, error_falls
 from calibration.report.report import calibration_page, comparison_page
 from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import Compared, Comparison
@@ -263,11 +263,10 @@ def _fill_comparison(
     listener: Listener,
 ) -> None:
     write_json(folder.path / "comparison.json", comparison_content(found))
-    both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
-    falls = sorted(both, key=lambda fall: (len(fall.models) == 1, fall.reached))  # what changes, then what is off
+    falls = error_falls(found)
     with listener.progress_bar("drawing") as progress:
-        pictures = comparison_pictures(found, falls, folder, progress)
-    page = comparison_page(title, found, falls, pictures=pictures, try_next=try_next, state=state)
+        figures = comparison_figures(found, falls, folder, progress)
+    page = comparison_page(title, found, falls, figures=figures, try_next=try_next, state=state)
     write_text(folder.path / "report.html", page)
 
 

@@ -19,7 +19,7 @@ from calibration.model.stages import Effect, Parameter
 from calibration.report import page, wording
 from calibration.report.drawing import Card
 from calibration.report.misfit import BASE
-from calibration.report.page import Picture
+from calibration.report.report import Figures
 from calibration.report.wording import in_words
 from tactilevision.errors import InputError
 from tactilevision.records.constants import KILO
@@ -34,19 +34,19 @@ OWN_IDEA = (
 )
 
 
-def next_sentence(found: Diagnosis) -> list[str]:
-    """Return the sentence on what to measure next; nothing where nothing helps."""
+def next_sentence(found: Diagnosis) -> str:
+    """Return the sentence on what to measure next; empty where nothing helps."""
     if not found.measure_next:
-        return []
+        return ""
     best = found.measure_next[0]
     sigma = best.separation_sigma
     gain = f", expected to separate the candidates by {sigma:.0f} std" if sigma > 0 else ""
-    return [f"Measure next: {best.action} ({best.minutes:.0f} minutes{gain})."]
+    return f"Measure next: {best.action} ({best.minutes:.0f} minutes{gain})."
 
 
 def summary(found: Diagnosis) -> list[str]:
     """Return the lines for the terminal."""
-    lines = [f"{found.verdict}: {verdict_sentence(found)}", *stopped_sentence(found), *reading_sentence(found)]
+    lines = [f"{found.verdict}: {verdict_sentence(found)}", stopped_sentence(found), reading_sentence(found)]
     lines += [
         f"  {in_words(effect.key)}: {_values(effect)}; p {wording.p_value(effect.p_adjusted)}"
         for effect in found.effects
@@ -62,57 +62,48 @@ def summary(found: Diagnosis) -> list[str]:
         lines += [f"E before: {wording.estimate(before)}", f"E after:  {wording.estimate(after)}"]
     else:
         lines.append(f"E: {wording.estimate(after)}")
-    lines += allowed_for(found)
+    lines.append(allowed_for(found))
     untested = found.limits.not_testable
     if untested:
         lines.append("not testable with these data: " + ", ".join(map(in_words, untested)))
     lines += [f"  {in_words(key)}: {why}" for key, why in untested.items() if isinstance(why, Failure)]
-    return [*lines, *next_sentence(found)]
+    return [line for line in (*lines, next_sentence(found)) if line]
 
 
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """A candidate's card with its picture; None where there is none."""
-
-    card: Card
-    picture: Picture | None
+Drawn = tuple[Card, str]  # a candidate's card with its figure (HTML); "" where there is none
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Pictures of a diagnosis in the order of the page, and a card a candidate.
+    """Figures (HTML) of a diagnosis, and a card a candidate.
 
-    `misfit` of the forces; `fall` of the error; `picture` of the reconstructed depth; `material` E before and
-    after; `alike` the separation of effects; `every_press` all presses, folded; `plain` the instrument error
-    nearest to what no effect explains.
+    `offsets` of odd presses; `figures` of the forces and E; `reconstructed` of the picture's depth; `alike` the
+    separation of effects; `plain` the instrument error nearest to what no effect explains.
     """
 
-    misfit: Sequence[Picture] = ()
-    fall: Sequence[Picture] = ()
-    picture: Sequence[Picture] = ()
-    material: Sequence[Picture] = ()
-    alike: Sequence[Picture] = ()
-    every_press: Sequence[Picture] = ()
-    cards: Sequence[Drawn] = ()
-    plain: Drawn | None = None
+    offsets: Sequence[str]
+    figures: Figures
+    reconstructed: Sequence[str]
+    alike: Sequence[str]
+    cards: Sequence[Drawn]
+    plain: Drawn | None
 
 
-def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: Sequence[str] = ()) -> str:
+def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: Sequence[str]) -> str:
     """Return the page: verdict, misfit, what explains it and what does not, the material, and what to do next.
 
     `commands`: commands to try.
     """
-    standing = [one for one in shown.cards if one.card.key not in found.search.tried]
-    failed = [one for one in shown.cards if one.card.key in found.search.tried]
-    plain = [] if shown.plain is None else [_plain(shown.plain)]
+    standing = [one for one in shown.cards if one[0].key not in found.search.tried]
+    failed = [one for one in shown.cards if one[0].key in found.search.tried]
     return page.page(
         title,
         _head(found),
         *_misfit(found, shown),
         page.section(
             _explains(found),
-            *plain,
-            *page.figures(shown.fall),
+            "" if shown.plain is None else _plain(shown.plain),
+            *shown.figures.fall,
             *(_card(one, found) for one in standing),
             _outside(found),
         ),
@@ -120,10 +111,10 @@ def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: S
             "Examined so far" if found.stopped else "Tried, and does not explain it",
             *(_card(one, found) for one in failed),
         ),
-        page.section("E before and after", *page.figures(shown.material), _material(found)),
+        page.section("E before and after", *shown.figures.moduli, _material(found)),
         page.section("What to measure next", _next(found)),
         page.section("Commands to try", *(page.command(text) for text in commands)),
-        page.folded("Can these data distinguish the effects?", *page.figures(shown.alike)),
+        page.folded("Can these data distinguish the effects?", *shown.alike),
         page.folded("Not testable with these data", _untestable(found)),
         page.folded("Effects too small to be significant", _from_here_on(found)),
     )
@@ -131,8 +122,8 @@ def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: S
 
 def _misfit(found: Diagnosis, shown: Evidence) -> list[str]:
     """Return the misfit of the force, or of the reconstructed depth where only that fails; the other is folded."""
-    force = [*page.figures(shown.misfit), page.folded("Every press", *page.figures(shown.every_press))]
-    depth = page.figures(shown.picture)
+    figures, depth = shown.figures, shown.reconstructed
+    force = [*shown.offsets, *figures.presses, *figures.strips, page.folded("Every press", *figures.every_press)]
     if found.effects and not any(effect.key in found.fits.fitted.model.keys for effect in found.effects):
         quiet = page.folded("The forces, which the model explains within their repeatability", *force)
         return [page.section("Where the reconstructed depth fails", *depth, quiet)]
@@ -152,50 +143,50 @@ def _explains(found: Diagnosis) -> str:
 
 def _plain(drawn: Drawn) -> str:
     """Return the card of the instrument error nearest to what no effect explains."""
-    words = getattr(PLAIN[drawn.card.key], "words", in_words(drawn.card.key))
+    key = drawn[0].key
+    words = getattr(PLAIN[key], "words", in_words(key))
     said = (
         "No effect of the catalogue has this form. An instrument error comes nearest; only another measurement "
         "can show whether the rig has it."
     )
-    return _box(f"Instrument error: {words}", drawn, _sizes(drawn), page.paragraph(said))
+    return _box(f"Instrument error: {words}", drawn, _sizes(drawn[0]), page.paragraph(said))
 
 
 def _box(title: str, drawn: Drawn, rows: Sequence[tuple[str, str]], said: str = "") -> str:
-    picture = "" if drawn.picture is None else page.figure(drawn.picture.data_uri, drawn.picture.caption)
     table = page.table(("", ""), [row for row in rows if row[1]])
-    return page.block("card", page.heading(title), picture, said, table)
+    return page.block("card", page.heading(title), drawn[1], said, table)
 
 
-def _sizes(drawn: Drawn) -> list[tuple[str, str]]:
+def _sizes(card: Card) -> list[tuple[str, str]]:
     """Return the fitted values of a card with their meanings."""
-    key = drawn.card.key
     return [
-        (_meaning(key, name), f"{wording.number(value)} {unit if unit != '1' else ''}".strip())
-        for name, value, unit in drawn.card.values
+        (_meaning(card.key, name), f"{wording.number(value)} {unit if unit != '1' else ''}".strip())
+        for name, value, unit in card.values
     ]
 
 
 def _head(found: Diagnosis) -> str:
     """Return the verdict and its consequences."""
-    lines = [page.paragraph(f"{found.verdict}. {verdict_sentence(found)}", kind="lead")]
-    lines += [page.paragraph(text) for text in (*stopped_sentence(found), *reading_sentence(found))]
-    lines += [page.paragraph(_effect_sentence(effect)) for effect in found.effects]
-    lines += [page.paragraph(_needed(w)) for w in found.remainder.would_have_to_be]
-    lines += [page.paragraph(text) for text in (*_material_moves(found), *allowed_for(found))]
-    if found.verdict == "UNKNOWN":
-        lines.append(page.paragraph(OWN_IDEA))
-    lines += [page.paragraph(text) for text in next_sentence(found)]
-    return page.block("verdict " + ("clean" if found.verdict == "ADEQUATE" else "found"), *lines)
+    said = [
+        *(stopped_sentence(found), reading_sentence(found)),
+        *(_effect_sentence(effect) for effect in found.effects),
+        *(_needed(w) for w in found.remainder.would_have_to_be),
+        *(_material_moves(found), allowed_for(found)),
+        *(OWN_IDEA if found.verdict == "UNKNOWN" else "", next_sentence(found)),
+    ]
+    lead = page.paragraph(f"{found.verdict}. {verdict_sentence(found)}", kind="lead")
+    kind = "verdict " + ("clean" if found.verdict == "ADEQUATE" else "found")
+    return page.block(kind, lead, *(page.paragraph(text) for text in said if text))
 
 
-def _material_moves(found: Diagnosis) -> list[str]:
-    """Return a sentence on E with and without the named effects."""
+def _material_moves(found: Diagnosis) -> str:
+    """Return a sentence on E with and without the named effects; empty without them."""
     before, after = found.material.before.youngs_modulus, found.material.after.youngs_modulus
     if not found.effects or before.value is None or after.value is None:
-        return []
+        return ""
     if found.fits.fitted is found.fits.base:
-        return [f"Young's modulus rests on the certified depths and stays {wording.estimate(after)}."]
-    return [f"With it, Young's modulus is {wording.estimate(after)}; without it, {wording.estimate(before)}."]
+        return f"Young's modulus rests on the certified depths and stays {wording.estimate(after)}."
+    return f"With it, Young's modulus is {wording.estimate(after)}; without it, {wording.estimate(before)}."
 
 
 def _needed(one: InadmissibleBeta) -> str:
@@ -243,7 +234,7 @@ def _about(key: str) -> Effect | None:
 
 
 def _card(drawn: Drawn, found: Diagnosis) -> str:
-    key, about, rows = drawn.card.key, _about(drawn.card.key), _sizes(drawn)
+    key, about, rows = drawn[0].key, _about(drawn[0].key), _sizes(drawn[0])
     for added in (one for one in found.effects if one.key == key):
         rows = [(_meaning(key, name), wording.estimate(value)) for name, value in added.parameters]
         rows += [("p-value", wording.p_value(added.p_adjusted)), *_fall_of(found, key)]
@@ -403,25 +394,24 @@ def _so_far(found: Diagnosis) -> str:
     return f"{seen}; so far the most significant is {most}, which is not confirmed."
 
 
-def stopped_sentence(found: Diagnosis) -> list[str]:
-    """Return a warning where the search was stopped by its time limit."""
-    if not found.stopped:
-        return []
-    return ["The search was stopped by its time limit: this is the best answer so far, and others may be better."]
+def stopped_sentence(found: Diagnosis) -> str:
+    """Return a warning where the search was stopped by its time limit; else empty."""
+    said = "The search was stopped by its time limit: this is the best answer so far, and others may be better."
+    return said if found.stopped else ""
 
 
-def reading_sentence(found: Diagnosis) -> list[str]:
+def reading_sentence(found: Diagnosis) -> str:
     """Return the errors of the reconstructed depth before and after a gain, apart from what steep walls hide."""
     if (sight := found.search.sight) is None:
-        return []
+        return ""
     read = {step.best.effect.key for step in sight.steps}
     gain = next((dict(e.parameters).get("gain") for e in found.effects if e.key in read), None)
     if gain is None or gain.value is None:
-        return []
+        return ""
     before, after = (KILO * reading_error_mm(fitted) for fitted in (sight.base, sight.current))
     fall = f"The error of the reconstructed depth on held-out presses changes from {before:.1f} to {after:.1f} µm."
     hidden = " Punch faces read still less, since steep walls hide part of their depth; that is not a gain."
-    return [fall + hidden * (sight.base.data.slopes is not None)]
+    return fall + hidden * (sight.base.data.slopes is not None)
 
 
 def few_sentence(found: Diagnosis) -> str:
@@ -450,18 +440,18 @@ def unseen_sentence(found: Diagnosis) -> str:
     )
 
 
-def allowed_for(found: Diagnosis) -> list[str]:
+def allowed_for(found: Diagnosis) -> str:
     """Return a sentence on what E's interval includes besides the noise, where it is much wider."""
     E, alone = found.material.after.youngs_modulus, found.material.alone_MPa
     if E.interval95 is None or alone is None or not found.material.unseen:
-        return []
+        return ""
     wider = (E.interval95[1] - E.interval95[0]) / (alone[1] - alone[0]) - 1 if alone[1] > alone[0] else 0.0
     if wider < WIDER:
-        return []
+        return ""
     most = found.material.unseen[0].chance * found.material.unseen[0].off ** 2
     named = [in_words(u.key) for u in found.material.unseen[:3] if u.chance * u.off**2 > NEAR * most]
     without = wording.estimate(replace(E, interval95=alone))
-    return [f"E's interval allows for undetected effects, above all {', '.join(named)}; without them: {without}."]
+    return f"E's interval allows for undetected effects, above all {', '.join(named)}; without them: {without}."
 
 
 def amount(first: Parameter, size: float) -> str:

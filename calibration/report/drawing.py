@@ -14,7 +14,7 @@ from calibration.diagnosis.covariates import seen_covariates
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.refit import CANNOT_FIT, TOLD_APART, Candidate, apart, refit_with
 from calibration.diagnosis.score_test import Scored
-from calibration.diagnosis.vision_depth_check import depth_ratio, read_alone, unseen_beside
+from calibration.diagnosis.vision_depth_check import depth_ratio, read_alone
 from calibration.effects import EFFECTS, get_effect
 from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit, box_of, differentiate
@@ -35,6 +35,7 @@ from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.misfit import Strip
 from tactilevision.records.rig import Gel
 
+MOST = 5  # effects whose separation is shown
 STEPS = 60  # depths of a plotted curve
 HALF = 3  # half the width of the grid of a residual map, in radii of the punch
 MAP_STEPS = 61  # places across the grid: a tenth of a radius apart
@@ -45,14 +46,12 @@ TOWARDS = {"right": 0.0, "bottom": np.pi / 2, "left": np.pi, "top": -np.pi / 2}
 BEVEL_HALF_ANGLE = np.pi / 3  # rad, half the sector of the bevel, which is not compared
 
 
-def drawn_points(fitted: Fit, rejected: Sequence[CertifiedPoint] = ()) -> PointCloud:
+def drawn_points(fitted: Fit, rejected: Sequence[CertifiedPoint]) -> PointCloud:
     """Return the fitted samples, and the rejected points that have depth and force."""
     data = fitted.data
     extra = [p for p in rejected if not p.accepted and p.depth_mm > 0 and np.isfinite(p.fz_N)]
-    depth, force, force_std = (
-        np.array([getattr(p, name) for p in extra]) for name in ("depth_mm", "fz_N", "fz_std_N")
-    )
-    depth_std = np.array([p.depth_std_mm for p in extra])
+    names = ("depth_mm", "fz_N", "fz_std_N", "depth_std_mm")
+    depth, force, force_std, depth_std = (np.array([getattr(p, name) for p in extra]) for name in names)
     return PointCloud(
         depth_mm=np.concatenate([data.depth_mm, depth]),
         depth_std_mm=np.nan_to_num(np.concatenate([data.depth_std_mm, depth_std])),
@@ -109,14 +108,14 @@ def own_offsets(found: Diagnosis) -> Offsets | None:
     )
 
 
-def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] | None:
+def confusability(found: Diagnosis) -> tuple[list[str], Floats] | None:
     """Return the separation (k, k), in std, of added and best-scoring effects; None for fewer than two."""
     base, limits = found.fits.base, found.limits
     keys = [*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.search.score_test)]
     testable = EFFECTS.keys() & limits.visible.keys() - limits.not_testable.keys()
     fits = list[Candidate]()
     for key in dict.fromkeys(keys):
-        if key in testable and len(fits) < most:
+        if key in testable and len(fits) < MOST:
             with suppress(*CANNOT_FIT):
                 fits.append(refit_with(base, get_effect(key)))
     fits = [one for one in fits if _shows(base, one)]
@@ -155,56 +154,36 @@ def sighting(found: Diagnosis) -> Sighting | None:
     return Sighting(depth_ratio(base), corrected, face, tuple(against))
 
 
-def picture_lacks(found: Diagnosis) -> str:
-    """Return what the reconstructed depth cannot be plotted against, and why."""
-    return "" if found.search.sight is None else unseen_beside(found.search.sight.base.data)
-
-
 @dataclass(frozen=True, slots=True)
 class Card:
     """A candidate's key, its fitted values by name with their units, and its overlay, if any."""
 
     key: str
-    values: tuple[tuple[str, float, str], ...]
-    overlay: Strip | None
+    values: tuple[tuple[str, float, str], ...] = ()
+    overlay: Strip | None = None
 
 
-def card_keys(found: Diagnosis) -> list[str]:
-    """Return the effects with a card: those added, those not distinguishable from them, those tried."""
-    return list(dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *found.search.tried]))
+def cards(found: Diagnosis, private: Sequence[Effect]) -> list[Card]:
+    """Return one card a candidate, fitted alone on top of the base model.
 
-
-def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
-    """Return one card a candidate, fitted alone on top of the base model."""
-    known = {**EFFECTS, **{effect.key: effect for effect in private}}
+    Candidates are the effects added, those not distinguishable from them, and those tried; one on the
+    reconstructed depth is shown there, and one whose needed size is in a table has no card.
+    """
+    known, base = {**EFFECTS, **{effect.key: effect for effect in private}}, found.fits.base
     by_sight = set() if found.search.sight is None else {s.key for s in found.search.sight.first.effects}
-    elsewhere = {w.key for w in found.remainder.would_have_to_be} - {e.key for e in found.effects}
-    made = []
-    for key in card_keys(found):
-        if key in elsewhere:  # in the table of sizes needed
-            continue
-        if key in by_sight:
-            made.append(Card(key, (), None))  # shown with the reconstructed depth
-        elif key in known:
-            made.append(_card(found.fits.base, known[key]))
-    return made
+    added = [e.key for e in found.effects]
+    elsewhere = {w.key for w in found.remainder.would_have_to_be} - set(added)
+    made = {}
+    for key in (*added, *found.candidates, *found.search.tried):
+        if key not in made and key not in elsewhere and (key in by_sight or key in known):
+            made[key] = Card(key)
+            with suppress(*CANNOT_FIT):
+                made[key] = made[key] if key in by_sight else fitted_card(base, refit_with(base, known[key]))
+    return list(made.values())
 
 
-def plain_card(found: Diagnosis) -> Card | None:
-    """Return the card of the instrument error nearest to what no effect explains; None without one."""
-    if found.remainder.plain is None:
-        return None
-    return _fitted_card(found.fits.fitted, found.remainder.plain)
-
-
-def _card(base: Fit, effect: Effect) -> Card:
-    try:
-        return _fitted_card(base, refit_with(base, effect))
-    except CANNOT_FIT:
-        return Card(effect.key, (), None)
-
-
-def _fitted_card(base: Fit, fitted: Candidate) -> Card:
+def fitted_card(base: Fit, fitted: Candidate) -> Card:
+    """Return the card of a candidate fitted on top of `base`."""
     pairs = zip(fitted.effect.parameters, fitted.own_values, strict=True)
     values = tuple((p.name, float(v), p.unit) for p, v in pairs)
     return Card(fitted.effect.key, values, overlay(base, fitted))

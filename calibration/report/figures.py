@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.score_test import Scored
+from calibration.diagnosis.vision_depth_check import unseen_beside
 from calibration.effects import PLAIN
+from calibration.fit.least_squares import Fit
 from calibration.inputs.deadline import Progress
 from calibration.model.stages import Effect
+from calibration.report import page
 from calibration.report.diagnosis_report import Drawn, Evidence, after_words
 from calibration.report.drawing import (
     Card,
@@ -19,10 +23,9 @@ from calibration.report.drawing import (
     cards,
     confusability,
     drawn_points,
+    fitted_card,
     fitted_lines,
     own_offsets,
-    picture_lacks,
-    plain_card,
     sighting,
 )
 from calibration.report.misfit import (
@@ -33,8 +36,7 @@ from calibration.report.misfit import (
     model_names,
     residual_strips,
 )
-from calibration.report.page import Picture
-from calibration.report.report import Pictures
+from calibration.report.report import Figures
 from calibration.result.material import joint_region
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import HistoryRow
@@ -58,14 +60,14 @@ class FigureFolder:
     path: Path
     form: str = "png"
 
-    def keep(self, figure: Figure, name: str, *, caption: str = "") -> Picture:
-        """Write a figure as NAME.png, and return it for the report."""
+    def keep(self, figure: Figure, name: str, *, caption: str = "") -> str:
+        """Write a figure as NAME.png, and return it as HTML for the report."""
         path = self.path / name
         style.save_figure(figure, path, form=self.form)
-        return Picture(style.data_uri(path), caption)
+        return page.figure(style.data_uri(path), caption)
 
 
-def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folder: FigureFolder) -> list[Picture]:
+def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folder: FigureFolder) -> list[str]:
     """Draw force against depth with the fitted law, and E over nu."""
     fitted = result.fitted
     lines = fitted_lines(fitted)
@@ -76,7 +78,7 @@ def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folde
     return [folder.keep(drawn, "fit.png", caption=words), _material(result, folder)]
 
 
-def _material(result: CalibrationResult, folder: FigureFolder) -> Picture:
+def _material(result: CalibrationResult, folder: FigureFolder) -> str:
     """Draw E over nu: the joint region and the routes where there are any, else the curve with its intervals."""
     words = "One punch determines the curve; what is known of ν selects the part of it."
     if not result.routes:
@@ -95,7 +97,7 @@ def _material(result: CalibrationResult, folder: FigureFolder) -> Picture:
 
 def of_presses(
     recording: Recording, certificate: Certificate, *, folder: FigureFolder, progress: Progress
-) -> list[Picture]:
+) -> list[str]:
     """Draw each press that has evidence."""
     pictures = []
     for number, point in enumerate(certificate.points, start=1):
@@ -142,7 +144,7 @@ OUTSIDE = (
 SHEETS = 12  # sheets at most; of more presses those with the largest differences are shown
 
 
-def keep_falls(falls: Sequence[ErrorFall], folder: FigureFolder) -> list[Picture]:
+def keep_falls(falls: Sequence[ErrorFall], folder: FigureFolder) -> list[str]:
     """Draw the error of each model: of the force, and of the picture's depth where that was examined."""
     kept = []
     for fall in falls:
@@ -155,7 +157,7 @@ def keep_falls(falls: Sequence[ErrorFall], folder: FigureFolder) -> list[Picture
     return kept
 
 
-def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder) -> list[Picture]:
+def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder) -> list[str]:
     """Draw the presses with the largest differences in time and depth, and all of them as force over depth."""
     kept = []
     if curves.whole:
@@ -172,7 +174,7 @@ def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder)
     return [*kept, folder.keep(misfit.draw_overview(curves, thickness_mm), "secant.png", caption=words)]
 
 
-def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progress) -> list[Picture]:
+def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progress) -> list[str]:
     """Draw sheets of all presses, or of those with the largest differences where they are very many."""
     if not curves.whole:
         return []
@@ -188,7 +190,7 @@ def keep_every_press(curves: ForceCurves, folder: FigureFolder, progress: Progre
     return kept
 
 
-def keep_strips(shown: ResidualStrips, folder: FigureFolder) -> list[Picture]:
+def keep_strips(shown: ResidualStrips, folder: FigureFolder) -> list[str]:
     """Draw the residuals against everything recorded."""
     if not shown.strips:
         return []
@@ -201,10 +203,10 @@ def keep_strips(shown: ResidualStrips, folder: FigureFolder) -> list[Picture]:
     return [folder.keep(misfit.draw_strips(shown), "residuals.png", caption=words)]
 
 
-def keep_moduli(names: Sequence[str], moduli: Sequence[Estimate], folder: FigureFolder) -> list[Picture]:
+def keep_moduli(moduli: Mapping[str, Estimate], folder: FigureFolder) -> list[str]:
     """Draw Young's modulus under each model."""
-    words = f"Young's modulus with its 95 % interval. {coloured(names)}"
-    return [folder.keep(misfit.draw_moduli(names, moduli), "modulus.png", caption=words)]
+    words = f"Young's modulus with its 95 % interval. {coloured(list(moduli))}"
+    return [folder.keep(misfit.draw_moduli(list(moduli), list(moduli.values())), "modulus.png", caption=words)]
 
 
 def coloured(models: Sequence[str], *, ends: bool = False) -> str:
@@ -226,19 +228,31 @@ def radii_coloured(curves: ForceCurves) -> str:
     return f"Measured, {said}."
 
 
-def comparison_pictures(
+def comparison_figures(
     found: Comparison, falls: Sequence[ErrorFall], folder: FigureFolder, progress: Progress
-) -> Pictures:
-    """Draw every picture of a comparison's page."""
-    names = model_names([model.effects for model in found.models])
-    fits = dict(zip(names, (model.fitted for model in found.models), strict=True))
-    moduli = [model.material.youngs_modulus for model in found.models if model.material is not None]
+) -> Figures:
+    """Draw every figure of a comparison's page."""
+    models = dict(zip(model_names([model.effects for model in found.models]), found.models, strict=True))
+    fits = {name: model.fitted for name, model in models.items()}
+    moduli = {name: one.material.youngs_modulus for name, one in models.items() if one.material is not None}
+    return _figures(fits, [one.covariates for one in found.models], falls, moduli, folder, progress)
+
+
+def _figures(
+    fits: Mapping[str, Fit],
+    scored: Sequence[Sequence[Scored]],
+    falls: Sequence[ErrorFall],
+    moduli: Mapping[str, Estimate],
+    folder: FigureFolder,
+    progress: Progress,
+) -> Figures:
+    """Draw the figures of fits to the same data, by the models' names, the base model first."""
     curves = force_curves(fits)
-    return Pictures(
+    return Figures(
         fall=keep_falls(falls, folder),
-        presses=keep_presses(curves, found.models[0].fitted.data.gel.thickness_mm, folder),
-        strips=keep_strips(residual_strips(fits, [model.covariates for model in found.models]), folder),
-        moduli=keep_moduli(names, moduli, folder),
+        presses=keep_presses(curves, next(iter(fits.values())).data.gel.thickness_mm, folder),
+        strips=keep_strips(residual_strips(fits, scored), folder),
+        moduli=keep_moduli(moduli, folder),
         every_press=keep_every_press(curves, folder, progress),
     )
 
@@ -256,34 +270,24 @@ def diagnosis_evidence(
     folder: FigureFolder,
     progress: Progress,
 ) -> Evidence:
-    """Draw every picture of a diagnosis's page."""
-    base, fitted = found.fits.base, found.fits.fitted
+    """Draw every figure of a diagnosis's page."""
+    base, fitted, plain = found.fits.base, found.fits.fitted, found.remainder.plain
     named = [e.key.replace("_", " ") for e in found.effects if e.key in fitted.model.keys]
     fits = {BASE: base} | ({f"+ {' + '.join(named)}": fitted} if named else {})
-    curves, fall = force_curves(fits), error_fall_of_diagnosis(found)
-    strips = residual_strips(fits, [found.search.covariates_before, found.search.covariates][: len(fits)])
-    moduli = {
-        BASE: found.material.before.youngs_modulus,
-        after_words(found): found.material.after.youngs_modulus,
-    }
-    plain = plain_card(found)
+    scored = [found.search.covariates_before, found.search.covariates][: len(fits)]
+    falls = [*([error_fall_of_diagnosis(found)] if named else []), *error_fall_of_sight(found)]
+    before, after = found.material.before.youngs_modulus, found.material.after.youngs_modulus
     return Evidence(
-        misfit=[
-            *_odd_presses(found, folder),
-            *keep_presses(curves, base.data.gel.thickness_mm, folder),
-            *keep_strips(strips, folder),
-        ],
-        fall=keep_falls([*([fall] if len(fall.models) > 1 else []), *error_fall_of_sight(found)], folder),
-        picture=_reconstructed_depth(found, reliefs, folder),
-        material=keep_moduli(list(moduli), list(moduli.values()), folder),
+        offsets=_odd_presses(found, folder),
+        figures=_figures(fits, scored, falls, {BASE: before, after_words(found): after}, folder, progress),
+        reconstructed=_reconstructed_depth(found, reliefs, folder),
         alike=_confusable_effects(found, folder),
-        every_press=keep_every_press(curves, folder, progress),
         cards=[_drawn(card, folder) for card in cards(found, private)],
-        plain=None if plain is None else _drawn(plain, folder),
+        plain=None if plain is None else _drawn(fitted_card(fitted, plain), folder),
     )
 
 
-def _odd_presses(found: Diagnosis, folder: FigureFolder) -> list[Picture]:
+def _odd_presses(found: Diagnosis, folder: FigureFolder) -> list[str]:
     offsets = own_offsets(found)
     if offsets is None:
         return []
@@ -292,7 +296,7 @@ def _odd_presses(found: Diagnosis, folder: FigureFolder) -> list[Picture]:
     return [folder.keep(draw.draw_offsets(offsets), "offsets.png", caption=words)]
 
 
-def _confusable_effects(found: Diagnosis, folder: FigureFolder) -> list[Picture]:
+def _confusable_effects(found: Diagnosis, folder: FigureFolder) -> list[str]:
     table = confusability(found)
     if table is None:
         return []
@@ -303,16 +307,16 @@ def _confusable_effects(found: Diagnosis, folder: FigureFolder) -> list[Picture]
     return [folder.keep(draw.draw_confusability(*table), "confusability.png", caption=words)]
 
 
-def _reconstructed_depth(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: FigureFolder) -> list[Picture]:
+def _reconstructed_depth(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: FigureFolder) -> list[str]:
     """Draw the picture's depth over the certified one, and the residual of the height maps."""
-    kept, seen = [], sighting(found)
-    if seen is not None:
+    kept, seen, sight = [], sighting(found), found.search.sight
+    if seen is not None and sight is not None:
         words = (
             "The depth that the picture reads over the certified one; 1 is right. Squares: punch faces; dots: "
             "slopes next to them. Orange: as read"
         )
         words += "; blue: corrected by what was found." if seen.corrected is not None else "."
-        words = f"{words} {picture_lacks(found)}".strip()
+        words = f"{words} {unseen_beside(sight.base.data)}".strip()
         kept.append(folder.keep(draw.draw_sighting(seen), "reconstructed.png", caption=words))
     for number, one in enumerate(reliefs):
         words = (
@@ -338,8 +342,8 @@ def _dependence(one: ResidualMap) -> str:
 def _drawn(card: Card, folder: FigureFolder) -> Drawn:
     """Return a candidate with the residual that it would leave, over the residuals without it and with it."""
     if card.overlay is None:
-        return Drawn(card, None)
+        return card, ""
     name = "the instrument error" if card.key in PLAIN else card.key.replace("_", " ")
     words = f"Orange: residual without it; black: what {name} explains of it; blue: residual with {name}."
     picture = draw.draw_overlay(card.overlay, name)
-    return Drawn(card, folder.keep(picture, f"candidates/{card.key}.png", caption=words))
+    return card, folder.keep(picture, f"candidates/{card.key}.png", caption=words)

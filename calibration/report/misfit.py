@@ -160,6 +160,12 @@ def repeatability_band(fitted: Fit, repeatability: float) -> Pair | None:
     return low, high
 
 
+def error_falls(found: Comparison) -> list[ErrorFall]:
+    """Return the error of the force and of the reconstructed depth: what changes, then what is off."""
+    both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
+    return sorted(both, key=lambda fall: (len(fall.models) == 1, fall.reached))
+
+
 def error_fall_of_comparison(found: Comparison) -> ErrorFall:
     """Return the error of the models in the order in which effects were added."""
     held_out = [one.held_out_N for one in found.models]
@@ -199,11 +205,10 @@ def _picture_fall(
 def error_fall_of_diagnosis(found: Diagnosis) -> ErrorFall:
     """Return the error of the base model and with each effect of the force that was named."""
     keys = [effect.key for effect in found.effects if effect.key in found.fits.fitted.model.keys]
-    held_out, fitted = found.errors.held_out_N, (found.errors.before, found.errors.after)
-    steps = [tuple(keys[:k]) for k in range(len(keys) + 1)][: max(len(held_out), 1)]
-    known = bool(held_out) and all(map(math.isfinite, held_out))
-    inner = [math.nan] * (len(steps) - 2)
-    errors = held_out if known else (fitted[0], *inner, fitted[1])[: len(steps)]
+    errors, steps = found.errors.held_out_N, [keys[:k] for k in range(len(keys) + 1)]
+    known = all(map(math.isfinite, errors))
+    if not known:  # of the fitted presses, for the first and the last model
+        errors = (found.errors.before, *[math.nan] * (len(keys) - 1), found.errors.after)[: len(steps)]
     return _fall(steps, errors, found.fits.fitted, found.errors.floor, known)
 
 

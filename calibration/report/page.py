@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from html import escape
 
 STYLE = """
@@ -41,14 +40,6 @@ pre { background: #f6f6f4; padding: .5rem .9rem; overflow-x: auto; font-size: .9
 div.table { overflow-x: auto; }
 ul { padding-left: 1.2rem; } code { font-size: .92em; }
 """
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A picture as a data URI, and its caption."""
-
-    data_uri: str
-    caption: str
 
 
 def page(title: str, *sections: str) -> str:
@@ -107,11 +98,6 @@ def figure(data_uri: str, caption: str) -> str:
     text = escape(caption)
     image = f'<label><input type="checkbox" aria-label="enlarge"><img src="{data_uri}" alt="{text}"></label>'
     return f"<figure>{image}<figcaption>{text}</figcaption></figure>"
-
-
-def figures(pictures: Iterable[Picture]) -> list[str]:
-    """Return pictures with their captions."""
-    return [figure(one.data_uri, one.caption) for one in pictures]
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: Sequence[int] = ()) -> str:

@@ -12,7 +12,6 @@ from calibration.diagnosis.covariates import LEVEL, press_trends
 from calibration.fit.identifiability import main_radius
 from calibration.report import page, wording
 from calibration.report.misfit import AS_READ, BASE
-from calibration.report.page import Picture
 from calibration.report.wording import in_words
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import Compared, Comparison
@@ -81,14 +80,14 @@ def calibration_page(
     result: CalibrationResult | None,
     *,
     points: Sequence[CertifiedPoint],
-    figures: Sequence[Picture] = (),
-    presses: Sequence[Picture] = (),
+    figures: Sequence[str] = (),
+    presses: Sequence[str] = (),
     notes: Sequence[str] = (),
     why: str = "all of them were rejected",
 ) -> str:
     """Return the page of one recording; `result` is None where its presses determine no material, with `why`.
 
-    `notes`: warnings without a result.
+    `figures` and `presses`: HTML; `notes`: warnings without a result.
     """
     if result is None:
         head = page.paragraph("The presses of this recording determine no material: " + why, kind="lead bad")
@@ -98,12 +97,12 @@ def calibration_page(
     return page.page(
         title,
         head,
-        page.section("Force against depth", *page.figures(figures)),
+        page.section("Force against depth", *figures),
         details,
         page.section("Presses", _press_table(points), page.paragraph(DEPTHS, kind="soft")) if points else "",
         page.folded(
             f"Pictures of each press ({len(presses)}): frame, height map, signal of the bevel, force",
-            *page.figures(presses),
+            *presses,
         ),
     )
 
@@ -187,14 +186,14 @@ OF_MATERIAL = ("youngs_modulus_MPa", "poisson_ratio")  # shown in the table of t
 
 
 @dataclass(frozen=True, slots=True)
-class Pictures:
-    """Pictures of the error of each model, presses, residuals and the modulus; `every_press` is folded."""
+class Figures:
+    """Figures (HTML) of the error of each model, presses, residuals and the modulus; `every_press` is folded."""
 
-    fall: Sequence[Picture]
-    presses: Sequence[Picture]
-    strips: Sequence[Picture]
-    moduli: Sequence[Picture]
-    every_press: Sequence[Picture] = ()
+    fall: Sequence[str]
+    presses: Sequence[str]
+    strips: Sequence[str]
+    moduli: Sequence[str]
+    every_press: Sequence[str]
 
 
 def comparison_page(
@@ -202,22 +201,20 @@ def comparison_page(
     found: Comparison,
     falls: Sequence[ErrorFall],
     *,
-    pictures: Pictures,
-    try_next: Sequence[tuple[str, str]] = (),
-    state: str = "",
+    figures: Figures,
+    try_next: Sequence[tuple[str, str]],
+    state: str,
 ) -> str:
     """Return the page. `try_next`: purpose and command; `state`: a sentence on what was undone."""
-    folded = page.folded(
-        f"Every press ({len(found.models[0].fitted.data.presses.label)})", *page.figures(pictures.every_press)
-    )
+    folded = page.folded(f"Every press ({found.models[0].fitted.data.count})", *figures.every_press)
     return page.page(
         title,
         _comparison_head(found, falls, state),
-        page.section("How the error falls", *page.figures(pictures.fall)),
-        page.section("Measured and modelled force", *page.figures(pictures.presses), folded),
-        page.section("Residual, and on what it depends", *page.figures(pictures.strips)),
+        page.section("How the error falls", *figures.fall),
+        page.section("Measured and modelled force", *figures.presses, folded),
+        page.section("Residual, and on what it depends", *figures.strips),
         page.section("Parameters", _parameters(found)),
-        page.section("Effect on the material", *page.figures(pictures.moduli), _material_rows(found)),
+        page.section("Effect on the material", *figures.moduli, _material_rows(found)),
         page.section(
             "To try next", *(page.paragraph(f"{words}:") + page.command(text) for words, text in try_next)
         ),

@@ -277,7 +277,7 @@ def diagnosed(
     return Verdict(
         word=found.verdict,
         sentence=verdict_sentence(found),
-        remarks=(*reading_sentence(found), *allowed_for(found)),
+        remarks=tuple(filter(None, (reading_sentence(found), allowed_for(found)))),
         measure_next=tuple((a.action, a.minutes, a.separation_sigma) for a in found.measure_next),
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,

@@ -25,8 +25,7 @@ from calibration.model.stages import Effect
 from calibration.report import wording
 from calibration.report.misfit import (
     BASE,
-    error_fall_of_comparison,
-    error_fall_of_picture,
+    error_falls,
     force_curves,
     residual_strips,
 )
@@ -67,7 +66,7 @@ def state_view(bench: Bench) -> dict[str, Any]:
         "undo": bool(shown.track.past),
         "redo": bool(shown.track.future),
         "verdict": _verdict(shown),
-        "falls": [] if found is None else [_fall(fall) for fall in _falls(found)],
+        "falls": [] if found is None else [_fall(fall) for fall in error_falls(found)],
         "components": [] if found is None else _components(found, opened),
         "material": [] if found is None else _material(found),
         "cards": [_card(one, shown, opened) for one in shown.evidence],
@@ -113,11 +112,6 @@ def _verdict(shown: Shown) -> dict[str, Any]:
             for action, minutes, sigma in found.measure_next
         ],
     }
-
-
-def _falls(found: Comparison) -> list[ErrorFall]:
-    both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
-    return sorted(both, key=lambda fall: (len(fall.models) == 1, fall.reached))  # what changes, then what is off
 
 
 def _fall(fall: ErrorFall) -> dict[str, Any]:
