@@ -9,9 +9,10 @@ import numpy as np
 from calibration.diagnosis.sensitivity import force_without
 from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit
+from calibration.fit.repeats import LEVEL
 from calibration.inputs.conditions import Covariate, bins, covariates, repeat_groups
 from calibration.model.stages import Stage
-from tactilevision.records.constants import NONZERO
+from tactilevision.records.constants import MICRO, NONZERO, TINY
 from tactilevision.records.measured import Floats
 
 # Step functions of all recorded covariates, as directions of the force, and the allowance for an effect's form.
@@ -20,7 +21,7 @@ DEPTH_BINS = 16  # steps of the depth
 FORM = 0.1  # std of a gel effect's form in each step of each covariate, over what the effect adds (others_curves)
 HOW_A_PRESS_GOES = ("w", "w/h", "1/w", "P", "t", "load/unload", "log rate", "a")  # may change any effect of a gel
 OTHER_BINS = 6  # steps of every other covariate
-SAME = 1e-6  # of the largest singular value: less is linearly dependent
+SAME = MICRO  # of the largest singular value: less is linearly dependent
 
 
 def covariate_steps(steady: Fit) -> dict[str, Floats]:
@@ -88,7 +89,6 @@ def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
 # Bonferroni's. It detects a slow drift of few presses, which free steps of a covariate do not. Source: Hollander,
 # Wolfe, Chicken, Nonparametric Statistical Methods, 3rd ed. (2014), ch. 8.
 
-LEVEL = 0.05  # p below which a trend or a jump is significant
 TREND_SHUFFLES = 9999  # of the presses: p to 1e-4
 MOST_VALUES = 4_000_000  # values shuffled at once: fewer shuffles of more than 400 presses
 NO_QUANTITY = ("load/unload", "indenter", "azimuth", "azimuth beside the face")  # names, and directions around
@@ -118,7 +118,7 @@ def press_trends(fitted: Fit) -> dict[str, float]:
     draws = int(min(TREND_SHUFFLES, MOST_VALUES / own.size))
     rows = np.vstack([ranks, np.random.default_rng(0).permuted(np.tile(ranks, (draws, 1)), axis=1)])
     score = np.abs(rows @ np.column_stack(list(along.values())))
-    p = np.mean(score >= score[0] * (1 - 1e-12), axis=0)
+    p = np.mean(score >= score[0] * (1 - TINY), axis=0)
     return {name: min(1.0, len(along) * float(one)) for name, one in zip(along, p, strict=True)}
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from calibration.diagnosis.forward_selection import MAX_EFFECTS, Searched, Step
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
-from calibration.diagnosis.score_test import LEVEL
 from calibration.diagnosis.unexplained import (
     AlternativeExplanation,
     Remainder,
@@ -21,6 +20,7 @@ from calibration.diagnosis.unexplained import (
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit, Problem, r_squared
 from calibration.fit.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
+from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Watch
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Model

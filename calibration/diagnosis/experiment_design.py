@@ -20,6 +20,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import ManualCheck
 from calibration.noise.model import Whitener
+from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats, Pair
 
 # Presses that would distinguish two candidates, and how many minutes they take.
@@ -150,7 +151,7 @@ def _separation(base: Fit, one: Candidate, rival: Candidate, extra: Observations
     problem = Problem(model, data, model.parameters(data), Whitener(data, noise, about))
     jacobian = problem.whitener.apply(problem.jacobian(values)[:, problem.free])
     gap = problem.whitener.apply(f_one - f_rival)
-    q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12))
+    q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), NONZERO))
     return float(np.linalg.norm(gap - q @ (q.T @ gap)))
 
 

@@ -40,7 +40,6 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory import beta_outside_theory
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.noise.model import Whitener
 from tactilevision.records.measured import Floats
 
 REFITTED = 8  # candidates of a round that are fitted, the best by score
@@ -114,7 +113,7 @@ class Searched:
         the last model's noise, the cost of priors included.
         """
         current = self.current
-        whitener = Whitener(current.data, current.noise, current.about)
+        whitener = current.whitener
         before, after = (
             float(np.sum(whitener.apply(one.residual_N) ** 2) + one.chi2 - np.sum(one.white**2))
             for one in (self.start, current)

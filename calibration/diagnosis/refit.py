@@ -9,21 +9,21 @@ from functools import partial
 
 import numpy as np
 
-from calibration.fit.least_squares import QUICK, Fit, Minimum, Problem, fit, minimise
+from calibration.fit.least_squares import QUICK, Fit, Minimum, Problem, fit, minimise, prior_pulls
 from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
 from calibration.model.stages import NOT_READ, Effect, Parameter
-from calibration.noise.model import Whitener
 from calibration.noise.reml import Weighing
 from tactilevision.errors import ConvergenceError
-from tactilevision.records.constants import NONZERO
+from tactilevision.records.constants import NONZERO, Z95
 from tactilevision.records.measured import Bools, Floats
 
 # Candidates refitted in full, held out and compared, all under one error model.
 
-FLAT = 3.84  # of chi^2: a size that costs no more than the best one is inside its 95 % interval
+FLAT = Z95**2  # of chi^2: a size that costs no more than the best one is inside its 95 % interval
 SAME = 0.1  # of chi^2: what differs by less is the same
+END = 1e-4  # of a range or a scale: nearer to the end of its range a size lies at it
 HALVINGS = 6  # of a size at the end of its range, to the smallest that is as good
 STARTS = 2  # starts that are fitted, the best by their score
 FOLDS = 5  # of presses: each fifth is predicted from the other four
@@ -56,8 +56,7 @@ def refit_with(base: Fit, effect: Effect, *, target_N: Floats | None = None, mos
     """Return the effect fitted to the measurement, or to `target_N` (N,), from its best starts."""
     data = base.data if target_N is None else base.data.with_force(target_N)
     model = base.model + effect
-    whitener = Whitener(data, base.noise, base.about)
-    problem = Problem(model, data, model.parameters(data), whitener)
+    problem = Problem(model, data, model.parameters(data), base.whitener)
     starts = _best_starts(base, problem, effect, most)
     found = problem.solve(starts, tolerance=QUICK)
     values = _smallest_as_good(problem, problem.full(found.values), effect)
@@ -73,7 +72,7 @@ def _smallest_as_good(problem: Problem, values: Floats, effect: Effect) -> Float
         return values
     at = problem.model.slices(problem.data)[effect.key].start
     first, now = problem.parameters[at], values
-    at_end = abs(values[at] - first.default) >= (1 - 1e-4) * max(abs(b - first.default) for b in first.bounds)
+    at_end = abs(values[at] - first.default) >= (1 - END) * max(abs(b - first.default) for b in first.bounds)
     if not (at_end or effect.threshold):
         return values
     most = float(np.sum(problem.residual(values[problem.free]) ** 2)) + (FLAT if at_end else SAME)
@@ -118,14 +117,8 @@ def separation(base: Fit, one: Candidate, other: Effect) -> float:
     The prior of the other's own size is not used: it is a judgement, not a measurement.
     """
     mimic = refit_with(base, other.freed(), target_N=one.force_N, most=2)
-    prior = _prior_cost(base, one)
-    return float(np.sqrt(max(mimic.chi2 - prior, 0.0)))
-
-
-def _prior_cost(base: Fit, one: Candidate) -> float:
-    known = zip(one.values, one.model.parameters(base.data), strict=True)
-    pulls = [(value - p.prior.mean) / p.prior.std for value, p in known if p.prior and not p.fixed]
-    return float(np.sum(np.square(pulls)))
+    pulls = prior_pulls(one.values, one.model.parameters(base.data))
+    return float(np.sqrt(max(mimic.chi2 - float(pulls @ pulls), 0.0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +163,7 @@ def hold_out(
     known. The parameters `kept` stay at `start`, as do those of the law that only the fold's presses determine:
     the slope of a radius that is pressed once.
     """
-    data = about.data
-    whitener = Whitener(data, about.noise, about.about)
+    data, whitener = about.data, about.whitener
     table = list(model.parameters(data))
     for at in kept:
         table[at] = _held(table[at], float(start[at]))
@@ -221,13 +213,13 @@ def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
         return minimise(residual, places, box=problem.box, settled=False)
 
 
-def press_folds(data: Observations, count: int = FOLDS) -> Ints:
+def press_folds(data: Observations) -> Ints:
     """Return the fold (M,), dimensionless, of each press, so that each fold holds all conditions."""
     from calibration.inputs.conditions import repeat_groups
 
     order = np.argsort(repeat_groups(data), kind="stable")
     folds = np.empty(data.count, dtype=np.int64)
-    folds[order] = np.arange(data.count) % min(count, data.count)
+    folds[order] = np.arange(data.count) % min(FOLDS, data.count)
     return folds
 
 
@@ -271,8 +263,7 @@ def _by_own_slopes(fitted: Fit) -> Fit:
     """
     if not any(effect.threshold for effect in fitted.model.effects):
         return fitted
-    whitener = Whitener(fitted.data, fitted.noise, fitted.about)
-    problem = Problem(fitted.model, fitted.data, fitted.parameters, whitener)
+    problem = fitted.problem
     found = fit_without(problem, fitted.values, np.zeros(fitted.data.size, dtype=bool))
     values = problem.full(found.values)
     force = fitted.model.predict(values, fitted.data)
@@ -320,10 +311,8 @@ def inside(candidate: Candidate) -> bool:
     """Return whether the amplitude is not at an end of its range."""
     value, first = candidate.own_values[0], candidate.effect.parameters[0]
     low, high = first.bounds
-    return bool(
-        low + 1e-4 * first.scale < value < high - 1e-4 * first.scale
-        or (first.default in (low, high) and value < high - 1e-4 * first.scale)
-    )
+    near = END * first.scale
+    return bool((low + near < value or first.default in (low, high)) and value < high - near)
 
 
 def by_one_reading(current: Fit, candidate: Candidate) -> float:
@@ -334,7 +323,7 @@ def by_one_reading(current: Fit, candidate: Candidate) -> float:
     data = current.data
     if not data.is_curves:
         return 0.0
-    white = Whitener(data, current.noise, current.about).apply
+    white = current.whitener.apply
     place = np.arange(data.size) - data.first[data.press]  # in its press
     root = white(np.eye(int(place.max()) + 1)[place])  # of P, press by press
 

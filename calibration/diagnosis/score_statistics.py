@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.fit.least_squares import Fit
+from calibration.fit.least_squares import Fit, prior_pulls
 from calibration.fit.outlying_presses import TAILS, log_student, press_dof
 from calibration.fit.repeats import drawn_noise
 from calibration.noise.model import Noise, Whitener
@@ -58,10 +58,10 @@ class Tail:
         from scipy.special import chdtrc
 
         known = mean > 0
-        scale = np.where(known, np.maximum((square - mean**2) / (2 * np.where(known, mean, 1.0)), 1e-12), 1.0)
+        scale = np.where(known, np.maximum((square - mean**2) / (2 * np.where(known, mean, 1.0)), TINY), 1.0)
         dof = np.maximum(mean / scale, 0.1)
         share = np.maximum(chdtrc(dof, self._from / scale), NONZERO)
-        exponential = np.exp(-(statistic - self._from) / np.maximum(excess, 1e-12))
+        exponential = np.exp(-(statistic - self._from) / np.maximum(excess, TINY))
         p = TAIL * np.maximum(exponential, chdtrc(dof, statistic / scale) / share)
         return np.asarray(np.maximum(p, NONZERO))
 
@@ -102,7 +102,7 @@ def student(rng: np.random.Generator, dof: float, shape: tuple[int, ...]) -> Flo
 
 def sample_dof(fitted: Fit) -> float:
     """Return the likeliest degrees of freedom of whitened residuals, normal unless t improves the criterion."""
-    white = Whitener(fitted.data, fitted.noise, fitted.about).apply(fitted.residual_N)
+    white = fitted.whitener.apply(fitted.residual_N)
     white = white / max(float(np.std(white)), NONZERO)
 
     def likelihood(dof: float) -> float:
@@ -154,16 +154,9 @@ class Cast:
         """Take the directions `tables`, and `form_N` (N, m), errors of the form of effects, one std a column."""
         self.fitted = fitted
         free = fitted.free & ~fitted.at_bound  # what stands at its bound cannot give way any further
-        known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
-        known = np.concatenate([known, np.ones(form_N.shape[1])])
-        self.own_priors = np.array(
-            [
-                (p.prior.mean - v) / p.prior.std
-                for p, v, gives in zip(fitted.parameters, fitted.values, free, strict=True)
-                if p.prior is not None and gives
-            ]
-            + [0.0] * form_N.shape[1]
-        )
+        known, forms = np.concatenate([fitted.prior_weight[free], np.ones(form_N.shape[1])]), form_N.shape[1]
+        table = [p for p, gives in zip(fitted.parameters, free, strict=True) if gives]
+        self.own_priors = np.append(-prior_pulls(fitted.values[free], table), np.zeros(forms))
         self.ends = np.cumsum([t.shape[1] for t in tables])
         directions = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
         self._free_and_norm(np.hstack([fitted.jacobian[:, free], form_N]), np.diag(known)[known > 0], directions)
@@ -178,7 +171,7 @@ class Cast:
         """Make fit and directions (samples and priors) orthonormal under the fit's own noise."""
         size = np.linalg.norm(jacobian, axis=0)
         scale = np.where(size > 0, size, 1.0)
-        apply = Whitener(self.fitted.data, self.fitted.noise, self.fitted.about).apply
+        apply = self.fitted.whitener.apply
         white = np.vstack([apply(jacobian / scale), priors / scale])
         left, length, right = np.linalg.svd(white, full_matrices=False)
         kept = length > 1e-10 * max(float(length.max(initial=0.0)), NONZERO)
@@ -227,7 +220,7 @@ class Cast:
         weighed = self._weighed(seen, each)
         costs = self._costs(seen, each, weighed)
         rise = (costs - costs.min())[:, None]
-        return np.asarray(np.sqrt(np.max((ratio - rise) / np.maximum(weighed.lengths, 1e-12), axis=0)))
+        return np.asarray(np.sqrt(np.max((ratio - rise) / np.maximum(weighed.lengths, TINY), axis=0)))
 
     def _split(self, scores: Floats) -> list[Floats]:
         return list(np.split(scores, self.ends[:-1]))
@@ -246,7 +239,7 @@ class Cast:
         lengths = self._lengths.under_each(noises) + np.sum(beside**2, axis=0) - np.sum(between * taken, axis=1)
         own = seen.own.under_each(noises) + known.T @ seen.priors
         along = seen.looked.under_each(noises) + beside.T @ seen.priors - taken.transpose(0, 2, 1) @ own
-        unit = np.sqrt(np.where(self._visible, np.maximum(lengths, 1e-12), np.inf))
+        unit = np.sqrt(np.where(self._visible, np.maximum(lengths, TINY), np.inf))
         return _Weighed(along[:, :, 0] / unit, lengths, within, own)
 
     def _costs(self, seen: _Seen, noises: Sequence[Noise], weighed: _Weighed) -> Floats:

@@ -25,7 +25,7 @@ from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import PressLooks
-from calibration.fit.repeats import renewed_noise
+from calibration.fit.repeats import LEVEL, renewed_noise
 from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
@@ -41,7 +41,6 @@ PORTION = 300  # samples made at once
 PORTION_VALUES = 4_500_000  # forces made at once, 36 MB
 BATCH = 50  # samples of one step, which any process may do: .2 s for 1600 forces
 FAR_FROM = 4  # times the level: p of 99 samples above it means p above the level but for 1 in 1e7
-LEVEL = 0.05  # family-wise error rate
 SHARE = 0.6  # share of the level that effects have
 SCATTER = "scatter while loading"
 ONE_WAY = 0.9999  # cosine from which two directions are one

@@ -11,12 +11,11 @@ import numpy as np
 from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.diagnosis.score_statistics import Cast, Tail
 from calibration.fit.depth_noise import at_denoised_depth
-from calibration.fit.identifiability import identify, stuck
+from calibration.fit.identifiability import identify, mixture_quantile, stuck
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Model
 from calibration.model.stages import STICKING, Effect
-from calibration.noise.model import Whitener
 from tactilevision.errors import InputError
 from tactilevision.records.constants import ROUNDING, TAILS95, TINY
 from tactilevision.records.measured import Bools, Estimate, Floats
@@ -106,9 +105,8 @@ class Absorbed:
 
     def __init__(self, fitted: Fit, free: Bools) -> None:
         self._free = free
-        self.white = Whitener(fitted.data, fitted.noise, fitted.about).apply
-        known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])
-        self.known = known[free]
+        self.white = fitted.whitener.apply
+        self.known = fitted.prior_weight[free]
         self.rows = np.vstack([self.white(fitted.jacobian[:, free]), np.diag(self.known)])
         self.inverse = inverse_information(self.rows)
 
@@ -311,7 +309,7 @@ def average_models(
     top = float(log_weight.max())
     weight = np.exp(log_weight - top)
     std = np.concatenate([np.full(p.shift.size, p.std) for p in parts])
-    ends = (_quantile(share, weight / weight.sum(), shift, std) for share in TAILS95)
+    ends = (mixture_quantile(share, weight / weight.sum(), shift, std) for share in TAILS95)
     low, high = (modulus.value * float(np.exp(end)) for end in ends)
     reach = min(low, modulus.interval95[0]), max(high, modulus.interval95[1])
     return replace(modulus, interval95=reach), _ranked(parts, top + float(np.log(weight.sum())))
@@ -391,15 +389,6 @@ def _sizes(effect: Effect, own: Floats, fitted: Fit) -> Floats:
     one_sided = first.default in first.bounds
     share = (np.arange(NODES) + 0.5) / NODES
     return np.asarray(ndtri((1 + share) / 2 if one_sided else share) * (std / start if start > 0 else 1.0))
-
-
-def _quantile(share: float, weight: Floats, shift: Floats, std: Floats) -> float:
-    """Return a quantile of a mixture of normals."""
-    from scipy.optimize import brentq
-    from scipy.special import ndtr
-
-    low, high = float(np.min(shift - 12 * std)), float(np.max(shift + 12 * std))
-    return float(brentq(lambda x: float(weight @ ndtr((x - shift) / std)) - share, low, high))
 
 
 def _ranked(parts: Sequence[_Part], total: float) -> tuple[UndetectedEffect, ...]:

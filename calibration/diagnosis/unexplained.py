@@ -14,19 +14,20 @@ import numpy as np
 from calibration.diagnosis.covariates import covariate_steps
 from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.refit import AS_GOOD, CANNOT_FIT, Candidate, refit_with
-from calibration.diagnosis.score_test import LEVEL, SCATTER, Scored, ScoreTest
+from calibration.diagnosis.score_test import SCATTER, Scored, ScoreTest
 from calibration.diagnosis.sensitivity import Absorbed
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError
 from calibration.fit.depth_noise import at_denoised_depth
 from calibration.fit.identifiability import identify
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import STANDS_OUT, WANDERS
+from calibration.fit.repeats import LEVEL
 from calibration.inputs.conditions import bins, covariates
 from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.denoised_depth import LOAD, branches, nominal_depth
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.stages import Effect, Parameter
-from calibration.noise.model import Scatter, Whitener
+from calibration.noise.model import Scatter
 from tactilevision.records.constants import KILO, TINY, Z95
 from tactilevision.records.measured import Floats, Pair
 
@@ -160,13 +161,13 @@ def _random_function(fitted: Fit, steps: Floats) -> tuple[Floats, float]:
     white = absorbed.white
     share = absorbed.inverse @ absorbed.rows[:count].T @ white(steps)
     beside = white(steps) - absorbed.rows[:count] @ share
-    scale = 1 / np.maximum(np.linalg.norm(beside, axis=0), 1e-12)
+    scale = 1 / np.maximum(np.linalg.norm(beside, axis=0), TINY)
     left, length, right = np.linalg.svd(beside * scale, full_matrices=False)
     seen = left.T @ white(fitted.residual_N)
     grown = 1 + np.outer(SIZES, length) ** 2
     size = SIZES[int(np.argmin(np.sum(np.log(grown) + seen**2 / grown, axis=1)))]
     shrunk = (size * length) ** 2 / (1 + (size * length) ** 2)
-    b = scale * (right.T @ (shrunk * seen / np.maximum(length, 1e-12)))
+    b = scale * (right.T @ (shrunk * seen / np.maximum(length, TINY)))
     spread = scale[:, None] * (right.T * (size**2 * (1 - shrunk))) @ right * scale
     left_N = (steps - fitted.jacobian[:, free] @ share) @ b
     at = _modulus(fitted)
@@ -180,7 +181,7 @@ def _random_function(fitted: Fit, steps: Floats) -> tuple[Floats, float]:
 def _scattered(fitted: Fit) -> Remainder:
     """Return the excess scatter of loading, which moves no mean."""
     scatter = Scatter(fitted.data)
-    white = Whitener(fitted.data, fitted.noise, fitted.about).apply(fitted.residual_N)
+    white = fitted.whitener.apply(fitted.residual_N)
     beyond = np.sqrt(max(float(np.mean(scatter.differences(white))), 0.0))
     loading = branches(fitted.data) == LOAD
     left = np.where(loading, beyond * fitted.noise.scale * fitted.about.base_N, 0.0)

@@ -15,12 +15,11 @@ import numpy as np
 from calibration.diagnosis.refit import Candidate, fit_without, press_folds
 from calibration.effects import EFFECTS
 from calibration.effects.in_picture import InPicture
-from calibration.fit.least_squares import Fit, Problem, fit
+from calibration.fit.least_squares import Fit, fit
 from calibration.fit.repeats import refit_with_pure_noise
 from calibration.inputs.observations import Observations
 from calibration.laws.reconstructed_depth import ReconstructedDepth, beside_face, with_slopes
 from calibration.model.composition import Model
-from calibration.noise.model import Whitener
 from tactilevision.records.measured import Floats
 
 MIN_COUNT = 4  # samples of a comparison
@@ -86,8 +85,7 @@ def _rms(values: Floats) -> float:
 @lru_cache(maxsize=16)  # a page needs it several times
 def _left_out_mm(fitted: Fit) -> Floats:
     """Return the picture's depth less the certified one (N,), mm, each press by a fit without it."""
-    data, law = fitted.data, fitted.model.slices(fitted.data)["law"]
-    problem = Problem(fitted.model, data, fitted.parameters, Whitener(data, fitted.noise, fitted.about))
+    data, law, problem = fitted.data, fitted.model.slices(fitted.data)["law"], fitted.problem
     folds, error = press_folds(data), np.empty(data.size)
     for fold in np.unique(folds):
         out = (folds == fold)[data.press]

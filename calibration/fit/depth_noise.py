@@ -168,5 +168,5 @@ def at_denoised_depth(fitted: Fit) -> Fit:
     force = fitted.model.predict(fitted.values, data)
     about = Linear(force, fitted.model.slope(fitted.values, data), fitted.about.base_N)
     data = data.with_force(force + fitted.residual_N)
-    problem = Problem(fitted.model, data, fitted.parameters, Whitener(data, fitted.noise, about))
-    return replace(fitted, data=data, force_N=force, about=about, jacobian=problem.jacobian(fitted.values))
+    moved = replace(fitted, data=data, force_N=force, about=about)
+    return replace(moved, jacobian=moved.problem.jacobian(fitted.values))

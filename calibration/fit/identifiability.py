@@ -21,7 +21,7 @@ from functools import lru_cache
 import numpy as np
 
 from calibration.fit.finite_depth import FiniteDepth, finite_depth, stated_edge_mm, straight_line
-from calibration.fit.least_squares import NORMAL95, Fit, fit
+from calibration.fit.least_squares import Fit, fit, quantile95
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import NU_TABLE, OPEN_NU, STATED_NU_STD, FlatPunch
 from calibration.laws.theory import GEL_MODULUS_MPA, punch_stiffness, sticking_surplus
@@ -32,6 +32,7 @@ from tactilevision.mechanics.tables.punch import EDGE_OVER_H
 from tactilevision.records.constants import NU_MAX, NU_SILICONE, ROUNDING, TAILS95, TINY, Z95
 from tactilevision.records.measured import Estimate, Floats, Pair
 
+Function = Callable[[Floats], Sequence[float]]  # of the parameters (p,): quantities (k,)
 NODES = 201  # nu at which E's interval is taken
 UNFIXED = 0.6  # of silicones' range: several radii determine nu where its interval is shorter
 KEPT = 4  # fits whose rivals are cached
@@ -157,14 +158,8 @@ def _of_elements(spread: _Spread, nu: Estimate, deep: FiniteDepth, *, small_stra
     """Return E over F; its interval allows for other frictions and a sharp edge, and includes kappa's."""
     at = NU_MAX if nu.value is None else nu.value
     lower, higher = deep.room(at)
-    found = _modulus(
-        replace(spread, modulus=spread.modulus / deep.share(spread.nodes)), nu, lower, small_strain.unit
-    )
-    if found.interval95 is None:
-        return found
-    low, high = found.interval95
-    middle = high if found.value is None else found.value
-    found = replace(found, interval95=(low, middle + float(np.hypot(high - middle, higher * middle))))
+    by_elements = replace(spread, modulus=spread.modulus / deep.share(spread.nodes))
+    found = reaching_up(_modulus(by_elements, nu, lower, small_strain.unit), higher)
     return holding(found, small_strain.interval95)
 
 
@@ -183,16 +178,18 @@ class _Spread:
 
     def quantile(self, share: float) -> float:
         """Return the quantile of the mixture of normals, widened by Student's quantile over the normal one."""
-        from scipy.optimize import brentq
-        from scipy.special import ndtr
+        std = self.modulus * (self.relative_std * self.reach / quantile95(np.inf) + 1e-12)
+        return mixture_quantile(share, self.weights, self.modulus, std)
 
-        std = self.modulus * (self.relative_std * self.reach / NORMAL95 + 1e-12)
 
-        def excess(value: float) -> float:
-            return float(self.weights @ ndtr((value - self.modulus) / std)) - share
+def mixture_quantile(share: float, weight: Floats, mean: Floats, std: Floats) -> float:
+    """Return the quantile at `share` of a mixture of normals (k,), in their unit."""
+    from scipy.optimize import brentq
+    from scipy.special import ndtr
 
-        low, high = self.modulus.min() - 12 * std.max(), self.modulus.max() + 12 * std.max()
-        return float(brentq(excess, low, high, xtol=ROUNDING * high))
+    low, high = float(np.min(mean - 12 * std)), float(np.max(mean + 12 * std))
+    tolerance = ROUNDING * max(abs(low), abs(high))
+    return float(brentq(lambda x: float(weight @ ndtr((x - mean) / std)) - share, low, high, xtol=tolerance))
 
 
 def _others(fitted: Fit) -> tuple[Rival, ...]:
@@ -254,6 +251,15 @@ def holding(one: Estimate, other: Pair | None, *, share: float = 1.0) -> Estimat
     return replace(one, interval95=(low + share * min(other[0] - low, 0), high + share * max(other[1] - high, 0)))
 
 
+def reaching_up(one: Estimate, share: float) -> Estimate:
+    """Return the estimate with its upper end raised by this share of its value, as the root of squares."""
+    if one.interval95 is None:
+        return one
+    low, high = one.interval95
+    middle = high if one.value is None else one.value
+    return replace(one, interval95=(low, middle + float(np.hypot(high - middle, share * middle))))
+
+
 def sticking_range(fitted: Fit, nu: Estimate, *, radius: float, assumptions: list[str]) -> float:
     """Return the share by which E may be lower because the gel sticks; 0 for lubricated presses."""
     sticks = isinstance(fitted.model.law, FlatPunch) and fitted.model.law.sticking == 1
@@ -281,7 +287,7 @@ def _line(fitted: Fit, values: Floats, radius: float) -> Pair:
 
 def stiffness_of(fitted: Fit, radius: float) -> Estimate:
     """Return c of one radius, N/mm: the intercept of the line through P/w, not below 0."""
-    found = derived(fitted, lambda v: _line(fitted, v, radius)[0], "N/mm")
+    found = derived(fitted, lambda v: _line(fitted, v, radius)[:1], ["N/mm"])[0]
     low, high = found.interval95 or (0.0, 0.0)
     return replace(found, interval95=(max(low, 0.0), high))
 
@@ -290,31 +296,34 @@ def bend_of(fitted: Fit, radius: float) -> Estimate:
     """Return beta of one radius: the slope of that line over its intercept."""
     if not stated_edge_mm(fitted, radius):
         return fitted.estimate(beta_name(fitted, radius))
-    return derived(fitted, lambda v: _line(fitted, v, radius)[1], "1")
+    return derived(fitted, lambda v: _line(fitted, v, radius)[1:], ["1"])[0]
 
 
 def derived(
-    fitted: Fit, function: Callable[[Floats], float], unit: str, *, step: float = STEP, why: str = ""
-) -> Estimate:
-    """Return a function of the parameters (p,), in its unit, with its std by the delta method.
+    fitted: Fit, function: Function, units: Sequence[str], *, step: float = STEP, why: str = ""
+) -> list[Estimate]:
+    """Return functions (k,) of the parameters (p,), in their units, with std by the delta method.
 
-    None with the reason `why` where it is not finite.
+    None with the reason `why` where one is not finite.
     """
-    value, slope = function(fitted.values), gradient(fitted, function, step=step)
-    if not np.isfinite(value):
-        return Estimate(None, None, None, unit, why)
-    std = float(np.sqrt(slope @ fitted.covariance @ slope))
-    reach = fitted.reach(slope) * std
-    return Estimate(value, std, (value - reach, value + reach), unit)
+    found = []
+    rows = zip(function(fitted.values), gradient(fitted, function, step=step), units, strict=True)
+    for value, slope, unit in rows:
+        std = float(np.sqrt(slope @ fitted.covariance @ slope))
+        reach = fitted.reach(slope) * std
+        known = Estimate(float(value), std, (float(value - reach), float(value + reach)), unit)
+        found.append(known if np.isfinite(value) else Estimate(None, None, None, unit, why))
+    return found
 
 
-def gradient(fitted: Fit, function: Callable[[Floats], float], *, step: float = STEP) -> Floats:
-    """Return the derivatives (p,) of a function of the parameters, per their units, by central differences."""
-    slope = np.zeros(fitted.values.size)
+def gradient(fitted: Fit, function: Function, *, step: float = STEP) -> Floats:
+    """Return the derivatives (k, p) of functions of the parameters, per their units, by central differences."""
+    slopes = np.zeros((len(function(fitted.values)), fitted.values.size))
     for k in np.flatnonzero(fitted.free):
-        side = step * fitted.parameters[k].scale * np.eye(slope.size)[k]
-        slope[k] = (function(fitted.values + side) - function(fitted.values - side)) / (2 * side[k])
-    return np.nan_to_num(slope)
+        side = step * fitted.parameters[k].scale * np.eye(fitted.values.size)[k]
+        ahead, behind = (np.array(function(fitted.values + s)) for s in (side, -side))
+        slopes[:, k] = (ahead - behind) / (2 * side[k])
+    return np.nan_to_num(slopes)
 
 
 def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
@@ -378,17 +387,13 @@ def modulus_of_nu(
     )
 
 
-def _law_modulus(fitted: Fit, values: Floats, deep: FiniteDepth | None) -> float:
-    share = 1.0 if deep is None else float(deep.share(values[fitted.index("poisson_ratio")]))
-    return float(values[fitted.index("youngs_modulus_MPa")]) / share
-
-
 def _covariance(fitted: Fit, radius: float, deep: FiniteDepth | None) -> Floats:
     """Return the covariance (4, 4) of E, nu, c, beta by the delta method; an open nu is fixed."""
-    size = fitted.values.size
-    rows = np.zeros((4, size))
-    rows[0] = gradient(fitted, lambda v: _law_modulus(fitted, v, deep))
-    rows[1, fitted.index("poisson_ratio")] = 1
-    rows[2] = gradient(fitted, lambda v: _line(fitted, v, radius)[0])
-    rows[3] = gradient(fitted, lambda v: _line(fitted, v, radius)[1])
+    e, k = fitted.index("youngs_modulus_MPa"), fitted.index("poisson_ratio")
+
+    def quantities(values: Floats) -> tuple[float, ...]:
+        share = 1.0 if deep is None else float(deep.share(values[k]))
+        return (values[e] / share, values[k], *_line(fitted, values, radius))
+
+    rows = gradient(fitted, quantities)
     return np.asarray(rows @ fitted.covariance @ rows.T)

@@ -26,7 +26,7 @@ from tactilevision.records.constants import MICRO, TAILS95, TINY
 from tactilevision.records.measured import Bools, Estimate, Floats
 
 Residual = Callable[[Floats], Floats]
-NORMAL95 = 1.959963985  # two-sided 95 % quantile of the normal distribution
+FINE = 1e-10  # tolerance of a minimum
 QUICK = 1e-7  # tolerance from which one-sided derivatives suffice
 MAX_STEPS = 80  # of one descent: of 600 in recordings with several effects 1 % take more
 MAX_RESTARTS = 4  # of a descent from its last place, off its bounds
@@ -70,7 +70,7 @@ def box_of(parameters: Sequence[Parameter]) -> Box:
 
 
 def minimise(
-    residual: Residual, starts: Floats, *, box: Box, tolerance: float = 1e-10, settled: bool = True
+    residual: Residual, starts: Floats, *, box: Box, tolerance: float = FINE, settled: bool = True
 ) -> Minimum:
     """Return the best of the minima reached from `starts` (s, p), which are moved inside the box.
 
@@ -172,8 +172,32 @@ def _inside(start: Floats, box: Box) -> Floats:
     return np.clip(start, box.low + room, box.high - room)
 
 
+class Parametrised:
+    """What follows from a table of parameters, some of them fixed, some with priors."""
+
+    __slots__ = ()
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def free(self) -> Bools:
+        """Which parameters are fitted (p,)."""
+        return np.array([not p.fixed for p in self.parameters])
+
+    @property
+    def prior_weight(self) -> Floats:
+        """1/std of each parameter's prior (p,); 0 without one."""
+        return np.array([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters])
+
+
+def prior_pulls(values: Floats, parameters: Sequence[Parameter]) -> Floats:
+    """Return (value - mean)/std, dimensionless, for each prior (k,) of a parameter (p,) that is not fixed."""
+    pairs = zip(values, parameters, strict=True)
+    table = [(v - p.prior.mean) / p.prior.std for v, p in pairs if p.prior is not None and not p.fixed]
+    return np.array(table, dtype=float)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class Fit(Parametrised):
     """Fit of a model to data.
 
     `values` (p,) in the order of `parameters`; `covariance` (p, p), 0 for fixed ones; `force_N` (N,) of the model,
@@ -197,9 +221,14 @@ class Fit:
     warnings: tuple[str, ...] = ()
 
     @property
-    def free(self) -> Bools:
-        """Which parameters were fitted (p,)."""
-        return np.array([not p.fixed for p in self.parameters])
+    def whitener(self) -> Whitener:
+        """Whitener of its noise."""
+        return Whitener(self.data, self.noise, self.about)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that it is a minimum of, under its own noise and linearisation."""
+        return Problem(self.model, self.data, self.parameters, self.whitener)
 
     @property
     def dof(self) -> float:
@@ -235,9 +264,9 @@ class Fit:
             whole = float(gradient @ self.covariance @ gradient)
         if not np.isfinite(whole):
             return quantile95(self.noise.dof)
-        precision = np.array([0.0 if p.prior is None else p.prior.std**-2 for p in self.parameters])
-        known = precision > 0  # without a prior a parameter may be unknown
-        stated = float(np.sum(precision[known] * (self.covariance @ gradient)[known] ** 2))
+        weight = self.prior_weight
+        known = weight > 0  # without a prior a parameter may be unknown
+        stated = float(np.sum((weight[known] * (self.covariance @ gradient)[known]) ** 2))
         share = (whole - stated) / whole if whole > 0 else 1.0
         return quantile95(self.noise.dof / max(share, MICRO) ** 2)
 
@@ -259,9 +288,9 @@ def r_squared(measured: Floats, modelled: Floats) -> float:
 
 def quantile95(dof: float) -> float:
     """Return Student's two-sided 95 % quantile, for one degree of freedom at least."""
-    from scipy.special import stdtrit
+    from scipy.special import ndtri, stdtrit
 
-    return float(stdtrit(max(dof, 1.0), TAILS95[1])) if np.isfinite(dof) else NORMAL95
+    return float(stdtrit(max(dof, 1.0), TAILS95[1]) if np.isfinite(dof) else ndtri(TAILS95[1]))
 
 
 def fit(
@@ -314,7 +343,7 @@ def first_noise(data: Observations, about: Linear, *, stated: bool) -> Noise:
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class Problem(Parametrised):
     """Least-squares problem of a model, data and a whitener; `carried_N` (N,) is added to the forces."""
 
     model: Model
@@ -322,11 +351,6 @@ class Problem:
     parameters: tuple[Parameter, ...]
     whitener: Whitener
     carried_N: Floats | float = 0.0
-
-    @property
-    def free(self) -> Bools:
-        """Which parameters are fitted (p,)."""
-        return np.array([not p.fixed for p in self.parameters])
 
     @property
     def box(self) -> Box:
@@ -344,9 +368,9 @@ class Problem:
         values = self.full(free_values)
         force = self.model.predict(values, self.data)
         off = force - self.data.normal_N - self.carried_N
-        return np.concatenate([self.whitener.apply(off), self._priors(values)])
+        return np.concatenate([self.whitener.apply(off), prior_pulls(values, self.parameters)])
 
-    def solve(self, starts: Floats, *, tolerance: float = 1e-10) -> Minimum:
+    def solve(self, starts: Floats, *, tolerance: float = FINE) -> Minimum:
         """Return the best minimum from `starts` (s, p) of all parameters."""
         return minimise(self.residual, starts[:, self.free], box=self.box, tolerance=tolerance)
 
@@ -357,21 +381,8 @@ class Problem:
         table[:, free] = differentiate(self._force, values[free], box=self.box)
         return table
 
-    @property
-    def precision(self) -> Floats:
-        """1/std^2 of the priors on the diagonal (p, p)."""
-        return np.diag([0.0 if p.prior is None else p.prior.std**-2 for p in self.parameters])
-
     def _force(self, free_values: Floats) -> Floats:
         return self.model.predict(self.full(free_values), self.data)
-
-    def _priors(self, values: Floats) -> Floats:
-        table = [
-            (v - p.prior.mean) / p.prior.std
-            for v, p in zip(values, self.parameters, strict=True)
-            if p.prior is not None and not p.fixed
-        ]
-        return np.array(table, dtype=float)
 
 
 def _noise_of(problem: Problem, values: Floats, about: Linear, stated: bool) -> Noise:
@@ -381,7 +392,7 @@ def _noise_of(problem: Problem, values: Floats, about: Linear, stated: bool) -> 
         about,
         residual_N=problem.data.normal_N - about.force_N,
         jacobian=problem.jacobian(values)[:, free],
-        precision=problem.precision[np.ix_(free, free)],
+        precision=np.diag(problem.prior_weight[free] ** 2),
         stated=stated,
     )
 

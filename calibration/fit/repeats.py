@@ -29,6 +29,7 @@ from calibration.noise.reml import (
 from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats
 
+LEVEL = 0.05  # p below which a difference is significant
 ALIKE = 1e-3  # relative difference of columns that count as one, as of depths of one indenter
 
 
@@ -178,7 +179,7 @@ def allow_for_indenters(fitted: Fit) -> Fit:
     if inside.dof < 3 or between < 1:
         return fitted
     own, other = inside.squares / inside.dof, max(fitted.chi2 - inside.squares, 0.0) / between
-    if own <= 0 or fdtrc(between, inside.dof, other / own) > 0.05:
+    if own <= 0 or fdtrc(between, inside.dof, other / own) > LEVEL:
         return fitted
     ratio = max(other, 1.0)
     warning = (
@@ -195,10 +196,9 @@ def allow_for_indenters(fitted: Fit) -> Fit:
 
 def _widened(fitted: Fit, ratio: float) -> Floats:
     """Return the covariance (p, p) with the data's part `ratio` times as large and the priors' unchanged."""
-    kept = [p for p in fitted.parameters if not p.fixed]
     place = np.ix_(fitted.free, fitted.free)
     size = np.sqrt(np.diag(fitted.covariance[place]))  # parameters of very different sizes
-    known = np.diag([0.0 if p.prior is None else (k / p.prior.std) ** 2 for p, k in zip(kept, size, strict=True)])
+    known = np.diag((size * fitted.prior_weight[fitted.free]) ** 2)
     of_data = np.linalg.pinv(fitted.covariance[place] / np.outer(size, size)) - known
     wider = fitted.covariance.copy()
     wider[place] = np.linalg.pinv(of_data / ratio + known) * np.outer(size, size)

@@ -10,10 +10,11 @@ import numpy as np
 
 from calibration.diagnosis.decision import InadmissibleBeta
 from calibration.diagnosis.diagnosis import Added, Diagnosis, OddPresses
-from calibration.diagnosis.score_test import LEVEL, Failure, few_presses
+from calibration.diagnosis.score_test import Failure, few_presses
 from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.effects import PLAIN, get_effect
 from calibration.effects.instrument_errors import InstrumentError
+from calibration.fit.repeats import LEVEL
 from calibration.laws.theory import stated_outside_gels
 from calibration.model.stages import Effect, Parameter
 from calibration.report import page, wording

@@ -23,7 +23,6 @@ from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
 from calibration.inputs.conditions import Covariate, bins
 from calibration.laws.theory import nominal_nu
 from calibration.model.stages import Effect
-from calibration.noise.model import Whitener
 from calibration.report.misfit import BINS, strip_of
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.plots.calibration import FittedLine, PointCloud
@@ -127,8 +126,7 @@ def confusability(found: Diagnosis) -> tuple[list[str], Floats] | None:
 
 def _shows(base: Fit, candidate: Candidate) -> bool:
     """Return whether the candidate's change of the force lies outside the base model's own directions."""
-    whitener = Whitener(base.data, base.noise, base.about)
-    change = whitener.apply(np.column_stack([base.jacobian[:, base.free], candidate.force_N - base.force_N]))
+    change = base.whitener.apply(np.column_stack([base.jacobian[:, base.free], candidate.force_N - base.force_N]))
     basis, _ = np.linalg.qr(change[:, :-1] / np.maximum(np.linalg.norm(change[:, :-1], axis=0), NONZERO))
     residual = change[:, -1] - basis @ (basis.T @ change[:, -1])
     return bool(np.linalg.norm(residual) > TOLD_APART)

@@ -13,6 +13,7 @@ from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.vision_depth_check import unseen_beside
 from calibration.effects import PLAIN
 from calibration.fit.least_squares import Fit
+from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Progress
 from calibration.model.stages import Effect
 from calibration.report import page
@@ -259,8 +260,6 @@ def _figures(
 
 # Figures of a diagnosis.
 
-SHOWN_P = 0.05  # p below which a dependence is reported
-
 
 def diagnosis_evidence(
     found: Diagnosis,
@@ -334,7 +333,7 @@ def _dependence(one: ResidualMap) -> str:
     said = []
     for scored in one.covariates:
         key = scored.key.removeprefix("height map: ")
-        depends = "depends" if scored.p_adjusted < SHOWN_P else "does not depend"
+        depends = "depends" if scored.p_adjusted < LEVEL else "does not depend"
         said.append(f"{depends} on {on.get(key, key)} (p = {scored.p_adjusted:.2g})")
     return f"The residual {', and '.join(said)}." if said else ""
 

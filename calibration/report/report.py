@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis.covariates import LEVEL, press_trends
+from calibration.diagnosis.covariates import press_trends
 from calibration.fit.identifiability import main_radius
+from calibration.fit.repeats import LEVEL
 from calibration.report import page, wording
 from calibration.report.misfit import AS_READ, BASE
 from calibration.report.wording import in_words

@@ -18,11 +18,12 @@ from calibration.fit.identifiability import (
     main_radius,
     modulus_of_nu,
     poisson_range,
+    reaching_up,
     sticking_range,
     stiffness_of,
 )
 from calibration.fit.least_squares import Fit, fit
-from calibration.fit.repeats import allow_for_indenters, repeatability_rms
+from calibration.fit.repeats import LEVEL, allow_for_indenters, repeatability_rms
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import at_one_depth
 from calibration.laws import FLAT, shape_of
@@ -140,27 +141,15 @@ def published_route(fitted: Fit) -> CalibrationResult:
     ratio = radius / float(np.min(data.presses.radius_mm))  # c is the smallest radius's
     at_c, at_beta = fitted.index("c_N_per_mm"), fitted.index(beta_name(fitted, radius))
 
-    def c(values: Floats) -> float:
-        return ratio * float(values[at_c])
-
-    def beta(values: Floats) -> float:
-        return float(values[at_beta])
-
-    def nu(values: Floats) -> float:
-        return poisson_from_beta(beta(values))
-
-    def modulus(values: Floats) -> float:
-        return modulus_from(c(values), beta(values), radius_mm=radius)
-
-    def reduced(values: Floats) -> float:
-        return modulus(values) / (1 - nu(values) ** 2)
+    def route(values: Floats) -> tuple[float, ...]:
+        c, beta = ratio * float(values[at_c]), float(values[at_beta])
+        nu, modulus = poisson_from_beta(beta), modulus_from(c, beta, radius_mm=radius)
+        return modulus, nu, c, beta, modulus / (1 - nu**2)
 
     why = "the published law gives no nu in [0, 0.5) for this beta"
-    of_c, of_beta, of_nu, of_modulus, of_reduced = (
-        derived(fitted, function, unit, step=STEP, why=why)
-        for function, unit in ((c, "N/mm"), (beta, "1"), (nu, "1"), (modulus, "MPa"), (reduced, "MPa"))
-    )
-    rows = np.array([gradient(fitted, function, step=STEP) for function in (modulus, nu, c, beta)])
+    units = ("MPa", "1", "N/mm", "1", "MPa")
+    of_modulus, of_nu, of_c, of_beta, of_reduced = derived(fitted, route, units, step=STEP, why=why)
+    rows, stiffness = gradient(fitted, route, step=STEP)[:4], route(fitted.values)[2]
     h_mm = data.gel.thickness_mm
     outside = beta_outside_theory(of_beta, replace(of_nu, interval95=None), a_over_h=radius / h_mm)
     assumptions = (
@@ -172,7 +161,7 @@ def published_route(fitted: Fit) -> CalibrationResult:
     return CalibrationResult(
         youngs_modulus=of_modulus, poisson_ratio=of_nu, poisson_ratio_source="beta", c=of_c, beta=of_beta,
         reduced_modulus=of_reduced,
-        youngs_modulus_of_nu=tuple((n, modulus_at(c(fitted.values), n, radius_mm=radius)) for n in NU_TABLE),
+        youngs_modulus_of_nu=tuple((n, modulus_at(stiffness, n, radius_mm=radius)) for n in NU_TABLE),
         covariance=np.asarray(rows @ fitted.covariance @ rows.T), fitted=fitted,
         assumptions=(*assumptions, *common_assumptions(fitted)),
         warnings=(*fitted.warnings, *data.warnings, *([outside] if outside else [])),
@@ -379,7 +368,7 @@ def _of_default(fitted: Fit) -> CalibrationResult:
 # where friction is unknown, and up to a rounded edge, where none is stated. Where nothing determines nu the region
 # is the band about the curve over silicones' range.
 
-TWO_UNKNOWNS = 2.4477  # sqrt of the 95 % point of chi square with 2 degrees of freedom
+TWO_UNKNOWNS = float(np.sqrt(-2 * np.log(LEVEL)))  # root of the 95 % point of chi square of 2 degrees of freedom
 USUAL_NU = 0.3  # the curve begins here unless nu is below
 STEPS = 61  # values of nu along the region's edge
 
@@ -439,15 +428,7 @@ def allow_for_edge(result: CalibrationResult) -> CalibrationResult:
     said = f"no edge radius is stated: {said}; E's interval allows for that"
     return replace(
         result,
-        youngs_modulus=_reaching(result.youngs_modulus, share),
-        reduced_modulus=_reaching(result.reduced_modulus, share),
+        youngs_modulus=reaching_up(result.youngs_modulus, share),
+        reduced_modulus=reaching_up(result.reduced_modulus, share),
         assumptions=(*result.assumptions, said),
     )
-
-
-def _reaching(modulus: Estimate, share: float) -> Estimate:
-    if modulus.interval95 is None:
-        return modulus
-    low, high = modulus.interval95
-    value = high if modulus.value is None else modulus.value
-    return replace(modulus, interval95=(low, value + float(np.hypot(high - value, share * value))))

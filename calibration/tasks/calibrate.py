@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.score_test import LEVEL
+from calibration.diagnosis.refit import held_out_rms
 from calibration.fit.identifiability import main_radius, stiffness_of
 from calibration.fit.least_squares import Fit, fit, quantile95
-from calibration.fit.repeats import allow_for_indenters
+from calibration.fit.repeats import LEVEL, allow_for_indenters, repeatability_rms
 from calibration.fit.tolerances import DIMENSIONS, HEIGHTS
 from calibration.inputs.checks import at_one_depth, check, check_times, of_several_depths, of_shape, without_copies
 from calibration.inputs.depth_path import in_phase
@@ -43,7 +43,7 @@ from calibration.result.poisson_routes import (
     tightest,
 )
 from calibration.result.result import NO_CLOCK, CalibrationResult
-from calibration.tasks.compare import fit_errors, judged, with_stated_noise
+from calibration.tasks.compare import judged, with_stated_noise
 from tactilevision.errors import NothingCertified
 from tactilevision.records.measured import Estimate, Pair
 
@@ -90,8 +90,8 @@ def calibrate(
     routes = (*known, *of_radii(fitted)) if isinstance(chosen, FlatPunch) else ()
     fitted = holding_each(fitted, routes)
     again = judged(fitted)
-    errors, result = fit_errors(again), determine_material(allow_for_indenters(fitted))
-    result = replace(result, held_out_N=errors.held_out_N, noise_floor_N=errors.repeatability_N)
+    result = determine_material(allow_for_indenters(fitted))
+    result = replace(result, held_out_N=held_out_rms(again), noise_floor_N=repeatability_rms(again))
     result = with_stated_noise(result, again, or_else="; or `diagnose` shows what the model lacks")
     if single:
         result = _of_one_depth(result)

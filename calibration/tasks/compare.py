@@ -44,26 +44,9 @@ from tactilevision.records.measured import Estimate, Floats, Pair
 #     repeatability  = std of the force among like presses, after what the model says of their differences
 #
 # A model is as good as the presses allow where the first is near the second. Either is an estimate from few
-# presses.
+# presses. A radius that is pressed once keeps the slope beta of the whole fit while its press is held out.
 
 TOO_SMALL = "stated_noise_too_small"
-
-
-@dataclass(frozen=True, slots=True)
-class FitErrors:
-    """Errors of a fit in N: `rms_N` over the fitted presses, `held_out_N` (NaN for two presses or fewer).
-
-    A radius that is pressed once keeps the slope beta of the whole fit while its press is held out.
-    """
-
-    rms_N: float
-    held_out_N: float
-    repeatability_N: float
-
-
-def fit_errors(fitted: Fit) -> FitErrors:
-    """Return the errors of a fit on its presses and on presses held out, and the repeatability."""
-    return FitErrors(fitted.rms_error_N, held_out_rms(fitted), repeatability_rms(fitted))
 
 
 def judged(fitted: Fit) -> Fit:
@@ -369,16 +352,16 @@ def _evaluate(model: Model, on: Fit) -> Compared:
 
 def _judge(fitted: Fit) -> Compared:
     """Return the errors of a fit."""
-    data, errors = fitted.data, fit_errors(fitted)
+    data = fitted.data
     slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))
     keys = tuple(k for k in fitted.model.keys if k not in TOLERANCES)
     return Compared(
         name=" + ".join((fitted.model.law.key, *keys)),
         effects=keys,
         parameters=tuple((p.name, fitted.estimate(p.name)) for p in fitted.parameters),
-        rms_N=errors.rms_N,
-        held_out_N=errors.held_out_N,
-        repeatability_N=errors.repeatability_N,
+        rms_N=fitted.rms_error_N,
+        held_out_N=held_out_rms(fitted),
+        repeatability_N=repeatability_rms(fitted),
         percent=100 * fitted.rms_error_N / float(np.max(data.normal_N)),
         um=KILO * fitted.rms_error_N / slope,
         chi2=fitted.chi2,

@@ -42,7 +42,7 @@ from calibration.diagnosis.refit import (
     inside,
     refit_with,
 )
-from calibration.diagnosis.score_test import LEVEL, effect_directions
+from calibration.diagnosis.score_test import effect_directions
 from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
@@ -50,6 +50,7 @@ from calibration.effects import EFFECTS
 from calibration.fit.depth_noise import with_errors_in_depth
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
+from calibration.fit.repeats import LEVEL, repeatability_rms
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.inputs.depth_path import in_phase
@@ -59,7 +60,7 @@ from calibration.model.stages import Effect
 from calibration.result.material import material_by_routes
 from calibration.result.poisson_routes import informed, of_bulge, of_prior, tightest
 from calibration.result.result import CalibrationResult
-from calibration.tasks.compare import base_fit, base_model, fit_alone, fit_errors, with_stated_noise
+from calibration.tasks.compare import base_fit, base_model, fit_alone, with_stated_noise
 from tactilevision.records.measured import Estimate, Pair
 
 # E's interval, widened to what other explanations make of E; its value stays.
@@ -355,12 +356,11 @@ def _added(fitted: Fit, step: Step) -> Added:
 
 
 def _errors(base: Fit, force: Outcome) -> Errors:
-    before = fit_errors(base)
-    last = before if force.fitted is base else fit_errors(force.fitted)
-    steps = (step.fitted for step in force.steps)
-    each = (last.held_out_N if one is force.fitted else held_out_rms(one) for one in steps)
-    held_out = (before.held_out_N, last.held_out_N)
-    return Errors(before.rms_N, last.rms_N, *held_out, last.repeatability_N, (before.held_out_N, *each))
+    last, before = force.fitted, held_out_rms(base)
+    after = before if last is base else held_out_rms(last)
+    each = (after if step.fitted is last else held_out_rms(step.fitted) for step in force.steps)
+    rms = (base.rms_error_N, last.rms_error_N)
+    return Errors(*rms, before, after, repeatability_rms(last), (before, *each))
 
 
 def _refitted(base: Fit, effects: Sequence[Effect]) -> Sequence[Candidate]:

@@ -37,7 +37,7 @@ from calibration.result.material import allow_for_edge, determine_material
 from calibration.tasks.compare import base_model
 from tactilevision.errors import InputError
 from tactilevision.recording.model import Recording
-from tactilevision.records.constants import KILO, NU_NOMINAL
+from tactilevision.records.constants import KILO, MICRO, NU_NOMINAL
 from tactilevision.records.measured import Bools, Estimate, Floats, Pair
 from tactilevision.records.rig import Gel, Indenter
 
@@ -442,7 +442,7 @@ def _promising(fitted: Fit, design: Design, wanted: Floats) -> Iterator[tuple[in
             if any(sum(i.radius_mm == r for i in _of_heights(design, chosen)) < 2 for r in design.radii_mm):
                 continue
             for repeats in range(1, 1 + design.presses // int(rows.sum())):
-                if (_stds(fitted, rows, repeats)[: wanted.size] <= wanted * (1 + 1e-6)).all():
+                if (_stds(fitted, rows, repeats)[: wanted.size] <= wanted * (1 + MICRO)).all():
                     yield repeats * int(rows.sum()), chosen
                     break
 
@@ -451,8 +451,7 @@ def _stds(fitted: Fit, rows: Bools, repeats: int) -> Floats:
     """Return the std (2,) of E (MPa) and nu from these faces (N,), each pressed `repeats` times."""
     free = fitted.free
     table = np.sqrt(repeats) * (fitted.jacobian / fitted.about.base_N[:, None])[np.ix_(rows, free)]
-    known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
-    covariance = inverse_information(np.vstack([table, np.diag(known)]))
+    covariance = inverse_information(np.vstack([table, np.diag(fitted.prior_weight[free])]))
     both = np.zeros(free.size)
     both[free] = np.sqrt(np.diag(covariance))
     return both[:2]

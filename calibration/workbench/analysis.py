@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
-from calibration.diagnosis.score_test import LEVEL, score_test
+from calibration.diagnosis.score_test import score_test
 from calibration.diagnosis.vision_depth_check import in_picture
 from calibration.effects import PLAIN
 from calibration.fit.least_squares import Fit
+from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Watch
 from calibration.inputs.observations import Observations, leave_out
 from calibration.model.stages import Effect

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 
 from calibration.diagnosis.refit import Candidate
-from calibration.diagnosis.score_test import LEVEL
 from calibration.fit.least_squares import Fit
+from calibration.fit.repeats import LEVEL
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.observations import press_names
 from calibration.model.stages import Effect

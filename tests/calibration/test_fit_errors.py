@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
+from calibration.diagnosis.refit import held_out_rms
 from calibration.fit.least_squares import fit
+from calibration.fit.repeats import repeatability_rms
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.tasks.compare import base_model, compare, fit_errors, judged
+from calibration.tasks.compare import base_model, compare, judged
 from calibration.tasks.diagnose import diagnose
 from tactilevision.cli import main
 
@@ -58,8 +60,8 @@ def test_of_an_exact_law_both_figures_are_the_noise() -> None:
     force = model.predict(model.defaults(data), data)
     for seed in range(12):
         noisy = data.with_force(force + std_N * np.random.default_rng(seed).standard_normal(force.size))
-        errors = fit_errors(judged(fit(model, noisy)))
-        figures.append((errors.held_out_N, errors.repeatability_N))
+        again = judged(fit(model, noisy))
+        figures.append((held_out_rms(again), repeatability_rms(again)))
     assert np.mean(figures, axis=0) == pytest.approx([std_N, std_N], rel=0.2)
 
 
@@ -75,6 +77,6 @@ def test_every_command_holds_effects_against_the_same_plain_law() -> None:
     diagnosed = diagnose(noisy, np.random.default_rng(0)).errors
     assert alone.fitted.data.depth_over_force_noise > 0, "else the test tests nothing"
     assert (alone.rms_N, alone.held_out_N) == (diagnosed.before, diagnosed.held_out_before)
-    calibrated = fit_errors(judged(fit(base_model(noisy), noisy)))
-    assert calibrated.held_out_N == pytest.approx(alone.held_out_N, rel=1e-3)
-    assert calibrated.repeatability_N == pytest.approx(alone.repeatability_N, rel=1e-3)
+    again = judged(fit(base_model(noisy), noisy))
+    assert held_out_rms(again) == pytest.approx(alone.held_out_N, rel=1e-3)
+    assert repeatability_rms(again) == pytest.approx(alone.repeatability_N, rel=1e-3)
