@@ -12,20 +12,8 @@ from calibration.fit.least_squares import Fit, fit
 from calibration.fit.tolerances import HEIGHTS
 from calibration.inputs.conditions import group_basis
 from calibration.inputs.observations import TYPICAL_GAIN, TYPICAL_ZERO_MM, Ints
+from calibration.noise import reml
 from calibration.noise.model import STATED_DOF, Noise
-from calibration.noise.reml import (
-    BEYOND_CHANCE,
-    Weighing,
-    estimate_noise,
-    far_below_stated,
-    log_sizes,
-    newton_move,
-    own_scale,
-    prior_cost,
-    sized,
-    spread,
-    stencil,
-)
 from tactilevision.records.constants import NONZERO
 from tactilevision.records.measured import Floats
 
@@ -45,7 +33,7 @@ def repeat_noise(fitted: Fit) -> Noise:
         if not (fitted.data.is_curves or stated) or fitted.noise.gain:
             return fitted.noise
         return replace(fitted.noise, gain=TYPICAL_GAIN, zero_mm=TYPICAL_ZERO_MM)
-    return estimate_noise(
+    return reml.estimate_noise(
         steady.data,
         steady.about,
         residual_N=fitted.residual_N,
@@ -69,9 +57,9 @@ def beyond_stated(fitted: Fit) -> float | None:
     dof = dof if dof > 2 else fitted.data.size - int(np.count_nonzero(fitted.free))
     if dof < 1:
         return None
-    own = own_scale(fitted.noise, dof)
-    more = fdtrc(dof, STATED_DOF, own**2) < BEYOND_CHANCE
-    return own if more or far_below_stated(fitted.noise, dof) else None
+    own = reml.own_scale(fitted.noise, dof)
+    more = fdtrc(dof, STATED_DOF, own**2) < reml.BEYOND_CHANCE
+    return own if more or reml.far_below_stated(fitted.noise, dof) else None
 
 
 def _explained(steady: Fit) -> Floats:
@@ -95,31 +83,31 @@ def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
     """
     if not (fitted.data.is_curves or fitted.noise.gain):
         return [replace(fitted.noise, scale=fitted.noise.scale * s) for s in _point_scales(fitted, errors_N)]
-    centre, costs = log_sizes(fitted.noise), _on_stencil(fitted, errors_N)
-    return [sized(fitted.noise, centre + newton_move(column, centre.size)) for column in costs.T]
+    centre, costs = reml.log_sizes(fitted.noise), _on_stencil(fitted, errors_N)
+    return [reml.sized(fitted.noise, centre + reml.newton_move(column, centre.size)) for column in costs.T]
 
 
 def drawn_noise(fitted: Fit, rng: np.random.Generator, draws: int) -> list[Noise]:
     """Sample sizes of the noise from their posterior; for points, return the estimate."""
     if not (fitted.data.is_curves or fitted.noise.gain):
         return [fitted.noise] * draws
-    centre, costs = log_sizes(fitted.noise), _on_stencil(fitted, fitted.residual_N[:, None])
-    moves = rng.standard_normal((draws, centre.size)) @ spread(costs[:, 0], centre.size).T
-    return [sized(fitted.noise, centre + np.clip(move, -1, 1)) for move in moves]
+    centre, costs = reml.log_sizes(fitted.noise), _on_stencil(fitted, fitted.residual_N[:, None])
+    moves = rng.standard_normal((draws, centre.size)) @ reml.spread(costs[:, 0], centre.size).T
+    return [reml.sized(fitted.noise, centre + np.clip(move, -1, 1)) for move in moves]
 
 
 def _on_stencil(fitted: Fit, errors_N: Floats) -> Floats:
     """Return -2 ln L plus the priors' cost (k, b) of errors (N, b) about the fit's own sizes."""
-    centre, cost = log_sizes(fitted.noise), _costs(fitted, errors_N)
-    places = centre + stencil(centre.size)
+    centre, cost = reml.log_sizes(fitted.noise), _costs(fitted, errors_N)
+    places = centre + reml.stencil(centre.size)
     return np.array(
-        [cost(sized(fitted.noise, logs)) + prior_cost(logs, trust=fitted.noise.trust) for logs in places]
+        [cost(reml.sized(fitted.noise, logs)) + reml.prior_cost(logs, trust=fitted.noise.trust) for logs in places]
     )
 
 
 def _costs(fitted: Fit, errors_N: Floats) -> Callable[[Noise], Floats]:
     """Return -2 log L (b,) of many residuals (N, b) as a function of the sizes."""
-    weighing = Weighing(fitted.data, fitted.about, fitted.noise)
+    weighing = reml.Weighing(fitted.data, fitted.about, fitted.noise)
     columns, errors = weighing.take(_explained(fitted)), weighing.take(errors_N)
     within, across = weighing.product(columns, columns), weighing.product(columns, errors)
     squares = weighing.squares(errors)

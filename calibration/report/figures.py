@@ -16,19 +16,9 @@ from calibration.fit.least_squares import Fit
 from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Progress
 from calibration.model.stages import Effect
-from calibration.report import page
+from calibration.report import drawing, page
 from calibration.report.diagnosis_report import Drawn, Evidence, after_words
-from calibration.report.drawing import (
-    Card,
-    ResidualMap,
-    cards,
-    confusability,
-    drawn_points,
-    fitted_card,
-    fitted_lines,
-    own_offsets,
-    sighting,
-)
+from calibration.report.drawing import Card, ResidualMap
 from calibration.report.misfit import (
     BASE,
     error_fall_of_diagnosis,
@@ -71,8 +61,8 @@ class FigureFolder:
 def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folder: FigureFolder) -> list[str]:
     """Draw force against depth with the fitted law, and E over nu."""
     fitted = result.fitted
-    lines = fitted_lines(fitted)
-    drawn = indentation.draw_fit(drawn_points(fitted, points), lines)
+    lines = drawing.fitted_lines(fitted)
+    drawn = indentation.draw_fit(drawing.drawn_points(fitted, points), lines)
     several = len({line.name for line in lines}) > 1
     colours = "one colour a radius" if several else "black: accepted; blue: the law"
     words = f"Certified points and the fitted law ({colours}; grey: rejected); bars and bands are 95 % intervals."
@@ -281,13 +271,13 @@ def diagnosis_evidence(
         figures=_figures(fits, scored, falls, {BASE: before, after_words(found): after}, folder, progress),
         reconstructed=_reconstructed_depth(found, reliefs, folder),
         alike=_confusable_effects(found, folder),
-        cards=[_drawn(card, folder) for card in cards(found, private)],
-        plain=None if plain is None else _drawn(fitted_card(fitted, plain), folder),
+        cards=[_drawn(card, folder) for card in drawing.cards(found, private)],
+        plain=None if plain is None else _drawn(drawing.fitted_card(fitted, plain), folder),
     )
 
 
 def _odd_presses(found: Diagnosis, folder: FigureFolder) -> list[str]:
-    offsets = own_offsets(found)
+    offsets = drawing.own_offsets(found)
     if offsets is None:
         return []
     words = "How far each press lies from the others, as an offset of its depth. Blue: like the others"
@@ -296,7 +286,7 @@ def _odd_presses(found: Diagnosis, folder: FigureFolder) -> list[str]:
 
 
 def _confusable_effects(found: Diagnosis, folder: FigureFolder) -> list[str]:
-    table = confusability(found)
+    table = drawing.confusability(found)
     if table is None:
         return []
     words = (
@@ -308,7 +298,7 @@ def _confusable_effects(found: Diagnosis, folder: FigureFolder) -> list[str]:
 
 def _reconstructed_depth(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: FigureFolder) -> list[str]:
     """Draw the picture's depth over the certified one, and the residual of the height maps."""
-    kept, seen, sight = [], sighting(found), found.search.sight
+    kept, seen, sight = [], drawing.sighting(found), found.search.sight
     if seen is not None and sight is not None:
         words = (
             "The depth that the picture reads over the certified one; 1 is right. Squares: punch faces; dots: "

@@ -26,18 +26,9 @@ from calibration.fit.least_squares import Fit, fit
 from calibration.fit.repeats import LEVEL, allow_for_indenters, repeatability_rms
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import at_one_depth
-from calibration.laws import FLAT, shape_of
+from calibration.laws import FLAT, shape_of, theory
 from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU, FlatPunch
 from calibration.laws.paper import A_OVER_H, Paper, modulus_at, modulus_from, poisson_from_beta
-from calibration.laws.theory import (
-    FLAG,
-    LEAST_POISSON_RATIO,
-    NU_FLAG,
-    beta_outside_theory,
-    deeper_than_elements,
-    outside_gels,
-    stated_outside_gels,
-)
 from calibration.model.composition import Model
 from calibration.result.poisson_routes import CONTRARY, contradictions, holding_each, of_fit
 from calibration.result.result import CalibrationResult, common_assumptions
@@ -121,7 +112,7 @@ def _contrary(lines: list[Line], gel: Gel) -> Iterator[tuple[float, ...]]:
         if not inside or not c_a.value or not c_b.value or min(c_a.value, c_b.value) <= 0:
             continue
         low, high = (
-            b / a * float(np.divide(*fast_kappa(nu, ratios)[::-1])) for nu in (LEAST_POISSON_RATIO, NU_MAX)
+            b / a * float(np.divide(*fast_kappa(nu, ratios)[::-1])) for nu in (theory.LEAST_POISSON_RATIO, NU_MAX)
         )
         found = c_b.value / c_a.value
         std = float(np.hypot((c_a.std or 0.0) / c_a.value, (c_b.std or 0.0) / c_b.value))
@@ -151,7 +142,7 @@ def published_route(fitted: Fit) -> CalibrationResult:
     of_modulus, of_nu, of_c, of_beta, of_reduced = derived(fitted, route, units, step=STEP, why=why)
     rows, stiffness = gradient(fitted, route, step=STEP)[:4], route(fitted.values)[2]
     h_mm = data.gel.thickness_mm
-    outside = beta_outside_theory(of_beta, replace(of_nu, interval95=None), a_over_h=radius / h_mm)
+    outside = theory.beta_outside_theory(of_beta, replace(of_nu, interval95=None), a_over_h=radius / h_mm)
     assumptions = (
         "a reproduction of the published route, not a measurement of nu",
         "nu = 0.0813 ln(beta) + 0.4464, a line through five points (R^2 = 0.98)",
@@ -315,8 +306,8 @@ def determine_material(fitted: Fit) -> CalibrationResult:
         found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
     found = replace(found, noise_floor_N=repeatability_rms(fitted))
     checks = (
-        (FLAG, outside_gels(found.youngs_modulus)),
-        (NU_FLAG, stated_outside_gels(fitted.data.gel)),
+        (theory.FLAG, theory.outside_gels(found.youngs_modulus)),
+        (theory.NU_FLAG, theory.stated_outside_gels(fitted.data.gel)),
         (AT_BOUND, _at_bound(fitted)),
         (RADII_FLAG, radii_apart(fitted)),
     )
@@ -345,9 +336,9 @@ def _of_default(fitted: Fit) -> CalibrationResult:
     radius, lines = main_radius(fitted), own_lines(fitted)
     beta = fitted.estimate(beta_name(fitted, radius))  # of a sharp punch, as theory's
     h_mm = fitted.data.gel.thickness_mm
-    outside = beta_outside_theory(beta, known.poisson_ratio, a_over_h=radius / h_mm)
+    outside = theory.beta_outside_theory(beta, known.poisson_ratio, a_over_h=radius / h_mm)
     c, bend = next((c, bend) for one, c, bend in lines if one == radius)
-    deep = deeper_than_elements(float(np.max(fitted.data.depth_mm)) / h_mm)
+    deep = theory.deeper_than_elements(float(np.max(fitted.data.depth_mm)) / h_mm)
     return CalibrationResult(
         youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
         c=c, beta=bend, reduced_modulus=known.reduced_modulus,

@@ -27,21 +27,9 @@ from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
 from calibration.laws.theory import apart_from_stated
 from calibration.model.composition import Model
 from calibration.model.stages import Law
+from calibration.result import poisson_routes
 from calibration.result.material import allow_for_edge, determine_material
-from calibration.result.poisson_routes import (
-    BELOW_BOUND,
-    Route,
-    contradicts,
-    holding_each,
-    in_words,
-    informed,
-    narrowed,
-    of_beta,
-    of_bulge,
-    of_prior,
-    of_radii,
-    tightest,
-)
+from calibration.result.poisson_routes import Route
 from calibration.result.result import NO_CLOCK, CalibrationResult
 from calibration.tasks.compare import judged, with_stated_noise
 from tactilevision.errors import NothingCertified
@@ -80,15 +68,15 @@ def calibrate(
     stated = _sized(of_shape(seen, shape_of(chosen)))
     if shape_of(chosen) == FLAT:
         stated = of_several_depths(stated)
-    data = informed(stated, bulge, bound=bound) if isinstance(chosen, FlatPunch) else stated
+    data = poisson_routes.informed(stated, bulge, bound=bound) if isinstance(chosen, FlatPunch) else stated
     single = isinstance(chosen, FlatPunch) and at_one_depth(data)
     check(data, shape=shape_of(chosen), one_depth=single)
     given, data = data, in_phase(data)
-    free = _free(chosen, data, single=single, bound=narrowed(bound, bulge))
+    free = _free(chosen, data, single=single, bound=poisson_routes.narrowed(bound, bulge))
     fitted = fit(Model(free, effects.effects if effects else ()), data)
-    known = (*of_bulge(bulge), *of_prior(stated.gel, bulge=bulge, bound=bound))
-    routes = (*known, *of_radii(fitted)) if isinstance(chosen, FlatPunch) else ()
-    fitted = holding_each(fitted, routes)
+    known = (*poisson_routes.of_bulge(bulge), *poisson_routes.of_prior(stated.gel, bulge=bulge, bound=bound))
+    routes = (*known, *poisson_routes.of_radii(fitted)) if isinstance(chosen, FlatPunch) else ()
+    fitted = poisson_routes.holding_each(fitted, routes)
     again = judged(fitted)
     result = determine_material(allow_for_indenters(fitted))
     result = replace(result, held_out_N=held_out_rms(again), noise_floor_N=repeatability_rms(again))
@@ -97,8 +85,8 @@ def calibrate(
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
         result = allow_for_edge(_with_routes(result, routes))
-        if stated.gel.poisson_ratio is None and contradicts(bulge, bound):
-            result = result.noted(UNUSUAL_NU, flags=[BELOW_BOUND])
+        if stated.gel.poisson_ratio is None and poisson_routes.contradicts(bulge, bound):
+            result = result.noted(UNUSUAL_NU, flags=[poisson_routes.BELOW_BOUND])
     if apart := apart_from_stated(result.youngs_modulus, stated.gel):
         result = result.noted(apart)
     late = Counter(given.presses.label) - Counter(data.presses.label)
@@ -111,12 +99,15 @@ def calibrate(
 
 def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
     """Return the result with every route to nu; the source is the tightest one that was used."""
-    routes = (*routes, *of_beta(result.beta))
-    lines, warnings = in_words(routes)
-    source = tightest(routes) if result.poisson_ratio.value is not None else result.poisson_ratio_source
-    lines = [*result.assumptions, *lines]
-    found = replace(result, routes=routes, poisson_ratio_source=source, assumptions=tuple(lines))
-    return found.noted(*warnings)
+    routes = (*routes, *poisson_routes.of_beta(result.beta))
+    lines, warnings = poisson_routes.in_words(routes)
+    source, known = result.poisson_ratio_source, result.poisson_ratio.value is not None
+    return replace(
+        result,
+        routes=routes,
+        poisson_ratio_source=poisson_routes.tightest(routes) if known else source,
+        assumptions=(*result.assumptions, *lines),
+    ).noted(*warnings)
 
 
 def observe(sets: Sequence[Measured]) -> Observations:

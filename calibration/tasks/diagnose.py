@@ -9,17 +9,9 @@ from functools import partial
 
 import numpy as np
 
+from calibration.diagnosis import decision, refit
 from calibration.diagnosis.covariates import change_point
-from calibration.diagnosis.decision import (
-    STRANGE_BETA,
-    Outcome,
-    against_instrument_errors,
-    decide,
-    instead_of_beta,
-    odd_presses,
-    outcome,
-    would_have_to_be,
-)
+from calibration.diagnosis.decision import Outcome
 from calibration.diagnosis.diagnosis import (
     Added,
     Diagnosis,
@@ -33,15 +25,7 @@ from calibration.diagnosis.diagnosis import (
 )
 from calibration.diagnosis.experiment_design import plan_next, press_again
 from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
-from calibration.diagnosis.refit import (
-    CANNOT_FIT,
-    TOLD_APART,
-    Candidate,
-    adopt,
-    held_out_rms,
-    inside,
-    refit_with,
-)
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
 from calibration.diagnosis.score_test import effect_directions
 from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
@@ -90,7 +74,7 @@ def _over_candidates(after: CalibrationResult, force: Outcome, others: Sequence[
         base, turn = searched.current, searched.rounds[-1]
         found = [
             c for c in turn.candidates
-            if turn.scored[c.effect.key].p_adjusted < LEVEL and inside(c) and c.cost < base.chi2
+            if turn.scored[c.effect.key].p_adjusted < LEVEL and refit.inside(c) and c.cost < base.chi2
             and c.model.without(c.effect.key).keys == base.model.keys
         ]  # fmt: skip
     factors += [c.values[0] / base.values[0] for c in found]
@@ -188,13 +172,13 @@ def _diagnosed(
     watch.tell("fitting the base model")
     begin = base_fit(model, data)
     found_there = forward_selection(begin, catalogue, rng=rng, level=level, of_rig=True, watch=watch)
-    force = against_instrument_errors(
-        outcome(found_there, level, odd_presses(found_there, level)), watch, level=level
+    force = decision.against_instrument_errors(
+        decision.outcome(found_there, level, decision.odd_presses(found_there, level)), watch, level=level
     )
     sight = None
     if seen is not None:
         others = [one for one in in_picture(seen.data) if one.key not in seen.model.keys]
-        sight = outcome(forward_selection(seen, others, rng=rng, level=level, watch=watch), level)
+        sight = decision.outcome(forward_selection(seen, others, rng=rng, level=level, watch=watch), level)
     watch.tell("what it does to the material")
     found = _determine(_unbiased(force), sight, catalogue, rng)
     before, after = (_sourced(one, source) for one in (found.material.before, found.material.after))
@@ -222,7 +206,7 @@ def _of_picture(effect: Effect, seen: Fit, data: Observations) -> Fit | None:
     shown = {one.key: one for one in in_picture(seen.data)}.get(effect.key)
     if shown is None or not effect_directions(fit_alone(base_model(data), data), [effect])[1]:
         return None
-    return adopt(seen, refit_with(seen, shown))
+    return refit.adopt(seen, refit_with(seen, shown))
 
 
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
@@ -249,8 +233,8 @@ def _determine(
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
-    suspects = instead_of_beta() if STRANGE_BETA & set(flags) else ()
-    explained, instead = would_have_to_be(base, suspects), _refitted(base, suspects)
+    suspects = decision.instead_of_beta() if decision.STRANGE_BETA & set(flags) else ()
+    explained, instead = decision.would_have_to_be(base, suspects), _refitted(base, suspects)
     moduli = [*(one.youngs_modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
     moduli += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
     shares = [modulus / float(base.values[0]) for modulus in moduli]
@@ -267,7 +251,7 @@ def _determine(
         base, [one.sets for one in both], odd=force.odd, left=left, instead=instead, bias=small.bias
     )
     return Diagnosis(
-        verdict=decide(both, flags),
+        verdict=decision.decide(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
         candidates=candidates,
         flags=tuple(flags),
@@ -343,7 +327,7 @@ def _looked_for(catalogue: Sequence[Effect], sight: Outcome | None) -> list[Effe
 def _beyond_prior(fitted: Fit, key: str) -> bool:
     """Return whether an effect's value lies more than three std from its prior."""
     return any(
-        abs(value - p.prior.mean) > TOLD_APART * p.prior.std
+        abs(value - p.prior.mean) > refit.TOLD_APART * p.prior.std
         for value, p in zip(fitted.values, fitted.parameters, strict=True)
         if p.prior is not None and p.name.startswith(f"{key}.")
     )
@@ -356,9 +340,9 @@ def _added(fitted: Fit, step: Step) -> Added:
 
 
 def _errors(base: Fit, force: Outcome) -> Errors:
-    last, before = force.fitted, held_out_rms(base)
-    after = before if last is base else held_out_rms(last)
-    each = (after if step.fitted is last else held_out_rms(step.fitted) for step in force.steps)
+    last, before = force.fitted, refit.held_out_rms(base)
+    after = before if last is base else refit.held_out_rms(last)
+    each = (after if step.fitted is last else refit.held_out_rms(step.fitted) for step in force.steps)
     rms = (base.rms_error_N, last.rms_error_N)
     return Errors(*rms, before, after, repeatability_rms(last), (before, *each))
 

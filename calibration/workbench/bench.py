@@ -26,17 +26,8 @@ from calibration.report.misfit import BASE
 from calibration.tasks.calibrate import HistoryRow, history
 from calibration.tasks.compare import suggest
 from calibration.tasks.session import History, Labelled, Step, steps_of_comparison
-from calibration.workbench.analysis import (
-    Asked,
-    Evidence,
-    Fitted,
-    Models,
-    Verdict,
-    diagnosed,
-    find_evidence,
-    fit_likeliest,
-    fitted_evidence,
-)
+from calibration.workbench import analysis
+from calibration.workbench.analysis import Evidence, Fitted, Verdict
 from calibration.workbench.opened import Opened, what_changed
 from tactilevision.errors import InputError
 
@@ -275,12 +266,12 @@ class Bench:
         asks: bool = True,
     ) -> None:
         self.opened = opened
-        self.models = Models(opened, begin.seed)
+        self.models = analysis.Models(opened, begin.seed)
         self._export, self._keep, self._out, self._asks = export, keep, out, asks
         self._turn = threading.Condition()
         self._todo: deque[tuple[str, str]] = deque([("open", "")])
         self._ended = False
-        self._asked: Asked | None = None
+        self._asked: analysis.Asked | None = None
         self._known: defaultdict[tuple[object, ...], Known] = defaultdict(Known)
         self._model_since = 1
         self._dropping = Dropping()
@@ -446,8 +437,10 @@ class Bench:
             if known.suggested is None:
                 self._show(busy="testing effects", since_s=time.monotonic())
                 if not known.evidence:
-                    self._keep_look(place, find_evidence(self.opened, shown.now, seed=shown.history.seed))
-                fit_likeliest(shown.now, known.evidence, report=lambda table: self._keep_look(place, table))
+                    self._keep_look(place, analysis.find_evidence(self.opened, shown.now, seed=shown.history.seed))
+                analysis.fit_likeliest(
+                    shown.now, known.evidence, report=lambda table: self._keep_look(place, table)
+                )
                 known.suggested = suggest(self._completed(shown.history).found)
             self._show(suggested=known.suggested, busy="")
             if len(self.opened.measured) > 1 and not shown.weeks:
@@ -473,7 +466,7 @@ class Bench:
         shown = self._shown
         if shown.now is None:
             return
-        table = tuple(fitted_evidence(shown.now, e) if e.effect.key == key else e for e in shown.evidence)
+        table = tuple(analysis.fitted_evidence(shown.now, e) if e.effect.key == key else e for e in shown.evidence)
         self._keep_look(self._place(shown.history), table)
 
     def _side_by_side(self, value: str) -> Sides | None:
@@ -499,11 +492,11 @@ class Bench:
         opened, data = self.opened, shown.now.ready.stated
         own, seed = tuple(opened.files.values()), shown.history.seed
         question = partial(
-            diagnosed, data=data, known=keys, own=own, seed=seed, bulge=opened.bulge, bound=opened.bound
+            analysis.diagnosed, data=data, known=keys, own=own, seed=seed, bulge=opened.bulge, bound=opened.bound
         )
         self._show(asking="reading the measurements")
         with self._dropping.whole():
-            self._asked = Asked(question, report=lambda what: self._show(asking=what), answer=hear)
+            self._asked = analysis.Asked(question, report=lambda what: self._show(asking=what), answer=hear)
 
     def _drop_question(self) -> None:
         if self._asked is not None:
