@@ -23,6 +23,7 @@ from calibration.fit.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresse
 from calibration.fit.repeats import LEVEL
 from calibration.inputs.deadline import Watch
 from calibration.inputs.observations import Observations
+from calibration.laws.theory import THEORY_BETA, THEORY_RATIO
 from calibration.model.composition import Model
 from calibration.model.stages import THICKNESS, Effect
 from calibration.noise.model import Noise, Whitener
@@ -155,8 +156,6 @@ def against_instrument_errors(force: Outcome, watch: Watch, *, level: float) -> 
 # beta is fixed at theory's value and each candidate's own parameter is fitted instead. Finite elements give .85 at
 # a/h = .833 (neo-Hookean, sticking); beta in units of the true thickness is proportional to a/h.
 
-THEORY_BETA = 0.85  # beta of finite elements, neo-Hookean and sticking, at AT_RATIO
-AT_RATIO = 2.5 / 3  # a/h at which THEORY_BETA was computed
 MAX_ITERATIONS = 25  # rounds between a thickness and its beta
 
 
@@ -191,7 +190,7 @@ def would_have_to_be(fitted: Fit, suspects: Sequence[Effect]) -> tuple[Inadmissi
 
 def theory_beta(radius_mm: float, thickness_mm: float) -> float:
     """Return beta of a sharp punch by finite elements, for this thickness."""
-    return THEORY_BETA * (radius_mm / thickness_mm) / AT_RATIO
+    return THEORY_BETA * (radius_mm / thickness_mm) / THEORY_RATIO
 
 
 def _candidate(fitted: Fit, effect: Effect) -> InadmissibleBeta:

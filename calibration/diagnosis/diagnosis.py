@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -13,12 +12,11 @@ from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.score_test import Scored
-from calibration.diagnosis.sensitivity import UndetectedEffect
+from calibration.diagnosis.sensitivity import Limits, UndetectedEffect
 from calibration.diagnosis.unexplained import AlternativeExplanation, Remainder, Unexplained
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import OutlyingPresses
-from calibration.model.stages import Parameter
 from calibration.result.result import CalibrationResult
 from tactilevision.records.measured import Estimate, Pair
 
@@ -187,32 +185,6 @@ class OddPresses:
             "odd_presses": list(self.odd.presses),
             "set_aside": {"presses": list(self.set_aside), "verdict_without": self.without or None},
             "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in self.odd.wanders],
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What these data cannot show.
-
-    `not_testable` has effects that cannot be tested, and why; `possible_bias` the relative error of E that each of
-    them would bring; `visible` the minimum detectable size of the others at 80 % power, of the parameter in
-    `sizes`; `below_visibility` the relative error of E that each would bring at that size.
-    """
-
-    not_testable: Mapping[str, str]
-    possible_bias: Mapping[str, float]
-    visible: Mapping[str, float]
-    sizes: Mapping[str, Parameter]
-    below_visibility: Mapping[str, float]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return its entries."""
-        return {
-            "not_testable": [{"key": key, "why": why} for key, why in self.not_testable.items()],
-            "possible_bias_of_E": dict(self.possible_bias),
-            "smallest_visible": dict(self.visible),
-            "smallest_visible_unit": {key: self.sizes[key].unit for key in self.visible if key in self.sizes},
-            "bias_of_E_at_smallest_visible": dict(self.below_visibility),
         }
 
 

@@ -34,7 +34,7 @@ from calibration.diagnosis.refit import (
 from calibration.diagnosis.score_test import Scored, ScoreTest, scatter_unknown, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
-from calibration.fit.repeats import refit_with_pure_noise
+from calibration.fit.repeats import LEVEL, refit_with_pure_noise
 from calibration.inputs.deadline import UNWATCHED, Each, Watch
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory import beta_outside_theory
@@ -44,7 +44,7 @@ from tactilevision.records.measured import Floats
 
 REFITTED = 8  # candidates of a round that are fitted, the best by score
 MAX_EFFECTS = 3  # effects in one model: the data of one recording bear no more
-SECOND = 0.005  # family-wise level of a second and a third effect: a false one is confidently wrong
+SECOND = LEVEL / 10  # family-wise level of a second and a third effect: a false one is confidently wrong
 BEYOND_DOUBT = 0.001  # family-wise p below which presses left out may be predicted worse, by chance
 FEW = 49  # draws where the statistic alone is asked for
 

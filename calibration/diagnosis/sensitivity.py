@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from calibration.fit.identifiability import identify, mixture_quantile, stuck
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Model
-from calibration.model.stages import STICKING, Effect
+from calibration.model.stages import STICKING, Effect, Parameter
 from tactilevision.errors import InputError
 from tactilevision.records.constants import ROUNDING, TAILS95, TINY
 from tactilevision.records.measured import Bools, Estimate, Floats
@@ -104,23 +105,23 @@ class Absorbed:
     """
 
     def __init__(self, fitted: Fit, free: Bools) -> None:
-        self._free = free
+        self._fitted, self._free = fitted, free
         self.white = fitted.whitener.apply
-        self.known = fitted.prior_weight[free]
-        self.rows = np.vstack([self.white(fitted.jacobian[:, free]), np.diag(self.known)])
+        self.rows = np.vstack([self.white(fitted.jacobian[:, free]), np.diag(fitted.prior_weight[free])])
         self.inverse = inverse_information(self.rows)
 
     def row_of(self, parameter: int) -> int:
         """Return the place of a free parameter among the free ones."""
         return int(np.flatnonzero(np.flatnonzero(self._free) == parameter)[0])
 
-    def padded(self, change_N: Floats) -> Floats:
-        """Return a change (N,), N, whitened and padded with zeros for the priors (N + q,)."""
-        return np.concatenate([self.white(change_N), np.zeros(self.known.size)])
+    def padded(self, change_N: Floats, pull: Floats | float = 0.0) -> Floats:
+        """Return a change (N,), N, whitened, followed by the free ones of the parameters' pulls (p,): (N + q,)."""
+        return np.concatenate([self.white(change_N), np.broadcast_to(pull, self._free.shape)[self._free]])
 
-    def moved(self, padded: Floats) -> Floats:
-        """Return the change of the free parameters (q,), each in its unit, for a padded change (N + q,)."""
-        return np.asarray(self.inverse @ (self.rows.T @ padded))
+    def of_modulus(self, padded: Floats) -> tuple[float, Floats]:
+        """Return the relative change of E for a padded change (N + q,), and what the fit does not absorb of it."""
+        moved, modulus = self.inverse @ (self.rows.T @ padded), self._fitted.index("youngs_modulus_MPa")
+        return float(moved[self.row_of(modulus)] / self._fitted.values[modulus]), padded - self.rows @ moved
 
 
 # Bias of E by an effect that these data cannot show: the linear refit of E to the force that the effect would
@@ -130,16 +131,29 @@ NOTHING = ROUNDING  # of the largest force
 
 
 @dataclass(frozen=True, slots=True)
-class Hidden:
-    """Effects that cannot be detected, and what they may do to E.
+class Limits:
+    """What these data cannot show.
 
-    `why` has the reason of each, `bias` the relative error of E that it would bring, `below` that of each other
-    effect at its minimum detectable size.
+    `not_testable` has effects that cannot be tested, and why; `possible_bias` the relative error of E that each of
+    them would bring; `visible` the minimum detectable size of the others at 80 % power, of the parameter in
+    `sizes`; `below_visibility` the relative error of E that each would bring at that size.
     """
 
-    why: Mapping[str, str]
-    bias: Mapping[str, float]
-    below: Mapping[str, float]
+    not_testable: Mapping[str, str]
+    possible_bias: Mapping[str, float]
+    visible: Mapping[str, float]
+    sizes: Mapping[str, Parameter]
+    below_visibility: Mapping[str, float]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return its entries."""
+        return {
+            "not_testable": [{"key": key, "why": why} for key, why in self.not_testable.items()],
+            "possible_bias_of_E": dict(self.possible_bias),
+            "smallest_visible": dict(self.visible),
+            "smallest_visible_unit": {key: self.sizes[key].unit for key in self.visible if key in self.sizes},
+            "bias_of_E_at_smallest_visible": dict(self.below_visibility),
+        }
 
 
 def possible_bias(
@@ -150,7 +164,7 @@ def possible_bias(
     0 for effects that these depths cannot have. Effects that cannot be computed on these data (a place, a time or
     a temperature was not recorded) are excluded: their bias is unknown.
     """
-    found = {}
+    found, absorbed = {}, Absorbed(fitted, fitted.free)
     for effect in effects:
         if effect.absent(fitted.data):
             found[effect.key] = 0.0
@@ -161,24 +175,35 @@ def possible_bias(
         change = change_of_force(fitted, effect, own=own)
         acts = change is not None and np.abs(change).max() > NOTHING * np.abs(fitted.force_N).max()
         if change is not None and (acts or not effect.missing(fitted.data)):
-            found[effect.key] = _into_modulus(fitted, change)
+            found[effect.key], _ = absorbed.of_modulus(absorbed.padded(change))
     return found
 
 
-def hidden(
-    fitted: Fit, effects: Sequence[Effect], *, missing: Mapping[str, str], visible: Mapping[str, float]
-) -> Hidden:
-    """Return the effects that cannot be detected, for want of data (`missing` says why) or because they would show
-    only at a size that no rig has, with the bias of E that they and smaller visible effects may bring.
+def limits(
+    fitted: Fit,
+    looked: Sequence[Effect],
+    *,
+    candidates: Sequence[str] = (),
+    missing: Mapping[str, str],
+    visible: Mapping[str, float],
+) -> Limits:
+    """Return what these data cannot show of the effects `looked` for, but for `candidates`.
+
+    An effect cannot be detected for want of data (`missing` says why) or because it would show only at a size that
+    no rig has.
     """
+    effects = [e for e in looked if e.key not in candidates]
+    missing = {key: why for key, why in missing.items() if key not in candidates}
     small = {e.key: e for e in effects if e.key not in missing and largest(e) < visible.get(e.key, 0.0)}
     why = {**missing, **{key: _too_small(effect, visible[key]) for key, effect in small.items()}}
     ends = {key: largest(effect) for key, effect in small.items()}
     shown = [e for e in effects if e.key in visible and e.key not in why]
-    return Hidden(
-        why,
-        possible_bias(fitted, [e for e in effects if e.key in why], sizes=ends),
-        possible_bias(fitted, shown, sizes=visible),
+    return Limits(
+        not_testable=why,
+        possible_bias=possible_bias(fitted, [e for e in effects if e.key in why], sizes=ends),
+        visible=visible,
+        sizes={e.key: e.parameters[0] for e in looked},
+        below_visibility=possible_bias(fitted, shown, sizes=visible),
     )
 
 
@@ -238,12 +263,6 @@ def as_it_holds(fitted: Fit, model: Model, values: Floats, change_N: Floats) -> 
 def force_without(model: Model, values: Floats, data: Observations, *, key: str) -> Floats:
     """Return the force (N,), N, of the model without one effect, at the same values (p,) of all others."""
     return np.asarray(model.without(key).predict(np.delete(values, model.slices(data)[key]), data))
-
-
-def _into_modulus(fitted: Fit, change_N: Floats) -> float:
-    absorbed, modulus = Absorbed(fitted, fitted.free), fitted.index("youngs_modulus_MPa")
-    moved = absorbed.moved(absorbed.padded(change_N))
-    return float(moved[absorbed.row_of(modulus)] / fitted.values[modulus])
 
 
 # Bayesian model averaging of E's interval over effects that may be there without being detected.
@@ -342,12 +361,11 @@ class _Space:
     """Linearisation of a fit, whitened, with its priors, and the score of a change of the force."""
 
     def __init__(self, fitted: Fit) -> None:
-        self._fitted, self._modulus = fitted, fitted.index("youngs_modulus_MPa")
-        free = fitted.free & (~fitted.at_bound | (np.arange(fitted.free.size) == self._modulus))
-        self._absorbed = Absorbed(fitted, free)
+        held = fitted.at_bound.copy()
+        held[fitted.index("youngs_modulus_MPa")] = False
+        self._fitted, self._absorbed = fitted, Absorbed(fitted, fitted.free & ~held)
         mean = np.array([0.0 if p.prior is None else p.prior.mean for p in fitted.parameters])
-        pull = self._absorbed.known * (mean - fitted.values)[free]
-        self._residual = np.concatenate([self._absorbed.white(fitted.residual_N), pull])
+        self._residual = self._absorbed.padded(fitted.residual_N, fitted.prior_weight * (mean - fitted.values))
 
     def rivals(self, effect: Effect, chance: float) -> list[_Part]:
         """Return a part for each start of the effect that changes the force; they share its chance."""
@@ -360,13 +378,9 @@ class _Space:
         return [self._rival(effect, own, change, chance / len(changes)) for own, change in changes]
 
     def _rival(self, effect: Effect, own: Floats, change_N: Floats, chance: float) -> _Part:
-        absorbed, fitted = self._absorbed, self._fitted
-        target = absorbed.padded(change_N)
-        moved = absorbed.moved(target)
-        seen = target - absorbed.rows @ moved
-        size = _sizes(effect, own, fitted)
+        per_size, seen = self._absorbed.of_modulus(self._absorbed.padded(change_N))
+        size = _sizes(effect, own, self._fitted)
         gain = size * float(seen @ self._residual) - size**2 * float(seen @ seen) / 2
-        per_size = float(moved[absorbed.row_of(self._modulus)]) / fitted.values[self._modulus]
         return _Part(effect.key, np.log(chance / NODES) + gain, -per_size * size)
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.inputs.conditions import SESSION_D
 from calibration.inputs.observations import Observations
 from calibration.model.stages import EffectBase, ManualCheck, Parameter, Stage, State, amplitude
 from tactilevision.records.measured import Floats
@@ -39,7 +40,7 @@ class Ageing(EffectBase):
     def missing(self, data: Observations) -> str:
         """Return why these data cannot show ageing; empty where they can."""
         day = data.presses.day
-        return "" if np.isfinite(day).all() and np.ptp(day) >= 0.2 else "needs recordings of several days"
+        return "" if np.isfinite(day).all() and np.ptp(day) >= SESSION_D else "needs recordings of several days"
 
     def starts(self, data: Observations) -> Floats:
         """Return starts of either sign with onsets spread over the recorded days."""

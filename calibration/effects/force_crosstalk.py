@@ -31,9 +31,8 @@ class ForceCrosstalk(AxesEffect):
     order = 50
     largest = 0.02
     check = ManualCheck("turn the force sensor by 90 degrees and press again", 10, 0.005)
-    parameters = (
-        amplitude("cx", "1", 0.3, "normal force read for a unit of Fx", 0.02),
-        amplitude("cy", "1", 0.3, "normal force read for a unit of Fy", 0.02),
+    parameters = tuple(
+        amplitude(f"c{axis}", "1", 0.3, f"normal force read for a unit of F{axis}", 0.02) for axis in "xy"
     )
     signs = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1))
 

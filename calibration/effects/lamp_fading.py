@@ -17,8 +17,10 @@ import numpy as np
 from calibration.effects.in_picture import OfPicture
 from calibration.inputs.conditions import missing_times, running_share
 from calibration.inputs.observations import Observations
-from calibration.model.stages import ManualCheck, Stage, amplitude
+from calibration.model.stages import AxesEffect, ManualCheck, Stage, amplitude
 from tactilevision.records.measured import Floats
+
+SCALE = 0.05  # typical change of what is read on a side
 
 
 class LampFading(OfPicture):
@@ -35,10 +37,10 @@ class LampFading(OfPicture):
     largest = 0.3
     check = ManualCheck("press the same gauge first and last: do opposite sides read alike?", 10, 0.02)
     parameters = tuple(
-        amplitude(name, "1", 0.6, f"change of what is read towards {side}, first to last", 0.05)
+        amplitude(name, "1", 0.6, f"change of what is read towards {side}, first to last", SCALE)
         for name, side in (("along_x", "the right"), ("along_y", "the bottom"))
     )
-    start_values = ((0.05, 0), (-0.05, 0), (0, 0.05), (0, -0.05))
+    start_values = tuple((SCALE * x, SCALE * y) for x, y in AxesEffect.signs)
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """Return the reconstructed depth (N,) of true depths (N,), mm."""

@@ -24,6 +24,7 @@ from calibration.laws.reconstructed_depth import WALLS_PER_MM, WALLS_PER_MM_STD,
 from calibration.model.stages import ManualCheck, Parameter, Prior, Stage, State
 from tactilevision.records.measured import Floats
 
+HIGHEST = 0.999  # of the ceiling: a depth nearer to it counts as this one
 WALL_PRIOR = Prior(WALLS_PER_MM, WALLS_PER_MM_STD, "what pixels and blur leave of a wall")
 
 
@@ -61,7 +62,7 @@ class SlopeSaturation(Pictured):
         k = values[0]
         if k <= 0:
             return state
-        return replace(state, depth_mm=np.arctanh(np.clip(k * state.depth_mm, -0.999, 0.999)) / k)
+        return replace(state, depth_mm=np.arctanh(np.clip(k * state.depth_mm, -HIGHEST, HIGHEST)) / k)
 
     def in_picture(self, data: Observations | None = None) -> InPicture:
         """Return the effect in the picture: a ceiling of slopes where these data have slopes next to faces."""

@@ -33,9 +33,8 @@ class ThicknessWedge(AxesEffect):
     source = "the law"
     order = 120
     check = ManualCheck("measure the gel's thickness at four places of its rim", 8, 0.003)
-    parameters = (
-        amplitude("slope_x", "mm/mm", 0.2, "thickness gained along x", 0.01),
-        amplitude("slope_y", "mm/mm", 0.2, "thickness gained along y", 0.01),
+    parameters = tuple(
+        amplitude(f"slope_{axis}", "mm/mm", 0.2, f"thickness gained along {axis}", 0.01) for axis in "xy"
     )
     signs = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
 

@@ -52,7 +52,7 @@ class Viscoelasticity(EffectBase):
         table: list[Parameter] = []
         for k in range(self.terms):
             tail = "" if self.terms == 1 else f"_{k + 1}"
-            tau = 3 * 10.0 ** (k - (self.terms - 1) / 2)
+            tau = 3 * 10 ** (k - (self.terms - 1) / 2)
             table += [
                 Parameter(f"g{tail}", "1", 0.0, (0, 0.6), "fraction of the force that relaxes", 0.1),
                 Parameter(f"tau{tail}_s", "s", tau, TAU_S, "time constant", tau),
@@ -69,7 +69,7 @@ class Viscoelasticity(EffectBase):
         """Return starts in which a tenth relaxes, with time constants over the decades."""
         shorter, terms = np.array(TAUS)[:, None], range(self.terms)
         table = np.full((len(TAUS), 2 * self.terms), 0.1 / self.terms)
-        table[:, 1::2] = np.clip(shorter * [5.0**k for k in terms], *TAU_S)
+        table[:, 1::2] = np.clip(shorter * [5**k for k in terms], *TAU_S)
         return table
 
     def richer(self) -> Viscoelasticity | None:

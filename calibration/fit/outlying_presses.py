@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.fit.least_squares import Fit
+from calibration.fit.repeats import LEVEL
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import TYPICAL_GAIN, TYPICAL_ZERO_MM, Ints
 from tactilevision.records.constants import MICRO, NONZERO
@@ -29,7 +30,7 @@ from tactilevision.robust import MAD_TO_STD
 
 MIN_COUNT = 8  # presses that have a spread to compare with
 REPEATS = 3  # presses of one radius that a press is compared with, itself included
-LEVEL = 0.005  # false alarm rate over all presses
+ALARM = LEVEL / 10  # false alarm rate over all presses
 STANDS_OUT = "a press of its own"
 WANDERS = "zeros over "  # followed by the covariate
 TAILS = (2, 3, 4, 6, 10, 30, 1000)  # degrees of freedom of Student's t
@@ -169,11 +170,11 @@ def _about_similar(own: Floats, groups: Ints) -> Floats:
 
 
 def _limit(size: Floats, dof: float, over_median: float) -> float:
-    """Return the limit of |z| at LEVEL for so many presses, by t of these degrees of freedom."""
+    """Return the limit of |z| at ALARM for so many presses, by t of these degrees of freedom."""
     from scipy.special import stdtrit
 
     spread = max(over_median * float(np.median(size)), MIN_SPREAD)
-    return -spread * float(stdtrit(max(dof, 2.0), LEVEL / 2 / size.size))
+    return -spread * float(stdtrit(max(dof, 2.0), ALARM / 2 / size.size))
 
 
 def _likelihood(dof: float, size: Floats) -> float:

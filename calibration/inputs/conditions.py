@@ -18,6 +18,7 @@ from tactilevision.records.constants import TINY
 from tactilevision.records.measured import Floats
 
 PAUSE_S = 3600  # s, longest pause that counts as running time
+SHORTEST_S = 1e-3  # s, of times whose logarithm is taken
 APART = 0.1  # of a covariate's range: groups narrower than this and as far apart are one setting each
 SESSION_D = 0.2  # d, longest session: its changes follow the order of pressing
 DEGREES = (4, 1, 3, 0)  # of the mean curve over depth in load, hold, unload and free
@@ -82,9 +83,9 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
     table = [
         ("w", "mm", data.depth_mm, False),
         ("w/h", "1", data.depth_mm / data.gel.thickness_mm, False),
-        ("1/w", "1/mm", 1 / np.maximum(data.depth_mm, 0.02), False),
+        ("1/w", "1/mm", 1 / np.maximum(data.depth_mm, SAME_MM), False),
         ("P", "N", data.normal_N, False),
-        ("t", "log10 s", np.log10(np.maximum(data.time_s - begin, 1e-3)), False),
+        ("t", "log10 s", np.log10(np.maximum(data.time_s - begin, SHORTEST_S)), False),
         ("load/unload", "0 load, 1 hold, 2 unload, 3 free", branches(data).astype(float), False),
         ("Fx", "N", data.force_N[:, 0], False),
         ("Fy", "N", data.force_N[:, 1], False),
@@ -92,7 +93,7 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
         ("log rate", "log10 mm/s", rate[press], True),
         ("order", "", presses.order[press], True),
         ("recording date", "d", _of_sessions(presses.day)[press], True),
-        ("wait", "log10 s", np.log10(np.maximum(presses.rest_s, 1e-3))[press], True),
+        ("wait", "log10 s", np.log10(np.maximum(presses.rest_s, SHORTEST_S))[press], True),
         ("x", "mm", presses.x_mm[press], True),
         ("y", "mm", presses.y_mm[press], True),
         ("azimuth", "rad", np.arctan2(presses.y_mm, presses.x_mm)[press], True),

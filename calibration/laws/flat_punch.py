@@ -25,6 +25,7 @@ from calibration.inputs.observations import Observations
 from calibration.laws.theory import (
     NU,
     RUBBING,
+    THEORY_BETA,
     bend_range,
     beta_range,
     nominal_nu,
@@ -44,6 +45,7 @@ OPEN_NU: Pair = (NU[0], NU_MAX)  # of any gel: the range of the tables, where no
 STATED_NU_STD = 0.005  # std of a nu stated without one: half a unit of its last usual digit
 # nu for which E is listed where nu is open: all silicones
 NU_TABLE: tuple[float, ...] = (*np.round(np.arange(*NU_SILICONE, STATED_NU_STD), 3).tolist(), NU_MAX)
+LEAST_MPA = 1e-4  # MPa, least start of E
 CHORD = 0.2  # w/h up to which theory's slopes are chords
 KEPT = 16  # cached stiffnesses, each of a state and a nu: most steps of a fit change neither
 
@@ -144,7 +146,7 @@ def betas(data: Observations) -> tuple[Parameter, ...]:
     """Return one beta a radius, named after it where there are several."""
     radii = np.unique(data.presses.radius_mm)
     names = ["beta"] if radii.size == 1 else [f"beta[{radius:g}]" for radius in radii]
-    return tuple(Parameter(n, "1", 0.85, (-3, 12), "curvature of P/w against w/h", 1.0) for n in names)
+    return tuple(Parameter(n, "1", THEORY_BETA, (-3, 12), "curvature of P/w against w/h", 1.0) for n in names)
 
 
 def betas_by_theory(data: Observations) -> tuple[Parameter, ...]:
@@ -175,7 +177,7 @@ def gammas(data: Observations) -> tuple[Parameter, ...]:
     for radius in np.unique(data.presses.radius_mm):
         mine = data.radius_mm == radius
         deepest = float(np.max(data.depth_mm[mine])) / gel.thickness_mm
-        low, high = bend_range(round(nu, 3), round(float(radius) / gel.thickness_mm, 3), 0.0, round(deepest, 3))
+        low, high = bend_range(round(nu, 3), round(float(radius) / gel.thickness_mm, 3), round(deepest, 3))
         table.append(Parameter(f"bend[{radius:g}]", "1", 0.0, (low, high), "bend of P/w against w/h", 1.0,
                                Prior(0.0, (high - low) / 2, "finite elements")))  # fmt: skip
     return tuple(table)
@@ -202,9 +204,8 @@ def poisson_parameter(gel: Gel, free: bool) -> Parameter:
 
 def modulus_parameter(start_MPa: float) -> Parameter:
     """Return Young's modulus with a start of the right size."""
-    return Parameter(
-        "youngs_modulus_MPa", "MPa", start_MPa, (1e-5, 10000), "Young's modulus of the gel", start_MPa
-    )
+    start = max(start_MPa, LEAST_MPA)
+    return Parameter("youngs_modulus_MPa", "MPa", start, (1e-5, 10000), "Young's modulus of the gel", start)
 
 
 def starting_modulus(data: Observations) -> float:
@@ -213,4 +214,4 @@ def starting_modulus(data: Observations) -> float:
     per_depth = float(np.median(data.normal_N[deep] / data.depth_mm[deep]))
     radius, thickness = float(np.median(data.radius_mm)), data.gel.thickness_mm
     unit = punch_stiffness(1.0, NU_NOMINAL, radius_mm=np.array([radius]), thickness_mm=thickness)[0]
-    return max(per_depth / float(unit) / 1.1, 1e-4)
+    return max(per_depth / float(unit) / 1.1, LEAST_MPA)

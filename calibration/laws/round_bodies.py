@@ -29,6 +29,7 @@ from tactilevision.records.measured import Floats
 from tactilevision.records.rig import Indenter
 
 BETA_STD = 0.5  # finite elements of flat punches lie between 0 and 1.3
+HERTZ = 1.5  # power of the depth in a ball's force on a thick gel
 NODES = 4  # thicknesses of a wedge that are solved
 MIN_SHARE = 1e-3  # of the largest depth, below which the force is taken as a power law
 TABLE = 60  # depths of a force curve, spaced by a constant factor
@@ -58,7 +59,7 @@ class _RoundBody(Composable):
         unit = _force_over_E(body, data.gel.thickness_mm, NU_NOMINAL, data.depth_mm[[deep]])
         prior = Prior(0.0, BETA_STD, "round contacts have no printed value")
         return (
-            modulus_parameter(max(float(data.normal_N[deep] / unit[0]), 1e-4)),
+            modulus_parameter(float(data.normal_N[deep] / unit[0])),
             poisson_parameter(data.gel, free=False),
             replace(amplitude("beta", "1", 3, "what large strain adds", 1.0), prior=prior),
         )
@@ -144,9 +145,9 @@ def _force_over_E(body: Body, thickness_mm: float, nu: float, depth_mm: Floats) 
     depth = tables[0][1][0]
     force = np.exp(sum(weight * np.log(table[1]) for weight, table in tables))
     inside = np.maximum(share, depth[0])
-    curve = CubicSpline(np.log(depth), np.log(force / depth**1.5))
-    value = np.exp(curve(np.log(inside))) * inside**1.5
-    return np.asarray(thickness_mm**2 * value * (share / inside) ** (1.5 if isinstance(body, Ball) else 2.0))
+    curve = CubicSpline(np.log(depth), np.log(force / depth**HERTZ))
+    value = np.exp(curve(np.log(inside))) * inside**HERTZ
+    return np.asarray(thickness_mm**2 * value * (share / inside) ** (HERTZ if isinstance(body, Ball) else 2.0))
 
 
 def _bodies(body: Body, thickness_mm: float) -> list[tuple[Body, float]]:

@@ -20,7 +20,7 @@ from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.layer import layer_compliance
 from tactilevision.mechanics.tables.punch import force_ratio
 from tactilevision.mechanics.tables.table import Table, shipped_table
-from tactilevision.records.constants import NU_MAX, NU_NOMINAL, TINY
+from tactilevision.records.constants import MICRO, NU_MAX, NU_NOMINAL
 from tactilevision.records.measured import Estimate, Floats, Material, Pair
 from tactilevision.records.rig import Gel
 
@@ -34,6 +34,8 @@ LOWEST = (0.56, 0.08, -0.24, -0.46, -0.57)  # beta of a neo-Hookean solid withou
 WIDER = (0.5, 0.65, 0.83, 1.0, 1.1, 1.2)  # a/h of GROWTH; the figures hold between the ends
 # largest beta over that at .833, of nu .45 to .49; extrapolated to 1.2
 GROWTH = (0.66, 0.87, 1.0, 1.12, 1.3, 1.45)
+THEORY_BETA = 0.85  # beta of a neo-Hookean solid that sticks, at THEORY_RATIO
+THEORY_RATIO = 2.5 / 3  # a/h of THEORY_BETA
 RUBBING = 0.1  # least beta of a punch with any friction
 STRAINS = 20  # depths at which the bend is fitted
 MIN_STRAIN = 1e-3  # range of w/h that determines a bend; half of it beyond the table is rounding
@@ -75,35 +77,27 @@ def deeper_than_elements(deepest: float) -> str:
 
 
 @lru_cache(maxsize=64)
-def bend_range(poisson_ratio: float, a_over_h: float, edge_over_h: float, deepest: float) -> Pair:
+def bend_range(poisson_ratio: float, a_over_h: float, deepest: float) -> Pair:
     """Return the smallest and the largest gamma of any tabulated law and friction, over w/h up to `deepest`.
 
-    nu, a/h and the edge are clipped to the tables.
+    nu and a/h are clipped to the tables, whose sharpest edge is taken.
     """
     table = shipped_table()
     nu, ratio, depth = table.axes.poisson_ratios, table.axes.a_over_h, table.axes.depths
     place = (float(np.clip(poisson_ratio, nu[0], nu[-1])), float(np.clip(a_over_h, ratio[0], ratio[-1])))
     strain = np.linspace(1 / STRAINS, 1, STRAINS) * np.clip(deepest, MIN_STRAIN, float(depth[-1]))
-    bends = [
-        bend
-        for block in table.blocks
-        for bend in _bend(table, (block.law, block.friction), place, edge_over_h, strain)
-    ]
+    bends = [bend for block in table.blocks for bend in _bend(table, (block.law, block.friction), place, strain)]
     stated = table.card["errors"]
-    sharper = edge_over_h < min(block.edge_over_h for block in table.blocks) * (1 - TINY)
-    off = stated["interpolation_force"] + (stated["sharp_limit_at_first_touch"] if sharper else 0.0)
+    off = stated["interpolation_force"] + stated["sharp_limit_at_first_touch"]
     error = 4 * float(off) / strain[-1] ** 2  # an error largest half way is a parabola of this gamma
     return min([0.0, *bends]) - error, max([0.0, *bends]) + error
 
 
-def _bend(
-    table: Table, kind: tuple[str, float], place: Pair, edge_over_h: float, strain: Floats
-) -> tuple[float, ...]:
+def _bend(table: Table, kind: tuple[str, float], place: Pair, strain: Floats) -> tuple[float, ...]:
     """Return gamma of one law and friction, weighted by force; nothing where the table holds too few depths."""
     law, friction = kind
     edges = [block.edge_over_h for block in table.blocks if block.law == law]
-    lowest = 0.0 if len(set(edges)) > 1 else edges[0]
-    contact = FlatContact(place[1], float(np.clip(edge_over_h, lowest, max(edges))), 1.0, friction, law)
+    contact = FlatContact(place[1], 0.0 if len(set(edges)) > 1 else edges[0], 1.0, friction, law)
     try:
         secant, known = force_ratio(strain, contact, material=Material(1.0, place[0]), table=table)
     except InputError:
@@ -219,7 +213,7 @@ def exact_surplus(poisson_ratio: float, a_over_h: float) -> float:
 
 @lru_cache(maxsize=1)
 def _waves() -> tuple[Floats, Floats]:
-    xi = np.arange(1e-6, XI_END, XI_STEP)
+    xi = np.arange(MICRO, XI_END, XI_STEP)
     weight = np.full(xi.size, XI_STEP)
     weight[0] /= 2
     return xi, weight

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -147,7 +148,7 @@ def _squares(noises: Sequence[Noise]) -> Floats:
 SPREAD = 1.0  # std of the prior of ln gain and ln zero: a factor 2.7 either way
 UNKNOWN_SHARE = 0.02  # of the largest force: noise to assume where none is stated and nothing determines it
 FAR_LESS = 0.5  # of the stated noise: below, it cannot be explained by what samples of a press share
-BEYOND_CHANCE = 0.01  # p below which the repeats' noise replaces the stated one
+BEYOND_CHANCE = 0.01  # p below which chance does not explain a difference
 STEP = 0.05  # in the logarithm of a size, for slope and curvature
 CLOSE = 1e-3  # last step in ln size
 MAX_STEPS = 40  # of Newton's method
@@ -169,33 +170,32 @@ def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jac
     if dof < 1 and not stated:  # no degrees of freedom to estimate it from
         return replace(first, scale=UNKNOWN_SHARE * float(np.max(np.abs(about.force_N))), dof=1.0)
     columns = np.column_stack([residual_N, jacobian])
-    best = _likeliest(data, about, columns, precision, first=first, shared=shared, finest_N=finest)
+
+    def likeliest(alike: Noise) -> tuple[Noise, float]:
+        weighing = Weighing(data, about, alike)
+        taken = weighing.take(columns)
+        product = weighing.product(taken, taken)
+        cost = partial(minus_two_log_likelihood, weighing=weighing, product=product, precision=precision)
+        return _best(cost, alike, shared, finest)
+
+    best = _over_correlations(likeliest, first, data)
     if stated and far_below_stated(best, dof):
-        first = replace(best, correlation=0.0, white=0.0, overstated=True)
-        best = _likeliest(data, about, columns, precision, first=first, shared=shared, finest_N=finest)
+        best = _over_correlations(likeliest, replace(best, correlation=0.0, white=0.0, overstated=True), data)
     freedom = dof + best.trust
     if data.is_curves:
         freedom = max(data.count - 1.0, 1.0) + STATED_DOF / 2
     return replace(best, dof=max(freedom, TINY))
 
 
-def _likeliest(
-    data: Observations,
-    about: Linear,
-    columns: Floats,
-    precision: Floats,
-    *,
-    first: Noise,
-    shared: bool,
-    finest_N: float,
+def _over_correlations(
+    likeliest: Callable[[Noise], tuple[Noise, float]], first: Noise, data: Observations
 ) -> Noise:
     """Return the likeliest sizes and correlation, by a grid over the latter."""
-    best, lowest = _best(_likelihood(data, about, columns, precision, first), first, shared, finest_N)
+    best, lowest = likeliest(first)
     for white in WHITE if data.is_curves else ():
         row = np.inf
         for rho in (rho for rho in CORRELATIONS if rho >= best.correlation):  # what is not white is longer
-            tried = replace(best, correlation=rho, white=white)
-            found, cost = _best(_likelihood(data, about, columns, precision, tried), tried, shared, finest_N)
+            found, cost = likeliest(replace(best, correlation=rho, white=white))
             cost += float(np.log(data.size)) * (1 + (white > 0))  # cost of each parameter: Schwarz (1978)
             if cost < lowest:
                 best, lowest = found, cost
@@ -219,16 +219,6 @@ def far_below_stated(noise: Noise, dof: float) -> bool:
 
     own = own_scale(noise, dof) if dof >= 1 else 1.0
     return own < FAR_LESS and float(fdtr(dof, STATED_DOF, own**2)) < BEYOND_CHANCE
-
-
-def _likelihood(
-    data: Observations, about: Linear, columns: Floats, precision: Floats, alike: Noise
-) -> Callable[[Sequence[Noise]], Floats]:
-    """Return -2 log L (n,) as a function of sizes, at this correlation, for columns [residual | jacobian]."""
-    weighing = Weighing(data, about, alike)
-    taken = weighing.take(columns)
-    product = weighing.product(taken, taken)
-    return lambda noises: minus_two_log_likelihood(noises, weighing, product=product, precision=precision)
 
 
 def minus_two_log_likelihood(

@@ -315,8 +315,7 @@ def _bias(share: float | None) -> str:
 
 # The verdict in words: what is wrong with the rig or the gel, and what E's interval allows for.
 
-NEAR = 0.1  # least share of a misfit that a nearest effect explains
-WIDER = 0.1  # least relative widening of an interval that is reported
+NEAR = 0.1  # least share of a misfit, of an interval or of its widening that is reported
 SHARES = ("relative", "gain")  # parameters given in per cent
 
 
@@ -447,7 +446,7 @@ def allowed_for(found: Diagnosis) -> str:
     if E.interval95 is None or alone is None or not found.material.unseen:
         return ""
     wider = (E.interval95[1] - E.interval95[0]) / (alone[1] - alone[0]) - 1 if alone[1] > alone[0] else 0.0
-    if wider < WIDER:
+    if wider < NEAR:
         return ""
     most = found.material.unseen[0].chance * found.material.unseen[0].off ** 2
     named = [in_words(u.key) for u in found.material.unseen[:3] if u.chance * u.off**2 > NEAR * most]

@@ -11,6 +11,7 @@ import numpy as np
 from calibration.diagnosis.covariates import press_trends
 from calibration.fit.identifiability import main_radius
 from calibration.fit.repeats import LEVEL
+from calibration.noise.reml import BEYOND_CHANCE
 from calibration.report import page, wording
 from calibration.report.misfit import AS_READ, BASE
 from calibration.report.wording import in_words
@@ -180,7 +181,6 @@ def _with_std(value: float, std: float) -> str:
 
 # The page of a comparison of models: how the error falls, the residuals, and the material.
 
-PATTERN = 0.01  # p below which the residual's dependence is reported
 NAMED = 2  # covariates of the residual that are named
 LAW = {"beta": "slope β"}  # parameters of the law in words
 OF_MATERIAL = ("youngs_modulus_MPa", "poisson_ratio")  # shown in the table of the material
@@ -235,7 +235,7 @@ def _comparison_head(found: Comparison, falls: Sequence[ErrorFall], state: str) 
 def pattern_sentence(found: Comparison, *, explained: bool) -> str:
     """Return a sentence on what the last model's residual depends on; empty where on nothing significant."""
     last = found.models[-1]
-    keys = [one.key for one in last.covariates if one.p_adjusted < PATTERN]
+    keys = [one.key for one in last.covariates if one.p_adjusted < BEYOND_CHANCE]
     keys += [key for key, p in press_trends(last.fitted).items() if p < LEVEL]
     on = list(dict.fromkeys(wording.covariate(key) for key in keys))[:NAMED]
     begin = "The residual still" if explained else "The residual"

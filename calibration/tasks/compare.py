@@ -31,6 +31,7 @@ from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
+from calibration.noise.reml import BEYOND_CHANCE
 from calibration.result.material import material_by_routes
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
@@ -85,7 +86,6 @@ def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = 
 
 # Models against measurements: the error in and out of sample, and how well the presses repeat.
 
-LEFT = 0.01  # p of the last model's residual, below which instrument errors are tried
 MANY = 8  # starts of an effect that are all fitted; of more the best
 
 
@@ -93,9 +93,9 @@ MANY = 8  # starts of an effect that are all fitted; of more the best
 class Compared:
     """One model: its effects in the order added, parameters, and rms errors in N.
 
-    `percent` is of the largest force, `um` at the median slope of force against depth. `covariates` are the
-    residual's dependence on everything recorded, the most significant first, and `material` is that of the fit;
-    neither is known before `completed`, nor of the picture's depth, whose errors are in mm instead of N.
+    `covariates` are the residual's dependence on everything recorded, the most significant first, and `material`
+    is that of the fit; neither is known before `completed`, nor of the picture's depth, whose errors are in mm
+    instead of N.
     """
 
     name: str
@@ -104,17 +104,17 @@ class Compared:
     rms_N: float
     held_out_N: float
     repeatability_N: float
-    percent: float
-    um: float
-    chi2: float
     fitted: Fit
     covariates: tuple[Scored, ...] = ()
     material: CalibrationResult | None = None
 
     def as_json(self, before: Compared | None = None) -> dict[str, Any]:
-        """Return one entry of comparison.json; `before` is the base model to compare the errors with."""
-        base = before or self
-        labels = self.fitted.data.presses.label
+        """Return one entry of comparison.json; `before` is the base model to compare the errors with.
+
+        The error is also given in per cent of the largest force, and as a depth at the median slope of force.
+        """
+        base, data = before or self, self.fitted.data
+        slope = float(np.median(np.abs(self.fitted.about.slope_N_per_mm[data.depth_mm > 0])))
         errors = [rms_of_presses(one.fitted) for one in (base, self)]
         return {
             "name": self.name,
@@ -129,14 +129,14 @@ class Compared:
                 "in_sample": self.rms_N,
                 "held_out": self.held_out_N,
             },
-            "rms_error_percent": self.percent,
-            "rms_error_um": self.um,
-            "chi2": self.chi2,
+            "rms_error_percent": 100 * self.rms_N / float(np.max(data.normal_N)),
+            "rms_error_um": KILO * self.rms_N / slope,
+            "chi2": self.fitted.chi2,
             "covariates": [{"name": c.key, "p_adjusted": c.p_adjusted} for c in self.covariates],
             "youngs_modulus_MPa": None if self.material is None else self.material.youngs_modulus.as_json(),
             "presses": [
                 {"press": label, "rms_before_N": before, "rms_after_N": after}
-                for label, before, after in zip(labels, *errors, strict=True)
+                for label, before, after in zip(data.presses.label, *errors, strict=True)
             ],
         }
 
@@ -257,7 +257,7 @@ def with_effect(
 def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:
     """Return keys of instrument errors to try, where the last model's residual is significant."""
     last = found.models[-1]
-    if deadline.passed or min((c.p_adjusted for c in last.covariates), default=1.0) > LEFT:
+    if deadline.passed or min((c.p_adjusted for c in last.covariates), default=1.0) > BEYOND_CHANCE:
         return ()
     return tuple(one.effect.key for one in suggested(last.fitted))
 
@@ -291,7 +291,7 @@ def _treated(seen: Fit, data: Observations) -> Fit:
 
 def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:
     """Return a model of the picture's depth, corrected by its effects alone, with errors in mm."""
-    error, data = reading_error_mm(fitted), fitted.data
+    data = fitted.data
     return Compared(
         name=" + ".join((fitted.model.law.key, *keys)),
         effects=keys,
@@ -299,11 +299,8 @@ def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:
             (p.name, fitted.estimate(p.name)) for p in fitted.parameters if p.name.partition(".")[0] in keys
         ),
         rms_N=float(np.sqrt(np.mean((data.normal_N - data.depth_mm) ** 2))) if not keys else fitted.rms_error_N,
-        held_out_N=error,
+        held_out_N=reading_error_mm(fitted),
         repeatability_N=repeatability_rms(fitted),
-        percent=100 * error / float(np.median(data.depth_mm)),
-        um=KILO * error,
-        chi2=fitted.chi2,
         fitted=fitted,
     )
 
@@ -352,8 +349,6 @@ def _evaluate(model: Model, on: Fit) -> Compared:
 
 def _judge(fitted: Fit) -> Compared:
     """Return the errors of a fit."""
-    data = fitted.data
-    slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))
     keys = tuple(k for k in fitted.model.keys if k not in TOLERANCES)
     return Compared(
         name=" + ".join((fitted.model.law.key, *keys)),
@@ -362,8 +357,5 @@ def _judge(fitted: Fit) -> Compared:
         rms_N=fitted.rms_error_N,
         held_out_N=held_out_rms(fitted),
         repeatability_N=repeatability_rms(fitted),
-        percent=100 * fitted.rms_error_N / float(np.max(data.normal_N)),
-        um=KILO * fitted.rms_error_N / slope,
-        chi2=fitted.chi2,
         fitted=fitted,
     )

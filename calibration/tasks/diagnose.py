@@ -17,7 +17,6 @@ from calibration.diagnosis.diagnosis import (
     Diagnosis,
     Errors,
     Fits,
-    Limits,
     MaterialChange,
     OddPresses,
     SearchRecord,
@@ -27,7 +26,7 @@ from calibration.diagnosis.experiment_design import plan_next, press_again
 from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
 from calibration.diagnosis.score_test import effect_directions
-from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, hidden
+from calibration.diagnosis.sensitivity import UndetectedEffect, average_models, limits
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
 from calibration.effects import EFFECTS
@@ -244,19 +243,17 @@ def _determine(
     candidates = tuple(dict.fromkeys(keys))
     missing, visible = _testable(both)
     looked = _looked_for(catalogue, sight)
-    missing, errors = {k: why for k, why in missing.items() if k not in candidates}, _errors(base, force)
     left = unexplained(force.searched, force.alternative_explanation) if force.unknown else None
-    small = hidden(fitted, [e for e in looked if e.key not in candidates], missing=missing, visible=visible)
-    next_best = plan_next(
-        base, [one.sets for one in both], odd=force.odd, left=left, instead=instead, bias=small.bias
-    )
+    small = limits(fitted, looked, candidates=candidates, missing=missing, visible=visible)
+    bias = small.possible_bias
+    next_best = plan_next(base, [one.sets for one in both], odd=force.odd, left=left, instead=instead, bias=bias)
     return Diagnosis(
         verdict=decision.decide(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
         candidates=candidates,
         flags=tuple(flags),
         stopped=any(one.searched.stopped for one in both),
-        errors=errors,
+        errors=_errors(base, force),
         material=MaterialChange(before, after, unseen, alone.youngs_modulus.interval95),
         search=SearchRecord(
             score_test=force.searched.first.effects,
@@ -276,7 +273,7 @@ def _determine(
             would_have_to_be=explained,
         ),
         presses=OddPresses(force.odd),
-        limits=Limits(small.why, small.bias, visible, {e.key: e.parameters[0] for e in looked}, small.below),
+        limits=small,
         measure_next=next_best,
         fits=Fits(base, fitted),
     )

@@ -12,7 +12,7 @@ remedies are tried. Sets of heights are ranked by the information of their press
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import combinations, product
 from typing import Any
 
@@ -276,14 +276,13 @@ class Goal:
 
     def reached(self, found: Forecast) -> bool:
         """Return whether a forecast has every value within its goal."""
-        pairs = (
-            (self.youngs_modulus, found.youngs_modulus),
-            (self.poisson_ratio, found.poisson_ratio),
-            (self.c, found.c),
-        )
-        return all(
-            margin.std is not None and margin.half_width <= goal for goal, margin in pairs if goal is not None
-        )
+        margins = {name: getattr(found, name) for name in self.wanted}
+        return all(one.std is not None and one.half_width <= self.wanted[name] for name, one in margins.items())
+
+    @property
+    def wanted(self) -> dict[str, float]:
+        """The half widths to reach, by their names in a forecast."""
+        return {name: goal for name, goal in asdict(self).items() if goal is not None}
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,8 +295,7 @@ class Remedy:
 
     def as_json(self) -> dict[str, Any]:
         """Return one entry of remedies."""
-        least = None if self.least is None else self.least.as_json()
-        return {"action": self.action, "limit": self.limit.as_json(), "least": least}
+        return {"action": self.action, "limit": self.limit.as_json(), "least": self.least and self.least.as_json()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,8 +326,8 @@ class Plan:
             "reached": self.fewest is not None,
             "as_given": self.as_given.as_json(),
             "limit": self.limit.as_json(),
-            "all_heights": None if self.all_heights is None else self.all_heights.as_json(),
-            "fewest": None if self.fewest is None else self.fewest.as_json(),
+            "all_heights": self.all_heights and self.all_heights.as_json(),
+            "fewest": self.fewest and self.fewest.as_json(),
             "remedies": [remedy.as_json() for remedy in self.remedies],
             "assumptions": list(self.assumptions),
         }
@@ -518,9 +516,8 @@ def _remedy(action: str, design: Design, goal: Goal) -> Remedy:
 
 
 def _check_goal(goal: Goal) -> None:
-    goals = [one for one in (goal.youngs_modulus, goal.poisson_ratio, goal.c) if one is not None]
-    _check_numbers("above 0", {"a goal": goals})
-    if not goals:
+    _check_numbers("above 0", {"a goal": list(goal.wanted.values())})
+    if not goal.wanted:
         raise InputError("there is no goal", where="plan", remedy="Ask for E, nu or c within something.")
 
 

@@ -10,24 +10,23 @@ from typing import Any
 
 import numpy as np
 
+from calibration.fit.finite_depth import USUAL_FRICTION
 from calibration.inputs.checks import check
 from calibration.inputs.deadline import SILENT, Progress
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
+from calibration.noise.reml import BEYOND_CHANCE
 from calibration.result.result import versions
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_curve import PunchCurve, punch_curve, tabulated_curve
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
-from tactilevision.records.constants import NU_MAX, TAILS95, Z95
+from tactilevision.records.constants import MICRO, NU_MAX, TAILS95, Z95
 from tactilevision.records.measured import Floats, Material, Pair
 from tactilevision.records.rig import Indenter
 
 # Trend of an error with depth: a straight line and Student's test of its slope.
-
-LEVEL = 0.01  # p below which a trend is significant
-SAME = 1e-6  # scatter below it is rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +42,7 @@ class Trend:
     @property
     def found(self) -> bool:
         """Whether the error depends on depth."""
-        return self.p_value is not None and self.p_value < LEVEL
+        return self.p_value is not None and self.p_value < BEYOND_CHANCE
 
     def as_json(self) -> dict[str, Any]:
         """Return its entry in validation.json."""
@@ -64,7 +63,7 @@ def find_trend(depth_mm: Floats, error: Floats) -> Trend:
         return Trend(why="fewer than three depths: a trend cannot be distinguished from scatter")
     x = (x - x.mean()) / float(np.ptp(x))
     line, dof = linregress(x, y), x.size - 2
-    slope, std = float(line.slope), max(float(line.stderr), SAME / float(np.sqrt(x @ x)))
+    slope, std = float(line.slope), max(float(line.stderr), MICRO / float(np.sqrt(x @ x)))
     reach = float(student.ppf(TAILS95[1], dof)) * std
     return Trend(slope, (slope - reach, slope + reach), float(2 * student.sf(abs(slope) / std, dof)))
 
@@ -82,7 +81,7 @@ FRICTIONS = (0.0, 0.15, 0.3, 0.6, inf)  # Coulomb's mu, from sliding freely to s
 BEYOND = 1.15  # the curve goes this much deeper than the deepest press, for the depth at its force
 LEVELS = 10  # a curve of many samples is compared at this many depths
 MIN_COUNT = 2  # samples that a rival must reach to be one
-RIVALS = (0.45, 0.46, 0.47, 0.48, 0.49, 0.495)  # values of nu that are compared at one stiffness
+RIVALS = (*(np.arange(45, 50) / 100).tolist(), 0.495)  # values of nu that are compared at one stiffness
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +267,7 @@ def _rivals(data: Observations, samples: Samples, material: Material) -> tuple[R
     """Return other nu at the same initial stiffness within the table; neo-Hooke, mu = .3, the deepest radius."""
     radius = float(samples.radius_mm[np.argmax(samples.depth_mm)])
     mine = samples.radius_mm == radius
-    contact = contact_of(data, radius, law="neo-hooke", friction=0.3)
+    contact = contact_of(data, radius, law="neo-hooke", friction=USUAL_FRICTION)
     alpha, kept = radius / data.gel.thickness_mm, []
     for nu in RIVALS:
         modulus = material.youngs_modulus_MPa * _stiffness(material.poisson_ratio, alpha) / _stiffness(nu, alpha)
@@ -362,7 +361,7 @@ def _trend(one: Comparison) -> str:
         return f"whether it trends with depth cannot be told ({trend.why})"
     chance = f"p = {trend.p_value:.2g}"
     if not trend.found:
-        return f"no trend with depth that shows at {100 * LEVEL:.0f} % ({chance})"
+        return f"no trend with depth that shows at {100 * BEYOND_CHANCE:.0f} % ({chance})"
     way = "grows" if trend.over_range > 0 else "falls"
     return (
         f"it {way} with depth, by {100 * abs(trend.over_range):.1f} points over the range ({chance}): "

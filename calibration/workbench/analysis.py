@@ -183,13 +183,13 @@ class Verdict:
     no effect was named, else empty.
     """
 
-    word: str
-    sentence: str
-    remarks: tuple[str, ...]
-    measure_next: tuple[tuple[str, float, float], ...]
-    named: tuple[str, ...]
-    candidates: tuple[str, ...]
-    odd: tuple[str, ...]
+    word: str = ""
+    sentence: str = ""
+    remarks: tuple[str, ...] = ()
+    measure_next: tuple[tuple[str, float, float], ...] = ()
+    named: tuple[str, ...] = ()
+    candidates: tuple[str, ...] = ()
+    odd: tuple[str, ...] = ()
     nearest: str = ""
 
 

@@ -91,7 +91,7 @@ def _model_number(shown: Shown) -> str:
 
 def _verdict(shown: Shown) -> dict[str, Any]:
     there = [step.key for step in shown.history.steps]
-    found = shown.verdict or Verdict("", "", (), (), (), (), ())
+    found = shown.verdict or Verdict()
     ambiguous = found.word == "AMBIGUOUS"
     to_try = found.candidates if ambiguous else (found.nearest,) * bool(found.nearest)
 

@@ -10,7 +10,7 @@ from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.diagnosis import experiment_design as manual_checks
-from calibration.diagnosis.sensitivity import hidden, largest, possible_bias
+from calibration.diagnosis.sensitivity import largest, limits, possible_bias
 from calibration.effects.backing_compliance import BackingCompliance
 from calibration.effects.bevel_rise import BevelRise
 from calibration.effects.depth_zero import DepthZero
@@ -65,15 +65,17 @@ def test_an_effect_that_shows_only_beyond_its_range_is_not_testable() -> None:
     fit_ = pure(presses_with_noise())
     effects: list[Effect] = [DepthZero(), ForceGain()]
     end = largest(DepthZero())
-    seen = hidden(fit_, effects, missing={"force_gain": "it is E"}, visible={"depth_zero": end / 2})
-    assert set(seen.why) == {"force_gain"}
-    assert set(seen.below) == {"depth_zero"}
-    beyond = hidden(fit_, effects, missing={}, visible={"depth_zero": 1.3 * end, "force_gain": np.inf})
-    assert set(beyond.why) == {"depth_zero", "force_gain"}
-    assert "from 0.065 mm on" in beyond.why["depth_zero"]
-    assert beyond.why["force_gain"]
-    assert beyond.below == {}
-    assert abs(beyond.bias["depth_zero"]) > 1.5 * abs(seen.below["depth_zero"]), "at the end of its range"
+    seen = limits(fit_, effects, missing={"force_gain": "it is E"}, visible={"depth_zero": end / 2})
+    assert set(seen.not_testable) == {"force_gain"}
+    assert set(seen.below_visibility) == {"depth_zero"}
+    beyond = limits(fit_, effects, missing={}, visible={"depth_zero": 1.3 * end, "force_gain": np.inf})
+    assert set(beyond.not_testable) == {"depth_zero", "force_gain"}
+    assert "from 0.065 mm on" in beyond.not_testable["depth_zero"]
+    assert beyond.not_testable["force_gain"]
+    assert beyond.below_visibility == {}
+    assert abs(beyond.possible_bias["depth_zero"]) > 1.5 * abs(seen.below_visibility["depth_zero"]), (
+        "at the end of its range"
+    )
 
 
 def presses_with_noise() -> Observations:
