@@ -187,7 +187,7 @@ def mixture_quantile(share: float, weight: Floats, mean: Floats, std: Floats) ->
     from scipy.optimize import brentq
     from scipy.special import ndtr
 
-    low, high = float(np.min(mean - 12 * std)), float(np.max(mean + 12 * std))
+    low, high = mean.min() - 12 * std.max(), mean.max() + 12 * std.max()
     tolerance = ROUNDING * max(abs(low), abs(high))
     return float(brentq(lambda x: float(weight @ ndtr((x - mean) / std)) - share, low, high, xtol=tolerance))
 
