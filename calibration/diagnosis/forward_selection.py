@@ -33,7 +33,7 @@ from calibration.diagnosis.refit import (
 )
 from calibration.diagnosis.score_test import Scored, ScoreTest, scatter_unknown, score_test
 from calibration.fit.identifiability import beta_name
-from calibration.fit.least_squares import Fit, fit
+from calibration.fit.least_squares import Fit, fit, refit
 from calibration.fit.repeats import LEVEL, refit_with_pure_noise
 from calibration.inputs.deadline import UNWATCHED, Each, Watch
 from calibration.laws.flat_punch import FlatPunch
@@ -178,19 +178,14 @@ def _roomier(turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ..
     current = turn.about
     rivals = [c for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and inside(c)]
     enough = min(current.chi2, min((c.cost for c in rivals), default=np.inf) + AS_GOOD)
-    best = min(
-        (
-            found
-            for model, starts in _room(current)
-            if (found := _fitted(current, model, starts)) is not None
-            and _cost(found, current) < enough
-            and (not rivals or _lawful(found))
-        ),
-        key=lambda f: _cost(f, current),
-        default=None,
-    )
-    if best is None:
+    fits = []
+    for model, starts in _room(current):
+        with suppress(*CANNOT_FIT):
+            fits.append(fit(model, current.data, noise=current.noise, tolerances=False, starts=starts))
+    fits = [one for one in fits if _cost(one, current) < enough and (not rivals or _lawful(one))]
+    if not fits:
         return None, ()
+    best = min(fits, key=lambda one: _cost(one, current))
     as_good = tuple(c for c in rivals if c.cost < _cost(best, current) + AS_GOOD)
     try:
         return replace(refit_with_pure_noise(best), warnings=current.warnings), as_good
@@ -219,22 +214,9 @@ def _room(current: Fit) -> Iterator[tuple[Model, Floats]]:
     for effect in effects:
         if (more := effect.richer()) is not None:
             own = places[effect.key]
-            yield (
-                current.model.without(effect.key) + more,
-                np.array(
-                    [
-                        [*current.values[: own.start], *start, *current.values[own.stop :]]
-                        for start in effect.richer_starts(current.values[own])
-                    ]
-                ),
-            )
-
-
-def _fitted(current: Fit, model: Model, starts: Floats) -> Fit | None:
-    try:
-        return fit(model, current.data, noise=current.noise, tolerances=False, starts=starts)
-    except CANNOT_FIT:
-        return None
+            begins = effect.richer_starts(current.values[own])
+            starts = [[*current.values[: own.start], *begin, *current.values[own.stop :]] for begin in begins]
+            yield current.model.without(effect.key) + more, np.array(starts)
 
 
 def _cost(found: Fit, current: Fit) -> float:
@@ -279,13 +261,13 @@ def _look(
     chosen += [k for k in scored if by_key[k].threshold and k not in chosen]
     candidates = []
     about = _quieter(current, seen.effects[0], by_key, level) if seen.effects else current
-    refits = watch.each(partial(refit_with, about), [by_key[key] for key in chosen])
-    for key, refit in zip(chosen, refits, strict=True):
+    fetches = watch.each(partial(refit_with, about), [by_key[key] for key in chosen])
+    for key, fetch in zip(chosen, fetches, strict=True):
         if watch.over:
             break
         watch.tell(f"fitting {key.replace('_', ' ')}")
         with suppress(*CANNOT_FIT):  # it screened well but does not fit: no candidate
-            candidates.append(refit())
+            candidates.append(fetch())
     candidates = [c for c in candidates if not rests_on_one_reading(about, c)]
     return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored, about)
 
@@ -300,10 +282,7 @@ def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: fl
     with suppress(*CANNOT_FIT):
         noise = adopt(current, refit_with(current, by_key[best.key])).noise
         if noise.of_press_N(current.about) < current.noise.of_press_N(current.about):
-            model, data, values = current.model, current.data, current.values
-            return replace(
-                fit(model, data, noise=noise, starts=values[None], tolerances=False), warnings=current.warnings
-            )
+            return replace(refit(current, noise=noise), warnings=current.warnings)
     return current
 
 

@@ -229,10 +229,11 @@ def adopt(base: Fit, candidate: Candidate) -> Fit:
     A threshold changes the noise, too, so that the best under another noise may be a wrong minimum: it is fitted
     from all its starts, and the likelihood of each with its own noise decides.
     """
-    places = [candidate.values]
+    places, values = [candidate.values], candidate.values
     if candidate.effect.threshold:
         own = candidate.model.slices(base.data)[candidate.effect.key]
-        places += [_with(candidate.values, own, start) for start in candidate.effect.starts(base.data)]
+        starts = candidate.effect.starts(base.data)
+        places += [np.concatenate([values[: own.start], start, values[own.stop :]]) for start in starts]
     fits = []
     for place in places:
         with suppress(*CANNOT_FIT):
@@ -270,12 +271,6 @@ def _by_own_slopes(fitted: Fit) -> Fit:
     white, jacobian = -found.residual[: fitted.data.size], problem.jacobian(values)
     moved = replace(fitted, values=values, force_N=force, residual_N=fitted.data.normal_N - force)
     return replace(moved, chi2=found.chi2, white=white, jacobian=jacobian)
-
-
-def _with(values: Floats, own: slice, start: Floats) -> Floats:
-    placed = values.copy()
-    placed[own] = start
-    return placed
 
 
 # Which candidate stands, and which cannot be distinguished from it (point 3 of `decision.decide`).

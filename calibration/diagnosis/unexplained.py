@@ -293,9 +293,9 @@ def suggested(fitted: Fit) -> tuple[Candidate, ...]:
 
 
 def _fitted(begin: Fit, effects: Sequence[Effect], each: Each = in_turn) -> Iterator[Candidate]:
-    for refit in each(partial(refit_with, begin), [one for one in effects if not one.missing(begin.data)]):
+    for fetch in each(partial(refit_with, begin), [one for one in effects if not one.missing(begin.data)]):
         with suppress(*CANNOT_FIT):
-            yield refit()
+            yield fetch()
 
 
 # Description of an unexplained residual: its size, the depth over which it varies, the covariates it depends on.

@@ -6,71 +6,30 @@ Private effects, of other classes derived from EffectBase, act last.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from operator import attrgetter
+from importlib import import_module
 from types import MappingProxyType
 
-from calibration.effects.adhesion import Adhesion
-from calibration.effects.ageing import Ageing
-from calibration.effects.backing_compliance import BackingCompliance
-from calibration.effects.bevel_rise import BevelRise
-from calibration.effects.cast_shadow import CastShadow
-from calibration.effects.clock_offset import ClockOffset
-from calibration.effects.depth_zero import DepthZero
-from calibration.effects.edge_fillet import EdgeFillet
-from calibration.effects.force_bias import ForceBias
-from calibration.effects.force_crosstalk import ForceCrosstalk
-from calibration.effects.force_gain import ForceGain
-from calibration.effects.friction import Friction
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
-from calibration.effects.lamp_fading import LampFading
-from calibration.effects.lateral_boundary import LateralBoundary
-from calibration.effects.mullins import Mullins
-from calibration.effects.photometric_drift import PhotometricDrift
-from calibration.effects.photometric_gain import PhotometricGain
-from calibration.effects.recovery import Recovery
-from calibration.effects.skin import Skin
-from calibration.effects.slope_saturation import SlopeSaturation
-from calibration.effects.stiffening import Stiffening
-from calibration.effects.temperature import Temperature
-from calibration.effects.thickness import Thickness
-from calibration.effects.thickness_wedge import ThicknessWedge
-from calibration.effects.tilt import Tilt
 from calibration.effects.viscoelasticity import MAX_TERMS, Viscoelasticity
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
 
-_BUILT: tuple[Effect, ...] = (
-    DepthZero(),
-    BevelRise(),
-    ForceBias(),
-    ForceGain(),
-    ForceCrosstalk(),
-    ClockOffset(),
-    Tilt(),
-    EdgeFillet(),
-    BackingCompliance(),
-    LateralBoundary(),
-    Thickness(),
-    ThicknessWedge(),
-    Skin(),
-    Friction(),
-    Adhesion(),
-    Viscoelasticity(),
-    Recovery(),
-    Mullins(),
-    Stiffening(),
-    Ageing(),
-    Temperature(),
-    PhotometricGain(),
-    PhotometricDrift(),
-    SlopeSaturation(),
-    CastShadow(),
-    LampFading(),
+# key and file of each effect; its class has the same name in capitals
+CATALOGUE = (
+    *("depth_zero", "bevel_rise", "force_bias", "force_gain", "force_crosstalk", "clock_offset", "tilt"),
+    *("edge_fillet", "backing_compliance", "lateral_boundary", "thickness", "thickness_wedge", "skin"),
+    *("friction", "adhesion", "viscoelasticity", "recovery", "mullins", "stiffening", "ageing", "temperature"),
+    *("photometric_gain", "photometric_drift", "slope_saturation", "cast_shadow", "lamp_fading"),
 )
-EFFECTS: Mapping[str, Effect] = MappingProxyType(
-    {effect.key: effect for effect in sorted(_BUILT, key=attrgetter("order"))}
-)
-CATALOGUE = tuple(EFFECTS)
+
+
+def _effect(key: str) -> Effect:
+    """Return the effect that the file of this name defines."""
+    effect: Effect = getattr(import_module(f"{__name__}.{key}"), key.title().replace("_", ""))()
+    return effect
+
+
+EFFECTS: Mapping[str, Effect] = MappingProxyType({key: _effect(key) for key in CATALOGUE})
 PLAIN: Mapping[str, Effect] = MappingProxyType({effect.key: effect for effect in INSTRUMENT_ERRORS})
 
 

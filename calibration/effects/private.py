@@ -119,12 +119,8 @@ def checked(kind: type[EffectBase], where: Path) -> Effect:
     if not effect.key or not hasattr(effect, "stage") or not table or "apply" not in vars(kind):
         raise InputError("an effect has a key, a stage, parameters and apply", where=where, value=kind.__name__)
     if not isinstance(effect.key, str) or effect.key in {*EFFECTS, *PLAIN}:
-        raise InputError(
-            "an effect's key is a name that no effect of the catalogue has",
-            where=where,
-            value=effect.key,
-            remedy="Choose another name, in quotes.",
-        )
+        said = "an effect's key is a name that no effect of the catalogue has"
+        raise InputError(said, where=where, value=effect.key, remedy="Choose another name, in quotes.")
     return effect
 
 

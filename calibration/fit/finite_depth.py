@@ -45,19 +45,9 @@ def straight_line(fitted: Fit, radius_mm: float, *, edge_mm: float, poisson_rati
     depth = fitted.data.depth_mm[(fitted.data.radius_mm == radius_mm) & (fitted.data.depth_mm > 0)]
     if edge_mm <= 0 or np.ptp(depth) <= 0:
         return 1.0, beta
-    met, share = rounded_contact(
-        depth,
-        radius_mm,
-        edge_mm=edge_mm,
-        thickness_mm=h,
-        poisson_ratio=poisson_ratio,
-        sticking=float(not fitted.data.lubricated),
-    )
-    rounded, sharp = (
-        punch_stiffness(1.0, poisson_ratio, radius_mm=radii, thickness_mm=h)
-        for radii in (met, np.array([radius_mm]))
-    )
-    share = share * rounded / sharp
+    gel = {"thickness_mm": h, "poisson_ratio": poisson_ratio, "sticking": float(not fitted.data.lubricated)}
+    rounded, sharp = (_law(depth, radius_mm, edge_mm=edge, **gel) for edge in (edge_mm, 0.0))
+    share = rounded / sharp
     ones, strain = np.ones(depth.size), depth / h
     start, slope = np.linalg.lstsq(np.column_stack([ones, strain]), share * (1 + beta * strain), rcond=None)[0]
     return float(start), float(slope / start)
@@ -169,20 +159,14 @@ def _one(poisson_ratio: float, contact: FlatContact, depth_mm: Floats, *, stated
     per_depth = (
         ratio[known] * h * hayes_stiffness(poisson_ratio, contact.a_over_h, edge_over_h=contact.edge_over_h)
     )
-    law = _law(poisson_ratio, contact, depth, edge_mm=stated or 0.0)
+    gel = {"thickness_mm": h, "poisson_ratio": poisson_ratio, "sticking": 1.0}
+    law = _law(depth, contact.radius_mm, edge_mm=stated or 0.0, **gel)
     weight = 1 / np.hypot(TYPICAL_GAIN, TYPICAL_ZERO_MM / depth)
     share, strain = weight * per_depth / law, depth / h
     return float(np.linalg.lstsq(np.stack([weight, weight * strain], axis=1), share, rcond=None)[0][0])
 
 
-def _law(poisson_ratio: float, contact: FlatContact, depth_mm: Floats, *, edge_mm: float) -> Floats:
-    """Return the law's P/w (n,) at E = 1 MPa, without beta."""
-    met, share = rounded_contact(
-        depth_mm,
-        contact.radius_mm,
-        edge_mm=edge_mm,
-        thickness_mm=contact.thickness_mm,
-        poisson_ratio=poisson_ratio,
-        sticking=1.0,
-    )
-    return share * punch_stiffness(1.0, poisson_ratio, radius_mm=met, thickness_mm=contact.thickness_mm)
+def _law(depth_mm: Floats, radius_mm: float, *, edge_mm: float, **gel: float) -> Floats:
+    """Return the law's P/w (n,) at E = 1 MPa, without beta; `gel`: thickness_mm, poisson_ratio, sticking."""
+    met, share = rounded_contact(depth_mm, radius_mm, edge_mm=edge_mm, **gel)
+    return share * punch_stiffness(1.0, gel["poisson_ratio"], radius_mm=met, thickness_mm=gel["thickness_mm"])

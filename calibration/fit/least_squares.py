@@ -323,9 +323,10 @@ def fit(
     return replace(fitted, warnings=(TOO_FEW,)) if fitted.dof < 1 and not stated else fitted
 
 
-def refit(fitted: Fit, data: Observations) -> Fit:
-    """Refit the same model and noise to other forces of the same presses, starting from its values."""
-    return fit(fitted.model, data, noise=fitted.noise, starts=fitted.values[None], tolerances=False)
+def refit(fitted: Fit, *, data: Observations | None = None, noise: Noise | None = None) -> Fit:
+    """Refit the same model, starting from its values, to other data or with another noise."""
+    data, noise = data or fitted.data, noise or fitted.noise
+    return fit(fitted.model, data, noise=noise, starts=fitted.values[None], tolerances=False)
 
 
 def linearise(model: Model, values: Floats, *, data: Observations) -> tuple[Linear, bool]:

@@ -97,18 +97,13 @@ class Dimensions(EffectBase):
 
 def with_tolerances(model: Model, data: Observations) -> Model:
     """Return the model with the stated tolerances of these data's indenters and gel."""
-    kept = model.without(HEIGHTS).without(DIMENSIONS).without(CERTIFICATE)
     certified = data.shared.heights and (not data.is_curves or data.depth_source == "gauge")
-    stds = tuple((i.name, i.height_std_mm if certified else 0.0) for i in data.indenters)
-    heights = Heights(stds)
-    if heights.parameters:
-        kept = kept + heights
-    together = Certified(data.shared)
-    if not data.is_curves and together.parameters:
-        kept = kept + together
+    heights = Heights(tuple((i.name, i.height_std_mm if certified else 0.0) for i in data.indenters))
+    together = Certified(Shared() if data.is_curves else data.shared)
     spread = {i.radius_mm: i.radius_std_mm for i in data.indenters}
     dimensions = Dimensions(data.gel.thickness_std_mm, tuple(sorted(spread.items())))
-    return kept + dimensions if dimensions.parameters else kept
+    stated = [one for one in (heights, together, dimensions) if one.parameters]
+    return Model(model.law, (*(e for e in model.effects if e.key not in TOLERANCES), *stated))
 
 
 def _small(table: Iterable[tuple[str, float, str]]) -> tuple[Parameter, ...]:

@@ -198,8 +198,7 @@ def exact_surplus(poisson_ratio: float, a_over_h: float) -> float:
     On a half-space the ratio tends to Spence's (1 - nu) ln(3 - 4 nu)/(1 - 2 nu). Sources: Spence, Proc. R. Soc. A
     305 (1968) 55; Sneddon, Fourier Transforms (1951), sec. 52.
     """
-    xi, weight = _waves()
-    pressure, shear = _transforms()
+    xi, weight, pressure, shear = _transforms()
     part = layer_compliance(xi / a_over_h, poisson_ratio)
     along = weight * xi
     A = (pressure * (along * part.normal)) @ pressure.T
@@ -212,21 +211,17 @@ def exact_surplus(poisson_ratio: float, a_over_h: float) -> float:
 
 
 @lru_cache(maxsize=1)
-def _waves() -> tuple[Floats, Floats]:
+def _transforms() -> tuple[Floats, Floats, Floats, Floats]:
+    """Return wave numbers with weights, (waves,), and the transforms there, (SHAPES, waves): of the pressures (J0:
+    j_0, j_2 ...) and of the shears (J1: j_1, j_3 ...).
+    """
+    from scipy.special import spherical_jn
+
     xi = np.arange(MICRO, XI_END, XI_STEP)
     weight = np.full(xi.size, XI_STEP)
     weight[0] /= 2
-    return xi, weight
-
-
-@lru_cache(maxsize=1)
-def _transforms() -> tuple[Floats, Floats]:
-    """Return the transforms of the pressures (J0: j_0, j_2 ...) and shears (J1: j_1, j_3 ...), (SHAPES, waves)."""
-    from scipy.special import spherical_jn
-
-    xi, _ = _waves()
     order = 2 * np.arange(SHAPES)[:, None]
-    return spherical_jn(order, xi), spherical_jn(order + 1, xi)
+    return xi, weight, spherical_jn(order, xi), spherical_jn(order + 1, xi)
 
 
 RATIO_RANGE: Pair = (0.05, 10)  # a/h of kappa's table

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 from tactilevision.records.constants import KILO, NONZERO
 from tactilevision.records.measured import Estimate
@@ -63,19 +61,17 @@ def number(value: float | None, std: float | None = None) -> str:
     return f"{value:.{min(digits, 8)}f}"
 
 
-def estimate(content: Mapping[str, Any] | Estimate) -> str:
+def estimate(found: Estimate) -> str:
     """Return a value with its unit and its 95 % interval, or why there is none."""
-    record = content.as_json() if isinstance(content, Estimate) else content
-    unit = "" if record["unit"] in ("", "1") else f" {record['unit']}"
-    spread, span = record["std"], ""
-    if record["interval95"] is not None:
-        low, high = record["interval95"]
-        fine = spread if spread else abs(high - low) / 4
+    unit, span = "" if found.unit in ("", "1") else f" {found.unit}", ""
+    if found.interval95 is not None:
+        low, high = found.interval95
+        fine = found.std or abs(high - low) / 4
         span = f"{number(low, fine)} to {number(high, fine)}{unit}"
-    if record["value"] is None:
-        why = record.get("why") or "no reason recorded"
+    if found.value is None:
+        why = found.why or "no reason recorded"
         return f"not determined by these data ({why})" + (f"; 95 %: {span}" if span else "")
-    return f"{number(record['value'], spread)}{unit}" + (f" (95 %: {span})" if span else "")
+    return f"{number(found.value, found.std)}{unit}" + (f" (95 %: {span})" if span else "")
 
 
 def fit_error(held_out_N: float, rms_N: float) -> str:

@@ -222,7 +222,9 @@ def of_round(fitted: Fit) -> CalibrationResult:
             None, None, SILICONE_NU, "1", "a round body hardly depends on nu: its force gives E at a known nu"
         )
         values = [_modulus_at(fitted, one) for one in SILICONE_NU]
-        reach = 1 + _reach(modulus)
+        assert modulus.value is not None
+        assert modulus.interval95 is not None
+        reach = 1 + (modulus.interval95[1] - modulus.interval95[0]) / (2 * modulus.value)
         span = (min(values) / reach, max(values) * reach)
         modulus = Estimate(None, None, span, "MPa", "it needs Poisson's ratio: see youngs_modulus_of_nu")
         lines.insert(0, f"nothing fixes poisson_ratio; silicone gels lie in [{low_nu:g}, {high_nu:g}]")
@@ -260,22 +262,13 @@ def _modulus_at(fitted: Fit, nu: float) -> float:
     return float(fitted.values[e] * forces[0] / forces[1])
 
 
-def _reach(modulus: Estimate) -> float:
-    """Return half of the relative interval of E at known nu."""
-    assert modulus.value is not None
-    assert modulus.interval95 is not None
-    return (modulus.interval95[1] - modulus.interval95[0]) / (2 * modulus.value)
-
-
 def _reduced(fitted: Fit, modulus: Estimate) -> Estimate:
     """Return E/(1 - nu^2), nearly the same at any nu; where nu is open the interval of both ends."""
-    k = fitted.index("poisson_ratio")
+    low, high = modulus.interval95 or (np.nan, np.nan)
     if modulus.value is None:
-        low, high = modulus.interval95 or (np.nan, np.nan)
         span: Pair = (low / (1 - SILICONE_NU[1] ** 2), high / (1 - SILICONE_NU[0] ** 2))
         return replace(modulus, interval95=span)
-    factor = 1 / (1 - float(fitted.values[k]) ** 2)
-    low, high = modulus.interval95 or (np.nan, np.nan)
+    factor = 1 / (1 - float(fitted.values[fitted.index("poisson_ratio")]) ** 2)
     return Estimate(factor * modulus.value, factor * (modulus.std or 0.0), (factor * low, factor * high), "MPa")
 
 

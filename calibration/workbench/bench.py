@@ -104,11 +104,6 @@ def named_state(history: History, name: str) -> Labelled:
     return found
 
 
-def seconds_allowed(action: str) -> float:
-    """Return the time limit of a change, s."""
-    return FIT_S if action in ("card", "add") else READ_S
-
-
 def in_words(action: str, value: str) -> str:
     """Return an action in words."""
     said = value.replace("_", " ")
@@ -334,7 +329,7 @@ class Bench:
         one = self._next(until_idle=until_idle)
         if one is None:
             return False
-        began, limit = time.monotonic(), seconds_allowed(one[0])
+        began, limit = time.monotonic(), FIT_S if one[0] in ("card", "add") else READ_S
         over = threading.Timer(limit, self._dropping.drop, (ACTION,))
         over.daemon = True
         over.start()

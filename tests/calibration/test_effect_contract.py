@@ -9,7 +9,7 @@ from each import each
 from test_effects import rich
 
 import calibration
-from calibration.effects import _BUILT, EFFECTS, in_picture
+from calibration.effects import EFFECTS, in_picture
 from calibration.inputs.conditions import covariates
 from calibration.model.stages import EffectBase, Stage
 
@@ -77,7 +77,8 @@ def test_a_form_is_allowed_for_along_all_that_an_effect_of_the_gel_is_seen_in(ef
 
 def test_orders_differ_and_follow_the_stages_of_the_catalogue() -> None:
     orders = [effect.order for effect in EFFECTS.values()]
-    assert len(set(orders)) == len(_BUILT) == len(EFFECTS)
+    assert orders == sorted(set(orders))
+    assert [effect.key for effect in EFFECTS.values()] == list(EFFECTS)
     assert orders == sorted(orders)
 
 
