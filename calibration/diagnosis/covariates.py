@@ -48,7 +48,7 @@ def form_errors(steady: Fit) -> Floats:
         without = force_without(model, steady.values, steady.data, key=effect.key)
         own = {*HOW_A_PRESS_GOES, *effect.seen_in}
         added = FORM * (steady.force_N - without)[:, None]
-        found += [added * _hot(c, OTHER_BINS) for c in seen if c.name in own]
+        found += [added * indicators(c, OTHER_BINS) for c in seen if c.name in own]
     return _independent(np.hstack(found))
 
 
@@ -61,11 +61,11 @@ def _independent(columns: Floats) -> Floats:
 def _steps(fitted: Fit, covariate: Covariate) -> Floats:
     """Return step functions (N, k) of a covariate: of the stiffness for a press's, of the depth for a sample's."""
     carried = fitted.about.force_N if covariate.of_press else fitted.about.slope_N_per_mm
-    hot = _hot(covariate, DEPTH_BINS if covariate.name == "w" else OTHER_BINS)
+    hot = indicators(covariate, DEPTH_BINS if covariate.name == "w" else OTHER_BINS)
     return np.asarray(hot * (np.abs(carried) + fitted.about.base_N * fitted.noise.scale)[:, None])
 
 
-def _hot(covariate: Covariate, most: int) -> Floats:
+def indicators(covariate: Covariate, most: int) -> Floats:
     """Return 1 for the bin of each sample (N, k), else 0."""
     number = bins(covariate, most)
     return np.asarray(np.eye(int(number.max()) + 1)[number])
@@ -78,7 +78,7 @@ def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
         name = f"{effect.key}.{effect.parameters[0].name}" if effect.parameters else ""
         for covariate in (c for c in seen if c.name in effect.same_over):
             change = fitted.jacobian[:, fitted.index(name)]
-            found[f"{effect.key} by {covariate.name}"] = _hot(covariate, OTHER_BINS) * change[:, None]
+            found[f"{effect.key} by {covariate.name}"] = indicators(covariate, OTHER_BINS) * change[:, None]
     return found
 
 

@@ -281,7 +281,8 @@ def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: fl
         return current
     with suppress(*CANNOT_FIT):
         noise = adopt(current, refit_with(current, by_key[best.key])).noise
-        if noise.of_press_N(current.about) < current.noise.of_press_N(current.about):
+        after, before = (np.mean(one.of_press_N(current.about) ** 2) for one in (noise, current.noise))
+        if after < before:
             return replace(refit(current, noise=noise), warnings=current.warnings)
     return current
 

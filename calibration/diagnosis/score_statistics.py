@@ -134,16 +134,6 @@ class _Seen:
         return _Seen(self.own.of(k), self.looked.of(k), self.squares.of(k), self.priors[:, k : k + 1])
 
 
-@dataclass(frozen=True, slots=True)
-class _Weighed:
-    """Scores and squared lengths (n, D) under n noises; products of the fit's columns, also with the residual."""
-
-    scores: Floats
-    lengths: Floats
-    within: Floats
-    own: Floats
-
-
 class Cast:
     """Scores of directions on residuals under one model, orthogonal to what the fit absorbs.
 
@@ -197,11 +187,9 @@ class Cast:
         """
         seen, found = self._seen(residual_N, priors), []
         for k, noise in enumerate(noises):
-            each = [self._of_presses(noise, share) for share in gains]
-            weighed = self._weighed(seen.of(k), each)
-            costs = self._costs(seen.of(k), each, weighed)
-            with_it = np.min(costs[:, None] - weighed.scores**2, axis=0)
-            found.append(self._split(np.sign(weighed.scores[0]) * np.sqrt(costs.min() - with_it)))
+            costs, scores, _ = self._under(seen.of(k), [self._of_presses(noise, share) for share in gains])
+            with_it = np.min(costs[:, None] - scores**2, axis=0)
+            found.append(list(np.split(np.sign(scores[0]) * np.sqrt(costs.min() - with_it), self.ends[:-1])))
         return found
 
     def _of_presses(self, noise: Noise, share: float) -> Noise:
@@ -216,22 +204,19 @@ class Cast:
         over the gains.
         """
         seen = self._seen(self.fitted.residual_N[:, None], self.own_priors[:, None]).of(0)
-        each = [self._of_presses(self.fitted.noise, share) for share in LARGER]
-        weighed = self._weighed(seen, each)
-        costs = self._costs(seen, each, weighed)
+        costs, _, lengths = self._under(seen, [self._of_presses(self.fitted.noise, share) for share in LARGER])
         rise = (costs - costs.min())[:, None]
-        return np.asarray(np.sqrt(np.max((ratio - rise) / np.maximum(weighed.lengths, TINY), axis=0)))
-
-    def _split(self, scores: Floats) -> list[Floats]:
-        return list(np.split(scores, self.ends[:-1]))
+        return np.asarray(np.sqrt(np.max((ratio - rise) / np.maximum(lengths, TINY), axis=0)))
 
     def _seen(self, residual_N: Floats, priors: Floats) -> _Seen:
         errors = self._weighing.take(residual_N)
         own, looked = (self._weighing.product(one, errors) for one in (self._own, self._looked))
         return _Seen(own, looked, self._weighing.squares(errors), priors)
 
-    def _weighed(self, seen: _Seen, noises: Sequence[Noise]) -> _Weighed:
-        """Return the scores of one residual under each of these noises."""
+    def _under(self, seen: _Seen, noises: Sequence[Noise]) -> tuple[Floats, Floats, Floats]:
+        """Return -2 ln L (n,) of one residual under each of these noises, up to a constant, with the directions'
+        scores and squared lengths (n, D).
+        """
         known, beside = self._priors, self._beside
         within = self._within.under_each(noises) + known.T @ known
         between = self._between.under_each(noises) + known.T @ beside
@@ -240,14 +225,10 @@ class Cast:
         own = seen.own.under_each(noises) + known.T @ seen.priors
         along = seen.looked.under_each(noises) + beside.T @ seen.priors - taken.transpose(0, 2, 1) @ own
         unit = np.sqrt(np.where(self._visible, np.maximum(lengths, TINY), np.inf))
-        return _Weighed(along[:, :, 0] / unit, lengths, within, own)
-
-    def _costs(self, seen: _Seen, noises: Sequence[Noise], weighed: _Weighed) -> Floats:
-        """Return -2 ln L (n,) of each noise, up to a constant."""
-        taken = np.sum(weighed.own * np.linalg.solve(weighed.within, weighed.own), axis=(1, 2))
-        left = seen.squares.under_each(noises)[:, 0] - taken
-        volume = self._weighing.log_volumes(noises) + np.linalg.slogdet(weighed.within)[1]
-        return np.asarray(left + volume + [prior_cost(log_sizes(noise), trust=noise.trust) for noise in noises])
+        left = seen.squares.under_each(noises)[:, 0] - np.sum(own * np.linalg.solve(within, own), axis=(1, 2))
+        volume = self._weighing.log_volumes(noises) + np.linalg.slogdet(within)[1]
+        costs = left + volume + [prior_cost(log_sizes(noise), trust=noise.trust) for noise in noises]
+        return costs, along[:, :, 0] / unit, lengths
 
     def white(self, noise: Noise, residual_N: Floats, *, priors: Floats) -> Floats:
         """Return the whitened part of a residual (N,) that the fit does not absorb."""

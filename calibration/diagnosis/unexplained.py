@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.covariates import covariate_steps
+from calibration.diagnosis.covariates import OTHER_BINS, covariate_steps, indicators
 from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.refit import AS_GOOD, CANNOT_FIT, Candidate, refit_with
 from calibration.diagnosis.score_test import SCATTER, Scored, ScoreTest
@@ -22,7 +22,7 @@ from calibration.fit.identifiability import identify
 from calibration.fit.least_squares import Fit
 from calibration.fit.outlying_presses import STANDS_OUT, WANDERS
 from calibration.fit.repeats import LEVEL
-from calibration.inputs.conditions import bins, covariates
+from calibration.inputs.conditions import covariates
 from calibration.inputs.deadline import Each, in_turn
 from calibration.inputs.denoised_depth import LOAD, branches, nominal_depth
 from calibration.laws.flat_punch import FlatPunch
@@ -47,7 +47,6 @@ MATTERS = 0.65  # std: a 95 % interval off by so much covers 90 %
 WORST = 0.9  # quantile over the samples of a force's error
 SIZES = np.geomspace(0.03, 30, 40)  # of s, over what one std of each step would show
 MODULUS = "youngs_modulus_MPa"
-WANDER_BINS = 6  # steps of what presses' zeros wander with
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,25 +132,17 @@ def _sized(fitted: Fit, key: str, left_N: Floats, E_off: float, std_E: float) ->
     about = fitted.about
     slope = np.maximum(np.abs(about.slope_N_per_mm), 1e-3 * np.max(np.abs(about.slope_N_per_mm)))
     touching = fitted.data.depth_mm > 0
-    over = float(np.quantile(np.abs(left_N / _reading_std(fitted)), WORST))
+    over = float(np.quantile(np.abs(left_N / fitted.noise.std_N(about)), WORST))
     rms, mm = (float(np.sqrt(np.mean(one[touching] ** 2))) for one in (left_N, left_N / slope))
     return Remainder(key, rms, mm, over, E_off, abs(E_off) / std_E)
-
-
-def _reading_std(fitted: Fit) -> Floats:
-    """Return the std (N,) of one sample of one press, N."""
-    noise, about = fitted.noise, fitted.about
-    parts = (noise.gain * about.force_N, noise.zero_mm * about.slope_N_per_mm, noise.scale * about.base_N)
-    return np.asarray(np.sqrt(sum(part**2 for part in parts)))
 
 
 def _zeros(fitted: Fit, key: str) -> Floats:
     """Return steps (N, k) of presses' zeros over the covariate that they depend on."""
     name = key.removeprefix(WANDERS).removesuffix(" of the force")
     along = next(c for c in covariates(fitted.data) if c.name == name)
-    number = bins(along, WANDER_BINS)
-    carried = np.ones(number.size) if key.endswith(" of the force") else fitted.about.slope_N_per_mm
-    return np.asarray(np.eye(int(number.max()) + 1)[number] * carried[:, None])
+    steps = indicators(along, OTHER_BINS)
+    return steps if key.endswith(" of the force") else steps * fitted.about.slope_N_per_mm[:, None]
 
 
 def _random_function(fitted: Fit, steps: Floats) -> tuple[Floats, float]:
@@ -233,17 +224,13 @@ def plain_errors(searched: Searched, each: Each = in_turn) -> tuple[Candidate, .
 
 
 def alternative_explanation(
-    searched: Searched, plain: Sequence[Candidate] | None = None, *, level: float = LEVEL
+    searched: Searched, plain: Sequence[Candidate], *, level: float = LEVEL
 ) -> AlternativeExplanation | None:
-    """Return the instrument error that explains as much as all effects added, and more than each alone; else None.
-
-    `plain`: the instrument errors where they have been fitted already.
-    """
+    """Return which of `plain_errors` explains as much as all effects added, more than each alone; None: none."""
     named, start, begin = [step.best.effect for step in searched.steps], searched.start, _begin(searched)
     paid = searched.current.chi2 + 2 * (searched.current.values.size - start.values.size)
     standing = {s.key for s in searched.first.others if s.p_adjusted <= level}
-    looked = plain_errors(searched) if plain is None else plain
-    best = next((one for one in looked if one.effect.key in standing and _inside(one, begin)), None)
+    best = next((one for one in plain if one.effect.key in standing and _inside(one, begin)), None)
     if best is None or _penalised_chi2(best, begin) >= paid + (AS_GOOD if named else -AS_GOOD):
         return None
     if _penalised_chi2(best, begin) >= min((one.cost for one in _fitted(begin, named)), default=np.inf) - AS_GOOD:

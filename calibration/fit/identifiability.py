@@ -48,19 +48,22 @@ class Rival:
 
 
 @lru_cache(maxsize=KEPT)
-def rivals(fitted: Fit) -> tuple[Rival, ...]:
+def _rivals(fitted: Fit) -> tuple[Rival, ...]:
     """Return fits with a sticking gel, rounded edges, and both; none where nu is fixed.
 
-    Raises ConvergenceError where one cannot be fitted.
+    Where one cannot be fitted, all of silicones' nu.
     """
     law, data = fitted.model.law, fitted.data
     fixed = fitted.parameters[fitted.index("poisson_ratio")].fixed
     if fixed or np.unique(data.presses.radius_mm).size == 1 or not isinstance(law, FlatPunch):
         return ()
     known = _fits(fitted, EDGE) or all(i.edge_radius_mm is not None for i in data.indenters)
-    sticking = stuck(fitted)
-    laws = [law] if sticking is None else [law, replace(law, sticking=1.0)]
-    fits = [] if known else [_again(fitted, one, with_usual_edges(data)) for one in laws]
+    try:
+        sticking = stuck(fitted)
+        laws = [law] if sticking is None else [law, replace(law, sticking=1.0)]
+        fits = [] if known else [_again(fitted, one, with_usual_edges(data)) for one in laws]
+    except ConvergenceError:
+        return (Rival(None, 1.0),)
     fits += [] if sticking is None else [sticking]
     return tuple(Rival(one, min(Z95 / max(one.chi2 - fitted.chi2, TINY) ** 0.5, 1.0)) for one in fits)
 
@@ -111,30 +114,27 @@ def identify(fitted: Fit) -> Identified:
     """Return E and nu from a fit of the FlatPunch law with any effects."""
     radius = main_radius(fitted)
     assumptions: list[str] = []
-    others = _others(fitted)
+    others = _rivals(fitted)
     nu, source = _poisson(fitted, others, assumptions)
-    spread = _spread(fitted, nu, radius)
     deep = finite_depth(fitted, nu, radius_mm=radius)
     assumptions += [] if deep is None else [deep.words(NU_MAX if nu.value is None else nu.value)]
     surplus = sticking_range(fitted, nu, radius=radius, assumptions=[] if deep else assumptions)
-    fits = (
-        [] if nu.value is None else [(other.fitted, other.share) for other in others if other.fitted is not None]
-    )
-    modulus, reduced = (_modulus(one, nu, 0.0 if fits else surplus, "MPa") for one in (spread, spread.reduced()))
-    if deep is not None:
-        modulus, reduced = (
-            _of_elements(one, nu, deep, small_strain=small)
-            for one, small in ((spread, modulus), (spread.reduced(), reduced))
-        )
-    for other, share in fits:
-        own = other.estimate("poisson_ratio")
-        spread = _spread(other, own, radius)
-        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, share=share)
-        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, share=share)
+    fits = [] if nu.value is None else [(one.fitted, one.share) for one in others if one.fitted is not None]
+
+    def modulus(reduced: bool) -> Estimate:
+        spread = _spread(fitted, nu, radius, reduced=reduced)
+        found = _modulus(spread, nu, 0.0 if fits else surplus)
+        found = found if deep is None else _of_elements(spread, nu, deep, small_strain=found)
+        for other, share in fits:
+            own = other.estimate("poisson_ratio")
+            theirs = _modulus(_spread(other, own, radius, reduced=reduced), own, 0.0)
+            found = holding(found, theirs.interval95, share=share)
+        return found
+
     return Identified(
-        youngs_modulus=modulus,
+        youngs_modulus=modulus(reduced=False),
         poisson_ratio=nu,
-        reduced_modulus=reduced,
+        reduced_modulus=modulus(reduced=True),
         source=source,
         covariance=_covariance(fitted, radius, deep),
         modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius=radius, deep=deep),
@@ -158,7 +158,7 @@ def _of_elements(spread: _Spread, nu: Estimate, deep: FiniteDepth, *, small_stra
     at = NU_MAX if nu.value is None else nu.value
     lower, higher = deep.room(at)
     by_elements = replace(spread, modulus=spread.modulus / deep.share(spread.nodes))
-    found = reaching_up(_modulus(by_elements, nu, lower, small_strain.unit), higher)
+    found = reaching_up(_modulus(by_elements, nu, lower), higher)
     return holding(found, small_strain.interval95)
 
 
@@ -171,9 +171,6 @@ class _Spread:
     modulus: Floats
     relative_std: float
     reach: float
-
-    def reduced(self) -> _Spread:
-        return _Spread(self.nodes, self.weights, self.modulus / (1 - self.nodes**2), self.relative_std, self.reach)
 
     def quantile(self, share: float) -> float:
         """Return the quantile of the mixture of normals, widened by Student's quantile over the normal one."""
@@ -189,14 +186,6 @@ def mixture_quantile(share: float, weight: Floats, mean: Floats, std: Floats) ->
     low, high = mean.min() - 12 * std.max(), mean.max() + 12 * std.max()
     tolerance = ROUNDING * max(abs(low), abs(high))
     return float(brentq(lambda x: float(weight @ ndtr((x - mean) / std)) - share, low, high, xtol=tolerance))
-
-
-def _others(fitted: Fit) -> tuple[Rival, ...]:
-    """Return the rivals; where one cannot be fitted, all of silicones' nu."""
-    try:
-        return rivals(fitted)
-    except ConvergenceError:
-        return (Rival(None, 1.0),)
 
 
 def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tuple[Estimate, str]:
@@ -325,8 +314,11 @@ def gradient(fitted: Fit, function: Function, *, step: float = STEP) -> Floats:
     return np.nan_to_num(slopes)
 
 
-def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
-    """Return E over nu: on one radius along the exact curve E(nu), on several along the fit's own slope."""
+def _spread(fitted: Fit, nu: Estimate, radius: float, *, reduced: bool) -> _Spread:
+    """Return E over nu: on one radius along the exact curve E(nu), on several along the fit's own slope.
+
+    `reduced`: E/(1 - nu^2) instead.
+    """
     from scipy.special import ndtri
 
     e, k = fitted.index("youngs_modulus_MPa"), fitted.index("poisson_ratio")
@@ -345,6 +337,7 @@ def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
         modulus = value * _unit(fitted, centre, radius) / np.array([_unit(fitted, n, radius) for n in nodes])
     else:
         modulus = value * np.exp(slope / value * (nodes - centre))
+    modulus = modulus / (1 - nodes**2) if reduced else modulus
     relative = float(np.sqrt(max(rest, 0.0)) / value)
     at_nu = np.eye(fitted.values.size)[e]
     at_nu[k] = -slope  # E at a given nu
@@ -357,20 +350,20 @@ def _unit(fitted: Fit, nu: float, radius: float) -> float:
     return float(punch_stiffness(1.0, float(nu), radius_mm=np.array([radius]), thickness_mm=thickness)[0])
 
 
-def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estimate:
+def _modulus(spread: _Spread, nu: Estimate, surplus: float) -> Estimate:
     """Return E (or E*) with its interval; no value where nu has none."""
     if nu.value is None:
         reach = spread.reach * spread.relative_std
         low, high = spread.modulus.min() * max(1 - reach, 0.0) / (1 + surplus), spread.modulus.max() * (1 + reach)
         why = "it follows from c only at a known Poisson's ratio: see youngs_modulus_of_nu"
-        return Estimate(None, None, (float(low), float(high)), unit, why)
+        return Estimate(None, None, (float(low), float(high)), "MPa", why)
     if spread.reach * spread.relative_std >= 1:  # the interval reaches 0: nothing is determined
         why = "another parameter takes its place in these data; the interval is the range of gels"
-        return Estimate(None, None, GEL_MODULUS_MPA, unit, why)
+        return Estimate(None, None, GEL_MODULUS_MPA, "MPa", why)
     mean = float(np.interp(nu.value, spread.nodes, spread.modulus))
     low, high = map(spread.quantile, TAILS95)
     std = float(np.sqrt(np.var(spread.modulus) + np.mean((spread.modulus * spread.relative_std) ** 2)))
-    return Estimate(mean, std, (low / (1 + surplus), high), unit)
+    return Estimate(mean, std, (low / (1 + surplus), high), "MPa")
 
 
 def modulus_of_nu(

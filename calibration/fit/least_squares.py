@@ -26,6 +26,7 @@ from tactilevision.records.constants import MICRO, TAILS95, TINY
 from tactilevision.records.measured import Bools, Estimate, Floats
 
 Residual = Callable[[Floats], Floats]
+ROOT = 6e-6  # cube root of the machine epsilon: step of central differences
 FINE = 1e-10  # tolerance of a minimum
 QUICK = 1e-7  # tolerance from which one-sided derivatives suffice
 MAX_STEPS = 80  # of one descent: of 600 in recordings with several effects 1 % take more
@@ -45,7 +46,6 @@ class Minimum:
     residual: Floats
     jacobian: Floats
     at_bound: Bools
-    evaluations: int
 
     @property
     def chi2(self) -> float:
@@ -90,25 +90,20 @@ def minimise(
     return best
 
 
-def differentiate(residual: Residual, values: Floats, *, box: Box) -> Floats:
-    """Return the Jacobian (n, p) of the residual per parameter, by differences, one-sided near a bound."""
-    step = 6e-6 * np.maximum(np.abs(values), box.scale)  # cube root of the machine epsilon
-    columns = []
+def differentiate(residual: Residual, values: Floats, *, box: Box, quick: bool = False) -> Floats:
+    """Return the Jacobian (n, p) of the residual per parameter, by differences, one-sided near a bound.
+
+    `quick`: by forward differences, backward at the upper bound.
+    """
+    step = (MICRO if quick else ROOT) * np.maximum(np.abs(values), box.scale)
+    here, columns = residual(values) if quick else None, []
     for k, size in enumerate(step):
         high, low = values.copy(), values.copy()
-        high[k], low[k] = min(values[k] + size, box.high[k]), max(values[k] - size, box.low[k])
-        columns.append((residual(high) - residual(low)) / (high[k] - low[k]))
-    return np.column_stack(columns)
-
-
-def _one_sided(residual: Residual, values: Floats, box: Box) -> Floats:
-    """Return the Jacobian (n, p) by forward differences, backward at the upper bound."""
-    here = residual(values)
-    columns = []
-    for k, size in enumerate(MICRO * np.maximum(np.abs(values), box.scale)):
-        moved = values.copy()
-        moved[k] += size if values[k] + size <= box.high[k] else -size
-        columns.append((residual(moved) - here) / (moved[k] - values[k]))
+        if quick:
+            high[k] += size if values[k] + size <= box.high[k] else -size
+        else:
+            high[k], low[k] = min(values[k] + size, box.high[k]), max(values[k] - size, box.low[k])
+        columns.append((residual(high) - (residual(low) if here is None else here)) / (high[k] - low[k]))
     return np.column_stack(columns)
 
 
@@ -120,15 +115,10 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float, sett
             "the model gives no finite force at a starting point", where="minimise", value=start.tolist()
         )
 
-    def slope(values: Floats) -> Floats:
-        if tolerance >= QUICK:
-            return _one_sided(residual, values, box)
-        return differentiate(residual, values, box=box)
-
     solve = partial(
         least_squares,
         residual,
-        jac=slope,
+        jac=partial(differentiate, residual, box=box, quick=tolerance >= QUICK),
         bounds=(box.low, box.high),
         x_scale=box.scale,
         xtol=tolerance,
@@ -145,9 +135,7 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float, sett
         return None
     near = MICRO * box.scale
     at_bound = (solution.x - box.low < near) | (box.high - solution.x < near)
-    found = Minimum(
-        np.asarray(solution.x), np.asarray(solution.fun), np.asarray(solution.jac), at_bound, int(solution.nfev)
-    )
+    found = Minimum(np.asarray(solution.x), np.asarray(solution.fun), np.asarray(solution.jac), at_bound)
     return found if at_bound.any() or tolerance >= QUICK else _polish(residual, found, box)
 
 
@@ -163,7 +151,7 @@ def _polish(residual: Residual, found: Minimum, box: Box) -> Minimum:
     better = residual(values)
     if not float(better @ better) <= (1 + TINY) * found.chi2:  # known to rounding only
         return found
-    return Minimum(values, better, differentiate(residual, values, box=box), found.at_bound, found.evaluations + 1)
+    return Minimum(values, better, differentiate(residual, values, box=box), found.at_bound)
 
 
 def _inside(start: Floats, box: Box) -> Floats:

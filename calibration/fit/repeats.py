@@ -205,6 +205,4 @@ def repeatability_rms(fitted: Fit) -> float:
         inside = pure_error(replace(fitted, white=fitted.residual_N), data.presses.indenter[data.press])
         if inside.dof >= 3:
             return float(np.sqrt(inside.squares / inside.dof))
-    noise, about = fitted.noise, fitted.about
-    parts = (noise.scale * about.base_N) ** 2 + (noise.gain * about.force_N) ** 2
-    return float(np.sqrt(np.mean(parts + (noise.zero_mm * about.slope_N_per_mm) ** 2)))
+    return float(np.sqrt(np.mean(fitted.noise.std_N(fitted.about) ** 2)))

@@ -145,8 +145,6 @@ def in_phase(data: Observations) -> Observations:
 
     A warning names the offset. Points, and curves without times, are returned unchanged.
     """
-    if not data.is_curves or not np.isfinite(data.time_s).all():
-        return data
     if not (offset := offset_by_phase(data)):
         return data
     deepest = np.maximum.reduceat(data.depth_mm, data.first)
@@ -162,7 +160,7 @@ def in_phase(data: Observations) -> Observations:
 
 def with_one_clock(data: Observations) -> Observations:
     """Return the data with depths at the times of the forces, by the offset of their phases; for checks only."""
-    if not data.is_curves or not np.isfinite(data.time_s).all() or not (offset := offset_by_phase(data)):
+    if not (offset := offset_by_phase(data)):
         return data
     steady = replace(data, depth_mm=denoised_depth(data))
     return replace(data, depth_mm=data.depth_mm + depth_at(steady, -offset) - steady.depth_mm)
@@ -171,9 +169,13 @@ def with_one_clock(data: Observations) -> Observations:
 def offset_by_phase(data: Observations) -> float:
     """Return the offset (s), of a grid, at which depths and forces are in phase; 0 unless they are far out of it.
 
+    0 also for points, and for curves without times.
+
     At each offset a cubic of the depth through 0 is fitted to each radius' force, independent of any law. The
     offset is chosen by the radii whose residual falls most, and the residual of all forces together must not grow.
     """
+    if not data.is_curves or not np.isfinite(data.time_s).all():
+        return 0.0
     steady = replace(data, depth_mm=denoised_depth(data))
     residual = np.array([_residual_of_cubic(steady, np.maximum(depth_at(steady, -o), 0.0)) for o in GRID_S])
     _, which = np.unique(data.radius_mm, return_inverse=True)

@@ -83,10 +83,13 @@ class Noise:
         """Degrees of freedom of the stated noise."""
         return STATED_DOF if self.stated and not self.overstated else 0.0
 
-    def of_press_N(self, about: Linear) -> float:
-        """Return the rms error of the force, N, by a press's gain and zero."""
-        parts = np.stack([self.gain * about.force_N, self.zero_mm * about.slope_N_per_mm])
-        return float(np.sqrt(np.mean(np.sum(parts**2, axis=0))))
+    def std_N(self, about: Linear) -> Floats:
+        """Return the std (N,) of one sample of one press, N, by its own noise and the press's gain and zero."""
+        return np.hypot(self.scale * about.base_N, self.of_press_N(about))
+
+    def of_press_N(self, about: Linear) -> Floats:
+        """Return the std (N,) of the force, N, by a press's gain and zero."""
+        return np.hypot(self.gain * about.force_N, self.zero_mm * about.slope_N_per_mm)
 
     def parts(self, base_N: Floats) -> dict[str, float]:
         """Return the sizes for a report: mN a sample, per cent and um a press."""

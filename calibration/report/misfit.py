@@ -108,7 +108,7 @@ def strip_of(
     trend: tuple[float, ...] = (),
 ) -> Strip:
     """Return residuals (m, N), N, in bins of a covariate."""
-    number = bins(covariate, most_bins(covariate.name))
+    number = bins(covariate, DEPTH_BINS if covariate.name in DEPTHS else BINS)
     rows = [np.flatnonzero(number == k) for k in range(int(number.max()) + 1)]
     count = np.array([row.size for row in rows])
     mean = np.array([[one[row].mean() for row in rows] for one in residual_N])
@@ -125,11 +125,6 @@ def strip_of(
         p_adjusted=p,
         p_trend=trend,
     )
-
-
-def most_bins(name: str) -> int:
-    """Return the largest number of bins of a covariate."""
-    return DEPTH_BINS if name in DEPTHS else BINS
 
 
 def levels(name: str, data: Observations) -> tuple[str, ...]:

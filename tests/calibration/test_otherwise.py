@@ -14,7 +14,7 @@ from test_effects import BASE, RICH
 from calibration.diagnosis.forward_selection import Round, Searched, Step
 from calibration.diagnosis.refit import adopt, refit_with
 from calibration.diagnosis.score_test import Scored, ScoreTest
-from calibration.diagnosis.unexplained import alternative_explanation
+from calibration.diagnosis.unexplained import AlternativeExplanation, alternative_explanation, plain_errors
 from calibration.effects import EFFECTS
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError, SinceTouch, since_touch
 from calibration.fit.least_squares import fit
@@ -51,9 +51,13 @@ def named(
     return Searched(base, base, (first,), tuple(steps), NOTHING)
 
 
+def explained(searched: Searched) -> AlternativeExplanation | None:
+    return alternative_explanation(searched, plain_errors(searched))
+
+
 @pytest.mark.slow
 def test_a_creep_since_the_touch_stands_for_a_relaxation_beside_an_adhesion() -> None:
-    found = alternative_explanation(named(planted(SinceTouch(), CREEP), ("viscoelasticity", "adhesion")))
+    found = explained(named(planted(SinceTouch(), CREEP), ("viscoelasticity", "adhesion")))
     assert found is not None
     assert (found.key, found.covariate) == ("force_since_touch", "t")
     assert found.instead_of == ("viscoelasticity", "adhesion")
@@ -73,13 +77,13 @@ def test_true_effects_alone_and_in_pairs_stand(keys: tuple[str, ...]) -> None:
     for key in keys:
         model = model + EFFECTS[key]
     values = np.concatenate([BASE, *(truth[effect.key] for effect in model.effects)])
-    assert alternative_explanation(named(model.predict(values, RICH), keys)) is None
+    assert explained(named(model.predict(values, RICH), keys)) is None
 
 
 def test_where_nothing_was_named_a_plain_error_is_told_only_if_it_helps() -> None:
-    assert alternative_explanation(named(LAW.predict(BASE, RICH), ())) is None
+    assert explained(named(LAW.predict(BASE, RICH), ())) is None
     back = next(error for error in INSTRUMENT_ERRORS if error.key == "depth_way_back")
-    found = alternative_explanation(named(planted(back, np.array([0.02])), ()))
+    found = explained(named(planted(back, np.array([0.02])), ()))
     assert found is not None
     assert found.key == "depth_way_back"
     assert found.sizes[0][1] == pytest.approx(0.02, rel=0.2)
@@ -88,9 +92,9 @@ def test_where_nothing_was_named_a_plain_error_is_told_only_if_it_helps() -> Non
 def test_a_plain_error_without_a_reason_displaces_nothing() -> None:
     back = next(error for error in INSTRUMENT_ERRORS if error.key == "depth_way_back")
     force = planted(back, np.array([0.02]))
-    assert alternative_explanation(named(force, (), standing=())) is None
+    assert explained(named(force, (), standing=())) is None
     chance = [Scored(back.key, 9.0, 0.02, 0.3)]
-    assert alternative_explanation(named(force, (), standing=chance)) is None
+    assert explained(named(force, (), standing=chance)) is None
 
 
 @each("error", INSTRUMENT_ERRORS)
