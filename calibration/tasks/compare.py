@@ -145,12 +145,14 @@ class Compared:
 class Comparison:
     """Models in the order in which effects were added, on the same measurements.
 
-    `left_out` are the effects that could not be added, and why; `pictured` the models of the picture's depth
+    `stated` are the measurements as recorded, without what else is known of nu. `left_out` are the effects that
+    could not be added, and why; `pictured` the models of the picture's depth
     compared with the certified one, where there are both; `suggested` the keys of instrument errors that would
     lower the last model's error by more than they cost.
     """
 
     models: tuple[Compared, ...]
+    stated: Observations
     left_out: tuple[tuple[str, str], ...] = ()
     pictured: tuple[Compared, ...] = ()
     suggested: tuple[str, ...] = ()
@@ -177,37 +179,26 @@ def compare(
     replaces its fit. `bulge`: nu from the rise outside the contact, held within `bound`. After the `deadline` no
     effect is added any more. Raises InputError for unusable data.
     """
-    ready, complete = prepare(data, bulge=bulge, bound=bound), partial(completed, rng=rng)
+    complete = partial(completed, rng=rng)
     progress(0, len(effects) + 1, "the base model")
-    found = complete(plain_law(ready))
+    found = complete(plain_law(data, bulge=bulge, bound=bound))
     for number, added in enumerate(effects, start=1):
         effect = get_effect(added) if isinstance(added, str) else added
         progress(number, len(effects) + 1, effect.key.replace("_", " "))
-        found = with_effect(found, effect, ready, complete=complete, deadline=deadline)
+        found = with_effect(found, effect, complete=complete, deadline=deadline)
     return replace(found, suggested=suggest(found, deadline))
 
 
-@dataclass(frozen=True, slots=True)
-class Prepared:
-    """Measurements that models are fitted to: `stated` as they were recorded, `data` with what is known of nu."""
-
-    stated: Observations
-    data: Observations
-
-
-def prepare(data: Observations, *, bulge: Estimate | None = None, bound: Pair | None = SILICONE_NU) -> Prepared:
-    """Return the measurements as `compare` fits them. Raises InputError for unusable data."""
-    stated = clear_of_touch(in_phase(usable(data)))
-    return Prepared(stated, informed(stated, bulge, bound=bound))
-
-
-def plain_law(ready: Prepared) -> Comparison:
+def plain_law(
+    data: Observations, *, bulge: Estimate | None = None, bound: Pair | None = SILICONE_NU
+) -> Comparison:
     """Return the base law alone, to which `with_effect` adds, without what `completed` determines.
 
-    Raises InputError where it cannot be fitted.
+    Raises InputError for unusable data, and where it cannot be fitted.
     """
-    alone = _judge(base_fit(base_model(ready.data), ready.data))
-    return Comparison((alone,), pictured=_of_picture(ready.stated))
+    stated = clear_of_touch(in_phase(usable(data)))
+    data = informed(stated, bulge, bound=bound)
+    return Comparison((_judge(base_fit(base_model(data), data)),), stated, pictured=_of_picture(stated))
 
 
 def _of_picture(data: Observations) -> tuple[Compared, ...]:
@@ -229,7 +220,6 @@ def completed(found: Comparison, rng: np.random.Generator) -> Comparison:
 def with_effect(
     found: Comparison,
     effect: Effect,
-    ready: Prepared,
     *,
     complete: Callable[[Comparison], Comparison] | None = None,
     deadline: Deadline = NEVER,
@@ -247,7 +237,7 @@ def with_effect(
             more = (*found.models, replace(one, effects=(*last.effects, effect.key)))
             longer = replace(found, models=more, suggested=())
             return longer if complete is None else complete(longer)
-        if why or (pictured := _in_picture(found.pictured, effect, ready)) is None:
+        if why or (pictured := _in_picture(found, effect)) is None:
             return replace(found, left_out=(*found.left_out, (effect.key, unseen)))
         return replace(found, pictured=pictured, suggested=())
     except Exception as fault:  # a private effect may raise anything; the next one may still do
@@ -262,8 +252,9 @@ def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:
     return tuple(one.effect.key for one in suggested(last.fitted))
 
 
-def _in_picture(pictured: tuple[Compared, ...], effect: Effect, ready: Prepared) -> tuple[Compared, ...] | None:
+def _in_picture(found: Comparison, effect: Effect) -> tuple[Compared, ...] | None:
     """Return the models of the picture's depth with the effect added; None where no such depth shows it."""
+    pictured = found.pictured
     if not pictured:
         return None
     seen = pictured[-1].fitted
@@ -271,7 +262,7 @@ def _in_picture(pictured: tuple[Compared, ...], effect: Effect, ready: Prepared)
     if shown is None or shown.missing(seen.data):
         return None
     treat = getattr(effect, "treat", None)
-    fitted = adopt(seen, refit_with(seen, shown)) if treat is None else _treated(seen, treat(ready.stated))
+    fitted = adopt(seen, refit_with(seen, shown)) if treat is None else _treated(seen, treat(found.stated))
     return (*pictured, _as_read(fitted, (*pictured[-1].effects, effect.key)))
 
 

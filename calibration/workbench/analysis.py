@@ -29,14 +29,7 @@ from calibration.inputs.deadline import Watch
 from calibration.inputs.observations import Observations, leave_out
 from calibration.model.stages import Effect
 from calibration.report.drawing import overlay
-from calibration.tasks.compare import (
-    Comparison,
-    Prepared,
-    completed,
-    plain_law,
-    prepare,
-    with_effect,
-)
+from calibration.tasks.compare import Comparison, completed, plain_law, with_effect
 from calibration.workbench.opened import Opened
 from tactilevision.records.misfit import Strip
 
@@ -46,14 +39,13 @@ OF_FORCE, OF_PICTURE = "the force", "the reconstructed depth"
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """The base model and each effect on top of those before; `ready` are the prepared data.
+    """The base model and each effect on top of those before.
 
     `rng`: state of the random numbers after these models; the next effect continues from a copy, as in `compare`.
     None: the material and the residual's covariates are not determined yet.
     """
 
     found: Comparison
-    ready: Prepared
     rng: np.random.Generator | None = None
 
 
@@ -72,13 +64,12 @@ class Models:
         place = (tuple(sorted(left_out)), tuple(keys))
         if place not in self._known:
             if keys:
-                before, effect = self.fitted(left_out, keys[:-1]), self._opened.effect(keys[-1])
-                found, ready = with_effect(before.found, effect, before.ready), before.ready
+                before = self.fitted(left_out, keys[:-1]).found
+                found = with_effect(before, self._opened.effect(keys[-1]))
             else:
                 data = leave_out(self._opened.data, place[0])
-                ready = prepare(data, bulge=self._opened.bulge, bound=self._opened.bound)
-                found = plain_law(ready)
-            self._known[place] = Fitted(found, ready)
+                found = plain_law(data, bulge=self._opened.bulge, bound=self._opened.bound)
+            self._known[place] = Fitted(found)
         return self._known[place]
 
     def completed(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:

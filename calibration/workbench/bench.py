@@ -484,7 +484,7 @@ class Bench:
             if self._place(self._shown.history) == place:
                 self._show(verdict=verdict, asking="", troubled=why)
 
-        opened, data = self.opened, shown.now.ready.stated
+        opened, data = self.opened, shown.now.found.stated
         own, seed = tuple(opened.files.values()), shown.history.seed
         question = partial(
             analysis.diagnosed, data=data, known=keys, own=own, seed=seed, bulge=opened.bulge, bound=opened.bound

@@ -29,7 +29,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect, State
 from calibration.noise.model import Noise
-from calibration.tasks.compare import Comparison, compare
+from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files.writing import write_json
@@ -236,12 +236,13 @@ def test_theory_beta_at_the_thinner_gel_is_as_finite_elements_have_it() -> None:
 def test_compare_shows_the_error_fall_to_the_floor() -> None:
     data = presses()
     shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.02)), np.random.default_rng(3))
-    base, better = compare(shifted, ["depth_zero"], rng=np.random.default_rng(0)).models
+    found = compare(shifted, ["depth_zero"], rng=np.random.default_rng(0))
+    base, better = found.models
     assert better.name == "flat_punch + depth_zero"
     assert better.held_out_N < 0.8 * base.held_out_N
     assert better.held_out_N == pytest.approx(better.repeatability_N, rel=0.25)
     assert base.covariates[0].p_adjusted < 0.01 < better.covariates[0].p_adjusted
-    rows = Comparison((base, better)).as_json()
+    rows = found.as_json()
     for row, model in zip(rows, (base, better), strict=True):
         assert row["rms_error_N"] == {
             "before": base.rms_N,

@@ -16,7 +16,7 @@ from calibration.result.material import joint_region
 from calibration.result.poisson_routes import informed, of_beta
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import calibrate, observe
-from calibration.tasks.compare import completed, plain_law, prepare
+from calibration.tasks.compare import completed, plain_law
 from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
@@ -103,7 +103,7 @@ def calibrated_wrongly() -> CalibrationResult:
 
 
 def test_a_comparison_reaches_to_each_route_as_a_calibration_does() -> None:
-    compared = completed(plain_law(prepare(observe([stated_wrongly()]))), np.random.default_rng(0))
+    compared = completed(plain_law(observe([stated_wrongly()])), np.random.default_rng(0))
     found = compared.models[0].material
     alone = calibrated_wrongly()
     assert found is not None

@@ -102,7 +102,7 @@ def test_a_press_is_left_out_and_put_back(made: Bench, tmp_path: Path) -> None:
     assert len(curve_view(shown)["presses"]) == PRESSES - 1
     assert "--leave-out p1" in shown.history.script(tmp_path)
     assert shown.now is not None
-    assert shown.now.ready.data.count == leave_out(made.opened.data, ["p1"]).count
+    assert shown.now.found.stated.count == leave_out(made.opened.data, ["p1"]).count
     do(made, "put_back", "p1")
     assert len(curve_view(made.shown)["presses"]) == PRESSES
 
