@@ -29,7 +29,6 @@ class Heights(EffectBase):
     stds: tuple[tuple[str, float], ...]
 
     key = HEIGHTS
-    title = "the machined heights are off"
     stage = Stage.DEPTH
 
     @property
@@ -51,7 +50,6 @@ class Certified(EffectBase):
     shared: Shared
 
     key = CERTIFICATE
-    title = "the certificate is off"
     stage = Stage.DEPTH
 
     @property
@@ -75,7 +73,6 @@ class Dimensions(EffectBase):
     radii: tuple[tuple[float, float], ...]
 
     key = DIMENSIONS
-    title = "the dimensions are off"
     stage = Stage.GEOMETRY
 
     @property

@@ -44,36 +44,19 @@ def without_copies(data: Observations) -> Observations:
 
     A point that equals an earlier one stays, since rounded numbers may agree; a warning names it.
     """
-    if not data.is_curves:
-        return _with_equal_points_named(data)
     first: dict[bytes, int] = {}
-    keep, said = np.ones(data.count, bool), []
+    samples = np.column_stack([data.depth_mm, data.normal_N, *([] if data.is_curves else [data.radius_mm])])
+    copies: dict[int, int] = {}
     for k, one in enumerate(data.spans):
-        if one.stop - one.start < MIN_SAMPLES:
-            continue
-        samples = np.column_stack([data.depth_mm[one], data.normal_N[one]]).tobytes()
-        if samples in first:
-            keep[k] = False
-            said.append(
-                f"press {_named(data, k)} has the samples of press {_named(data, first[samples])}: excluded"
-            )
-        first.setdefault(samples, k)
-    return data if keep.all() else data.take(keep).warned(*said)
-
-
-def _with_equal_points_named(data: Observations) -> Observations:
-    first: dict[tuple[float, ...], int] = {}
-    said = []
-    numbers = np.column_stack([data.presses.radius_mm[data.press], data.depth_mm, data.normal_N]).tolist()
-    for k, point in zip(data.press.tolist(), numbers, strict=True):
-        earlier = first.setdefault(tuple(point), k)
-        if earlier != k:
-            said.append(f"{_named(data, k)} of {_named(data, earlier)}")
-    if not said:
-        return data
-    return data.warned(
-        f"presses with the same depth and force as another, copies unless by rounding: {some(said)}"
-    )
+        if not data.is_curves or one.stop - one.start >= MIN_SAMPLES:
+            earlier = first.setdefault(samples[one].tobytes(), k)
+            copies |= {k: earlier} if earlier != k else {}
+    named = [(_named(data, k), _named(data, earlier)) for k, earlier in copies.items()]
+    if named and not data.is_curves:
+        pairs = some([f"{one} of {other}" for one, other in named])
+        return data.warned(f"presses with the same depth and force as another, copies unless by rounding: {pairs}")
+    said = [f"press {one} has the samples of press {other}: excluded" for one, other in named]
+    return data.take(~np.isin(np.arange(data.count), list(copies))).warned(*said) if said else data
 
 
 def check_times(data: Observations) -> None:

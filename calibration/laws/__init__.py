@@ -22,14 +22,11 @@ def shape_of(law: Law) -> str:
     return str(getattr(law, "shape", FLAT))
 
 
-def default_law(shapes: Collection[str]) -> Law:
-    """Return the default law for indenters of these shapes: a flat cylinder's where there is one."""
-    laws: tuple[Law, ...] = (FlatPunch(), Sphere(), Cone())
-    return next((law for law in laws if shape_of(law) in shapes), laws[0])
+def get_law(key: str, shapes: Collection[str]) -> Law:
+    """Return the law of this key. Raises InputError for an unknown key.
 
-
-def get_law(key: str) -> Law:
-    """Return the law of this key; "default" is flat_punch. Raises InputError for an unknown key."""
-    name = "flat_punch" if key == "default" else key
+    "default" is the first law for one of these shapes of indenters, a flat cylinder's where there is one.
+    """
     check_known(key, ["default", *LAWS], what="there is no contact law of this name", where="law")
-    return LAWS[name]
+    suits = (law for law in LAWS.values() if shape_of(law) in shapes)
+    return next(suits, LAWS["flat_punch"]) if key == "default" else LAWS[key]

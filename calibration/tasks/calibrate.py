@@ -22,7 +22,7 @@ from calibration.inputs.checks import at_one_depth, check, check_times, of_sever
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.gather import observe_curves, observe_points
 from calibration.inputs.observations import Measured, Observations, as_sets
-from calibration.laws import FLAT, default_law, get_law, shape_of
+from calibration.laws import FLAT, get_law, shape_of
 from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
 from calibration.laws.theory import apart_from_stated
 from calibration.model.composition import Model
@@ -64,7 +64,8 @@ def calibrate(
     sets = as_sets(measured)
     seen = without_copies(observe(sets))
     check_times(seen)
-    chosen = _chosen(law, seen)
+    shapes = {indenter.shape for indenter in seen.indenters}
+    chosen = get_law(law, shapes) if isinstance(law, str) else law
     stated = _sized(of_shape(seen, shape_of(chosen)))
     if shape_of(chosen) == FLAT:
         stated = of_several_depths(stated)
@@ -118,12 +119,6 @@ def observe(sets: Sequence[Measured]) -> Observations:
             raise NothingCertified(f"no press can be trusted ({reasons})")
         return observe_points(sets)
     return observe_curves(sets)
-
-
-def _chosen(law: Law | str, data: Observations) -> Law:
-    if not isinstance(law, str):
-        return law
-    return default_law({indenter.shape for indenter in data.indenters}) if law == "default" else get_law(law)
 
 
 def _sized(data: Observations) -> Observations:
