@@ -192,6 +192,12 @@ class EffectBase:
     treatment: ClassVar[str] = ""
     start_values: ClassVar[tuple[tuple[float, ...], ...]] = ()
 
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and vars(other) == vars(self)
+
+    def __hash__(self) -> int:
+        return hash(type(self))
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Fitted parameters; the effect vanishes at the default of the first."""

@@ -141,9 +141,9 @@ def test_without_a_picture_there_is_nothing_to_compare() -> None:
 @each("effect", in_picture())
 def test_switched_off_the_picture_is_the_depth(effect: InPicture) -> None:
     off = np.array([p.default for p in effect.parameters])
-    np.testing.assert_array_equal(effect.seen(GAUGE.depth_mm, off, GAUGE), GAUGE.depth_mm)
+    np.testing.assert_array_equal(effect.inner.seen(GAUGE.depth_mm, off, GAUGE), GAUGE.depth_mm)
     for start in effect.starts(GAUGE):
-        assert np.isfinite(effect.seen(GAUGE.depth_mm, start, GAUGE)).all()
+        assert np.isfinite(effect.inner.seen(GAUGE.depth_mm, start, GAUGE)).all()
 
 
 def test_a_pause_of_a_night_is_an_hour_of_drift() -> None:
