@@ -160,7 +160,7 @@ def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[In
         )
     if shape != "cone" and not (np.isfinite(radius) and radius > 0):
         yield InputError("an indenter's radius must be above 0 mm", where=where, value=radius)
-    half = _half_width(data)
+    half = half_width(data)
     if shape == "flat_cylinder" and half is not None and radius >= half:
         yield InputError(
             "the punch is as wide as the gel pad",
@@ -170,7 +170,8 @@ def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[In
         )
 
 
-def _half_width(data: Observations) -> float | None:
+def half_width(data: Observations) -> float | None:
+    """Return the distance from the pad's centre to its nearest edge, mm; None where it is not stated."""
     if data.gel.shape == "disc":
         return data.gel.radius_mm
     if data.gel.shape == "rectangle" and data.gel.size_mm is not None:

@@ -98,7 +98,8 @@ def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats:
     """Return force over depth at E = 1 MPa of a sharp edge and of the actual edge, (2, N) in N/mm; cached."""
     shape = (state.depth_mm, state.radius_mm, state.edge_mm, state.thickness_mm, state.factor)
     for nu, sticks, known, table in tuple(reversed(_STIFFNESS)):
-        if nu == poisson_ratio and sticks == sticking and all(map(_same, known, shape)):
+        same = (one is other or np.array_equal(one, other) for one, other in zip(known, shape, strict=True))
+        if nu == poisson_ratio and sticks == sticking and all(same):
             return table
     table = np.array(
         [
@@ -110,10 +111,6 @@ def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats:
     copies = tuple(a.copy() if a.flags.writeable else a for a in shape)  # an effect may reuse its arrays
     _STIFFNESS.append((poisson_ratio, sticking, copies, table))
     return table
-
-
-def _same(one: Floats, other: Floats) -> bool:
-    return one is other or np.array_equal(one, other)
 
 
 def on_its_edge(state: State, poisson_ratio: float, *, sticking: float = 0.0) -> State:

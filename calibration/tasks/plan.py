@@ -384,7 +384,9 @@ def plan(design: Design, *, goal: Goal | None = None) -> Plan:
     Raises InputError for a design that cannot be pressed and for a goal that is not above 0.
     """
     goal = Goal() if goal is None else goal
-    _check_goal(goal)
+    _check_numbers("above 0", {"a goal": list(goal.wanted.values())})
+    if not goal.wanted:
+        raise InputError("there is no goal", where="plan", remedy="Ask for E, nu or c within something.")
     given, limit = forecast(design), _at(design, MAX_REPEATS)
     whole = least_repeats(design, goal) if goal.reached(limit) else None
     fewest = None if whole is None else fewest_presses(whole, goal)
@@ -476,7 +478,9 @@ def _remedies(design: Design, goal: Goal) -> Iterator[Remedy]:
     for base, also in ((design, ""), *(((slippery, ", lubricate, and state edge_radius_mm"),) if dry else ())):
         if len(design.radii_mm) == 1:
             radius = SMALLER_RADIUS * design.radii_mm[0]
-            yield _remedy(f"add a second radius, {radius:g} mm{also}", _with_radius(base, radius), goal)
+            more = (replace(i, name=f"{i.name} second", radius_mm=radius) for i in base.indenters)
+            wider = replace(base, indenters=(*base.indenters, *more))
+            yield _remedy(f"add a second radius, {radius:g} mm{also}", wider, goal)
         yield from _known_nu(base, goal, also)
     if exact := _exact(slippery):
         yield _remedy("lubricate, state edge_radius_mm, and measure heights and sizes exactly", exact, goal)
@@ -498,11 +502,6 @@ def _known_nu(base: Design, goal: Goal, also: str) -> Iterator[Remedy]:
         yield found
 
 
-def _with_radius(design: Design, radius: float) -> Design:
-    more = tuple(replace(i, name=f"{i.name} second", radius_mm=radius) for i in design.indenters)
-    return replace(design, indenters=(*design.indenters, *more))
-
-
 def _exact(design: Design) -> Design | None:
     """Return the design without tolerances; None where it has none."""
     sharp = tuple(replace(i, height_std_mm=0.0, radius_std_mm=0.0) for i in design.indenters)
@@ -513,12 +512,6 @@ def _exact(design: Design) -> Design | None:
 def _remedy(action: str, design: Design, goal: Goal) -> Remedy:
     limit = _at(design, MAX_REPEATS)
     return Remedy(action, limit, least_repeats(design, goal) if goal.reached(limit) else None)
-
-
-def _check_goal(goal: Goal) -> None:
-    _check_numbers("above 0", {"a goal": list(goal.wanted.values())})
-    if not goal.wanted:
-        raise InputError("there is no goal", where="plan", remedy="Ask for E, nu or c within something.")
 
 
 def _assumptions(design: Design) -> Iterator[str]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration.fit.finite_depth import USUAL_FRICTION
-from calibration.inputs.checks import check
+from calibration.inputs.checks import check, half_width
 from calibration.inputs.deadline import SILENT, Progress
 from calibration.inputs.depth_path import in_phase
 from calibration.inputs.observations import Observations
@@ -24,7 +24,6 @@ from tactilevision.mechanics.punch_curve import PunchCurve, punch_curve, tabulat
 from tactilevision.mechanics.tables.punch import EDGE_OVER_H
 from tactilevision.records.constants import MICRO, NU_MAX, TAILS95, Z95
 from tactilevision.records.measured import Floats, Material, Pair
-from tactilevision.records.rig import Indenter
 
 # Trend of an error with depth: a straight line and Student's test of its slope.
 
@@ -212,15 +211,10 @@ def representative(data: Observations) -> Samples:
 
 def contact_of(data: Observations, radius_mm: float, *, law: str, friction: float) -> FlatContact:
     """Return the contact of the punch of this radius; a pad of unstated size counts as wide."""
-    h, gel = data.gel.thickness_mm, data.gel
-    pad = gel.radius_mm if gel.shape == "disc" else min(gel.size_mm) / 2 if gel.size_mm else None
-    edge = next(_edges(data, radius_mm)).edge_radius_mm or h * EDGE_OVER_H
+    h, pad = data.gel.thickness_mm, half_width(data)
+    used = (data.indenters[k] for k in np.unique(data.presses.indenter))
+    edge = next(one for one in used if one.radius_mm == radius_mm).edge_radius_mm or h * EDGE_OVER_H
     return FlatContact(radius_mm, edge, h, friction, law, inf if pad is None else pad)
-
-
-def _edges(data: Observations, radius_mm: float) -> Iterator[Indenter]:
-    used = np.unique(data.presses.indenter)
-    return (data.indenters[k] for k in used if data.indenters[k].radius_mm == radius_mm)
 
 
 def _compare(data: Observations, samples: Samples, material: Material, law: str, friction: float) -> Comparison:
