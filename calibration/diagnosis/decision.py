@@ -8,15 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.diagnosis import unexplained
 from calibration.diagnosis.forward_selection import MAX_EFFECTS, Searched, Step
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
-from calibration.diagnosis.unexplained import (
-    AlternativeExplanation,
-    Remainder,
-    alternative_explanation,
-    plain_errors,
-    remainder,
-)
+from calibration.diagnosis.unexplained import AlternativeExplanation, Remainder, remainder
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit, Problem, r_squared
 from calibration.fit.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
@@ -140,8 +135,8 @@ def against_instrument_errors(force: Outcome, watch: Watch, *, level: float) -> 
     if watch.over or not (force.steps or (force.unknown and not force.odd.presses)):
         return force
     watch.tell("comparing with instrument errors")
-    plain = plain_errors(force.searched, watch.each)
-    found = alternative_explanation(force.searched, plain, level=level)
+    plain = unexplained.plain_errors(force.searched, watch.each)
+    found = unexplained.alternative_explanation(force.searched, plain, level=level)
     nothing = np.inf if force.searched.steps else force.searched.start.chi2
     helps = (one for one in plain if one.cost < nothing)
     nearest_of_all = next(helps, None) if found is not None or force.unknown else None

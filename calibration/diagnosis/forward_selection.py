@@ -17,23 +17,11 @@ from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.refit import (
-    AS_GOOD,
-    CANNOT_FIT,
-    Candidate,
-    adopt,
-    by_one_reading,
-    chance,
-    equals,
-    inside,
-    refit_with,
-    rests_on_one_reading,
-    skill,
-    weighed_again,
-)
+from calibration.diagnosis import refit
+from calibration.diagnosis.refit import AS_GOOD, CANNOT_FIT, Candidate, adopt, inside, refit_with, skill
 from calibration.diagnosis.score_test import Scored, ScoreTest, scatter_unknown, score_test
 from calibration.fit.identifiability import beta_name
-from calibration.fit.least_squares import Fit, fit, refit
+from calibration.fit.least_squares import Fit, fit, fit_again
 from calibration.fit.repeats import LEVEL, refit_with_pure_noise
 from calibration.inputs.deadline import UNWATCHED, Each, Watch
 from calibration.laws.flat_punch import FlatPunch
@@ -268,7 +256,7 @@ def _look(
         watch.tell(f"fitting {key.replace('_', ' ')}")
         with suppress(*CANNOT_FIT):  # it screened well but does not fit: no candidate
             candidates.append(fetch())
-    candidates = [c for c in candidates if not rests_on_one_reading(about, c)]
+    candidates = [c for c in candidates if not refit.rests_on_one_reading(about, c)]
     return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored, about)
 
 
@@ -283,7 +271,7 @@ def _quieter(current: Fit, best: Scored, by_key: Mapping[str, Effect], level: fl
         noise = adopt(current, refit_with(current, by_key[best.key])).noise
         after, before = (np.mean(one.of_press_N(current.about) ** 2) for one in (noise, current.noise))
         if after < before:
-            return replace(refit(current, noise=noise), warnings=current.warnings)
+            return replace(fit_again(current, noise=noise), warnings=current.warnings)
     return current
 
 
@@ -299,17 +287,17 @@ def _confirmed(turn: Round, level: float, each: Each) -> Step | None:
         for c in turn.candidates
         if turn.scored[c.effect.key].p_adjusted <= level
         and inside(c)
-        and c.cost + by_one_reading(current, c) <= current.chi2 - AS_GOOD
+        and c.cost + refit.by_one_reading(current, c) <= current.chi2 - AS_GOOD
     ]
     keys = {c.effect.key for c in may}  # the others: chance, at the end of the range, or held back beforehand
-    again = weighed_again(current, may[0], turn.candidates, each) if may else ()
+    again = refit.weighed_again(current, may[0], turn.candidates, each) if may else ()
     for best in (c for c in again if c.effect.key in keys):
         scored = turn.scored[best.effect.key]
         try:
             fitted = adopt(current, best)
             gain = skill(current, fitted, best.effect)
-            if gain > (-chance(current.data.count) if scored.p_adjusted <= BEYOND_DOUBT else 0.0):
-                return Step(best, scored, gain, fitted, equals(current, best, again))
+            if gain > (-refit.chance(current.data.count) if scored.p_adjusted <= BEYOND_DOUBT else 0.0):
+                return Step(best, scored, gain, fitted, refit.equals(current, best, again))
         except CANNOT_FIT:
             continue  # the next best may still stand
     return None

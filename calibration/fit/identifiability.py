@@ -21,7 +21,7 @@ from functools import lru_cache
 import numpy as np
 
 from calibration.fit.finite_depth import FiniteDepth, finite_depth, stated_edge_mm, straight_line
-from calibration.fit.least_squares import Fit, quantile95, refit
+from calibration.fit.least_squares import Fit, fit_again, quantile95
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import NU_TABLE, OPEN_NU, STATED_NU_STD, FlatPunch
 from calibration.laws.theory import GEL_MODULUS_MPA, punch_stiffness, sticking_surplus
@@ -86,7 +86,7 @@ def _fits(fitted: Fit, condition: str) -> bool:
 
 
 def _again(fitted: Fit, law: FlatPunch, data: Observations) -> Fit:
-    return refit(replace(fitted, model=Model(law, fitted.model.effects)), data=data)
+    return fit_again(replace(fitted, model=Model(law, fitted.model.effects)), data=data)
 
 
 def with_usual_edges(data: Observations) -> Observations:

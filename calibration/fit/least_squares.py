@@ -311,7 +311,7 @@ def fit(
     return replace(fitted, warnings=(TOO_FEW,)) if fitted.dof < 1 and not stated else fitted
 
 
-def refit(fitted: Fit, *, data: Observations | None = None, noise: Noise | None = None) -> Fit:
+def fit_again(fitted: Fit, *, data: Observations | None = None, noise: Noise | None = None) -> Fit:
     """Refit the same model, starting from its values, to other data or with another noise."""
     data, noise = data or fitted.data, noise or fitted.noise
     return fit(fitted.model, data, noise=noise, starts=fitted.values[None], tolerances=False)

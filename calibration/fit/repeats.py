@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.fit.depth_noise import at_denoised_depth
-from calibration.fit.least_squares import Fit, refit
+from calibration.fit.least_squares import Fit, fit_again
 from calibration.fit.tolerances import HEIGHTS
 from calibration.inputs.conditions import group_basis
 from calibration.inputs.observations import TYPICAL_GAIN, TYPICAL_ZERO_MM, Ints
@@ -73,7 +73,7 @@ def _explained(steady: Fit) -> Floats:
 
 def refit_with_pure_noise(fitted: Fit) -> Fit:
     """Refit the same model with the noise of repeats."""
-    return refit(fitted, noise=repeat_noise(fitted))
+    return fit_again(fitted, noise=repeat_noise(fitted))
 
 
 def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:

@@ -22,16 +22,7 @@ from functools import lru_cache
 import numpy as np
 
 from calibration.inputs.observations import Observations
-from calibration.laws.theory import (
-    NU,
-    RUBBING,
-    THEORY_BETA,
-    bend_range,
-    beta_range,
-    nominal_nu,
-    punch_stiffness,
-    sticking_surplus,
-)
+from calibration.laws import theory
 from calibration.model.composition import Composable
 from calibration.model.stages import Parameter, Prior, State
 from tactilevision.errors import InputError
@@ -41,7 +32,7 @@ from tactilevision.records.measured import Floats, Pair
 from tactilevision.records.rig import Gel
 
 SILICONE_NU: Pair = NU_SILICONE
-OPEN_NU: Pair = (NU[0], NU_MAX)  # of any gel: the range of the tables, where no bound is to be used
+OPEN_NU: Pair = (theory.NU[0], NU_MAX)  # of any gel: the range of the tables, where no bound is to be used
 STATED_NU_STD = 0.005  # std of a nu stated without one: half a unit of its last usual digit
 # nu for which E is listed where nu is open: all silicones
 NU_TABLE: tuple[float, ...] = (*np.round(np.arange(*NU_SILICONE, STATED_NU_STD), 3).tolist(), NU_MAX)
@@ -82,7 +73,7 @@ class FlatPunch(Composable):
         sharp, rounded = values[0] * _per_modulus(state, float(values[1]), max(self.sticking, state.sticking))
         if self.sticking:
             ratios = np.unique(data.presses.radius_mm) / data.gel.thickness_mm
-            surplus = np.array([sticking_surplus(values[1], float(r)) for r in ratios])
+            surplus = np.array([theory.sticking_surplus(values[1], float(r)) for r in ratios])
             factor = 1 + self.sticking * surplus[number]
             sharp, rounded = factor * sharp, factor * rounded
         depth = np.maximum(state.depth_mm, 0)
@@ -101,12 +92,9 @@ def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats:
         same = (one is other or np.array_equal(one, other) for one, other in zip(known, shape, strict=True))
         if nu == poisson_ratio and sticks == sticking and all(same):
             return table
-    table = np.array(
-        [
-            s.factor * punch_stiffness(1.0, poisson_ratio, radius_mm=s.radius_mm, thickness_mm=s.thickness_mm)
-            for s in (state, on_its_edge(state, poisson_ratio, sticking=sticking))
-        ]
-    )
+    unit, both = theory.punch_stiffness, (state, on_its_edge(state, poisson_ratio, sticking=sticking))
+    rows = [s.factor * unit(1.0, poisson_ratio, radius_mm=s.radius_mm, thickness_mm=s.thickness_mm) for s in both]
+    table = np.array(rows)
     table.setflags(write=False)
     copies = tuple(a.copy() if a.flags.writeable else a for a in shape)  # an effect may reuse its arrays
     _STIFFNESS.append((poisson_ratio, sticking, copies, table))
@@ -143,7 +131,8 @@ def betas(data: Observations) -> tuple[Parameter, ...]:
     """Return one beta a radius, named after it where there are several."""
     radii = np.unique(data.presses.radius_mm)
     names = ["beta"] if radii.size == 1 else [f"beta[{radius:g}]" for radius in radii]
-    return tuple(Parameter(n, "1", THEORY_BETA, (-3, 12), "curvature of P/w against w/h", 1.0) for n in names)
+    start, meaning = theory.THEORY_BETA, "curvature of P/w against w/h"
+    return tuple(Parameter(name, "1", start, (-3, 12), meaning, 1.0) for name in names)
 
 
 def betas_by_theory(data: Observations) -> tuple[Parameter, ...]:
@@ -153,7 +142,7 @@ def betas_by_theory(data: Observations) -> tuple[Parameter, ...]:
     """
     held = []
     for free, radius in zip(betas(data), np.unique(data.presses.radius_mm), strict=True):
-        known = beta_range(SILICONE_NU, float(radius) / data.gel.thickness_mm)
+        known = theory.beta_range(SILICONE_NU, float(radius) / data.gel.thickness_mm)
         if known is None:
             raise InputError(
                 "presses of one depth need the curvature from theory, which is not known at this a/h",
@@ -161,7 +150,7 @@ def betas_by_theory(data: Observations) -> tuple[Parameter, ...]:
                 value=float(radius) / data.gel.thickness_mm,
                 remedy="Press to two depths at least, one twice the other.",
             )
-        low, high = known if np.all(data.presses.lubricated == 1) else (RUBBING, known[1])
+        low, high = known if np.all(data.presses.lubricated == 1) else (theory.RUBBING, known[1])
         prior = Prior((low + high) / 2, (high - low) / 4, "finite elements")
         held.append(replace(free, default=prior.mean, prior=prior))
     return tuple(held)
@@ -170,11 +159,11 @@ def betas_by_theory(data: Observations) -> tuple[Parameter, ...]:
 def gammas(data: Observations) -> tuple[Parameter, ...]:
     """Return one gamma a radius, within the range of theory, with a prior about 0."""
     gel, table = data.gel, []
-    nu = nominal_nu(gel)
+    nu = theory.nominal_nu(gel)
     for radius in np.unique(data.presses.radius_mm):
         mine = data.radius_mm == radius
         deepest = float(np.max(data.depth_mm[mine])) / gel.thickness_mm
-        low, high = bend_range(round(nu, 3), round(float(radius) / gel.thickness_mm, 3), round(deepest, 3))
+        low, high = theory.bend_range(round(nu, 3), round(float(radius) / gel.thickness_mm, 3), round(deepest, 3))
         table.append(Parameter(f"bend[{radius:g}]", "1", 0.0, (low, high), "bend of P/w against w/h", 1.0,
                                Prior(0.0, (high - low) / 2, "finite elements")))  # fmt: skip
     return tuple(table)
@@ -210,5 +199,5 @@ def starting_modulus(data: Observations) -> float:
     deep = data.depth_mm > 0.5 * np.max(data.depth_mm)
     per_depth = float(np.median(data.normal_N[deep] / data.depth_mm[deep]))
     radius, thickness = float(np.median(data.radius_mm)), data.gel.thickness_mm
-    unit = punch_stiffness(1.0, NU_NOMINAL, radius_mm=np.array([radius]), thickness_mm=thickness)[0]
+    unit = theory.punch_stiffness(1.0, NU_NOMINAL, radius_mm=np.array([radius]), thickness_mm=thickness)[0]
     return max(per_depth / float(unit) / 1.1, LEAST_MPA)

@@ -15,12 +15,7 @@ from calibration.diagnosis.score_test import Scored, effect_directions, score_te
 from calibration.diagnosis.unexplained import suggested
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, reading_error_mm
 from calibration.effects import get_effect
-from calibration.fit.depth_noise import (
-    clear_of_own_touch,
-    depth_beyond_stated,
-    with_errors_in_depth,
-    with_sample_noise,
-)
+from calibration.fit import depth_noise
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.repeats import beyond_stated, refit_with_pure_noise, repeatability_rms
 from calibration.fit.tolerances import TOLERANCES
@@ -59,7 +54,7 @@ def judged(fitted: Fit) -> Fit:
     try:
         again = fitted if data is fitted.data else fit(fitted.model, data, tolerances=False)
         again = refit_with_pure_noise(again)
-        shaped = clear_of_own_touch(again, with_sample_noise(again))
+        shaped = depth_noise.clear_of_own_touch(again, depth_noise.with_sample_noise(again))
         if shaped is again.data:
             return again
         return refit_with_pure_noise(fit(again.model, shaped, starts=again.values[None], tolerances=False))
@@ -77,7 +72,7 @@ def with_stated_noise(result: CalibrationResult, fitted: Fit, *, or_else: str = 
     elif times is not None:
         said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise."
         said = f"{said} {check}{or_else}"
-    elif (deeper := depth_beyond_stated(fitted)) is not None:
+    elif (deeper := depth_noise.depth_beyond_stated(fitted)) is not None:
         said = f"depths scatter {deeper:.1f} times as much as was stated of them. Check std_mm of [depth]{or_else}"
     else:
         return result
@@ -317,7 +312,7 @@ def fit_alone(model: Model, data: Observations) -> Fit:
 def base_fit(model: Model, data: Observations) -> Fit:
     """Return the base fit, its samples' noise shaped by the data unless stated, without those near contact."""
     first = fit_alone(model, data)
-    shaped = clear_of_own_touch(first, with_sample_noise(first))
+    shaped = depth_noise.clear_of_own_touch(first, depth_noise.with_sample_noise(first))
     return first if shaped is first.data else fit_alone(model, shaped)
 
 
@@ -335,7 +330,7 @@ def _evaluate(model: Model, on: Fit) -> Compared:
     added, starts = [one for one in model.effects if one.key not in on.model.keys], None
     if len(added) == 1 and len(added[0].starts(on.data)) > MANY:
         starts = refit_with(on, added[0]).values[None]
-    return _judge(with_errors_in_depth(refit_with_pure_noise(fit(model, on.data, starts=starts))))
+    return _judge(depth_noise.with_errors_in_depth(refit_with_pure_noise(fit(model, on.data, starts=starts))))
 
 
 def _judge(fitted: Fit) -> Compared:
