@@ -25,8 +25,8 @@ HUBER = 2.5  # stds beyond which a measurement counts less
 JOLT = 12.0  # times the median rate of the force: releases, several times faster than loading, move a clock
 JOLT_S = 0.1  # s about a jolt that are excluded
 SCATTER = {Own.GAIN: (5e-4, 0.05), Own.TOUCH: (1e-4, 0.03), Own.DENT: (0.03, 0.15)}  # least and most
-STEP = 1e-3  # of a prior std of at most MAX_STD: step of a derivative
-MAX_STD = 0.1
+STEP = 1e-3  # step of a derivative, of the prior std of an unknown
+MAX_STD = 0.1  # of an unknown with a weak prior, for that step
 OFFSET_STEP_S = 0.01  # s: step of the derivative by the offset, a few force readings
 MAX_OFFSET_STEP_S = 0.05  # s: limit on one step of the fit
 
