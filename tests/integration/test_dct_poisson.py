@@ -13,7 +13,8 @@ from tactilevision.heightmap.poisson import divergence, edge_divergence, gradien
 def test_the_solution_solves_the_equations_of_the_picture_alone(
     shape: tuple[int, int], mm_per_px: tuple[float, float]
 ) -> None:
-    right = edge_divergence(*np.random.default_rng(0).standard_normal((2, *shape)), mm_per_px)
+    dz_dx, dz_dy = np.random.default_rng(0).standard_normal((2, *shape))
+    right = edge_divergence(dz_dx, dz_dy, mm_per_px)
     depth = solve_poisson(right, mm_per_px)
     assert np.allclose(divergence(*gradient(depth, mm_per_px), mm_per_px), right, atol=1e-9 * np.abs(right).max())
     assert abs(depth.mean()) < 1e-12 * np.abs(depth).max()
