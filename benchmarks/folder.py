@@ -84,7 +84,7 @@ def _against_parts(recording: Recording, reconstructor: Reconstructor, place: Pa
         reconstruct_folder(recording, reconstructor, place / f"{form} warm", workers=1, form=form)
         for part, (owner, name) in PARTS.items():
             watched.enter_context(_watched(owner, name, part, spent=spent))
-        for name in ("find_contact", "peak_and_area", "std_at", "contact_flags"):
+        for name in ("find_contact", "measure", "std_at", "contact_flags"):
             watched.enter_context(_watched(batch, name, "figures", spent=spent))
         start = time.process_time()
         for turn in range(TURNS):

@@ -46,7 +46,8 @@ def report(folders: Sequence[Path]) -> None:
             )
             assert seen is not None
             assert drawn is not None
-            alone = ", ".join(f"{value - nu:+.4f}" for value in seen.press_estimates)
+            each = [fit_nu(recording, reader, views=[view]) for view, _ in views if view.radius_mm == radius]
+            alone = ", ".join("none" if fit is None else f"{fit.values[0] - nu:+.4f}" for fit in each)
             off, std = (f"{fit.values[0] - nu:+.4f}" for fit in (seen, drawn)), seen.poisson_ratio.std or np.nan
             row = f"{folder.name} | {nu:.4f} | {ink:.2f} | {radius:g} mm | {next(off)} ± {std:.4f} | {next(off)}"
             print(f"| {row} | {alone} |", flush=True)
