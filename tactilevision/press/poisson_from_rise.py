@@ -174,8 +174,9 @@ def _ring(view: SurfaceView, beyond: Floats, limits: tuple[float, float]) -> flo
 #
 #     r > a + k w,    k = K + 3 std_K;  where no such gel shows nu, k = K = 1/tan(elevation of the lowest lamp)
 #
-# a the radius, w the certified depth, transferred to each frame by the press's curve. Nearer than K + 3 std_K the
-# light that the gel scatters is uneven, which makes nu too low. The change of nu with k is part of its deviation:
+# a the radius, w the certified depth, transferred to each frame by the press's curve. In path-traced pictures
+# gel nearer than K + 3 std_K gives too low a nu, presumably by reflected light. The change of nu with k is part of
+# its deviation:
 #
 #     std^2 = std_fit^2 + (dnu/dk std_K)^2 + std_scattered^2,  dnu/dk std_K = (nu(k + std_K) - nu(k - std_K))/2
 #

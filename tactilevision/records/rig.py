@@ -111,8 +111,8 @@ class ShadowZone:
 
     `lowest_deg` is the elevation of the lowest lamp's lower edge, seen from gel beyond the wall. Lamps of such
     sensors stand 15 to 35 degrees above the middle of the gel; from behind a punch their lower edges are seen some
-    degrees lower. `reach_std` is the standard deviation of K. Light that the gel itself scatters is uneven farther
-    out than direct light: from `clear` depths on it is even.
+    degrees lower. `reach_std` is the standard deviation of K. In path-traced pictures slopes are
+    biased up to `clear` depths, presumably by light that is reflected between wall and gel.
     """
 
     lowest_deg: float = 11.3
