@@ -34,12 +34,12 @@ WHOLE: Window = (slice(None), slice(None))
 
 
 def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
-    """Return the mask (H, W) of where something presses.
+    """Return the mask (H, W) of contact.
 
-    A region is deeper than the limit of depth. Since slow errors of untouched gel go as deep over wide areas, it
-    counts if enough of its pixels pass the wide limit, by the `error` of the method of the map, or if enough of it
-    is steeper, or of another colour, than untouched gel (`strong_evidence`): slopes and colours do not depend on
-    the stated deviation. Specks do not count. Limits: records/contact_thresholds.py.
+    A region deeper than the depth limit may be a slow, wide error of untouched gel. It counts if enough of its
+    pixels exceed the wide limit, by the deviation that the method's `error` states, or are steeper or of another
+    colour than untouched gel (`strong_evidence`), which does not depend on the deviation. Specks do not count.
+    Limits: records/contact_thresholds.py.
     """
     found = np.zeros(height.depth_mm.shape, np.bool_)
     noise_mm = map_noise_mm(height)

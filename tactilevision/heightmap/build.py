@@ -262,10 +262,10 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
     """Return a reconstructor calibrated on the recording's own flats and ball presses.
 
     It warns where the recording's frames are shifted against the reference, or the reference shows a contact.
-    `method` is a name in PHOTOMETRIC, the path of a saved method, or a ready one; a ready one is used against the
-    recording's flats where there are some. None: DEFAULT on the recording's balls or, without any, the method
-    trained beforehand for this kind of sensor, which its warnings then say. Raises InputError or RecordingError
-    where the reference is missing or cannot be used.
+    `method` is a name in PHOTOMETRIC, the path of a saved method, or a method, which uses the recording's
+    flats as reference where there are any. None: DEFAULT on the recording's balls; without balls, the recording's
+    own contacts or the network of this kind of sensor, with a warning. Raises InputError or RecordingError where
+    the reference is missing or cannot be used.
     """
     from tactilevision.recording.model import Recording, faults_of_flats
 

@@ -91,8 +91,8 @@ class Reading:
 class Reconstructor:
     """Turns the frames of one sensor into height maps. A frozen record: threads and processes may share one.
 
-    `calibration` is what the method was made from, None for a method that came ready. `taught` is what certified
-    faces taught of walls, None where none did; `match` compares pictures with the reference, None without one;
+    `calibration` is that of the method, None for a ready-made method. `taught` is the wall law's correction by
+    certified faces, None without any; `match` compares pictures with the reference, None without one;
     `frame_size_px` of raw frames, where it is known. A variant is made by `varied`.
     """
 
@@ -117,7 +117,7 @@ class Reconstructor:
                 object.__setattr__(self, name, value)
 
     def varied(self, **changes: Any) -> Reconstructor:
-        """Return the same with other fields; what only sensor and method determine is not worked out again."""
+        """Return a copy with other fields; what only sensor and method determine is not computed again."""
         if "method" in changes:
             changes = {"taught": AS_CALIBRATED, "match": AS_CALIBRATED} | changes
         varied = replace(self, **changes)
@@ -175,8 +175,8 @@ class Reconstructor:
         """Return depth (H, W) float32 mm of a raw frame, rectified, positive into the gel, 0 where untouched.
 
         `frame` may be its pixels alone, (H, W, 3) uint8, red first.
-        Pixels whose colour says nothing (dark, saturated) are invalid; the surface is carried over them. A picture
-        unlike the reference is flagged (heightmap/reference_match.py).
+        Pixels without usable colour (dark, saturated) are invalid; the surface is interpolated there. A picture
+        that does not match the reference is flagged (heightmap/reference_match.py).
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
         return self.read(frame).height
@@ -280,9 +280,9 @@ class Reconstructor:
         return self.referenced.read(rgb).slopes if self.referenced else self.method.slopes(rgb)
 
     def look(self, pictures: Sequence[Frame | Bytes]) -> Reconstructor:
-        """Return what flags maps where rectified pictures, in order, show the reference not theirs, or not free.
+        """Return a copy that flags maps where `pictures` contradict the reference, or this shows a contact.
 
-        It has a warning for each.
+        `pictures` are rectified, in order of time. The copy has a warning for each fault.
         """
         if self.match is None:
             return self

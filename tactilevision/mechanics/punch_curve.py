@@ -58,8 +58,7 @@ class PunchCurve:
 
 
 def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve:
-    """Return P(w) on first loading to `deepest_mm`, or as deep as the table or the elements get, whichever goes
-    deeper.
+    """Return P(w) on first loading to `deepest_mm`, or to the greatest depth that table or finite elements reach.
 
     Raises InputError for depths outside (0, thickness), ConvergenceError if not even the first touch is solved.
     """

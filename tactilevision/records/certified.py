@@ -87,11 +87,11 @@ class CertificationDetails:
 
 @dataclass(frozen=True, slots=True)
 class CertifiedPoint:
-    """Depth and force of one press at the moment that certifies them.
+    """Certified depth of one press, and the force at that depth.
 
     `accepted` is False with a `reason` (one of REASONS) where the press cannot be trusted; its numbers, as
-    far as they exist, are kept. `depth_uncorrected_mm` takes the depth for the machined height;
-    `depth_mm` accounts for the gel that rises to meet the bevel. `lubricated` is 0, 1 or NaN (not known).
+    far as they exist, are kept. `depth_uncorrected_mm` is the machined height;
+    `depth_mm` is corrected for the gel's rise at the bevel. `lubricated` is 0, 1 or NaN (not known).
     `details` say how the point was certified, `edge_profile` what the picture shows beside the face (None:
     nothing); `extra` keeps the columns of points.csv that have no field here.
     """

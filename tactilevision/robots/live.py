@@ -60,14 +60,14 @@ class Moment:
 
 
 class Stream:
-    """Turn frames into moments. Not thread-safe.
+    """Read frames one after another, each into a `Moment`. Not thread-safe.
 
-    `source` is a reconstructor, or a calibrated sensor (`load_sensor`), which also gives the force. `indenter` is
-    sought in contacts, None for contact alone. `renew` is the share by which each frame without contact renews the
-    reference, so that slow changes of light and temperature are followed; 0 keeps it. A press that moves by v mm a
-    frame is detected late, or never, where v / renew is below the noise of depth (some 10 um).
+    `source` is a reconstructor, or a calibrated sensor (`load_sensor`), which also gives the force. `indenter`:
+    its face is sought in contacts; None: contact alone. `renew` is the share by which each frame without contact
+    renews the reference, so that slow changes of light and temperature are followed; 0 keeps it. A press that
+    moves by v mm a frame is detected late, or never, where v / renew is below the noise of depth (some 10 um).
 
-    Raises InputError for a calibration that fails its own balls, unless `even_so`.
+    Raises InputError for a calibration that fails on held-out balls, unless `even_so`.
     """
 
     def __init__(
