@@ -122,7 +122,7 @@ def calibrate_recording(
         Contact law or its key. "default": the flat punch with kappa from first principles (the ball or the cone
         where no punch is flat); "paper": the published route, without nu from the rise.
     prior
-        Hold nu to the range of elastomers where the recording states nothing of it.
+        Bound nu by the range of elastomers where the recording does not state nu.
     listener
         Receives progress and warnings while the call runs.
 
@@ -183,7 +183,7 @@ def diagnose_recording(
     known
         Effects that are in the model from the start.
     prior
-        Hold nu to the range of elastomers where nothing is stated of it.
+        Bound nu by the range of elastomers where nu is not stated.
     seed
         Seed of the bootstrap and the permutations.
     deadline

@@ -232,11 +232,11 @@ class EffectBase:
         return self.depth_source not in (None, data.depth_source)
 
     def to_be_expected(self, data: Observations) -> bool:
-        """Return whether any rig of which nothing is stated has some of it (`typical`)."""
+        """Return whether every rig has some of it (`typical`) unless stated otherwise."""
         return False
 
     def supposed(self, data: Observations) -> Observations:
-        """Return the data with what most rigs have, where it is not stated and the effect needs it."""
+        """Return the data with usual values of unstated conditions that the effect needs."""
         return data
 
     def freed(self) -> Effect:

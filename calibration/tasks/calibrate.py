@@ -55,9 +55,9 @@ def calibrate(
     """Fit a law to the accepted points, or to the curves where there are no points.
 
     `law` a Law or the key of one ("default": the flat punch; where there is none, the ball or the cone); `effects`
-    a model whose effects are fitted along; `clock_offset` and `bulge` (nu from the rise next to the punch) come
+    a model whose effects are fitted as well; `clock_offset` and `bulge` (nu from the rise next to the punch) come
     from the certificate, where it has them. If the rise does not determine nu, its interval bounds nu. `bound`
-    holds nu to what elastomers have where nothing is stated of it; None omits that. Presses with inconsistent
+    is nu's range in elastomers, used where nu is not stated; None: no bound. Presses with inconsistent
     clocks are omitted, with a warning. Raises NothingCertified where every press was rejected, InputError for
     measurements that no law can be fitted to.
     """

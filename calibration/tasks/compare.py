@@ -167,12 +167,12 @@ def compare(
     deadline: Deadline = NEVER,
     bound: Pair | None = SILICONE_NU,
 ) -> Comparison:
-    """Return the base law, then with each effect added on top of those before.
+    """Return the fits of the base law and of the law with the effects added one after another.
 
     An effect that these data cannot show, that fails or that finds no minimum is named in `left_out`, and the next
-    one is added without it. One of the picture's depth is added there, where there is a certified one; a treatment
-    replaces its fit. `bulge`: nu from the rise outside the contact, held within `bound`. After the `deadline` no
-    effect is added any more. Raises InputError for unusable data.
+    one is added without it. An effect on the picture's depth is added to the fit of that depth, where certified
+    depths exist; a treatment replaces its fit. `bulge`: nu from the rise outside the contact, held within `bound`.
+    After the `deadline` no effect is added any more. Raises InputError for unusable data.
     """
     complete = partial(completed, rng=rng)
     progress(0, len(effects) + 1, "the base model")

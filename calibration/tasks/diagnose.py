@@ -124,7 +124,7 @@ def diagnose(
     bound: Pair | None = SILICONE_NU,
     watch: Watch = UNWATCHED,
 ) -> Diagnosis:
-    """Diagnose measurements with the catalogue and the private `effects`; `known` ones are in from the start.
+    """Diagnose measurements with the catalogue and the private `effects`; `known` ones are always in the model.
 
     `bulge`: nu from the rise outside the contact, held within `bound`; forces are fitted with it, the picture's
     depth without. A candidate that cannot be fitted is passed over. Once the time of `watch` is over nothing new

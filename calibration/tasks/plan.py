@@ -58,8 +58,8 @@ class PressNoise:
 class Design:
     """Presses that could be made: `repeats` of each face, which is an indenter's `radius_mm` and `height_mm`.
 
-    What is stated of gel and indenters (tolerances, edges, nu with its std) is known beforehand; `shared` what all
-    depths have wrong together. E and nu are ranges in which the material may lie: the worst of their ends counts.
+    Tolerances, edges and nu with its std are known as stated for gel and indenters; `shared` are errors common to
+    all depths. E and nu are ranges in which the material may lie: the worst case over their ends counts.
     """
 
     gel: Gel
