@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.press.force_readings import ForceWindow
+from tactilevision.press.force_readings import ForceWindow, fit_ramp
 from tactilevision.records.measured import Bools, Floats, ForceSeries, Pair
 
 # The force at the moment of first touch.
@@ -66,9 +66,8 @@ def force_on_ramp(
     late = late if late.sum() >= 4 else load
     force, spread = np.empty(3), np.empty(3)
     for axis in (0, 1):
-        force[axis], spread[axis], _ = _polynomial(
-            time_s[late] - touch_s, force_N[late, axis], 1, float(std_N[axis])
-        )
+        force[axis], spread[axis], *_ = _polynomial(time_s[late] - touch_s, force_N[late, axis], 1)
+        spread[axis] *= std_N[axis]
     force[2], spread[2] = value, std
     return EventForce(force, spread, rate, count, False)
 
@@ -76,34 +75,15 @@ def force_on_ramp(
 def _whole_ramp(
     time: Floats, force: Floats, where: Bools, ramp_s: Pair, std: float
 ) -> tuple[float, float, float, int] | None:
-    """Return value, std and slope at the touch of the model from first contact on; None for a misfit."""
-    t, p = time[where], force[where]
-    length = ramp_s[1] - ramp_s[0]
-    best: tuple[float, float, Floats] | None = None
-    for start in ramp_s[0] + np.linspace(-0.25, 0.15, 41) * length:
-        after = np.maximum(t - start, 0)
-        design = np.c_[after, after**2]
-        trial, *_ = np.linalg.lstsq(design, p, rcond=None)
-        square = float(((p - design @ trial) ** 2).sum())
-        if best is None or square < best[0]:
-            best = (square, float(start), np.asarray(trial, dtype=np.float64))
-    assert best is not None
-    square, start, answer = best
-    reduced = square / max(p.size - 3, 1) / std**2
-    if reduced > _fitting(p.size):
+    """Return value, std and slope at the touch of the law from first contact on; None for a misfit."""
+    begun = fit_ramp(time[where], force[where], (ramp_s[0], ramp_s[1] - ramp_s[0]), std)
+    if begun is None:
         return None
-    after, end = np.maximum(t - start, 0), ramp_s[1] - start
-    slope_now = answer[0] + 2 * answer[1] * after
-    jacobian = np.c_[after, after**2, -slope_now * (after > 0)]
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * std**2 * max(reduced, 1.0)
-    rate = float(answer[0] + 2 * answer[1] * end)
-    at_touch = np.array([end, end**2, -rate])
-    return (
-        float(answer @ at_touch[:2]),
-        float(np.sqrt(at_touch @ covariance @ at_touch)),
-        rate,
-        int((after > 0).sum()),
-    )
+    end = ramp_s[1] - begun.time_s
+    at_touch = np.array([-(begun.law[0] + 2 * begun.law[1] * end), end, end**2])
+    spread = float(np.sqrt(at_touch @ begun.covariance @ at_touch))
+    count = int((where & (time > begun.time_s)).sum())
+    return float(begun.law @ at_touch[1:]), spread, float(-at_touch[0]), count
 
 
 def _last_part(
@@ -115,11 +95,9 @@ def _last_part(
     while True:
         chosen = places[-count:]
         x, y = time[chosen] - touch_s, force[chosen]
-        degree = 2 if count >= 12 else 1
-        value, spread, rate = _polynomial(x, y, degree, std)
-        rms = spread_of(x, y, degree=degree)
+        value, spread, rate, rms = _polynomial(x, y, 2 if count >= 12 else 1)
         if rms <= np.sqrt(_fitting(count)) * std or count <= 16:
-            return value, spread * max(rms / std, 1.0), rate, count
+            return value, spread * max(rms, std), rate, count
         count = max(16, int(count / 1.5))
 
 
@@ -128,19 +106,12 @@ def _fitting(count: int) -> float:
     return float(1 + 2 * np.sqrt(2 / max(count, 1)))
 
 
-def spread_of(x: Floats, y: Floats, *, degree: int) -> float:
-    """Return the rms residual of a polynomial fit through (N,) points, per freedom, in the unit of y."""
-    design = np.vander(x, degree + 1, increasing=True)
-    answer, *_ = np.linalg.lstsq(design, y, rcond=None)
-    return float(np.sqrt(((y - design @ answer) ** 2).sum() / max(y.size - degree - 1, 1)))
-
-
-def _polynomial(x: Floats, y: Floats, degree: int, std: float) -> tuple[float, float, float]:
-    """Return the value at 0, its std, and the slope there."""
-    design = np.vander(x, degree + 1, increasing=True)
-    answer, *_ = np.linalg.lstsq(design, y, rcond=None)
-    covariance = np.linalg.pinv(design.T @ design) * std**2
-    return float(answer[0]), float(np.sqrt(covariance[0, 0])), float(answer[1])
+def _polynomial(x: Floats, y: Floats, degree: int) -> tuple[float, float, float, float]:
+    """Return the value at 0, its std for readings of std 1, the slope there, and the rms residual per freedom."""
+    answer, covariance = np.polyfit(x, y, degree, cov="unscaled")
+    square = float(((y - np.polyval(answer, x)) ** 2).sum())
+    rms = np.sqrt(square / max(y.size - degree - 1, 1))
+    return float(answer[-1]), float(np.sqrt(covariance[-1, -1])), float(answer[-2]), float(rms)
 
 
 # When the touch happened on either clock, and whether the rig stood still there.

@@ -318,7 +318,8 @@ def _smooth(force: Floats) -> Floats:
 
 _MIN_PART = 0.3  # of the ramp: below it curvature and start are not separable; test_travel_scale
 _SHORTENING = 1.3  # factor by which the fitted part of the ramp shrinks; test_travel_scale
-_STEPS = 8  # Gauss-Newton steps; test_travel_scale
+_STARTS = (-0.1, 0.05)  # of the ramp, from its rough start: where first contact is sought
+_MIN_READINGS = 16  # of a ramp that is fitted; test_travel_scale
 _LEVEL_S = 0.1  # s of readings for a level or a rate: minimum duration of a pause
 _MIN_RAMP_COUNT = 4  # readings of the ramp's end from which a rate is taken; test_travel_scale
 _MAX_ITERATIONS = 6  # of the intersection of ramp and level; test_travel_scale
@@ -356,38 +357,45 @@ def contact_point(window: ForceWindow, touch_s: float) -> ContactPoint | None:
     part = 1.0
     while part >= _MIN_PART:
         here = (time >= rough - 0.5 * length) & (time <= rough + part * length) & np.isfinite(force)
-        found = _fit(time[here], force[here], (rough, length), std_N) if here.sum() >= 16 else None
+        found = fit_ramp(time[here], force[here], (rough, length), std_N)
         if found is not None:
             return found
         part /= _SHORTENING
     return None
 
 
-def _fit(time: Floats, force: Floats, ramp_s: tuple[float, float], std_N: float) -> ContactPoint | None:
-    """Return the Gauss-Newton fit from the best of a few starts; None for a misfit beyond the noise."""
-    trials = [(start, *_law(time, force, start)) for start in ramp_s[0] + np.linspace(-0.1, 0.05, 16) * ramp_s[1]]
-    start, law, _ = min(trials, key=lambda trial: trial[2])
-    answer = np.array([start, *law])
-    for _ in range(_STEPS):
-        after = np.maximum(time - answer[0], 0)
-        slope = np.where(after > 0, answer[1] + 2 * answer[2] * after, 0.0)
-        jacobian = np.column_stack([-slope, after, after**2])
-        residual = force - answer[1] * after - answer[2] * after**2
-        answer = answer + np.linalg.lstsq(jacobian, residual, rcond=None)[0]
-    dof = max(force.size - 3, 1)
-    reduced = float((residual**2).sum()) / dof / std_N**2
-    if not np.isfinite(reduced) or reduced > 1 + _MAX_SIGMA * np.sqrt(2 / dof) or not answer[1] > 0:
+def fit_ramp(time_s: Floats, force_N: Floats, ramp_s: Pair, std_N: float) -> ContactPoint | None:
+    """Return the law of forces (N,) from first contact on, for a ramp of a rough start and length (s).
+
+    None with few readings or a misfit beyond the noise.
+    """
+    from scipy.optimize import curve_fit
+
+    if force_N.size < _MIN_READINGS:
         return None
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * std_N**2 * max(reduced, 1.0)
+
+    def ramp(time: Floats, start: float, linear: float, square: float) -> Floats:
+        after = np.maximum(time - start, 0)
+        return np.asarray(linear * after + square * after**2)
+
+    def law(start: float) -> tuple[Floats, float]:
+        design = np.column_stack([ramp(time_s, start, 1, 0), ramp(time_s, start, 0, 1)])
+        answer = np.linalg.lstsq(design, force_N, rcond=None)[0]
+        return np.asarray(answer), float(((force_N - design @ answer) ** 2).sum())
+
+    starts = ramp_s[0] + np.linspace(*_STARTS, _MIN_READINGS) * ramp_s[1]
+    start = min(starts, key=lambda trial: law(trial)[1])
+    sigma = np.full(force_N.size, std_N)
+    try:
+        answer, covariance = curve_fit(ramp, time_s, force_N, (start, *law(start)[0]), sigma, absolute_sigma=True)
+    except RuntimeError:  # no convergence
+        return None
+    dof = force_N.size - 3
+    reduced = float(((force_N - ramp(time_s, *answer)) ** 2).sum()) / dof / std_N**2
+    if not reduced <= 1 + _MAX_SIGMA * np.sqrt(2 / dof) or not answer[1] > 0:
+        return None
+    covariance = covariance * max(reduced, 1.0)
     return ContactPoint(float(answer[0]), float(np.sqrt(covariance[0, 0])), answer[1:], covariance)
-
-
-def _law(time: Floats, force: Floats, start_s: float) -> tuple[Floats, float]:
-    """Return b1, b2 for a given start, and the sum of squared residuals."""
-    after = np.maximum(time - start_s, 0)
-    design = np.column_stack([after, after**2])
-    answer = np.linalg.lstsq(design, force, rcond=None)[0]
-    return np.asarray(answer, dtype=np.float64), float(((force - design @ answer) ** 2).sum())
 
 
 def moving_s(window: ForceWindow, since_s: float, *, time_s: Floats) -> Floats:
