@@ -37,7 +37,7 @@ from tactilevision.heightmap.build import build_reconstructor
 from tactilevision.heightmap.reconstructor import Reconstructor
 from tactilevision.photometric import drift
 from tactilevision.photometric.storage import load_network
-from tactilevision.press import certification, clock
+from tactilevision.press import bevel_contact, certification, clock
 from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import read_frame
 from tactilevision.recording.read import read_recording
@@ -115,6 +115,10 @@ STAGES = {
     ),
     "faces": (WALLS, MISFIT, EDGE_FALL, GRIDS, DRIFT),
     "presses": (
+        Stage(
+            "picture channel of the bevel's touch",
+            ((bevel_contact, "find_in_pictures", lambda signals, onsets, **named: [None] * len(signals)),),
+        ),
         Stage("fading memories of the clock", ((clock, "_MIN_GAIN", np.inf),)),
         Stage("travel scale", ((certification, "apply_travel_scale", lambda all_, events, **named: events),)),
         Stage("depth scale", ((certification, "find_depth_scale", _nothing),)),

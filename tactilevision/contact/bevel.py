@@ -178,13 +178,17 @@ def _spread(residual: Floats, parameters: int) -> float:
 # Signals of the bevel's touch. A strip is the mean of a field over the width of the line from the punch's axis to
 # its bevel, against the distance s from the axis: s > 0 on the bevel's side, s < 0 on the mirrored one. The height
 # map's signal is the dent along the bevel's edge, less the same on the mirrored side: the rise of the gel, the
-# gain and a drifting light are equal on both and cancel. Distances in mm.
+# gain and a drifting light are equal on both and cancel. The picture's signal is the change of its colours there,
+# along the change by the touch. Distances in mm.
 
 SIDES: dict[str, Pair] = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "bottom": (0.0, 1.0), "top": (0.0, -1.0)}
 STEP_MM = 0.1  # mm between the places of a strip, about a pixel
 HALF_WIDTH_MM = 1.5  # along a straight edge at twice the radius the gel's rise is even within that
 EDGE_MM = 0.15  # to both sides of the bevel's edge: the width of a shallow dent
 FLANK_MM = (0.6, 1.2)  # from the edge: near enough to share its long-waved noise, outside the dent
+_CLEAR = 2.0  # stds before a first onset, until when the picture counts as untouched; tests/contact/test_onset
+_LATE = 0.3  # of the largest growth, from which the picture's change is the template
+_MIN_FRAMES = 3  # before the onset, for a straight course
 _WALL_MM = 0.4  # beyond the punch's edge: its steep wall
 
 
@@ -246,3 +250,34 @@ def _mean(strips: Floats, s: Floats, first: float, last: float) -> Floats | None
     if chosen.shape[1] == 0 or not np.isfinite(chosen).all():
         return None
     return np.asarray(chosen.mean(axis=1), dtype=np.float64)
+
+
+def picture_signal(
+    colours: Floats, s: Floats, *, depth_mm: Floats, distance_mm: float, onset: Onset
+) -> Floats | None:
+    """Return the change of the colours (N, S, 3) next to the bevel's edge, along the change after a first onset.
+
+    The course of each colour and place before the onset, straight in depth, is subtracted; the mean change long
+    after it is the template, which does not depend on an error of the onset of some deviations. Colours are
+    weighted by their noise, places are not, since those where a late onset fits best would weigh most. In units of
+    the template, growing with the depth beyond the touch. None if the touch does not show in the colours.
+    """
+    near = np.asarray(np.abs(s - distance_mm) <= FLANK_MM[1])
+    traces = colours[:, near].reshape(len(colours), -1).astype(np.float64)
+    seen = np.isfinite(traces).all(axis=0)
+    grown = onset.growth(depth_mm - onset.at)
+    before, late = depth_mm < onset.at - _CLEAR * onset.std, grown > _LATE * grown.max()
+    if before.sum() < _MIN_FRAMES:
+        before = depth_mm < onset.at
+    if not seen.any() or before.sum() < _MIN_FRAMES or not grown.any():
+        return None
+    course = np.c_[np.ones_like(depth_mm), depth_mm]
+    coefficients, *_ = np.linalg.lstsq(course[before], traces[np.ix_(before, seen)], rcond=None)
+    change = np.zeros_like(traces)
+    change[:, seen] = traces[:, seen] - course @ coefficients
+    template = grown[late] @ change[late] / (grown[late] @ grown[late])
+    scatter = change[before].reshape(int(before.sum()), -1, colours.shape[-1])
+    noise = np.sqrt((scatter**2).mean(axis=(0, 1))) + TINY
+    weights = template / np.resize(noise, template.size) ** 2
+    strength = float(weights @ template)
+    return np.asarray(change @ weights / strength, dtype=np.float64) if strength > 0 else None

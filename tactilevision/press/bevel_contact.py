@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.contact.bevel import EDGE_MM, Growth, Onset, find_onset, height_signal
+from tactilevision.contact.bevel import EDGE_MM, Growth, Onset, find_onset, height_signal, picture_signal
 from tactilevision.press.event_force import force_crossing
 from tactilevision.press.force_readings import ForceWindow, contact_point, find_phases, moving_s, noise_of
 from tactilevision.press.track import PressTrack
@@ -20,7 +20,7 @@ from tactilevision.robust import MAD_TO_STD, mad_std
 
 @dataclass(frozen=True, slots=True)
 class ContactEvent:
-    """First touch of the bevel: camera time and std, the depth that the camera read then, onset.
+    """First touch of the bevel: camera time and std, the depth that the camera read then, channel, onset.
 
     `seen_s`: when frames showed it, if the travel scale has moved it since; else NaN.
     """
@@ -28,6 +28,7 @@ class ContactEvent:
     time_s: float
     std_s: float
     depth_seen_mm: float
+    channel: str
     onset: Onset
     seen_s: float = float("nan")
 
@@ -50,6 +51,8 @@ SHAPE_STD = 0.1  # of fill_mm: uncertainty by the family of shapes; benchmarks.c
 _TYPICAL = 0.4  # initial share of the growth, for a first search
 _MAX_GAIN = 400.0  # of chi-square: limit on a press's weight in the bevel's place
 PILE_UP = 0.09  # of the depth, for a first estimate: a common factor, which does not affect the search
+# of the depth at which the law of all presses has a touch, one sigma; test_bevel_contact_depth
+_DUE_STD = 0.03
 _ANGLE_DEG = 10.0  # degrees, of a bevel without stated angle
 # of the amplitude, by which presses of one bevel differ, one sigma: at least, at most
 _AMPLITUDE_STD = (0.03, 0.15)
@@ -215,6 +218,47 @@ def _surest_place(signals: Sequence[PressSignal], places: Floats) -> float | Non
     return float(np.average(places[around], weights=totals[around]))
 
 
+def find_in_pictures(
+    signals: Sequence[PressSignal], onsets: Sequence[Onset | None], *, distance_mm: float
+) -> list[Onset | None]:
+    """Return the same touches from the change of the pictures' colours; None where they are not visible there.
+
+    The search covers the touch of the height map, or its expected position where that is uncertain.
+    """
+    known: list[int] = []
+    traces = []
+    for k, (press_signal, onset) in enumerate(zip(signals, onsets, strict=True)):
+        if onset is None or onset.gain <= DETECTION_CHI2:
+            continue
+        colours, drive = press_signal.track.colours[press_signal.use], press_signal.drive[press_signal.use]
+        trace = picture_signal(
+            colours,
+            press_signal.track.s_mm,
+            depth_mm=drive,
+            distance_mm=distance_mm,
+            onset=_with_due(onset, press_signal.track.indenter.height_mm),
+        )
+        if trace is not None:
+            known.append(k)
+            traces.append((drive, trace))
+    found: list[Onset | None] = [None] * len(signals)
+    if traces:
+        fill = max(fill_mm(press_signal.track.indenter) for press_signal in signals)
+        for k, onset in zip(known, _joint_onsets(traces, fill), strict=True):
+            found[k] = onset
+    return found
+
+
+def _with_due(onset: Onset, height_mm: float | None) -> Onset:
+    """Return an onset less certain than the law of all presses, combined with that law's touch."""
+    due_mm = (height_mm or 0.0) / (1 + PILE_UP)
+    std = _DUE_STD * due_mm
+    if onset.std <= std or not std > 0:
+        return onset
+    weight = std**2 / (onset.std**2 + std**2)
+    return replace(onset, at=weight * onset.at + (1 - weight) * due_mm, std=std)
+
+
 # Presses with a common bevel and punch radius, searched for their touches together.
 #
 # The driving depth is read from the force; its law w(P) is anchored to the machined heights by the touches
@@ -226,10 +270,13 @@ _MAX_UNEVEN = 0.02  # of the depth: a less even ramp cannot be extrapolated; ben
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BevelContact:
-    """The search result of one press: the case, the onset (in driving depth), the bevel's place, the law."""
+    """The search result of one press: the case, the onset (in driving depth) in the more certain channel, the
+    bevel's place, the law.
+    """
 
     press_signal: PressSignal
     onset: Onset | None
+    channel: str
     distance_mm: float | None
     distance_given: bool
     law: DepthOfForce
@@ -299,7 +346,10 @@ def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, B
         distance = place_mm or find_distance([_press_signal(frames, law) for frames in group.values()])
     signals = {name: _press_signal(frames, law) for name, frames in group.items()}
     if distance is None:
-        return {name: BevelContact(press_signal, None, None, False, law) for name, press_signal in signals.items()}
+        return {
+            name: BevelContact(press_signal, None, "height map", None, False, law)
+            for name, press_signal in signals.items()
+        }
     levels: dict[str, float] = {}
     for _ in range(_MAX_ITERATIONS):
         signals = {name: _press_signal(frames, law, levels.get(name)) for name, frames in group.items()}
@@ -316,7 +366,32 @@ def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, B
         }
         used, law = law, depth_of_force(anchors) or law
     given = indenter.bevel_distance_mm is not None
-    return {name: BevelContact(signals[name], onsets[name], distance, given, used) for name in group}
+    names = dict.fromkeys(group, "height map")
+    pictures = find_in_pictures(list(signals.values()), list(onsets.values()), distance_mm=distance)
+    for name, seen in zip(group, pictures, strict=True):
+        onset = onsets[name]
+        if seen is not None and onset is not None and seen.gain > DETECTION_CHI2:
+            onsets[name], names[name] = _combine_channels(onset, seen)
+    return {name: BevelContact(signals[name], onsets[name], names[name], distance, given, used) for name in group}
+
+
+def _combine_channels(height: Onset, picture: Onset) -> tuple[Onset, str]:
+    """Return one onset from both channels by their variances; where they contradict, the more certain one."""
+    if abs(height.at - picture.at) > 3 * np.hypot(height.std, picture.std):
+        sure, name = (height, "height map") if height.gain >= picture.gain else (picture, "picture")
+        return replace(height, at=sure.at, std=sure.std, shared_std=sure.shared_std), name
+    shared = np.array([height.shared_std, picture.shared_std])
+    own = np.sqrt(
+        np.maximum(np.array([height.std, picture.std]) ** 2 - [height.shared_std**2, picture.shared_std**2], 0)
+    )
+    weights = 1 / (own**2 + shared**2)
+    weights /= weights.sum()
+    # both see one dent: the error by its shape does not average out between them
+    together, apart = float(weights @ shared), float(np.linalg.norm(weights * own))
+    at = float(weights @ [height.at, picture.at])
+    return replace(
+        height, at=at, std=float(np.hypot(together, apart)), shared_std=together
+    ), "height map and picture"
 
 
 def _press_signal(frames: _Frames, law: DepthOfForce, level_N: float | None = None) -> PressSignal:

@@ -176,6 +176,7 @@ def _event_details(
         details,
         contact_std_s=touch.std_s,
         contact_shared_std_mm=_shared_std(times, touch, event),
+        contact_channel=touch.channel,
         contact_sigmas=touch.onset.gain**0.5,
         force_readings=event.readings,
         force_dwell=event.dwell,

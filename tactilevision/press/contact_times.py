@@ -270,7 +270,7 @@ def _time(measurements: RecordingMeasurements, name: str, bevel_contact: BevelCo
     time_s = crossed.time_s - measurements.offset_s
     seen = float(np.interp(time_s, track.time_s, track.depth_mm))
     std_s = float(np.hypot(crossed.std_s, measurements.offset.std or 0.0))
-    touch = ContactEvent(time_s, std_s, seen, onset)
+    touch = ContactEvent(time_s, std_s, seen, bevel_contact.channel, onset)
     event = event_force(window, measurements.forces, crossed=crossed) if onset.gain > DETECTION_CHI2 else None
     return ContactTimes(bevel_contact, crossed, touch, event)
 

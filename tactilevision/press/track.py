@@ -18,18 +18,20 @@ from tactilevision.records.maps import Footprint, Frame, HeightMap
 from tactilevision.records.measured import Bools, Estimate, Floats, Pair
 from tactilevision.records.rig import Indenter, Press, Sensor
 from tactilevision.robust import second_difference_std
+from tactilevision.sensors.rectification import rectify
 
 # One press as the camera saw it: every frame's height map once, and of each what later steps ask for.
 #
-# Frames are streamed; of each only a coarse height map stays while the press lasts, and strips, rings and the
-# depth of the face after it. The full height map is kept of the deepest frame alone. Lengths in mm, places on the
-# pad; times on the camera's clock.
+# Frames are streamed; of each only a coarse height map and picture (0.2 mm) stay while the
+# press lasts, and strips, rings and the depth of the face after it. The full height map is kept of the deepest
+# frame alone. Lengths in mm, places on the pad; times on the camera's clock.
 
 GRID_MM = 0.1  # mm, grid of the maps that are kept
 _WALL_MM = 0.15  # mm, a significant depth whose walls a picture still shows
 DEEP = 0.6  # of the deepest reading, beyond which a face's tilt is read
 _MAX_RADIUS_CHANGE = 0.1  # of the radius, within which the shallow circle is the deep one
 CoarseMap = npt.NDArray[np.float32]
+HalfPicture = npt.NDArray[np.float16]
 
 
 class Reconstructs(Protocol):
@@ -46,7 +48,7 @@ class PressTrack:
     """What the frames of one press show, in the order of time.
 
     `time_s`, `names` (N,); `depth_mm` (N,) of the face above its own zero before contact, `zero_mm` that zero;
-    `tilts` (N, 2) of the plane through the face; `strips` (N, S) at the distances
+    `tilts` (N, 2) of the plane through the face; `strips` (N, S) and `colours` (N, S, 3) at the distances
     `s_mm` (S,) along the line to the bevel; `rings` (N, 4, R) mean depth at `r_mm` (R,) from the axis in the
     quarters towards the bevel, away from it, and across; `deepest` is that frame's place; `missing` are the
     torn frames.
@@ -61,6 +63,7 @@ class PressTrack:
     tilts: Floats
     s_mm: Floats
     strips: Floats
+    colours: Floats
     r_mm: Floats
     rings: Floats
     deepest: int
@@ -97,12 +100,17 @@ class _Place:
             return np.full(3, np.nan)
         return np.asarray(np.linalg.lstsq(self.basis[known], here[known], rcond=None)[0], dtype=np.float64)
 
-    def read(self, depth: CoarseMap) -> tuple[Floats, Floats, Floats]:
-        """Return face (3,), strip (S,), rings (4, R)."""
-        reach = float(self.s_mm[-1]) + 1e-9
+    def read(self, depth: CoarseMap, picture: HalfPicture) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return face (3,), strip of depth (S,), of colours (S, 3), rings (4, R)."""
+        reach = float(self.s_mm[-1])
+
+        def along(field_: npt.NDArray[Any]) -> Floats:
+            return strip(field_, self.centre_px, px_per_mm=self.scale, side=self.side, reach_mm=reach + 1e-9)
+
         return (
             self._face(depth),
-            strip(depth, self.centre_px, px_per_mm=self.scale, side=self.side, reach_mm=reach),
+            along(depth),
+            along(picture.astype(np.float32)),
             _rings(depth, self.centre_px, self.scale, self.r_mm, self.side),
         )
 
@@ -113,8 +121,8 @@ class _TrackRecorder:
 
     names: list[str] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
-    maps: list[CoarseMap] = field(default_factory=list)
-    readings: list[tuple[Floats, Floats, Floats]] = field(default_factory=list)
+    maps: list[tuple[CoarseMap, HalfPicture]] = field(default_factory=list)
+    readings: list[tuple[Floats, Floats, Floats, Floats]] = field(default_factory=list)
     missing: list[BadFrame] = field(default_factory=list)
     top: float = -np.inf
     deepest: int = -1
@@ -144,7 +152,7 @@ def track(
         height = _take(tape, frame, reconstructor)
         if near is not None:
             place = place or _place(height, near.centre_mm, near.radius_mm, indenter)
-            tape.readings.append(place.read(tape.maps.pop()))
+            tape.readings.append(place.read(*tape.maps.pop()))
     if tape.face_map is None or len(tape.times) < 2:
         return None
     return _measure(tape, tape.face_map, press=press, indenter=indenter, near=near)
@@ -155,7 +163,8 @@ def _take(tape: _TrackRecorder, frame: Frame, reconstructor: Reconstructs) -> He
     coarse = _shrink(np.where(height.valid, height.depth_mm, np.nan), height.mm_per_px)
     tape.names.append(frame.name)
     tape.times.append(frame.time_s)
-    tape.maps.append(coarse)
+    picture = _shrink(rectify(reconstructor.sensor, frame.rgb), height.mm_per_px)
+    tape.maps.append((coarse, picture.astype(np.float16)))
     smooth = cv2.blur(np.nan_to_num(coarse), (9, 9))
     top = float(smooth.max())
     if top > tape.top:
@@ -236,9 +245,9 @@ def _measure(
     known = near or footprint
     centre, radius = (known.centre_mm, known.radius_mm) if known else (tape.deepest_mm, indenter.radius_mm)
     place = _place(face_map, centre, radius, indenter)
-    readings = tape.readings or [place.read(one) for one in tape.maps]
+    readings = tape.readings or [place.read(*maps) for maps in tape.maps]
     order = np.argsort(tape.times, kind="stable")
-    face, strips, rings = (np.array([readings[k][part] for k in order]) for part in range(3))
+    face, strips, colours, rings = (np.array([readings[k][part] for k in order]) for part in range(4))
     zero = _zero(face[:, 0])
     return PressTrack(
         press=press,
@@ -250,6 +259,7 @@ def _measure(
         tilts=face[:, 1:],
         s_mm=place.s_mm,
         strips=strips,
+        colours=colours,
         r_mm=place.r_mm,
         rings=rings,
         deepest=int(np.flatnonzero(order == tape.deepest)[0]),

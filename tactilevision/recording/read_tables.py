@@ -152,6 +152,7 @@ _RENAMED = {  # field of CertificationDetails: its column
     "contact_std_s": "touch_std_s",
     "contact_shared_std_mm": "touch_shared_std_mm",
     "contact_sigmas": "touch_sigmas",
+    "contact_channel": "touch_channel",
     "travel_scale_std": "ruler_std",
     "contact_delay_mm": "touches_late_mm",
     "contact_delay_std_mm": "touches_late_std_mm",

@@ -57,7 +57,7 @@ class CertificationDetails:
 
     `pile_up_ratio` is the gel's rise at the bevel over the depth; `tilt_std_mm` what faces that tilt from press to
     press move the contact by. The contact event: `contact_std_s` of its time, `contact_shared_std_mm` what all
-    events may be off by together, `contact_sigmas` above the noise;
+    events may be off by together, `contact_channel` that showed it, `contact_sigmas` above the noise;
     `force_readings` behind the force, `force_dwell` whether the rig stood still. `reconstructed_depth_mm` is the
     depth that the picture shows then, with its std. On a travel scale `travel_scale_std` is the scale's relative
     std, `contact_delay_mm` how far behind it the events were seen. Centre and radius (mm) and tilt (rad) are the
@@ -69,6 +69,7 @@ class CertificationDetails:
     tilt_std_mm: float = float("nan")
     contact_std_s: float = float("nan")
     contact_shared_std_mm: float = float("nan")
+    contact_channel: str = ""
     contact_sigmas: float = float("nan")
     force_readings: int | None = None
     force_dwell: bool | None = None

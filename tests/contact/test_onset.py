@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from each import each
 
-from tactilevision.contact.bevel import Growth, find_onset
+from tactilevision.contact.bevel import Growth, find_onset, picture_signal, strip_places
 from tactilevision.records.measured import Floats
 
 
@@ -73,3 +75,26 @@ def test_wild_and_missing_readings_do_not_move_it() -> None:
 
 def test_too_few_readings_say_nothing() -> None:
     assert find_onset(np.linspace(0, 1, 5), np.zeros(5)) is None
+
+
+def test_a_touch_in_the_picture_lies_where_it_does_wherever_it_was_put_first() -> None:
+    """Places change as the dent reaches them; a gentle press, few frames before it, put 0, 8 and 14 um late."""
+    rng, growth = np.random.default_rng(8), Growth(0.3, 0.026)
+    depth = np.concatenate([[0.01, 0.07, 0.12, 0.13, 0.137, 0.139], 0.14 + np.geomspace(0.002, 0.17, 12)])
+    s, gains = strip_places(8.0), np.array([1.0, -0.6, 0.3])
+    reached_mm = 0.03 * np.abs(s - 5.0)  # of depth, after the touch
+    grown = growth(depth[:, None] - 0.14 - reached_mm) * np.exp(-(((s - 5.0) / 0.4) ** 2))
+    colours = 100 + 5 * depth[:, None, None] + 300 * grown[..., None] * gains
+    colours += 0.05 * rng.standard_normal(colours.shape)
+    plain = find_onset(depth, growth(depth - 0.14), growth=growth)
+    assert plain is not None
+    places = []
+    for first_mm in (0.14, 0.148, 0.154):
+        first = replace(plain, at=first_mm, std=0.006)
+        signal = picture_signal(colours, s, depth_mm=depth, distance_mm=5.0, onset=first)
+        assert signal is not None
+        found = find_onset(depth, signal, growth=growth)
+        assert found is not None
+        places.append(found.at)
+    assert np.ptp(places) < 0.001
+    assert places[0] == pytest.approx(0.142, abs=0.003), "the places in the middle begin at .14"

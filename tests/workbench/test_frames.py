@@ -37,7 +37,7 @@ def frames(touch_s: float | None) -> Frames:
         time_s=np.arange(4, 10) / 10,
         depth_mm=np.linspace(0, 0.5, 6),
         signal_mm=None,
-        touch=None if touch_s is None else ContactEvent(touch_s, 0.01, 0.2, onset),
+        touch=None if touch_s is None else ContactEvent(touch_s, 0.01, 0.2, "height", onset),
         event_s=0.6,
         force_time_s=np.arange(1200) / 1200,
         force_N=np.ones((1200, 3)),
